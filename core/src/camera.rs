@@ -1,0 +1,112 @@
+//! A pinhole camera: looks along +z, x to the right, y down; pixel centres at + ½.
+
+use crate::{
+    real::Real,
+    vector::{Mat3, Vec3},
+};
+use glam::{Mat3 as GlamMat3, Vec3 as GlamVec3};
+
+/// Where a picture is taken from, and through what.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Rotation from world to camera axes.
+    pub camera_from_world: GlamMat3,
+    /// The camera's centre, in world space.
+    pub position: GlamVec3,
+    /// Focal lengths along x and y, in pixels.
+    pub focal_px: [f32; 2],
+    /// Where the optical axis meets the image, in pixels from its upper left corner.
+    pub principal_px: [f32; 2],
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Camera {
+    /// A camera at `position` that looks at `target`, with `up` upwards in the picture.
+    ///
+    /// `fov_x` is the horizontal field of view in radians, in (0, π). `up` must not be parallel to the view.
+    pub fn look_at(position: GlamVec3, target: GlamVec3, up: GlamVec3, fov_x: f32, width: u32, height: u32) -> Self {
+        let forward = (target - position).normalize();
+        let right = forward.cross(up).normalize();
+        let down = forward.cross(right);
+        let focal = 0.5 * width as f32 / crate::math::tan(0.5 * fov_x);
+        Self {
+            camera_from_world: GlamMat3::from_cols(right, down, forward).transpose(),
+            position,
+            focal_px: [focal, focal],
+            principal_px: [0.5 * width as f32, 0.5 * height as f32],
+            width,
+            height,
+        }
+    }
+
+    /// The same view at another size; focal lengths and principal point scale along.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let scale = [width as f32 / self.width as f32, height as f32 / self.height as f32];
+        Self {
+            focal_px: [self.focal_px[0] * scale[0], self.focal_px[1] * scale[1]],
+            principal_px: [self.principal_px[0] * scale[0], self.principal_px[1] * scale[1]],
+            width,
+            height,
+            ..*self
+        }
+    }
+
+    /// The direction from the camera through an image point, in camera space, with z = 1.
+    pub fn ray_in_camera(&self, x_px: f32, y_px: f32) -> GlamVec3 {
+        GlamVec3::new(
+            (x_px - self.principal_px[0]) / self.focal_px[0],
+            (y_px - self.principal_px[1]) / self.focal_px[1],
+            1.0,
+        )
+    }
+
+    /// The same camera in the numbers that formulas compute with.
+    #[inline(always)]
+    pub fn lift<R: Real>(&self, like: R) -> CameraOf<R> {
+        CameraOf {
+            camera_from_world: Mat3::constant(like, self.camera_from_world),
+            position: Vec3::constant(like, self.position),
+            focal_px: self.focal_px.map(|f| like.constant(f)),
+            principal_px: self.principal_px.map(|p| like.constant(p)),
+            slope_limit: self.slope_limit().map(|limit| like.constant(limit)),
+        }
+    }
+
+    /// 1.3 times the largest |x/z| and |y/z| seen: beyond it the local affine projection is taken at the limit.
+    fn slope_limit(&self) -> [f32; 2] {
+        let extent = [self.width as f32, self.height as f32];
+        core::array::from_fn(|axis| {
+            let far_edge = f32::max(self.principal_px[axis], extent[axis] - self.principal_px[axis]);
+            SLOPE_MARGIN * far_edge / self.focal_px[axis]
+        })
+    }
+}
+
+/// How far outside the picture, in half fields of view, the projection's Jacobian is still followed (INRIA's value).
+pub const SLOPE_MARGIN: f32 = 1.3;
+
+/// A [`Camera`] in the numbers that formulas compute with.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraOf<R> {
+    /// Rotation from world to camera axes.
+    pub camera_from_world: Mat3<R>,
+    /// The camera's centre, in world space.
+    pub position: Vec3<R>,
+    /// Focal lengths, in pixels.
+    pub focal_px: [R; 2],
+    /// Principal point, in pixels.
+    pub principal_px: [R; 2],
+    /// Largest |x/z| and |y/z| at which the Jacobian is evaluated.
+    pub slope_limit: [R; 2],
+}
+
+impl<R: Real> CameraOf<R> {
+    /// A world point in camera space. The centre is subtracted first, so far from the origin nothing cancels.
+    #[inline(always)]
+    pub fn to_camera(&self, point: Vec3<R>) -> Vec3<R> {
+        self.camera_from_world.transform(point - self.position)
+    }
+}

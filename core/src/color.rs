@@ -1,0 +1,35 @@
+//! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
+
+use crate::real::Real;
+
+/// Linear values up to this one are encoded by a straight line.
+pub const LINEAR_LIMIT: f32 = 0.003_130_8;
+const LINEAR_SLOPE: f32 = 12.92;
+const POWER: f32 = 1.0 / 2.4;
+const SCALE: f32 = 1.055;
+const OFFSET: f32 = 0.055;
+
+/// sRGB value of linear radiance. Continued above 1 by the same curve, and below 0 by the same line, so that values
+/// outside the range of a picture still have a gradient towards it.
+#[inline(always)]
+pub fn srgb_from_linear<R: Real>(linear: R) -> R {
+    let curved = (linear.max(linear.constant(LINEAR_LIMIT)).log2() * POWER).exp2() * SCALE - OFFSET;
+    R::select(linear.constant(LINEAR_LIMIT).less(linear), curved, linear * LINEAR_SLOPE)
+}
+
+/// Gradient of [`srgb_from_linear`] from argument and value.
+#[inline(always)]
+pub fn srgb_from_linear_vjp<R: Real>(linear: R, srgb: R, grad: R) -> R {
+    let is_curved = linear.constant(LINEAR_LIMIT).less(linear);
+    let slope = (srgb + OFFSET) * POWER / linear.max(linear.constant(LINEAR_LIMIT));
+    grad * R::select(is_curved, slope, linear.constant(LINEAR_SLOPE))
+}
+
+/// Linear radiance of an sRGB value, the inverse of [`srgb_from_linear`], for hosts.
+pub fn linear_from_srgb(srgb: f32) -> f32 {
+    if srgb <= LINEAR_LIMIT * LINEAR_SLOPE {
+        srgb / LINEAR_SLOPE
+    } else {
+        crate::math::pow((srgb + OFFSET) / SCALE, 1.0 / POWER)
+    }
+}

@@ -1,0 +1,60 @@
+//! Normals of the geometry, from the rendered depth (the paper's Sobel-like operator).
+
+use crate::{
+    real::Real,
+    vector::{Vec3, normalize_or, normalize_or_vjp},
+};
+
+/// Expected depth of a pixel from its blended depth Σ w z and its coverage A = Σ w: their quotient. Callers leave out
+/// pixels of small coverage.
+#[inline(always)]
+pub fn expected_depth<R: Real>(blended_depth: R, coverage: R) -> R {
+    blended_depth / coverage
+}
+
+/// Gradient of [`expected_depth`] with respect to both, from its value.
+#[inline(always)]
+pub fn expected_depth_vjp<R: Real>(depth: R, coverage: R, grad: R) -> (R, R) {
+    let grad_blended = grad / coverage;
+    (grad_blended, -grad_blended * depth)
+}
+
+/// Depths of the four neighbours of a pixel, or whatever else comes in such fours.
+#[derive(Clone, Copy, Debug)]
+pub struct Cross<T> {
+    /// At x − 1.
+    pub left: T,
+    /// At x + 1.
+    pub right: T,
+    /// At y − 1.
+    pub above: T,
+    /// At y + 1.
+    pub below: T,
+}
+
+/// Unit normal in camera space, towards the camera, of the surface through four neighbours:
+/// (P_right − P_left) × (P_above − P_below), P = ray · depth. Zero where the surface has no extent.
+#[inline(always)]
+pub fn normal<R: Real>(rays: &Cross<Vec3<R>>, depths: &Cross<R>) -> Vec3<R> {
+    let (across, up) = edges(rays, depths);
+    normalize_or(across.cross(up), Vec3::zero(depths.left))
+}
+
+/// Gradient of [`normal`] with respect to the four depths.
+#[inline(always)]
+pub fn normal_vjp<R: Real>(rays: &Cross<Vec3<R>>, depths: &Cross<R>, grad: Vec3<R>) -> Cross<R> {
+    let (across, up) = edges(rays, depths);
+    let grad = normalize_or_vjp(across.cross(up), grad);
+    let (grad_across, grad_up) = (up.cross(grad), grad.cross(across));
+    Cross {
+        left: -grad_across.dot(rays.left),
+        right: grad_across.dot(rays.right),
+        above: grad_up.dot(rays.above),
+        below: -grad_up.dot(rays.below),
+    }
+}
+
+#[inline(always)]
+fn edges<R: Real>(rays: &Cross<Vec3<R>>, depths: &Cross<R>) -> (Vec3<R>, Vec3<R>) {
+    (rays.right * depths.right - rays.left * depths.left, rays.above * depths.above - rays.below * depths.below)
+}

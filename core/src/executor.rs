@@ -1,0 +1,212 @@
+//! The contract between the pipeline and a machine that runs it: one method for each stage.
+
+use crate::{
+    camera::Camera,
+    densify::DensifyRules,
+    loss::{LossReport, LossWeights},
+    plan::Channels,
+    prefilter::PrefilterScheme,
+    scene::{Environment, Gaussians},
+    shade::ShadingRules,
+};
+
+/// How a scene is to be rendered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderRules {
+    /// The shading function.
+    pub shading: ShadingRules,
+    /// The prefilter.
+    pub scheme: PrefilterScheme,
+    /// Highest band of the spherical harmonics that is used; `None` leaves them out.
+    pub sh_degree: Option<u8>,
+    /// What is blended.
+    pub channels: Channels,
+}
+
+/// Running means of Adam for every number of a scene.
+#[derive(Clone, Debug)]
+pub struct Moments<A> {
+    /// Means of the gradients.
+    pub mean: A,
+    /// Means of the squared gradients.
+    pub square: A,
+}
+
+/// What densification has seen of each Gaussian since it last acted.
+#[derive(Clone, Debug)]
+pub struct Statistics<A> {
+    /// Sum over the views of the gradient's length at the projected centre, in normalised device coordinates.
+    pub grad_sum: A,
+    /// Number of views that saw the Gaussian.
+    pub view_count: A,
+}
+
+/// What densification did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DensifyReport {
+    /// Gaussians that were copied.
+    pub cloned: usize,
+    /// Gaussians that became two.
+    pub split: usize,
+    /// Gaussians that were removed.
+    pub pruned: usize,
+}
+
+/// A number of randomness: equal keys give equal draws on every machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RandomKey {
+    /// The run's seed.
+    pub seed: u64,
+    /// What it is used for, such as an iteration.
+    pub stream: u64,
+}
+
+/// A machine that can run the stages. Arrays and the results of stages are its own types.
+///
+/// Stages compute the same thing on every executor, up to rounding; each is deterministic. The results of a stage go
+/// to later stages of the same executor, together with the very Gaussians and camera that they came from.
+pub trait Executor {
+    /// `f32` numbers where this executor keeps them.
+    type Array;
+    /// A light filtered into levels.
+    type Light;
+    /// The gradient of a light.
+    type LightGrad;
+    /// Gaussians on the screen.
+    type Splats;
+    /// Their channels.
+    type Colors;
+    /// Which splats each tile holds, front to back.
+    type Tiles;
+    /// A blended picture: premultiplied channels and transmittance.
+    type Frame;
+    /// The gradient of a frame.
+    type FrameGrad;
+    /// The gradient of splats and their channels.
+    type SplatGrads;
+    /// A picture to compare with.
+    type Target;
+    /// Why a stage could not run.
+    type Error;
+
+    /// Numbers to the executor.
+    fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
+    /// Numbers back to the host; `values` has the array's length.
+    fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
+    /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
+    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
+
+    /// Light into roughness levels.
+    fn prefilter(
+        &mut self,
+        environment: &Environment<Self::Array>,
+        scheme: PrefilterScheme,
+    ) -> Result<Self::Light, Self::Error>;
+    /// Gaussians to splats.
+    fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;
+    /// Splats to channels. Without a light there is no specular term.
+    fn shade(
+        &mut self,
+        gaussians: &Gaussians<Self::Array>,
+        camera: &Camera,
+        splats: &Self::Splats,
+        light: Option<&Self::Light>,
+        rules: &RenderRules,
+    ) -> Result<Self::Colors, Self::Error>;
+    /// Splats to tiles, sorted front to back; ties in the order of the Gaussians.
+    fn bin(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error>;
+    /// Tiles to a picture.
+    fn blend(
+        &mut self,
+        splats: &Self::Splats,
+        colors: &Self::Colors,
+        tiles: &Self::Tiles,
+        camera: &Camera,
+    ) -> Result<Self::Frame, Self::Error>;
+    /// A picture against what it should be, over a background in sRGB.
+    fn loss(
+        &mut self,
+        frame: &Self::Frame,
+        target: &Self::Target,
+        camera: &Camera,
+        weights: &LossWeights,
+        background: [f32; 3],
+    ) -> Result<(LossReport, Self::FrameGrad), Self::Error>;
+
+    /// Gradient of [`Executor::blend`].
+    fn blend_vjp(
+        &mut self,
+        splats: &Self::Splats,
+        colors: &Self::Colors,
+        tiles: &Self::Tiles,
+        frame: &Self::Frame,
+        grad: &Self::FrameGrad,
+        camera: &Camera,
+    ) -> Result<Self::SplatGrads, Self::Error>;
+    /// Gradient of [`Executor::shade`] and [`Executor::project`], which read the same attributes: of the Gaussians,
+    /// and of the light if there is one. Adds the losses on the attributes themselves.
+    fn gaussians_vjp(
+        &mut self,
+        gaussians: &Gaussians<Self::Array>,
+        camera: &Camera,
+        splats: &Self::Splats,
+        light: Option<&Self::Light>,
+        rules: &RenderRules,
+        weights: &LossWeights,
+        grads: &Self::SplatGrads,
+    ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>), Self::Error>;
+    /// Gradient of [`Executor::prefilter`].
+    fn prefilter_vjp(
+        &mut self,
+        environment: &Environment<Self::Array>,
+        light: &Self::Light,
+        grad: &Self::LightGrad,
+    ) -> Result<Self::Array, Self::Error>;
+
+    /// One step of Adam for every plane, each at its own rate; returns how many gradients were not finite and were
+    /// left out.
+    fn optimise(
+        &mut self,
+        gaussians: &mut Gaussians<Self::Array>,
+        moments: &mut Moments<Self::Array>,
+        grad: &Gaussians<Self::Array>,
+        rates: &[f32],
+        step: u32,
+    ) -> Result<usize, Self::Error>;
+    /// One step of Adam for the light; radiance stays at least zero.
+    fn optimise_environment(
+        &mut self,
+        environment: &mut Environment<Self::Array>,
+        moments: &mut Moments<Self::Array>,
+        grad: &Self::Array,
+        rate: f32,
+        step: u32,
+    ) -> Result<usize, Self::Error>;
+
+    /// Adds one view to what densification knows.
+    fn observe(
+        &mut self,
+        statistics: &mut Statistics<Self::Array>,
+        splats: &Self::Splats,
+        grads: &Self::SplatGrads,
+        camera: &Camera,
+    ) -> Result<(), Self::Error>;
+    /// Clones, splits and prunes; new Gaussians start without momentum, and the statistics start again.
+    fn densify(
+        &mut self,
+        gaussians: &mut Gaussians<Self::Array>,
+        moments: &mut Moments<Self::Array>,
+        statistics: &mut Statistics<Self::Array>,
+        rules: &DensifyRules,
+        count_max: usize,
+        key: RandomKey,
+    ) -> Result<DensifyReport, Self::Error>;
+    /// Limits one plane to at most `ceiling` and forgets its momentum: the opacity reset.
+    fn limit_plane(
+        &mut self,
+        gaussians: &mut Gaussians<Self::Array>,
+        moments: &mut Moments<Self::Array>,
+        plane: usize,
+        ceiling: f32,
+    ) -> Result<(), Self::Error>;
+}

@@ -1,0 +1,58 @@
+//! What specula computes, as pure functions of values: no allocation, no threads, no files, no `unsafe`.
+//!
+//! The modules are the stages of the pipeline, in order, and the formulas that they are made of:
+//!
+//! ```text
+//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> loss
+//!   densify <- optimise <- prefilter_vjp <- shade_vjp <- project_vjp <- blend_vjp <-+
+//! ```
+//!
+//! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: who looks from where
+//! * [`plan`]: what a scene needs; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
+//! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
+//! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step
+//! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
+//! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
+//!
+//! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
+//! figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient of a function's result
+//! back to its arguments and stands right after the function.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(feature = "std")]
+extern crate std;
+
+#[cfg(not(any(feature = "std", feature = "libm")))]
+compile_error!("specula-core needs the feature `std` or the feature `libm` for its mathematics");
+
+pub mod activation;
+pub mod bin;
+pub mod blend;
+pub mod camera;
+pub mod color;
+pub mod covariance;
+pub mod cubemap;
+pub mod densify;
+pub mod depth_normal;
+pub mod double;
+pub mod dual;
+pub mod executor;
+pub mod ggx;
+pub mod loss;
+pub mod math;
+pub mod metrics;
+pub mod normal;
+pub mod optimise;
+pub mod pack;
+pub mod pipeline;
+pub mod plan;
+pub mod prefilter;
+pub mod project;
+pub mod random;
+pub mod real;
+pub mod scene;
+pub mod sh;
+pub mod shade;
+pub mod split_sum;
+pub mod vector;

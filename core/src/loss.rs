@@ -1,0 +1,202 @@
+//! What training minimises: colour, structure, normals, sparsity, size of residuals (paper, section 3.4).
+
+use crate::{
+    activation::{sigmoid, softplus},
+    real::Real,
+    vector::Vec3,
+};
+
+/// Pixels along an edge of the window of SSIM.
+pub const SSIM_WINDOW: usize = 11;
+/// Standard deviation of the window of SSIM, in pixels.
+pub const SSIM_SIGMA: f32 = 1.5;
+const SSIM_C1: f32 = 0.01 * 0.01;
+const SSIM_C2: f32 = 0.03 * 0.03;
+
+/// Weights of one row of SSIM's window, summing to one: a Gaussian at −5…5 pixels.
+pub fn ssim_window() -> [f32; SSIM_WINDOW] {
+    let middle = (SSIM_WINDOW / 2) as f64;
+    let sigma = f64::from(SSIM_SIGMA);
+    let at = |k: usize| crate::math::exp64(-(k as f64 - middle) * (k as f64 - middle) / (2.0 * sigma * sigma));
+    let sum: f64 = (0..SSIM_WINDOW).map(at).sum();
+    core::array::from_fn(|k| (at(k) / sum) as f32)
+}
+
+/// |x − y|.
+#[inline(always)]
+pub fn absolute<R: Real>(x: R, y: R) -> R {
+    (x - y).abs()
+}
+
+/// Gradient of [`absolute`] with respect to `x`; zero where both are equal.
+#[inline(always)]
+pub fn absolute_vjp<R: Real>(x: R, y: R, grad: R) -> R {
+    R::select(y.less(x), grad, (-grad).keep(x.less(y)))
+}
+
+/// (x − y)².
+#[inline(always)]
+pub fn squared<R: Real>(x: R, y: R) -> R {
+    (x - y).squared()
+}
+
+/// Gradient of [`squared`] with respect to `x`.
+#[inline(always)]
+pub fn squared_vjp<R: Real>(x: R, y: R, grad: R) -> R {
+    (x - y) * grad * 2.0
+}
+
+/// Windowed means that SSIM is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct SsimMoments<R> {
+    /// E\[x\].
+    pub x: R,
+    /// E\[y\].
+    pub y: R,
+    /// E\[x²\].
+    pub xx: R,
+    /// E\[y²\].
+    pub yy: R,
+    /// E\[xy\].
+    pub xy: R,
+}
+
+/// Structural similarity of two windows (Wang et al. 2004, eq. 13), in \[−1, 1\]; 1 for equal windows.
+#[inline(always)]
+pub fn ssim<R: Real>(m: &SsimMoments<R>) -> R {
+    let (luminance, contrast) = ssim_parts(m);
+    (luminance[0] * contrast[0]) / (luminance[1] * contrast[1])
+}
+
+/// Gradient of [`ssim`] with respect to E\[x\], E\[x²\] and E\[xy\].
+#[inline(always)]
+pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
+    let (luminance, contrast) = ssim_parts(m);
+    let below = (luminance[1] * contrast[1]).recip();
+    let value = luminance[0] * contrast[0] * below;
+
+    let grad_xy = grad * luminance[0] * below * 2.0;
+    let grad_xx = -grad * value / contrast[1];
+    let through_mean = (m.y * contrast[0] * below - m.x * value / luminance[1]) * 2.0 * grad;
+    [through_mean - grad_xy * m.y - grad_xx * m.x * 2.0, grad_xx, grad_xy]
+}
+
+/// Numerator and denominator of the luminance term and of the contrast and structure term.
+#[inline(always)]
+fn ssim_parts<R: Real>(m: &SsimMoments<R>) -> ([R; 2], [R; 2]) {
+    let covariance = m.xy - m.x * m.y;
+    let variances = (m.xx - m.x * m.x) + (m.yy - m.y * m.y);
+    (
+        [m.x * m.y * 2.0 + SSIM_C1, m.x * m.x + m.y * m.y + SSIM_C1],
+        [covariance * 2.0 + SSIM_C2, variances + SSIM_C2],
+    )
+}
+
+/// |n̄ − n̂|²: rendered normal against the geometry's (paper, eq. L_normal).
+#[inline(always)]
+pub fn normal_distance<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>) -> R {
+    (rendered - geometric).length_squared()
+}
+
+/// Gradient of [`normal_distance`] with respect to the rendered normal; that of the geometric one is its negative.
+#[inline(always)]
+pub fn normal_distance_vjp<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>, grad: R) -> Vec3<R> {
+    (rendered - geometric) * (grad * 2.0)
+}
+
+/// 1 − n̄ · n̂: the authors' code's form of the normal loss.
+#[inline(always)]
+pub fn normal_cosine<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>) -> R {
+    -rendered.dot(geometric) + 1.0
+}
+
+/// Gradient of [`normal_cosine`] with respect to the rendered normal and the geometric one.
+#[inline(always)]
+pub fn normal_cosine_vjp<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>, grad: R) -> (Vec3<R>, Vec3<R>) {
+    (geometric * -grad, rendered * -grad)
+}
+
+/// ln o + ln(1 − o) of an opacity o = σ(x), from its logit x: −softplus(−x) − softplus(x) (paper, eq. L_sparse).
+/// Finite for every finite x.
+#[inline(always)]
+pub fn sparse<R: Real>(opacity_logit: R) -> R {
+    -(softplus(opacity_logit) + softplus(-opacity_logit))
+}
+
+/// Gradient of [`sparse`]: 1 − 2σ(x).
+#[inline(always)]
+pub fn sparse_vjp<R: Real>(opacity_logit: R, grad: R) -> R {
+    grad * (sigmoid(opacity_logit) * -2.0 + 1.0)
+}
+
+/// Coverage is kept this far from 0 and 1 in [`sparse_coverage`].
+pub const COVERAGE_MARGIN: f32 = 1e-3;
+
+/// ln A + ln(1 − A) of a pixel's coverage, limited: the authors' code's form of the sparse loss.
+#[inline(always)]
+pub fn sparse_coverage<R: Real>(coverage: R) -> R {
+    let a = coverage.clamp(COVERAGE_MARGIN, 1.0 - COVERAGE_MARGIN);
+    a.ln() + (-a + 1.0).ln()
+}
+
+/// Gradient of [`sparse_coverage`]; zero where the coverage was limited.
+#[inline(always)]
+pub fn sparse_coverage_vjp<R: Real>(coverage: R, grad: R) -> R {
+    let a = coverage.clamp(COVERAGE_MARGIN, 1.0 - COVERAGE_MARGIN);
+    let is_free = coverage.constant(COVERAGE_MARGIN).less(coverage)
+        & coverage.less(coverage.constant(1.0 - COVERAGE_MARGIN));
+    (grad * (a.recip() - (-a + 1.0).recip())).keep(is_free)
+}
+
+/// Which distance between rendered and geometric normals is minimised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum NormalForm {
+    /// [`normal_distance`], with gradients to the normals and to the depth (the paper).
+    Distance,
+    /// [`normal_cosine`], with the geometric normal held fixed (the authors' code).
+    CosineDetached,
+    /// [`normal_cosine`], with gradients to both.
+    Cosine,
+}
+
+/// How much of each loss; all but the last two are means over the pixels of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LossWeights {
+    /// Of |C − C_gt|.
+    pub absolute: f32,
+    /// Of (C − C_gt)².
+    pub squared: f32,
+    /// Of 1 − SSIM.
+    pub dssim: f32,
+    /// Of the normal loss, weighted by coverage.
+    pub normal: f32,
+    /// Which normal loss.
+    pub normal_form: NormalForm,
+    /// Of the sparse loss on the rendered coverage.
+    pub sparse_coverage: f32,
+    /// Of the blended |Δn|², weighted by coverage.
+    pub residual_image: f32,
+    /// Of |A − A_gt|, where pictures have an alpha channel.
+    pub coverage: f32,
+    /// Of the sparse loss: a mean over the Gaussians.
+    pub sparse: f32,
+    /// Of |Δn₁|² + |Δn₂|²: a mean over the Gaussians.
+    pub residual: f32,
+}
+
+/// What the losses came to, unweighted means.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LossReport {
+    /// The weighted sum of what follows.
+    pub total: f64,
+    /// Mean |C − C_gt|.
+    pub absolute: f64,
+    /// Mean (C − C_gt)², the picture not limited to \[0, 1\].
+    pub squared: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean normal loss.
+    pub normal: f64,
+    /// Mean |A − A_gt|.
+    pub coverage: f64,
+}

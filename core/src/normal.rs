@@ -1,0 +1,119 @@
+//! The normal of a Gaussian: its shortest axis, turned to the viewer, plus a learned residual (paper, eq. normal).
+
+use crate::{
+    real::Real,
+    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp},
+};
+
+/// Which axis of a Gaussian is taken for its normal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AxisRule {
+    /// The column of R that belongs to the smallest scale, as the paper says.
+    Shortest,
+    /// The first row of R with its columns sorted by scale: what the authors' code computes, and what its
+    /// checkpoints were trained with.
+    SortedRow,
+    /// No axis at all: the residual alone is the normal (the paper's ablation "without v").
+    None,
+}
+
+/// Columns of R picked by rank of their scales: `[k][c]` says, as 1 or 0, whether column c has rank k.
+type Ranks<R> = [[R; 3]; 3];
+
+/// The axis of a Gaussian before it is turned to the viewer; of unit length, or zero for [`AxisRule::None`].
+///
+/// Equal scales: the earlier axis counts as the shorter.
+#[inline(always)]
+pub fn axis<R: Real>(rule: AxisRule, rotation: &Mat3<R>, log_scales: Vec3<R>) -> Vec3<R> {
+    let ranks = ranks(log_scales);
+    let [a, b, c] = rotation.rows;
+    let pick = |row: Vec3<R>, k: usize| row.x * ranks[k][0] + row.y * ranks[k][1] + row.z * ranks[k][2];
+    match rule {
+        AxisRule::Shortest => Vec3 { x: pick(a, 0), y: pick(b, 0), z: pick(c, 0) },
+        AxisRule::SortedRow => Vec3 { x: pick(a, 0), y: pick(a, 1), z: pick(a, 2) },
+        AxisRule::None => Vec3::zero(a.x),
+    }
+}
+
+/// Gradient of [`axis`] with respect to the rotation; the order of the scales is locally constant.
+#[inline(always)]
+pub fn axis_vjp<R: Real>(rule: AxisRule, log_scales: Vec3<R>, grad: Vec3<R>) -> Mat3<R> {
+    let ranks = ranks(log_scales);
+    let zero = Vec3::zero(grad.x);
+    let spread = |k: usize, g: R| Vec3 { x: ranks[k][0] * g, y: ranks[k][1] * g, z: ranks[k][2] * g };
+    match rule {
+        AxisRule::Shortest => Mat3 { rows: [spread(0, grad.x), spread(0, grad.y), spread(0, grad.z)] },
+        AxisRule::SortedRow => {
+            Mat3 { rows: [spread(0, grad.x) + spread(1, grad.y) + spread(2, grad.z), zero, zero] }
+        }
+        AxisRule::None => Mat3 { rows: [zero; 3] },
+    }
+}
+
+#[inline(always)]
+fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
+    let Vec3 { x, y, z } = scales;
+    let one = x.constant(1.0);
+    let (xy, xz, yz) = (x.less_or_equal(y), x.less_or_equal(z), y.less_or_equal(z));
+    let mark = |mask: R::Mask| one.keep(mask);
+    let first = [mark(xy & xz), mark(!xy & yz), mark(!xz & !yz)];
+    let last = [mark(!xy & !xz), mark(xy & !yz), mark(xz & yz)];
+    let middle = [0, 1, 2].map(|c| one - first[c] - last[c]);
+    [first, middle, last]
+}
+
+/// A normal that faces the viewer.
+#[derive(Clone, Copy, Debug)]
+pub struct Facing<R: Real> {
+    /// Unit normal.
+    pub normal: Vec3<R>,
+    /// |Δn|² of the residual that was used.
+    pub residual_squared: R,
+    sum: Vec3<R>,
+    keeps: R::Mask,
+    residual: Vec3<R>,
+}
+
+/// n = (v + Δn₁) where ω_o · v > 0, else −(v + Δn₂), normalised. Where the sum has no length, ± v is taken.
+///
+/// `negate_second` is the paper's sign of Δn₂; the authors' code computes −v + Δn₂ instead.
+#[inline(always)]
+pub fn facing<R: Real>(
+    axis: Vec3<R>,
+    view_dir: Vec3<R>,
+    residuals: [Vec3<R>; 2],
+    negate_second: bool,
+) -> Facing<R> {
+    let along = axis.dot(view_dir);
+    let keeps = !along.less(along.zero());
+    let turned = Vec3::select(keeps, axis, -axis);
+    let second = if negate_second { -residuals[1] } else { residuals[1] };
+    let residual = Vec3::select(keeps, residuals[0], second);
+    let sum = turned + residual;
+    let fallback = Vec3::select(keeps, axis, -axis);
+    Facing {
+        normal: normalize_or(sum, fallback),
+        residual_squared: residual.length_squared(),
+        sum,
+        keeps,
+        residual,
+    }
+}
+
+/// Gradient of [`facing`]: with respect to the axis and both residuals. The choice of side is locally constant.
+#[inline(always)]
+pub fn facing_vjp<R: Real>(
+    facing: &Facing<R>,
+    negate_second: bool,
+    grad_normal: Vec3<R>,
+    grad_residual_squared: R,
+) -> (Vec3<R>, [Vec3<R>; 2]) {
+    let grad_sum = normalize_or_vjp(facing.sum, grad_normal);
+    let zero = Vec3::zero(grad_residual_squared);
+    let grad_residual = grad_sum.add_scaled(grad_residual_squared * 2.0, facing.residual);
+    let second = if negate_second { -grad_residual } else { grad_residual };
+    (
+        Vec3::select(facing.keeps, grad_sum, -grad_sum),
+        [Vec3::select(facing.keeps, grad_residual, zero), Vec3::select(facing.keeps, zero, second)],
+    )
+}

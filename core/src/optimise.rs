@@ -1,0 +1,69 @@
+//! One step of Adam (Kingma & Ba 2015), and how a learning rate falls.
+
+use crate::{math, real::Real};
+
+/// Decay of the mean gradient.
+pub const BETA1: f32 = 0.9;
+/// Decay of the mean squared gradient.
+pub const BETA2: f32 = 0.999;
+/// Added to the root of the mean squared gradient (INRIA's value: practically nothing).
+pub const EPSILON: f32 = 1e-15;
+
+/// A parameter with its running means.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<R> {
+    /// The parameter.
+    pub value: R,
+    /// Running mean of its gradient.
+    pub mean: R,
+    /// Running mean of its squared gradient.
+    pub square: R,
+}
+
+/// Step size with both bias corrections: rate · √(1 − β₂ᵗ) / (1 − β₁ᵗ), for the t-th step, t ≥ 1.
+pub fn corrected_rate(rate: f32, step: u32) -> f32 {
+    let power = |beta: f32| 1.0 - math::pow64(f64::from(beta), f64::from(step));
+    (f64::from(rate) * math::sqrt64(power(BETA2)) / power(BETA1)) as f32
+}
+
+/// What [`EPSILON`] becomes under the same correction: ε √(1 − β₂ᵗ).
+pub fn corrected_epsilon(step: u32) -> f32 {
+    (f64::from(EPSILON) * math::sqrt64(1.0 - math::pow64(f64::from(BETA2), f64::from(step)))) as f32
+}
+
+/// One step against the gradient. A zero gradient with no history changes nothing.
+#[inline(always)]
+pub fn adam<R: Real>(moment: Moment<R>, grad: R, corrected_rate: R, corrected_epsilon: R) -> Moment<R> {
+    let mean = moment.mean * BETA1 + grad * (1.0 - BETA1);
+    let square = moment.square * BETA2 + grad * grad * (1.0 - BETA2);
+    let step = corrected_rate * mean / (square.sqrt() + corrected_epsilon);
+    Moment { value: moment.value - step, mean, square }
+}
+
+/// A learning rate that falls exponentially from `first` to `last` over `steps` steps, then stays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Schedule {
+    /// Rate at the start.
+    pub first: f32,
+    /// Rate from the end on.
+    pub last: f32,
+    /// Steps from one to the other; ignored where both are equal.
+    pub steps: u32,
+}
+
+impl Schedule {
+    /// A rate that never changes.
+    pub const fn constant(rate: f32) -> Self {
+        Self { first: rate, last: rate, steps: 1 }
+    }
+
+    /// The rate at a step: first^(1−u) · last^u, u = step / steps.
+    pub fn at(&self, step: u32) -> f32 {
+        if self.first == self.last || self.first <= 0.0 || self.last <= 0.0 {
+            return if step < self.steps { self.first } else { self.last };
+        }
+        let u = (f64::from(step) / f64::from(self.steps.max(1))).min(1.0);
+        let log = (1.0 - u) * math::ln64(f64::from(self.first)) + u * math::ln64(f64::from(self.last));
+        math::exp64(log) as f32
+    }
+}

@@ -1,0 +1,100 @@
+//! The order of the stages, written once.
+
+use crate::{
+    camera::Camera,
+    executor::{Executor, Moments, RenderRules, Statistics},
+    loss::{LossReport, LossWeights},
+    scene::{Environment, Gaussians},
+};
+
+/// A picture of Gaussians under a light.
+pub fn render<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+) -> Result<E::Frame, E::Error> {
+    let splats = exec.project(gaussians, camera)?;
+    let colors = exec.shade(gaussians, camera, &splats, light, rules)?;
+    let tiles = exec.bin(&splats, camera)?;
+    exec.blend(&splats, &colors, &tiles, camera)
+}
+
+/// A scene that is being fitted.
+#[derive(Debug)]
+pub struct Fit<'a, E: Executor> {
+    /// The Gaussians.
+    pub gaussians: &'a mut Gaussians<E::Array>,
+    /// Their running means.
+    pub moments: &'a mut Moments<E::Array>,
+    /// The light and its running means; none for plain Gaussian splatting.
+    pub environment: Option<(&'a mut Environment<E::Array>, &'a mut Moments<E::Array>)>,
+    /// What densification has seen.
+    pub statistics: &'a mut Statistics<E::Array>,
+}
+
+/// A picture to fit, and how.
+#[derive(Debug)]
+pub struct Step<'a, E: Executor> {
+    /// From where.
+    pub camera: &'a Camera,
+    /// The picture that was taken there.
+    pub target: &'a E::Target,
+    /// Behind the Gaussians, sRGB.
+    pub background: [f32; 3],
+    /// How it is rendered.
+    pub rules: &'a RenderRules,
+    /// What is minimised.
+    pub weights: &'a LossWeights,
+    /// Learning rate of every plane.
+    pub rates: &'a [f32],
+    /// Learning rate of the light.
+    pub environment_rate: f32,
+    /// Number of this step, from 1.
+    pub number: u32,
+}
+
+/// What one step came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// The losses before the step.
+    pub loss: LossReport,
+    /// Gradients that were not finite, and left out.
+    pub nonfinite: usize,
+}
+
+/// One step of training: forward, backward, update.
+pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<StepReport, E::Error> {
+    let light = match &fit.environment {
+        Some((environment, _)) => Some(exec.prefilter(environment, step.rules.scheme)?),
+        None => None,
+    };
+    let splats = exec.project(fit.gaussians, step.camera)?;
+    let colors = exec.shade(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules)?;
+    let tiles = exec.bin(&splats, step.camera)?;
+    let frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
+    let (loss, frame_grad) = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
+
+    let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
+    exec.observe(fit.statistics, &splats, &grads, step.camera)?;
+    let (grad, light_grad) = exec.gaussians_vjp(
+        fit.gaussians,
+        step.camera,
+        &splats,
+        light.as_ref(),
+        step.rules,
+        step.weights,
+        &grads,
+    )?;
+
+    let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, &grad, step.rates, step.number)?;
+    if let (Some((environment, moments)), Some(light), Some(light_grad)) =
+        (&mut fit.environment, &light, &light_grad)
+    {
+        let grad = exec.prefilter_vjp(environment, light, light_grad)?;
+        nonfinite +=
+            exec.optimise_environment(environment, moments, &grad, step.environment_rate, step.number)?;
+    }
+    Ok(StepReport { loss, nonfinite })
+}

@@ -1,0 +1,239 @@
+//! Light into roughness levels (paper, eq. L_s): which levels there are, and which texels each of their texels sees.
+//!
+//! A level is a linear map of the base: y_i = Σ_j A_ij x_j with Σ_j A_ij = 1. The light is kept as a pyramid of
+//! means over 2×2 texels, weighted by their solid angles, and a row of A is a *cut* through that pyramid: a node is
+//! taken whole where the lobe hardly changes across it, and opened elsewhere. Far tails of a lobe thus cost little.
+
+use crate::{
+    cubemap,
+    double::Double,
+    ggx, math,
+    real::Real,
+    vector::{Vec3, vec3},
+};
+
+/// Most levels that any scheme has.
+pub const MAX_LEVELS: usize = 8;
+
+/// Which prefiltering: levels, lobes and weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PrefilterScheme {
+    /// Exact solid angles, the whole lobe, eight levels.
+    Exact,
+    /// The authors' code (nvdiffrec's): its levels, its texel weights, its lobe cut short.
+    Official,
+}
+
+/// One prefiltered copy of the light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Perceptual roughness that it is filtered for.
+    pub roughness: f32,
+    /// Texels along an edge of a face.
+    pub resolution: usize,
+}
+
+/// The levels of a light, sharpest first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Levels {
+    levels: [Level; MAX_LEVELS],
+    count: usize,
+}
+
+/// Roughness of our levels: dense where lobes are narrow, so that a linear blend of two neighbours stays close.
+const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.12, 0.2, 0.3, 0.42, 0.56, 0.76, 1.0];
+/// No level is coarser than this.
+const RESOLUTION_MIN: usize = 16;
+/// The official scheme's roughness of the first and of the last but one level.
+const OFFICIAL_ROUGHNESS: [f32; 2] = [0.08, 0.5];
+
+impl Levels {
+    /// The levels of a base map of this resolution, a power of two, at least 16 (official: 64).
+    pub fn new(scheme: PrefilterScheme, resolution: usize) -> Self {
+        match scheme {
+            PrefilterScheme::Exact => Self::exact(resolution),
+            PrefilterScheme::Official => Self::official(resolution),
+        }
+    }
+
+    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α = 1.6 / resolution.
+    fn exact(resolution: usize) -> Self {
+        let resolve = |roughness: f32| {
+            let mut size = resolution;
+            let mut finest_alpha = 1.6 / resolution as f32;
+            while roughness * roughness > finest_alpha && size > RESOLUTION_MIN {
+                size /= 2;
+                finest_alpha *= 2.0;
+            }
+            size
+        };
+        let levels = ROUGHNESS.map(|roughness| Level { roughness, resolution: resolve(roughness) });
+        Self { levels, count: MAX_LEVELS }
+    }
+
+    fn official(resolution: usize) -> Self {
+        let mut levels = [Level { roughness: 1.0, resolution: RESOLUTION_MIN }; MAX_LEVELS];
+        let count = ((resolution / RESOLUTION_MIN).ilog2() as usize + 1).clamp(3, MAX_LEVELS);
+        let [first, last] = OFFICIAL_ROUGHNESS;
+        for (index, level) in levels.iter_mut().enumerate().take(count - 1) {
+            level.roughness = first + (last - first) * index as f32 / (count - 2) as f32;
+            level.resolution = (resolution >> index).max(RESOLUTION_MIN);
+        }
+        Self { levels, count }
+    }
+
+    /// The levels, sharpest first.
+    pub fn as_slice(&self) -> &[Level] {
+        &self.levels[..self.count]
+    }
+}
+
+/// Position of a roughness between the levels: level i at its own roughness, linear in between, constant outside.
+#[inline(always)]
+pub fn level_of_roughness<R: Real>(roughness: R, levels: &[Level]) -> R {
+    let mut position = roughness.zero();
+    for pair in levels.windows(2) {
+        let step = (roughness - pair[0].roughness) / (pair[1].roughness - pair[0].roughness);
+        position = position + step.clamp(0.0, 1.0);
+    }
+    position
+}
+
+/// Gradient of [`level_of_roughness`]; zero outside the levels.
+#[inline(always)]
+pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) -> R {
+    let mut slope = roughness.zero();
+    for pair in levels.windows(2) {
+        let inside = roughness.constant(pair[0].roughness).less_or_equal(roughness)
+            & roughness.less(roughness.constant(pair[1].roughness));
+        slope = slope + slope.constant(pair[1].roughness - pair[0].roughness).recip().keep(inside);
+    }
+    grad * slope
+}
+
+/// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole.
+pub const OPENING: f64 = 0.35;
+
+/// A texel of the light's pyramid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Node {
+    /// The face it lies on.
+    pub face: usize,
+    /// Its column.
+    pub column: usize,
+    /// Its row.
+    pub row: usize,
+    /// Resolution of its pyramid level.
+    pub resolution: usize,
+}
+
+impl Node {
+    /// The four nodes that it is the mean of.
+    pub fn children(&self) -> [Self; 4] {
+        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, lower)| Self {
+            face: self.face,
+            column: 2 * self.column + right,
+            row: 2 * self.row + lower,
+            resolution: 2 * self.resolution,
+        })
+    }
+
+    /// Whether the lobe changes across the node so much that it must be opened.
+    ///
+    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2 over its
+    /// resolution, exceeds [`OPENING`] times that.
+    pub fn must_open(&self, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> bool {
+        must_open(self.direction(), self.resolution, reflection_dir, alpha_ggx)
+    }
+
+    /// ∫ K cos θ over the node, before normalisation: K cos θ at the centres of its quarters, times their solid
+    /// angles.
+    pub fn lobe_weight(&self, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> f64 {
+        let quarters = self.children().map(|child| (child.direction(), child.solid_angle()));
+        lobe_weight_of_quarters(&quarters, reflection_dir, alpha_ggx)
+    }
+
+    /// Solid angle, in steradians.
+    pub fn solid_angle(&self) -> f64 {
+        cubemap::texel_solid_angle(self.column, self.row, self.resolution)
+    }
+
+    /// Unit direction of the centre.
+    pub fn direction(&self) -> Vec3<Double> {
+        let [x, y, z] = cubemap::texel_direction(self.face, self.column, self.row, self.resolution).map(Double);
+        vec3(x, y, z)
+    }
+}
+
+/// [`Node::must_open`] for a node whose direction is at hand.
+pub fn must_open(node_dir: Vec3<Double>, resolution: usize, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> bool {
+    let angle = math::sqrt64((node_dir - reflection_dir).length_squared().0);
+    let width = core::f64::consts::FRAC_PI_2 / resolution as f64;
+    width > OPENING * ((angle - width).max(0.0) + 2.0 * alpha_ggx)
+}
+
+/// [`Node::lobe_weight`] for quarters whose directions and solid angles are at hand.
+pub fn lobe_weight_of_quarters(
+    quarters: &[(Vec3<Double>, f64); 4],
+    reflection_dir: Vec3<Double>,
+    alpha_ggx: f64,
+) -> f64 {
+    quarters.iter().fold(0.0, |sum, (light_dir, solid_angle)| {
+        let weight = ggx::lobe_weight(reflection_dir, *light_dir, Double(alpha_ggx));
+        sum + (weight * ggx::cosine(reflection_dir, *light_dir)).0 * solid_angle
+    })
+}
+
+/// The official scheme's weight of a texel, meant as its solid angle: a product of two arcs, half a texel off.
+pub fn official_texel_weight(column: usize, row: usize, resolution: usize) -> f64 {
+    let half = resolution as f64 / 2.0;
+    let arc = |k: usize| {
+        let distance = math::sqrt64((k as f64 - half) * (k as f64 - half));
+        math::atan64((distance + 1.0) / half) - math::atan64(distance / half)
+    };
+    arc(column) * arc(row)
+}
+
+/// The official scheme's cut: cosine of the first of 10⁶ angles, uniform in [0, π/2], at which the running sum of
+/// D(cos θ), without its sine, reaches 99 % of the whole. It is then applied to the angle of the light.
+pub fn official_cut_cosine(alpha_ggx: f64) -> f64 {
+    const STEPS: u32 = 1_000_000;
+    const KEPT: f64 = 0.99;
+    let angle = |k: u32| core::f64::consts::FRAC_PI_2 * f64::from(k) / f64::from(STEPS - 1);
+    let density = |k: u32| ggx::distribution(math::cos64(angle(k)), alpha_ggx);
+    let total: f64 = (0..STEPS).map(density).sum();
+    let mut sum = 0.0;
+    for k in 0..STEPS {
+        sum += density(k);
+        if sum >= KEPT * total {
+            return math::cos64(angle(k));
+        }
+    }
+    0.0
+}
+
+/// The official scheme's weight of light from a texel in a lobe: cos θ · D(θ/2) · weight / 4, zero outside the cut.
+pub fn official_lobe_weight(reflection_dir: Vec3<Double>, node: &Node, alpha_ggx: f64, cut_cosine: f64) -> f64 {
+    let cosine = node.direction().dot(reflection_dir).0;
+    if cosine < cut_cosine {
+        return 0.0;
+    }
+    let cos_half = math::sqrt64(((1.0 + cosine) * 0.5).clamp(0.0, 1.0));
+    let weight = official_texel_weight(node.column, node.row, node.resolution);
+    cosine.max(0.0) * ggx::distribution(cos_half, alpha_ggx) * weight / 4.0
+}
+
+/// Weight of a texel in the cosine-weighted mean of the light around a normal, irradiance / π: cos θ Ω / π.
+pub fn irradiance_weight(normal: Vec3<Double>, node: &Node) -> f64 {
+    let cosine = node.direction().dot(normal).0;
+    cosine.max(0.0) * node.solid_angle() / core::f64::consts::PI
+}
+
+/// The official scheme's [`irradiance_weight`]: its own texel weight, a cosine cut at 0.999, and no normalisation.
+pub fn official_irradiance_weight(normal: Vec3<Double>, node: &Node) -> f64 {
+    let cosine = node.direction().dot(normal).0;
+    cosine.clamp(0.0, 0.999) * official_texel_weight(node.column, node.row, node.resolution) / core::f64::consts::PI
+}
+
+/// Resolution of the irradiance map of the official scheme.
+pub const IRRADIANCE_RESOLUTION: usize = 16;

@@ -1,0 +1,205 @@
+//! From a Gaussian in the world to a splat on the screen: the local affine (EWA) projection of Zwicker et al. 2001.
+
+use crate::{
+    activation::{sigmoid, sigmoid_vjp},
+    camera::CameraOf,
+    covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
+    real::Real,
+    vector::{Mat3, Vec3, vec3},
+};
+
+/// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's low-pass).
+pub const BLUR: f32 = 0.3;
+/// Gaussians closer to the camera plane than this are not drawn (INRIA's value, in scene units).
+pub const NEAR: f32 = 0.2;
+
+/// What of a Gaussian decides its splat.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape<R> {
+    /// Centre, in world space.
+    pub mean: Vec3<R>,
+    /// Logarithms of the scales.
+    pub log_scales: Vec3<R>,
+    /// Orientation, of any length but zero.
+    pub quat: Quat<R>,
+    /// Opacity before the sigmoid.
+    pub opacity_logit: R,
+}
+
+/// A Gaussian's image.
+///
+/// Instead of the conic Q = cov2d⁻¹ its triangular root W is kept, Q = Wᵀ W: the exponent −½ |W δ|² is then never
+/// positive, whatever was rounded.
+#[derive(Clone, Copy, Debug)]
+pub struct Splat<R> {
+    /// Centre, in pixels.
+    pub mean2d: [R; 2],
+    /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
+    pub root_conic: [R; 3],
+    /// Camera-space z of the centre.
+    pub depth: R,
+    /// Opacity, in (0, 1).
+    pub opacity: R,
+    /// Variances along x and y, in px².
+    pub variance: [R; 2],
+}
+
+/// What [`project`] and [`project_vjp`] both need.
+#[derive(Clone, Copy, Debug)]
+struct Projection<R> {
+    mean_in_camera: Vec3<R>,
+    inverse_depth: R,
+    slope: [R; 2],
+    /// −1 < unclamped slope / limit < 1, as 1 or 0.
+    slope_is_free: [R; 2],
+    camera_from_local: Mat3<R>,
+    scales: Vec3<R>,
+    /// Rows of J · (camera from world) · R · S: the half matrix whose square is cov2d.
+    half: [Vec3<R>; 2],
+    normal: Vec3<R>,
+    variance_x: R,
+    covariance_xy: R,
+    determinant: R,
+}
+
+/// The splat of a Gaussian. Gaussians nearer than [`NEAR`] must not be drawn; their splat is finite but meaningless.
+///
+/// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V by Cauchy and
+/// Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of 10⁵ px keep their digits.
+#[inline(always)]
+pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
+    let p = projection(shape, camera);
+    let (xx, yx, yy) = root_of_conic(p.variance_x, p.covariance_xy, p.determinant);
+    let x = p.mean_in_camera.x * p.inverse_depth;
+    let y = p.mean_in_camera.y * p.inverse_depth;
+    Splat {
+        mean2d: [
+            camera.focal_px[0].mul_add(x, camera.principal_px[0]),
+            camera.focal_px[1].mul_add(y, camera.principal_px[1]),
+        ],
+        root_conic: [xx, yx, yy],
+        depth: p.mean_in_camera.z,
+        opacity: sigmoid(shape.opacity_logit),
+        variance: [p.variance_x, p.half[1].length_squared() + BLUR],
+    }
+}
+
+/// Gradient of a splat.
+#[derive(Clone, Copy, Debug)]
+pub struct SplatGrad<R> {
+    /// Gradient of the centre.
+    pub mean2d: [R; 2],
+    /// Gradient of the root of the conic.
+    pub root_conic: [R; 3],
+    /// Gradient of the depth.
+    pub depth: R,
+    /// Gradient of the opacity.
+    pub opacity: R,
+}
+
+/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient.
+#[inline(always)]
+pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
+    let p = projection(shape, camera);
+    let [grad_first, grad_second] = half_grad(&p, grad.root_conic);
+
+    // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes and the depth.
+    let [fx, fy] = camera.focal_px.map(|f| f * p.inverse_depth);
+    let columns = [0, 1, 2].map(|k| p.camera_from_local.column(k));
+    let scale_of = p.scales.to_array();
+    let mut grad_scales = [p.inverse_depth.zero(); 3];
+    let mut grad_columns = columns;
+    let mut grad_slope = [p.inverse_depth.zero(); 2];
+    for k in 0..3 {
+        let (gx, gy) = (grad_first.to_array()[k] * fx, grad_second.to_array()[k] * fy);
+        let column = columns[k];
+        grad_scales[k] = gx * (column.x - p.slope[0] * column.z) + gy * (column.y - p.slope[1] * column.z);
+        let (gx, gy) = (gx * scale_of[k], gy * scale_of[k]);
+        grad_columns[k] = vec3(gx, gy, -(gx * p.slope[0] + gy * p.slope[1]));
+        grad_slope[0] = grad_slope[0] - gx * column.z;
+        grad_slope[1] = grad_slope[1] - gy * column.z;
+    }
+    let grad_half_times_half = grad_first.dot(p.half[0]) + grad_second.dot(p.half[1]);
+
+    // mean2d and both slopes are functions of x/z and y/z.
+    let along_x = camera.focal_px[0] * grad.mean2d[0] + grad_slope[0] * p.slope_is_free[0];
+    let along_y = camera.focal_px[1] * grad.mean2d[1] + grad_slope[1] * p.slope_is_free[1];
+    let m = p.mean_in_camera * p.inverse_depth;
+    let grad_mean_in_camera = vec3(
+        along_x * p.inverse_depth,
+        along_y * p.inverse_depth,
+        grad.depth - (along_x * m.x + along_y * m.y + grad_half_times_half) * p.inverse_depth,
+    );
+
+    let grad_local = grad_columns.map(|column| camera.camera_from_world.transform_transposed(column));
+    let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
+    Shape {
+        mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
+        log_scales: scales_vjp(shape.log_scales, p.scales, grad_scales),
+        quat: rotation_vjp(shape.quat, &Mat3::from_columns(grad_local)),
+        opacity_logit: sigmoid_vjp(sigmoid(shape.opacity_logit), grad.opacity),
+    }
+}
+
+#[inline(always)]
+fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> {
+    let mean_in_camera = camera.to_camera(shape.mean);
+    let near = mean_in_camera.z.constant(NEAR);
+    let depth = R::select(near.less(mean_in_camera.z), mean_in_camera.z, near);
+    let inverse_depth = depth.recip();
+
+    let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
+    let limit = camera.slope_limit;
+    let slope = [0, 1].map(|i| free_slope[i].max(-limit[i]).min(limit[i]));
+    let slope_is_free = [0, 1].map(|i| near.constant(1.0).keep(free_slope[i].abs().less(limit[i])));
+
+    let world_from_local = rotation(shape.quat);
+    let camera_from_local =
+        Mat3::from_columns([0, 1, 2].map(|k| camera.camera_from_world.transform(world_from_local.column(k))));
+    let scales = scales(shape.log_scales);
+    let [x, y, z] = camera_from_local.rows;
+    let half = [
+        (x - z * slope[0]).times(scales) * (camera.focal_px[0] * inverse_depth),
+        (y - z * slope[1]).times(scales) * (camera.focal_px[1] * inverse_depth),
+    ];
+
+    let normal = half[0].cross(half[1]);
+    let (first, second) = (half[0].length_squared(), half[1].length_squared());
+    Projection {
+        mean_in_camera,
+        inverse_depth,
+        slope,
+        slope_is_free,
+        camera_from_local,
+        scales,
+        half,
+        normal,
+        variance_x: first + BLUR,
+        covariance_xy: half[0].dot(half[1]),
+        determinant: normal.length_squared() + (first + second) * BLUR + BLUR * BLUR,
+    }
+}
+
+/// W of the conic of [[a, b], [b, ·]] with this determinant: the inverse of its Cholesky factor.
+#[inline(always)]
+fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
+    let yy = (a / determinant).sqrt();
+    (a.sqrt().recip(), -(b / a) * yy, yy)
+}
+
+/// Gradient of both rows of the half matrix, from that of the root of the conic.
+#[inline(always)]
+fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
+    let (a, b, determinant) = (p.variance_x, p.covariance_xy, p.determinant);
+    let (xx, yx, yy) = root_of_conic(a, b, determinant);
+    let grad_yy = grad_yy - grad_yx * (b / a);
+    let grad_b = -grad_yx * yy / a;
+    let grad_a = (grad_yy * yy - grad_xx * xx) * 0.5 / a - grad_yx * yx / a;
+    let grad_determinant = -grad_yy * yy * 0.5 / determinant;
+
+    let blurred = (grad_a + grad_determinant * BLUR) * 2.0;
+    let first = (p.half[0] * blurred).add_scaled(grad_b, p.half[1]);
+    let second = (p.half[1] * (grad_determinant * (2.0 * BLUR))).add_scaled(grad_b, p.half[0]);
+    let grad_normal = p.normal * (grad_determinant * 2.0);
+    [first + p.half[1].cross(grad_normal), second + grad_normal.cross(p.half[0])]
+}

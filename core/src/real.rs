@@ -1,0 +1,177 @@
+//! The number that formulas are written over.
+
+use core::{
+    fmt::Debug,
+    ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub},
+};
+
+/// A real number, or several side by side: `f32`, SIMD lanes, [`crate::double::Double`], [`crate::dual::Dual`].
+///
+/// Arithmetic also takes `f32` literals. There are no branches on values: comparisons give a mask, and
+/// [`Real::select`] chooses lane by lane. Both sides of a choice are evaluated, so both must be harmless.
+pub trait Real:
+    Copy
+    + Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + Add<f32, Output = Self>
+    + Sub<f32, Output = Self>
+    + Mul<f32, Output = Self>
+    + Div<f32, Output = Self>
+{
+    /// The result of a comparison, lane by lane.
+    type Mask: Copy + Debug + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
+
+    /// `value` as a number of the same kind as `self`, which is not read otherwise.
+    fn constant(self, value: f32) -> Self;
+    /// self · factor + addend; fused where the machine does that for free.
+    fn mul_add(self, factor: Self, addend: Self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// 2 to the power `self`; below −126 the result is that of −126, above 127 that of 127.
+    fn exp2(self) -> Self;
+    /// Logarithm to base two, for positive normal numbers.
+    fn log2(self) -> Self;
+    /// Largest whole number not above `self`.
+    fn floor(self) -> Self;
+    /// Absolute value.
+    fn abs(self) -> Self;
+    /// The smaller of the two.
+    fn min(self, other: Self) -> Self;
+    /// The larger of the two.
+    fn max(self, other: Self) -> Self;
+    /// Where `self` < `other`; false where either is NaN.
+    fn less(self, other: Self) -> Self::Mask;
+    /// Where `self` ≤ `other`; false where either is NaN.
+    fn less_or_equal(self, other: Self) -> Self::Mask;
+    /// `if_true` where the mask holds, `if_false` elsewhere.
+    fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self;
+
+    /// 1 / self.
+    #[inline(always)]
+    fn recip(self) -> Self {
+        self.constant(1.0) / self
+    }
+    /// self · self.
+    #[inline(always)]
+    fn squared(self) -> Self {
+        self * self
+    }
+    /// `self`, kept in `[low, high]`.
+    #[inline(always)]
+    fn clamp(self, low: f32, high: f32) -> Self {
+        self.max(self.constant(low)).min(self.constant(high))
+    }
+    /// Power of e, for |self| up to 87.
+    #[inline(always)]
+    fn exp(self) -> Self {
+        (self * core::f32::consts::LOG2_E).exp2()
+    }
+    /// Natural logarithm, for positive normal numbers.
+    #[inline(always)]
+    fn ln(self) -> Self {
+        self.log2() * core::f32::consts::LN_2
+    }
+    /// A constant zero of the same kind.
+    #[inline(always)]
+    fn zero(self) -> Self {
+        self.constant(0.0)
+    }
+    /// `self` where the mask holds, zero elsewhere.
+    #[inline(always)]
+    fn keep(self, mask: Self::Mask) -> Self {
+        Self::select(mask, self, self.zero())
+    }
+}
+
+/// Coefficients of 2^x on [−½, ½], lowest first: Chebyshev interpolation of degree 6, relative error 2.6e-9.
+pub const EXP2_COEFFICIENTS: [f32; 7] =
+    [1.0, 0.693_147_2, 0.240_226_51, 0.055_503_272, 0.009_618_057, 0.001_340_042_8, 0.000_154_614_45];
+/// Exponents below this give denormal numbers, which cost an order of magnitude in time.
+pub const EXP2_MIN: f32 = -126.0;
+/// Exponents above this would give infinity.
+pub const EXP2_MAX: f32 = 127.0;
+/// Adding this number rounds an `f32` below 2²² to the nearest whole number.
+pub const ROUND_MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
+
+/// 2 / ((2k+1) ln 2), k = 0…4: log2(m) = Σ cₖ s^(2k+1) with s = (m−1)/(m+1), to 4e-10 for m in [√½, √2].
+pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
+
+/// The polynomial of [`Real::exp2`], on [−½, ½].
+#[inline(always)]
+pub fn exp2_fraction<R: Real>(x: R) -> R {
+    let [c0, c1, c2, c3, c4, c5, c6] = EXP2_COEFFICIENTS.map(|c| x.constant(c));
+    c6.mul_add(x, c5).mul_add(x, c4).mul_add(x, c3).mul_add(x, c2).mul_add(x, c1).mul_add(x, c0)
+}
+
+/// The polynomial of [`Real::log2`], for a mantissa in [√½, √2].
+#[inline(always)]
+pub fn log2_mantissa<R: Real>(mantissa: R) -> R {
+    let s = (mantissa - 1.0) / (mantissa + 1.0);
+    let s2 = s * s;
+    let [c0, c1, c2, c3, c4] = LOG2_COEFFICIENTS.map(|c| s.constant(c));
+    c4.mul_add(s2, c3).mul_add(s2, c2).mul_add(s2, c1).mul_add(s2, c0) * s
+}
+
+impl Real for f32 {
+    type Mask = bool;
+
+    #[inline(always)]
+    fn constant(self, value: f32) -> Self {
+        value
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        self * factor + addend
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        crate::math::sqrt(self)
+    }
+    #[inline(always)]
+    fn exp2(self) -> Self {
+        let x = self.max(EXP2_MIN).min(EXP2_MAX);
+        let shifted = x + ROUND_MAGIC;
+        let whole = shifted - ROUND_MAGIC;
+        let exponent = (shifted.to_bits() << 23).wrapping_add(127 << 23);
+        exp2_fraction(x - whole) * Self::from_bits(exponent)
+    }
+    #[inline(always)]
+    fn log2(self) -> Self {
+        let bits = self.to_bits();
+        let exponent = bits.wrapping_sub(core::f32::consts::FRAC_1_SQRT_2.to_bits()) as i32 >> 23;
+        let mantissa = Self::from_bits(bits.wrapping_sub((exponent as u32) << 23));
+        log2_mantissa(mantissa) + exponent as Self
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        crate::math::floor(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self::from_bits(self.to_bits() & 0x7fff_ffff)
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+    #[inline(always)]
+    fn less(self, other: Self) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn less_or_equal(self, other: Self) -> bool {
+        self <= other
+    }
+    #[inline(always)]
+    fn select(mask: bool, if_true: Self, if_false: Self) -> Self {
+        if mask { if_true } else { if_false }
+    }
+}

@@ -1,0 +1,194 @@
+//! What is rendered and fitted: Gaussians, an environment, images. Generic over the storage `A`, so that the same
+//! types stand for host memory (`Vec<f32>`) and for an executor's own arrays.
+
+/// How a Gaussian gets its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Appearance {
+    /// Spherical harmonics alone: plain Gaussian splatting.
+    Radiance,
+    /// Diffuse, tint, roughness, two normal residuals and residual harmonics: the paper's shading function.
+    Shaded,
+}
+
+/// Which planes a cloud of Gaussians has. One plane is one number of every Gaussian, side by side.
+///
+/// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then, shaded only,
+/// diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23; then the spherical
+/// harmonics, plane 3k + c for coefficient k and colour c. All values are kept before activation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Layout {
+    /// How colours come about.
+    pub appearance: Appearance,
+    /// Degree of the spherical harmonics, 0–3; `None` is no harmonics at all.
+    pub sh_degree: Option<u8>,
+}
+
+/// First plane of the means, in world space.
+pub const MEAN: usize = 0;
+/// First plane of the natural logarithms of the scales.
+pub const LOG_SCALE: usize = 3;
+/// First plane of the quats (w, x, y, z), of any length but zero.
+pub const QUAT: usize = 6;
+/// The plane of the opacities before the sigmoid.
+pub const OPACITY: usize = 10;
+/// First plane of the diffuse colour before activation.
+pub const DIFFUSE: usize = 11;
+/// First plane of the specular tint before the sigmoid.
+pub const TINT: usize = 14;
+/// The plane of the roughness before the sigmoid.
+pub const ROUGHNESS: usize = 17;
+/// First plane of Δn₁, the residual of a normal that already faces the viewer.
+pub const NORMAL_RESIDUAL_1: usize = 18;
+/// First plane of Δn₂, the residual of a normal that had to be flipped.
+pub const NORMAL_RESIDUAL_2: usize = 21;
+
+/// Gaussians side by side in a block: as many as a SIMD vector has lanes.
+pub const BLOCK: usize = 16;
+
+impl Layout {
+    /// Plain Gaussian splatting.
+    pub const fn radiance(sh_degree: u8) -> Self {
+        Self { appearance: Appearance::Radiance, sh_degree: Some(sh_degree) }
+    }
+    /// The paper's attributes, with or without residual harmonics.
+    pub const fn shaded(sh_degree: Option<u8>) -> Self {
+        Self { appearance: Appearance::Shaded, sh_degree }
+    }
+    /// Whether the shading attributes are there.
+    pub const fn is_shaded(self) -> bool {
+        matches!(self.appearance, Appearance::Shaded)
+    }
+    /// First plane of the spherical harmonics.
+    pub const fn sh_start(self) -> usize {
+        if self.is_shaded() { 24 } else { 11 }
+    }
+    /// Number of harmonics per colour: (degree + 1)², or none.
+    pub const fn sh_count(self) -> usize {
+        match self.sh_degree {
+            Some(degree) => (degree as usize + 1) * (degree as usize + 1),
+            None => 0,
+        }
+    }
+    /// Number of planes.
+    pub const fn plane_count(self) -> usize {
+        self.sh_start() + 3 * self.sh_count()
+    }
+}
+
+/// A cloud of Gaussians, in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`] numbers long, so that
+/// a block is one piece of memory and a plane of it one SIMD vector. The last block is padded; what the padding holds
+/// is ignored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gaussians<A> {
+    /// How many Gaussians there are.
+    pub count: usize,
+    /// What the planes mean.
+    pub layout: Layout,
+    /// The blocks, one after the other: `len_of_values` numbers.
+    pub values: A,
+}
+
+/// Numbers that a cloud of so many Gaussians takes.
+pub const fn len_of_values(count: usize, layout: Layout) -> usize {
+    count.next_multiple_of(BLOCK) * layout.plane_count()
+}
+
+impl<A> Gaussians<A> {
+    /// Numbers in a block.
+    pub fn block_len(&self) -> usize {
+        BLOCK * self.layout.plane_count()
+    }
+    /// Where a plane's number of one Gaussian lies.
+    pub fn index_of(&self, gaussian: usize, plane: usize) -> usize {
+        (gaussian / BLOCK * self.layout.plane_count() + plane) * BLOCK + gaussian % BLOCK
+    }
+}
+
+impl<A: AsRef<[f32]>> Gaussians<A> {
+    /// `N` neighbouring planes of one Gaussian.
+    pub fn get<const N: usize>(&self, gaussian: usize, first_plane: usize) -> [f32; N] {
+        core::array::from_fn(|k| self.values.as_ref()[self.index_of(gaussian, first_plane + k)])
+    }
+    /// One plane of every Gaussian, in order.
+    pub fn plane(&self, plane: usize) -> impl Iterator<Item = f32> + '_ {
+        (0..self.count).map(move |gaussian| self.values.as_ref()[self.index_of(gaussian, plane)])
+    }
+}
+
+impl<A: AsMut<[f32]>> Gaussians<A> {
+    /// Writes `N` neighbouring planes of one Gaussian.
+    pub fn set<const N: usize>(&mut self, gaussian: usize, first_plane: usize, numbers: [f32; N]) {
+        for (k, number) in numbers.into_iter().enumerate() {
+            let index = self.index_of(gaussian, first_plane + k);
+            self.values.as_mut()[index] = number;
+        }
+    }
+}
+
+/// How the numbers of an environment become radiance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum RadianceActivation {
+    /// As they are: radiance itself, which a trainer keeps from becoming negative.
+    Identity,
+    /// exp(x): positive and unbounded, with the same relative step at every brightness.
+    Exponential,
+}
+
+/// Light from far away: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution² RGB texels,
+/// row by row, in the texel order of OpenGL, Vulkan and WebGPU.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Environment<A> {
+    /// Texels along an edge of a face.
+    pub resolution: usize,
+    /// What the numbers mean.
+    pub activation: RadianceActivation,
+    /// 6 · resolution² · 3 numbers.
+    pub values: A,
+}
+
+impl<A> Environment<A> {
+    /// Numbers in all texels.
+    pub fn len_of_values(&self) -> usize {
+        6 * self.resolution * self.resolution * 3
+    }
+}
+
+/// An image as planes: `channels` planes of height · width numbers, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image<A> {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Planes.
+    pub channels: usize,
+    /// The planes, one after the other.
+    pub values: A,
+}
+
+impl<A> Image<A> {
+    /// Pixels in a plane.
+    pub fn pixel_count(&self) -> usize {
+        self.width * self.height
+    }
+}
+
+impl<A: AsRef<[f32]>> Image<A> {
+    /// One channel of every pixel.
+    pub fn plane(&self, channel: usize) -> &[f32] {
+        let size = self.pixel_count();
+        &self.values.as_ref()[channel * size..(channel + 1) * size]
+    }
+    /// The first three channels of a pixel.
+    pub fn rgb(&self, pixel: usize) -> [f32; 3] {
+        core::array::from_fn(|channel| self.plane(channel)[pixel])
+    }
+}
+
+impl<A: AsMut<[f32]>> Image<A> {
+    /// One channel of every pixel, to be written.
+    pub fn plane_mut(&mut self, channel: usize) -> &mut [f32] {
+        let size = self.pixel_count();
+        &mut self.values.as_mut()[channel * size..(channel + 1) * size]
+    }
+}

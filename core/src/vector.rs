@@ -1,0 +1,206 @@
+//! Vectors of three and matrices of three rows, over any number; `From` and to glam at the border.
+
+use crate::real::Real;
+use core::ops::{Add, Div, Mul, Neg, Sub};
+
+/// Three numbers: a point, a direction or a colour.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Vec3<R> {
+    /// First component, or red.
+    pub x: R,
+    /// Second component, or green.
+    pub y: R,
+    /// Third component, or blue.
+    pub z: R,
+}
+
+/// The vector (x, y, z).
+#[inline(always)]
+pub const fn vec3<R>(x: R, y: R, z: R) -> Vec3<R> {
+    Vec3 { x, y, z }
+}
+
+impl<R: Real> Vec3<R> {
+    /// The same number three times.
+    #[inline(always)]
+    pub fn splat(value: R) -> Self {
+        vec3(value, value, value)
+    }
+    /// A constant vector of numbers of the same kind as `like`.
+    #[inline(always)]
+    pub fn constant(like: R, value: glam::Vec3) -> Self {
+        vec3(like.constant(value.x), like.constant(value.y), like.constant(value.z))
+    }
+    /// The zero vector of the same kind as `like`.
+    #[inline(always)]
+    pub fn zero(like: R) -> Self {
+        Self::splat(like.zero())
+    }
+    /// Scalar product.
+    #[inline(always)]
+    pub fn dot(self, other: Self) -> R {
+        self.x.mul_add(other.x, self.y.mul_add(other.y, self.z * other.z))
+    }
+    /// Vector product.
+    #[inline(always)]
+    pub fn cross(self, other: Self) -> Self {
+        vec3(
+            self.y * other.z - self.z * other.y,
+            self.z * other.x - self.x * other.z,
+            self.x * other.y - self.y * other.x,
+        )
+    }
+    /// Component by component.
+    #[inline(always)]
+    pub fn times(self, other: Self) -> Self {
+        vec3(self.x * other.x, self.y * other.y, self.z * other.z)
+    }
+    /// Squared length.
+    #[inline(always)]
+    pub fn length_squared(self) -> R {
+        self.dot(self)
+    }
+    /// Sum of the components.
+    #[inline(always)]
+    pub fn sum(self) -> R {
+        self.x + self.y + self.z
+    }
+    /// Each component through `f`.
+    #[inline(always)]
+    pub fn map<T>(self, mut f: impl FnMut(R) -> T) -> Vec3<T> {
+        vec3(f(self.x), f(self.y), f(self.z))
+    }
+    /// self + factor · other.
+    #[inline(always)]
+    pub fn add_scaled(self, factor: R, other: Self) -> Self {
+        vec3(factor.mul_add(other.x, self.x), factor.mul_add(other.y, self.y), factor.mul_add(other.z, self.z))
+    }
+    /// `if_true` where the mask holds, `if_false` elsewhere.
+    #[inline(always)]
+    pub fn select(mask: R::Mask, if_true: Self, if_false: Self) -> Self {
+        vec3(
+            R::select(mask, if_true.x, if_false.x),
+            R::select(mask, if_true.y, if_false.y),
+            R::select(mask, if_true.z, if_false.z),
+        )
+    }
+    /// The components as an array.
+    #[inline(always)]
+    pub fn to_array(self) -> [R; 3] {
+        [self.x, self.y, self.z]
+    }
+}
+
+/// Vectors no longer than this have no direction: the square root of the smallest number whose square is normal.
+pub const LENGTH_MIN: f32 = 1e-18;
+
+/// `v` / |v|, or `fallback` where |v| is below [`LENGTH_MIN`], with a zero gradient there.
+#[inline(always)]
+pub fn normalize_or<R: Real>(v: Vec3<R>, fallback: Vec3<R>) -> Vec3<R> {
+    let (unit, has_direction) = unit_and_mask(v);
+    Vec3::select(has_direction, unit, fallback)
+}
+
+/// Gradient of [`normalize_or`] with respect to `v`: (I − v̂ v̂ᵀ) g / |v|.
+#[inline(always)]
+pub fn normalize_or_vjp<R: Real>(v: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
+    let length_squared = v.length_squared();
+    let has_direction = v.x.constant(LENGTH_MIN * LENGTH_MIN).less(length_squared);
+    let inverse = R::select(has_direction, length_squared, v.x.constant(1.0)).sqrt().recip();
+    let unit = v * inverse;
+    let tangent = (grad - unit * unit.dot(grad)) * inverse;
+    Vec3::select(has_direction, tangent, Vec3::zero(v.x))
+}
+
+#[inline(always)]
+fn unit_and_mask<R: Real>(v: Vec3<R>) -> (Vec3<R>, R::Mask) {
+    let length_squared = v.length_squared();
+    let has_direction = v.x.constant(LENGTH_MIN * LENGTH_MIN).less(length_squared);
+    let inverse = R::select(has_direction, length_squared, v.x.constant(1.0)).sqrt().recip();
+    (v * inverse, has_direction)
+}
+
+impl<R: Real> Add for Vec3<R> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        vec3(self.x + other.x, self.y + other.y, self.z + other.z)
+    }
+}
+impl<R: Real> Sub for Vec3<R> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        vec3(self.x - other.x, self.y - other.y, self.z - other.z)
+    }
+}
+impl<R: Real> Neg for Vec3<R> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        vec3(-self.x, -self.y, -self.z)
+    }
+}
+impl<R: Real> Mul<R> for Vec3<R> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, factor: R) -> Self {
+        vec3(self.x * factor, self.y * factor, self.z * factor)
+    }
+}
+impl<R: Real> Div<R> for Vec3<R> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, divisor: R) -> Self {
+        self * divisor.recip()
+    }
+}
+
+impl From<glam::Vec3> for Vec3<f32> {
+    fn from(v: glam::Vec3) -> Self {
+        vec3(v.x, v.y, v.z)
+    }
+}
+impl From<Vec3<f32>> for glam::Vec3 {
+    fn from(v: Vec3<f32>) -> Self {
+        Self::new(v.x, v.y, v.z)
+    }
+}
+
+/// A 3×3 matrix, by rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mat3<R> {
+    /// The rows.
+    pub rows: [Vec3<R>; 3],
+}
+
+impl<R: Real> Mat3<R> {
+    /// A constant matrix of numbers of the same kind as `like`.
+    #[inline(always)]
+    pub fn constant(like: R, matrix: glam::Mat3) -> Self {
+        Self { rows: [0, 1, 2].map(|row| Vec3::constant(like, matrix.row(row))) }
+    }
+    /// Matrix times column vector.
+    #[inline(always)]
+    pub fn transform(&self, v: Vec3<R>) -> Vec3<R> {
+        vec3(self.rows[0].dot(v), self.rows[1].dot(v), self.rows[2].dot(v))
+    }
+    /// Transposed matrix times column vector.
+    #[inline(always)]
+    pub fn transform_transposed(&self, v: Vec3<R>) -> Vec3<R> {
+        let [a, b, c] = self.rows;
+        (a * v.x).add_scaled(v.y, b).add_scaled(v.z, c)
+    }
+    /// A column.
+    #[inline(always)]
+    pub fn column(&self, index: usize) -> Vec3<R> {
+        let pick = |row: Vec3<R>| row.to_array()[index];
+        vec3(pick(self.rows[0]), pick(self.rows[1]), pick(self.rows[2]))
+    }
+    /// The matrix with these columns.
+    #[inline(always)]
+    pub fn from_columns(columns: [Vec3<R>; 3]) -> Self {
+        let [a, b, c] = columns;
+        Self { rows: [vec3(a.x, b.x, c.x), vec3(a.y, b.y, c.y), vec3(a.z, b.z, c.z)] }
+    }
+}

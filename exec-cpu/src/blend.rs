@@ -1,0 +1,347 @@
+//! Tiles to a picture and back, a row of sixteen pixels at a time.
+
+use crate::{
+    bin::Tiles,
+    lanes::Lanes,
+    project::{SplatRecord, Splats},
+    shade::Colors,
+};
+use fearless_simd::{Level, Simd, dispatch};
+use rayon::prelude::*;
+use specula_core::{
+    bin::TILE_SIZE,
+    blend::{Moments, Replay, Stamp, alpha, falloff, moments_vjp, stamp, step, step_vjp},
+    camera::Camera,
+    project::SplatGrad,
+    real::Real,
+    scene::Image,
+};
+
+/// Pixels along an edge of a tile, which is also the number of lanes.
+const SIZE: usize = TILE_SIZE as usize;
+/// Splats between two looks at whether all pixels of a tile have ended.
+const SPLATS_BETWEEN_LOOKS: usize = 16;
+
+/// A blended picture: its channels, premultiplied, and the transmittance behind them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Channels, then the transmittance as the last one.
+    pub image: Image<Vec<f32>>,
+}
+
+impl Frame {
+    /// Blended channels, without the transmittance.
+    pub fn channel_count(&self) -> usize {
+        self.image.channels - 1
+    }
+    /// The light that passes all splats, pixel by pixel.
+    pub fn transmittance(&self) -> &[f32] {
+        self.image.plane(self.image.channels - 1)
+    }
+}
+
+/// Gradient of a [`Frame`], in the same planes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameGrad {
+    pub(crate) image: Image<Vec<f32>>,
+}
+
+/// Gradient of each splat and of its channels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SplatGrads {
+    pub(crate) channels: usize,
+    /// `GEOMETRY + channels` numbers for each Gaussian: mean2d, root of the conic, opacity; channels.
+    pub(crate) values: Vec<f32>,
+}
+
+/// Numbers of a splat's gradient before its channels.
+pub(crate) const GEOMETRY: usize = 6;
+
+impl SplatGrads {
+    /// Numbers for each Gaussian.
+    pub(crate) fn width(&self) -> usize {
+        GEOMETRY + self.channels
+    }
+}
+
+/// The pixels of one tile, row by row: one plane for each channel, and one more number.
+#[derive(Clone)]
+struct TilePixels<const C: usize> {
+    channels: [[[f32; SIZE]; SIZE]; C],
+    /// Transmittance; in a gradient, that of the transmittance.
+    last: [[f32; SIZE]; SIZE],
+}
+
+/// Calls a function that is generic over the number of channels.
+macro_rules! with_channels {
+    ($count:expr, $function:ident($($argument:expr),*)) => {
+        match $count {
+            3 => $function::<3>($($argument),*),
+            8 => $function::<8>($($argument),*),
+            _ => $function::<24>($($argument),*),
+        }
+    };
+}
+
+pub(crate) fn blend_all(level: Level, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Frame {
+    with_channels!(colors.channels, blend_channels(level, splats, colors, tiles, camera))
+}
+
+fn blend_channels<const C: usize>(level: Level, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Frame {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut values = vec![0.0; (C + 1) * width * height];
+    let columns = tiles.columns as usize;
+    bands(&mut values, width, height).into_par_iter().enumerate().for_each(|(row, mut band)| {
+        let blend_one = |column: usize| {
+            let list = &tiles.gaussians[tiles.of(row * columns + column)];
+            let mut pixels = Box::new(TilePixels::<C> { channels: [[[0.0; SIZE]; SIZE]; C], last: [[1.0; SIZE]; SIZE] });
+            let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
+            dispatch!(level, simd => blend_tile(simd, &splats.records, &colors.values, list, origin, &mut pixels));
+            pixels
+        };
+        let blended: Vec<_> = (0..columns).into_par_iter().map(blend_one).collect();
+        for (column, pixels) in blended.iter().enumerate() {
+            write_tile(pixels, column, width, &mut band);
+        }
+    });
+    Frame { image: Image { width, height, channels: C + 1, values } }
+}
+
+/// The rows of each row of tiles, plane by plane.
+fn bands(values: &mut [f32], width: usize, height: usize) -> Vec<Vec<&mut [f32]>> {
+    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(SIZE)).map(|_| Vec::new()).collect();
+    for plane in values.chunks_mut((width * height).max(1)) {
+        bands.iter_mut().zip(plane.chunks_mut(SIZE * width)).for_each(|(band, rows)| band.push(rows));
+    }
+    bands
+}
+
+fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usize, band: &mut [&mut [f32]]) {
+    let start = column * SIZE;
+    let len = SIZE.min(width - start);
+    let planes = pixels.channels.iter().chain(core::iter::once(&pixels.last));
+    for (channel, (plane, rows)) in planes.zip(band).enumerate() {
+        for (row, pixels) in plane.iter().enumerate().take(rows.len() / width) {
+            let to = &mut rows[row * width + start..row * width + start + len];
+            to.copy_from_slice(&pixels[..len]);
+            if channel == C {
+                to.iter_mut().for_each(|transmittance| *transmittance = transmittance.abs());
+            }
+        }
+    }
+}
+
+/// The pixels of a tile from a picture's planes; what lies outside the picture is zero.
+fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_row: usize) -> Box<TilePixels<C>> {
+    let mut pixels = Box::new(TilePixels::<C> { channels: [[[0.0; SIZE]; SIZE]; C], last: [[0.0; SIZE]; SIZE] });
+    let start = tile_column * SIZE;
+    let len = SIZE.min(image.width - start);
+    let rows = SIZE.min(image.height - tile_row * SIZE);
+    for channel in 0..=C {
+        let plane = image.plane(channel);
+        for row in 0..rows {
+            let from = (tile_row * SIZE + row) * image.width + start;
+            let to = if channel < C { &mut pixels.channels[channel][row] } else { &mut pixels.last[row] };
+            to[..len].copy_from_slice(&plane[from..from + len]);
+        }
+    }
+    pixels
+}
+
+/// A splat as the rows of a tile see it.
+struct Stamped<S: Simd> {
+    stamp: Stamp<f32>,
+    lanes: Stamp<Lanes<S>>,
+    dx: Lanes<S>,
+    first_dy: f32,
+    rows: core::ops::Range<usize>,
+}
+
+#[inline(always)]
+fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamped<S> {
+    const CENTERS: [f32; SIZE] =
+        [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
+    let stamp = stamp(record.mean2d, record.root_conic, record.opacity);
+    let splat = |value: f32| Lanes::splat(simd, value);
+    let lanes = Stamp {
+        mean2d: stamp.mean2d.map(splat),
+        root: stamp.root.map(splat),
+        log2_opacity: splat(stamp.log2_opacity),
+    };
+    let from_top = record.mean2d[1] - origin[1];
+    let first = (from_top - record.half_extent[1] - 0.5).ceil().clamp(0.0, SIZE as f32);
+    let end = ((from_top + record.half_extent[1] - 0.5).floor() + 1.0).clamp(first, SIZE as f32);
+    Stamped {
+        stamp,
+        lanes,
+        dx: Lanes::from_array(simd, CENTERS) + (origin[0] - record.mean2d[0]),
+        first_dy: 0.5 - from_top,
+        rows: first as usize..end as usize,
+    }
+}
+
+#[inline(always)]
+fn blend_tile<S: Simd, const C: usize>(
+    simd: S,
+    records: &[SplatRecord],
+    colors: &[f32],
+    list: &[u32],
+    origin: [f32; 2],
+    pixels: &mut TilePixels<C>,
+) {
+    for (number, gaussian) in list.iter().enumerate() {
+        if number % SPLATS_BETWEEN_LOOKS == 0 && all_ended(simd, &pixels.last) {
+            break;
+        }
+        let gaussian = *gaussian as usize;
+        let splat = stamp_on_tile(simd, &records[gaussian], origin);
+        let color: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::splat(simd, colors[gaussian * C + c]));
+        for row in splat.rows.clone() {
+            let dy = Lanes::splat(simd, splat.first_dy + row as f32);
+            let strength = falloff(&splat.lanes, splat.dx, dy).strength;
+            let transmittance = Lanes::load(simd, &pixels.last[row]);
+            let step = step(alpha(strength, transmittance), transmittance);
+            step.transmittance.store(&mut pixels.last[row]);
+            for c in 0..C {
+                let pixel = &mut pixels.channels[c][row];
+                step.weight.mul_add(color[c], Lanes::load(simd, pixel)).store(pixel);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn all_ended<S: Simd>(simd: S, transmittance: &[[f32; SIZE]; SIZE]) -> bool {
+    let most = transmittance.iter().fold(Lanes::splat(simd, -1.0), |most, row| most.max(Lanes::load(simd, row)));
+    !most.any_positive()
+}
+
+pub(crate) fn blend_all_vjp(
+    level: Level,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+) -> SplatGrads {
+    with_channels!(colors.channels, blend_channels_vjp(level, splats, colors, tiles, frame, grad))
+}
+
+fn blend_channels_vjp<const C: usize>(
+    level: Level,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+) -> SplatGrads {
+    let width = GEOMETRY + C;
+    let columns = tiles.columns as usize;
+    let mut slots = vec![0.0; tiles.intersection_count() * width];
+    let mut by_tile: Vec<(usize, &mut [f32])> = Vec::with_capacity(tiles.starts.len() - 1);
+    let mut rest = &mut slots[..];
+    for tile in 0..tiles.starts.len() - 1 {
+        let (own, others) = rest.split_at_mut(tiles.of(tile).len() * width);
+        by_tile.push((tile, own));
+        rest = others;
+    }
+    by_tile.into_par_iter().filter(|(_, out)| !out.is_empty()).for_each(|(tile, out)| {
+        let (column, row) = (tile % columns, tile / columns);
+        let list = &tiles.gaussians[tiles.of(tile)];
+        let grad = read_tile::<C>(&grad.image, column, row);
+        let frame = read_tile::<C>(&frame.image, column, row);
+        let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
+        dispatch!(level, simd => blend_tile_vjp(simd, &splats.records, &colors.values, list, origin, &frame, &grad, out));
+    });
+    SplatGrads { channels: C, values: sum_slots(&slots, width, tiles) }
+}
+
+/// Each Gaussian sums the slots of its own intersections, in the order of their emission.
+fn sum_slots(slots: &[f32], width: usize, tiles: &Tiles) -> Vec<f32> {
+    let mut sums = vec![0.0; (tiles.emissions.len() - 1) * width];
+    sums.par_chunks_mut(width).enumerate().with_min_len(256).for_each(|(gaussian, sum)| {
+        let own = tiles.emissions[gaussian] as usize..tiles.emissions[gaussian + 1] as usize;
+        for position in &tiles.positions[own] {
+            let start = *position as usize * width;
+            sum.iter_mut().zip(&slots[start..start + width]).for_each(|(sum, slot)| *sum += slot);
+        }
+    });
+    sums
+}
+
+#[inline(always)]
+fn blend_tile_vjp<S: Simd, const C: usize>(
+    simd: S,
+    records: &[SplatRecord],
+    colors: &[f32],
+    list: &[u32],
+    origin: [f32; 2],
+    frame: &TilePixels<C>,
+    grad: &TilePixels<C>,
+    out: &mut [f32],
+) {
+    let mut transmittance = [[1.0; SIZE]; SIZE];
+    let mut remaining = remaining_at_start(simd, frame, grad);
+    for (number, (gaussian, out)) in list.iter().zip(out.chunks_exact_mut(GEOMETRY + C)).enumerate() {
+        if number % SPLATS_BETWEEN_LOOKS == 0 && all_ended(simd, &transmittance) {
+            break;
+        }
+        let gaussian = *gaussian as usize;
+        let splat = stamp_on_tile(simd, &records[gaussian], origin);
+        let color: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::splat(simd, colors[gaussian * C + c]));
+        let zero = Lanes::splat(simd, 0.0);
+        let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
+        let mut grad_color = [zero; C];
+        for row in splat.rows.clone() {
+            let dy = Lanes::splat(simd, splat.first_dy + row as f32);
+            let falloff = falloff(&splat.lanes, splat.dx, dy);
+            let before = Lanes::load(simd, &transmittance[row]);
+            if !alpha(falloff.strength, before).any_positive() {
+                continue;
+            }
+            let grads: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::load(simd, &grad.channels[c][row]));
+            let along = (1..C).fold(color[0] * grads[0], |sum, c| color[c].mul_add(grads[c], sum));
+            let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &remaining[row]) };
+            let (h, step, replay) = step_vjp(falloff.strength, replay, along);
+            replay.transmittance.store(&mut transmittance[row]);
+            replay.remaining.store(&mut remaining[row]);
+
+            let [hu, hw] = falloff.offset.map(|offset| h * offset);
+            moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
+            moments.root[0] = hu.mul_add(splat.dx, moments.root[0]);
+            moments.root[1] = hw.mul_add(splat.dx, moments.root[1]);
+            moments.root[2] = hw.mul_add(dy, moments.root[2]);
+            moments.strength = moments.strength + h;
+            for c in 0..C {
+                grad_color[c] = step.weight.mul_add(grads[c], grad_color[c]);
+            }
+        }
+        let moments = Moments {
+            offset: moments.offset.map(Lanes::sum),
+            root: moments.root.map(Lanes::sum),
+            strength: moments.strength.sum(),
+        };
+        write_slot(&moments_vjp(&splat.stamp, records[gaussian].opacity, &moments), &grad_color.map(Lanes::sum), out);
+    }
+}
+
+fn write_slot(grad: &SplatGrad<f32>, grad_color: &[f32], out: &mut [f32]) {
+    out[..2].copy_from_slice(&grad.mean2d);
+    out[2..5].copy_from_slice(&grad.root_conic);
+    out[5] = grad.opacity;
+    out[GEOMETRY..].copy_from_slice(grad_color);
+}
+
+/// Σ g · C + g_T · T of each pixel: what [`Replay::remaining`] is before the first splat.
+#[inline(always)]
+fn remaining_at_start<S: Simd, const C: usize>(simd: S, frame: &TilePixels<C>, grad: &TilePixels<C>) -> [[f32; SIZE]; SIZE] {
+    let mut remaining = [[0.0; SIZE]; SIZE];
+    for (row, remaining) in remaining.iter_mut().enumerate() {
+        let mut sum = Lanes::load(simd, &frame.last[row]) * Lanes::load(simd, &grad.last[row]);
+        for c in 0..C {
+            sum = Lanes::load(simd, &frame.channels[c][row]).mul_add(Lanes::load(simd, &grad.channels[c][row]), sum);
+        }
+        sum.store(remaining);
+    }
+    remaining
+}

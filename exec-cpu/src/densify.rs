@@ -1,0 +1,149 @@
+//! Cloning, splitting and pruning.
+
+use crate::{blend::SplatGrads, project::Splats};
+use rayon::prelude::*;
+use specula_core::{
+    activation::sigmoid,
+    camera::Camera,
+    covariance::scales,
+    densify::{Action, DensifyRules, SPLIT_SHRINK, decide, split_mean},
+    executor::{DensifyReport, Moments, RandomKey, Statistics},
+    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, len_of_values},
+    vector::{Vec3, vec3},
+};
+
+pub(crate) fn observe(statistics: &mut Statistics<Vec<f32>>, splats: &Splats, grads: &SplatGrads, camera: &Camera) {
+    let (half_width, half_height) = (camera.width as f32 / 2.0, camera.height as f32 / 2.0);
+    let seen = statistics.grad_sum.iter_mut().zip(&mut statistics.view_count).zip(&splats.records);
+    for (((sum, count), record), grad) in seen.zip(grads.values.chunks_exact(grads.width())) {
+        let length = (grad[0] * half_width).hypot(grad[1] * half_height);
+        if record.reach > 0.0 && length.is_finite() {
+            *sum += length;
+            *count += 1.0;
+        }
+    }
+}
+
+/// What becomes of one Gaussian: where it comes from, and which part of a split it is.
+#[derive(Clone, Copy)]
+struct Heir {
+    parent: usize,
+    origin: Origin,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Origin {
+    Kept,
+    Copied,
+    Part(u64),
+}
+
+pub(crate) fn densify(
+    gaussians: &mut Gaussians<Vec<f32>>,
+    moments: &mut Moments<Vec<f32>>,
+    statistics: &mut Statistics<Vec<f32>>,
+    rules: &DensifyRules,
+    count_max: usize,
+    key: RandomKey,
+) -> DensifyReport {
+    let actions = decide_all(gaussians, statistics, rules, count_max);
+    let (heirs, report) = heirs(&actions);
+    let from_parent = |old: &[f32], keep_new: bool| {
+        let mut new = vec![0.0; len_of_values(heirs.len(), gaussians.layout)];
+        let target = Gaussians { count: heirs.len(), layout: gaussians.layout, values: () };
+        for (index, heir) in heirs.iter().enumerate() {
+            if keep_new || heir.origin == Origin::Kept {
+                for plane in 0..gaussians.layout.plane_count() {
+                    new[target.index_of(index, plane)] = old[gaussians.index_of(heir.parent, plane)];
+                }
+            }
+        }
+        new
+    };
+    let (mean, square) = (from_parent(&moments.mean, false), from_parent(&moments.square, false));
+    let values = from_parent(&gaussians.values, true);
+    *moments = Moments { mean, square };
+    *gaussians = Gaussians { count: heirs.len(), layout: gaussians.layout, values };
+    for (index, heir) in heirs.iter().enumerate() {
+        if let Origin::Part(part) = heir.origin {
+            become_part(gaussians, index, key, 2 * heir.parent as u64 + part);
+        }
+    }
+    *statistics = Statistics { grad_sum: vec![0.0; heirs.len()], view_count: vec![0.0; heirs.len()] };
+    report
+}
+
+fn decide_all(
+    gaussians: &Gaussians<Vec<f32>>,
+    statistics: &Statistics<Vec<f32>>,
+    rules: &DensifyRules,
+    count_max: usize,
+) -> Vec<Action> {
+    let mut actions: Vec<Action> = (0..gaussians.count)
+        .into_par_iter()
+        .map(|index| {
+            let mean_grad = statistics.grad_sum[index] / statistics.view_count[index].max(1.0);
+            let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
+            let s = scales_of(gaussians, index);
+            decide(rules, mean_grad, opacity, s.x.max(s.y).max(s.z))
+        })
+        .collect();
+    limit_growth(&mut actions, statistics, count_max);
+    actions
+}
+
+/// Keeps the count at `count_max`: of all that would grow, those with the largest gradients do.
+fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count_max: usize) {
+    let kept = actions.iter().filter(|action| **action != Action::Prune).count();
+    let room = count_max.saturating_sub(kept);
+    let grows = |action: &Action| matches!(action, Action::Clone | Action::Split);
+    let mut growing: Vec<usize> = (0..actions.len()).filter(|index| grows(&actions[*index])).collect();
+    if growing.len() <= room {
+        return;
+    }
+    let mean_grad = |index: usize| statistics.grad_sum[index] / statistics.view_count[index].max(1.0);
+    growing.sort_by(|a, b| mean_grad(*b).total_cmp(&mean_grad(*a)).then(a.cmp(b)));
+    growing[room..].iter().for_each(|index| actions[*index] = Action::Keep);
+}
+
+/// The Gaussians after densification: those that stay in their order, then copies, then parts.
+fn heirs(actions: &[Action]) -> (Vec<Heir>, DensifyReport) {
+    let of = |wanted: Action| actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index);
+    let stays = |action: &Action| matches!(action, Action::Keep | Action::Clone);
+    let mut heirs: Vec<Heir> = (0..actions.len())
+        .filter(|index| stays(&actions[*index]))
+        .map(|parent| Heir { parent, origin: Origin::Kept })
+        .collect();
+    heirs.extend(of(Action::Clone).map(|parent| Heir { parent, origin: Origin::Copied }));
+    heirs.extend(of(Action::Split).flat_map(|parent| [0, 1].map(|part| Heir { parent, origin: Origin::Part(part) })));
+    let count = |wanted: Action| of(wanted).count();
+    let report = DensifyReport { cloned: count(Action::Clone), split: count(Action::Split), pruned: count(Action::Prune) };
+    (heirs, report)
+}
+
+fn become_part(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
+    let [x, y, z] = gaussians.get::<3>(index, MEAN);
+    let mean = split_mean(vec3(x, y, z), scales_of(gaussians, index), gaussians.get::<4>(index, QUAT), key.seed, key.stream, draw);
+    gaussians.set(index, MEAN, mean.to_array());
+    let shrunk = gaussians.get::<3>(index, LOG_SCALE).map(|log_scale| log_scale - SPLIT_SHRINK.ln());
+    gaussians.set(index, LOG_SCALE, shrunk);
+}
+
+fn scales_of(gaussians: &Gaussians<Vec<f32>>, index: usize) -> Vec3<f32> {
+    let [x, y, z] = gaussians.get::<3>(index, LOG_SCALE);
+    scales(vec3(x, y, z))
+}
+
+pub(crate) fn limit_plane(
+    gaussians: &mut Gaussians<Vec<f32>>,
+    moments: &mut Moments<Vec<f32>>,
+    plane: usize,
+    ceiling: f32,
+) {
+    for index in 0..gaussians.count {
+        let place = gaussians.index_of(index, plane);
+        gaussians.values[place] = gaussians.values[place].min(ceiling);
+        moments.mean[place] = 0.0;
+        moments.square[place] = 0.0;
+    }
+}

@@ -1,0 +1,266 @@
+//! The executor: core's contract, stage by stage.
+
+use crate::{
+    bin::{Tiles, bin_all},
+    blend::{Frame, FrameGrad, SplatGrads, blend_all, blend_all_vjp},
+    densify,
+    loss::{Target, loss_all},
+    optimise::{adam_all, adam_blocks},
+    prefilter::{Light, LightGrad, Operator},
+    project::{Splats, project_all},
+    shade::{Colors, Scene, gaussians_vjp, shade_all},
+};
+use fearless_simd::Level;
+use specula_core::{
+    camera::Camera,
+    densify::DensifyRules,
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
+    loss::{LossReport, LossWeights},
+    prefilter::PrefilterScheme,
+    scene::{Environment, Gaussians, RadianceActivation},
+};
+use std::sync::Arc;
+
+/// Why a stage could not run.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum CpuError {
+    /// A picture's bytes do not fit its size.
+    #[error("a picture of {width} × {height} pixels needs {expected} bytes of RGBA, but has {found}")]
+    TargetSize {
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Bytes that it should have.
+        expected: usize,
+        /// Bytes that it has.
+        found: usize,
+    },
+    /// A light's resolution cannot be filtered.
+    #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
+    LightResolution {
+        /// Texels along an edge of a face.
+        resolution: usize,
+        /// The smallest that can be.
+        least: usize,
+    },
+    /// A picture was compared with one of another size.
+    #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
+    FrameSize {
+        /// Width and height of the target.
+        expected: [usize; 2],
+        /// Width and height of the frame.
+        found: [usize; 2],
+    },
+}
+
+/// Runs the stages on the threads of rayon's current pool.
+#[derive(Debug)]
+pub struct CpuExecutor {
+    level: Level,
+    /// The prefilter's operator of the last scheme and resolution.
+    operator: Option<((PrefilterScheme, usize), Arc<Operator>)>,
+}
+
+impl Default for CpuExecutor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CpuExecutor {
+    /// An executor with the widest vectors that this machine has.
+    pub fn new() -> Self {
+        Self { level: Level::new(), operator: None }
+    }
+
+    fn operator(&mut self, scheme: PrefilterScheme, resolution: usize) -> Result<Arc<Operator>, CpuError> {
+        let least = match scheme {
+            PrefilterScheme::Exact => 16,
+            PrefilterScheme::Official => 64,
+        };
+        if resolution < least || !resolution.is_power_of_two() {
+            return Err(CpuError::LightResolution { resolution, least });
+        }
+        match &self.operator {
+            Some((key, operator)) if *key == (scheme, resolution) => Ok(operator.clone()),
+            _ => {
+                let operator = Arc::new(Operator::new(scheme, resolution));
+                self.operator = Some(((scheme, resolution), operator.clone()));
+                Ok(operator)
+            }
+        }
+    }
+}
+
+impl Executor for CpuExecutor {
+    type Array = Vec<f32>;
+    type Light = Light;
+    type LightGrad = LightGrad;
+    type Splats = Splats;
+    type Colors = Colors;
+    type Tiles = Tiles;
+    type Frame = Frame;
+    type FrameGrad = FrameGrad;
+    type SplatGrads = SplatGrads;
+    type Target = Target;
+    type Error = CpuError;
+
+    fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
+        Ok(values.to_vec())
+    }
+
+    fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
+        values.copy_from_slice(array);
+        Ok(())
+    }
+
+    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, CpuError> {
+        let expected = width * height * 4;
+        if rgba.len() != expected {
+            return Err(CpuError::TargetSize { width, height, expected, found: rgba.len() });
+        }
+        Ok(Target::new(width, height, rgba))
+    }
+
+    fn prefilter(&mut self, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Result<Light, CpuError> {
+        let operator = self.operator(scheme, environment.resolution)?;
+        Ok(Light::new(operator, environment))
+    }
+
+    fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
+        Ok(project_all(self.level, gaussians, camera))
+    }
+
+    fn shade(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        camera: &Camera,
+        splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+    ) -> Result<Colors, CpuError> {
+        let scene = Scene { layout: gaussians.layout, light, rules };
+        Ok(shade_all(self.level, gaussians, camera, splats, scene))
+    }
+
+    fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
+        Ok(bin_all(splats, camera))
+    }
+
+    fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
+        Ok(blend_all(self.level, splats, colors, tiles, camera))
+    }
+
+    fn loss(
+        &mut self,
+        frame: &Frame,
+        target: &Target,
+        camera: &Camera,
+        weights: &LossWeights,
+        background: [f32; 3],
+    ) -> Result<(LossReport, FrameGrad), CpuError> {
+        let (expected, found) = ([target.width, target.height], [frame.image.width, frame.image.height]);
+        if expected != found {
+            return Err(CpuError::FrameSize { expected, found });
+        }
+        Ok(loss_all(self.level, frame, target, camera, weights, background))
+    }
+
+    fn blend_vjp(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        frame: &Frame,
+        grad: &FrameGrad,
+        _camera: &Camera,
+    ) -> Result<SplatGrads, CpuError> {
+        Ok(blend_all_vjp(self.level, splats, colors, tiles, frame, grad))
+    }
+
+    fn gaussians_vjp(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        camera: &Camera,
+        splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+        weights: &LossWeights,
+        grads: &SplatGrads,
+    ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>), CpuError> {
+        let scene = Scene { layout: gaussians.layout, light, rules };
+        Ok(gaussians_vjp(self.level, gaussians, camera, splats, scene, weights, grads))
+    }
+
+    fn prefilter_vjp(
+        &mut self,
+        environment: &Environment<Vec<f32>>,
+        light: &Light,
+        grad: &LightGrad,
+    ) -> Result<Vec<f32>, CpuError> {
+        Ok(light.vjp(environment.activation, grad))
+    }
+
+    fn optimise(
+        &mut self,
+        gaussians: &mut Gaussians<Vec<f32>>,
+        moments: &mut Moments<Vec<f32>>,
+        grad: &Gaussians<Vec<f32>>,
+        rates: &[f32],
+        step: u32,
+    ) -> Result<usize, CpuError> {
+        let Moments { mean, square } = moments;
+        Ok(adam_blocks(self.level, &mut gaussians.values, mean, square, &grad.values, rates, step))
+    }
+
+    fn optimise_environment(
+        &mut self,
+        environment: &mut Environment<Vec<f32>>,
+        moments: &mut Moments<Vec<f32>>,
+        grad: &Vec<f32>,
+        rate: f32,
+        step: u32,
+    ) -> Result<usize, CpuError> {
+        let Moments { mean, square } = moments;
+        let nonfinite = adam_all(self.level, &mut environment.values, mean, square, grad, rate, step);
+        if environment.activation == RadianceActivation::Identity {
+            environment.values.iter_mut().for_each(|radiance| *radiance = radiance.max(0.0));
+        }
+        Ok(nonfinite)
+    }
+
+    fn observe(
+        &mut self,
+        statistics: &mut Statistics<Vec<f32>>,
+        splats: &Splats,
+        grads: &SplatGrads,
+        camera: &Camera,
+    ) -> Result<(), CpuError> {
+        densify::observe(statistics, splats, grads, camera);
+        Ok(())
+    }
+
+    fn densify(
+        &mut self,
+        gaussians: &mut Gaussians<Vec<f32>>,
+        moments: &mut Moments<Vec<f32>>,
+        statistics: &mut Statistics<Vec<f32>>,
+        rules: &DensifyRules,
+        count_max: usize,
+        key: RandomKey,
+    ) -> Result<DensifyReport, CpuError> {
+        Ok(densify::densify(gaussians, moments, statistics, rules, count_max, key))
+    }
+
+    fn limit_plane(
+        &mut self,
+        gaussians: &mut Gaussians<Vec<f32>>,
+        moments: &mut Moments<Vec<f32>>,
+        plane: usize,
+        ceiling: f32,
+    ) -> Result<(), CpuError> {
+        densify::limit_plane(gaussians, moments, plane, ceiling);
+        Ok(())
+    }
+}

@@ -1,0 +1,19 @@
+//! specula's stages on rayon, with SIMD lanes: how the core's formulas are scheduled on a CPU.
+//!
+//! Files are named for stages, as in the core. Gaussians go through [`project`] and [`shade`] sixteen at a time, tiles
+//! through [`mod@bin`] and [`blend`] a row of sixteen pixels at a time. Nothing depends on the number of threads: work
+//! is divided into parts of fixed size, and sums run over the parts in order.
+
+pub mod bin;
+pub mod blend;
+mod densify;
+mod executor;
+pub mod lanes;
+mod light;
+pub mod loss;
+mod optimise;
+pub mod prefilter;
+pub mod project;
+pub mod shade;
+
+pub use executor::{CpuError, CpuExecutor};

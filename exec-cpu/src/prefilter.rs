@@ -1,0 +1,513 @@
+//! Light into roughness levels: a sparse linear operator, built once for a resolution and applied at every step.
+
+use rayon::prelude::*;
+use specula_core::{
+    cubemap::{FACE_COUNT, apron_sources, padded_index, padded_len, texel_direction, texel_index, texel_solid_angle},
+    double::Double,
+    prefilter::{
+        IRRADIANCE_RESOLUTION, Level, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
+        official_cut_cosine, official_irradiance_weight, official_lobe_weight,
+    },
+    scene::{Environment, RadianceActivation},
+    vector::{Vec3, vec3},
+};
+use std::sync::Arc;
+
+/// Red, green, blue and nothing: a texel as wide as a small vector.
+pub type Texel = [f32; 4];
+
+/// Coarsest resolution of the light's pyramid.
+const COARSEST: usize = 4;
+/// Operators with more weights than this are computed anew at each use instead of being kept.
+const STORED_WEIGHTS_MAX: usize = 1 << 26;
+
+/// A light filtered into levels, each with its apron.
+#[derive(Clone, Debug)]
+pub struct Light {
+    operator: Arc<Operator>,
+    /// All levels, one after the other; then the irradiance map, if there is one.
+    pub(crate) texels: Vec<Texel>,
+    /// Radiance of the base, kept for the gradient of its activation.
+    base: Vec<Texel>,
+}
+
+/// Gradient of a [`Light`], texel by texel.
+#[derive(Clone, Debug)]
+pub struct LightGrad {
+    pub(crate) texels: Vec<Texel>,
+}
+
+impl Light {
+    /// The levels.
+    pub fn levels(&self) -> &[Level] {
+        self.operator.levels.as_slice()
+    }
+    /// Texels along an edge of a level; the irradiance map comes after the last level.
+    pub(crate) fn resolution(&self, level: usize) -> usize {
+        self.operator.blocks[level].resolution
+    }
+    /// First texel of each level, and of the irradiance map behind them.
+    pub(crate) fn offsets(&self) -> &[usize] {
+        &self.operator.padded_offsets
+    }
+    /// Filters an environment. The operator fits its resolution.
+    pub(crate) fn new(operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
+        let base: Vec<Texel> =
+            environment.values.chunks_exact(3).map(|rgb| activate(environment.activation, rgb)).collect();
+        let pyramid = operator.pyramid(&base);
+        let filtered = operator.apply(&pyramid);
+        let texels = operator.pad(&filtered, &base);
+        Self { operator, texels, base }
+    }
+    /// Gradient with respect to the environment's numbers.
+    pub(crate) fn vjp(&self, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
+        let (filtered, mut base) = self.operator.pad_vjp(&grad.texels);
+        let pyramid = self.operator.apply_vjp(&filtered);
+        self.operator.pyramid_vjp(pyramid, &mut base);
+        base.iter().zip(&self.base).flat_map(|(grad, radiance)| activate_vjp(activation, grad, radiance)).collect()
+    }
+}
+
+fn activate(activation: RadianceActivation, rgb: &[f32]) -> Texel {
+    let of = |x: f32| match activation {
+        RadianceActivation::Identity => x,
+        RadianceActivation::Exponential => x.exp(),
+    };
+    [of(rgb[0]), of(rgb[1]), of(rgb[2]), 0.0]
+}
+
+fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) -> [f32; 3] {
+    core::array::from_fn(|c| match activation {
+        RadianceActivation::Identity => grad[c],
+        RadianceActivation::Exponential => grad[c] * radiance[c],
+    })
+}
+
+/// The map from a light's pyramid to its levels.
+#[derive(Debug)]
+pub(crate) struct Operator {
+    scheme: PrefilterScheme,
+    resolution: usize,
+    levels: Levels,
+    /// Resolution and first node of each pyramid level, finest first.
+    pyramid: Vec<(usize, usize)>,
+    /// Filtered levels, and the irradiance map: each a block of rows.
+    blocks: Vec<RowBlock>,
+    padded_offsets: Vec<usize>,
+    nodes: NodeTable,
+    stored: Option<Stored>,
+}
+
+/// Rows of one level of the result.
+#[derive(Clone, Copy, Debug)]
+struct RowBlock {
+    resolution: usize,
+    first_row: usize,
+    kind: RowKind,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum RowKind {
+    /// The base itself: no rows.
+    Base,
+    Exact { alpha_ggx: f64 },
+    Official { alpha_ggx: f64, cut_cosine: f64, source: usize },
+    OfficialIrradiance { source: usize },
+}
+
+/// Weights by row, and the same by column.
+#[derive(Debug)]
+struct Stored {
+    forward: Sparse,
+    transposed: Sparse,
+}
+
+/// A sparse matrix by rows.
+#[derive(Debug, Default)]
+struct Sparse {
+    starts: Vec<usize>,
+    columns: Vec<u32>,
+    weights: Vec<f32>,
+}
+
+/// Direction and solid angle of every node, down to twice the base's resolution.
+#[derive(Debug)]
+struct NodeTable {
+    levels: Vec<(usize, Vec<(Vec3<Double>, f64)>)>,
+}
+
+impl NodeTable {
+    fn new(finest: usize) -> Self {
+        let mut levels = Vec::new();
+        let mut resolution = finest;
+        while resolution >= COARSEST {
+            let texels = each_texel(resolution)
+                .map(|(face, column, row)| {
+                    let [x, y, z] = texel_direction(face, column, row, resolution).map(Double);
+                    (vec3(x, y, z), texel_solid_angle(column, row, resolution))
+                })
+                .collect();
+            levels.push((resolution, texels));
+            resolution /= 2;
+        }
+        Self { levels }
+    }
+    fn get(&self, node: &Node) -> (Vec3<Double>, f64) {
+        let level = (self.levels[0].0 / node.resolution).ilog2() as usize;
+        self.levels[level].1[texel_index(node.face, node.column, node.row, node.resolution)]
+    }
+}
+
+fn each_texel(resolution: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    (0..FACE_COUNT)
+        .flat_map(move |face| (0..resolution).flat_map(move |row| (0..resolution).map(move |column| (face, column, row))))
+}
+
+fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
+    let area = resolution * resolution;
+    (index / area, index % resolution, index % area / resolution)
+}
+
+impl Operator {
+    pub(crate) fn new(scheme: PrefilterScheme, resolution: usize) -> Self {
+        let levels = Levels::new(scheme, resolution);
+        let mut pyramid = Vec::new();
+        let (mut size, mut offset) = (resolution, 0);
+        while size >= COARSEST.min(resolution) {
+            pyramid.push((size, offset));
+            offset += FACE_COUNT * size * size;
+            size /= 2;
+        }
+        let blocks = Self::row_blocks(scheme, &levels, &pyramid);
+        let mut padded_offsets = vec![0];
+        for block in &blocks {
+            padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
+        }
+        let nodes = NodeTable::new(2 * resolution);
+        let mut operator = Self { scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
+        operator.stored = operator.store();
+        operator
+    }
+
+    fn row_blocks(scheme: PrefilterScheme, levels: &Levels, pyramid: &[(usize, usize)]) -> Vec<RowBlock> {
+        let mut first_row = 0;
+        let mut blocks: Vec<RowBlock> = Vec::new();
+        let source = |resolution: usize| pyramid.iter().position(|(size, _)| *size == resolution).unwrap_or(0);
+        for level in levels.as_slice() {
+            let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
+            let kind = match scheme {
+                PrefilterScheme::Exact if level.roughness == 0.0 => RowKind::Base,
+                PrefilterScheme::Exact => RowKind::Exact { alpha_ggx },
+                PrefilterScheme::Official => RowKind::Official {
+                    alpha_ggx,
+                    cut_cosine: official_cut_cosine(alpha_ggx),
+                    source: source(level.resolution),
+                },
+            };
+            blocks.push(RowBlock { resolution: level.resolution, first_row, kind });
+            if !matches!(kind, RowKind::Base) {
+                first_row += FACE_COUNT * level.resolution * level.resolution;
+            }
+        }
+        if scheme == PrefilterScheme::Official {
+            let kind = RowKind::OfficialIrradiance { source: source(IRRADIANCE_RESOLUTION) };
+            blocks.push(RowBlock { resolution: IRRADIANCE_RESOLUTION, first_row, kind });
+        }
+        blocks
+    }
+
+    fn row_count(&self) -> usize {
+        let last = self.blocks[self.blocks.len() - 1];
+        last.first_row + FACE_COUNT * last.resolution * last.resolution
+    }
+    fn node_count(&self) -> usize {
+        let (size, offset) = self.pyramid[self.pyramid.len() - 1];
+        offset + FACE_COUNT * size * size
+    }
+    fn node_index(&self, node: &Node) -> usize {
+        let level = (self.resolution / node.resolution).ilog2() as usize;
+        self.pyramid[level].1 + texel_index(node.face, node.column, node.row, node.resolution)
+    }
+
+    /// Weights of one row, normalised, into `taps`.
+    fn row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
+        taps.clear();
+        let block = self.blocks.iter().rev().find(|b| b.first_row <= row && !matches!(b.kind, RowKind::Base));
+        let block = block.expect("every row belongs to a block");
+        let (face, column, row) = texel_of_index(row - block.first_row, block.resolution);
+        let [x, y, z] = texel_direction(face, column, row, block.resolution).map(Double);
+        let direction = vec3(x, y, z);
+        let mut normalised = true;
+        for root in self.roots() {
+            match block.kind {
+                RowKind::Base => {}
+                RowKind::Exact { alpha_ggx } => self.cut(root, direction, alpha_ggx, taps),
+                RowKind::Official { alpha_ggx, cut_cosine, source } => {
+                    let weigh = |node: &Node| official_lobe_weight(direction, node, alpha_ggx, cut_cosine);
+                    self.cone(root, direction, cut_cosine, self.pyramid[source].0, &weigh, taps);
+                }
+                RowKind::OfficialIrradiance { source } => {
+                    normalised = false;
+                    let weigh = |node: &Node| official_irradiance_weight(direction, node);
+                    self.cone(root, direction, 0.0, self.pyramid[source].0, &weigh, taps);
+                }
+            }
+        }
+        if normalised {
+            let sum: f64 = taps.iter().map(|(_, weight)| weight).sum();
+            taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
+        }
+    }
+
+    fn roots(&self) -> impl Iterator<Item = Node> + '_ {
+        let resolution = self.pyramid[self.pyramid.len() - 1].0;
+        each_texel(resolution).map(move |(face, column, row)| Node { face, column, row, resolution })
+    }
+
+    /// Our rows: nodes small enough for the lobe where they lie.
+    fn cut(&self, node: Node, direction: Vec3<Double>, alpha_ggx: f64, taps: &mut Vec<(u32, f64)>) {
+        let must_open = || must_open(self.nodes.get(&node).0, node.resolution, direction, alpha_ggx);
+        if node.resolution < self.resolution && must_open() {
+            return node.children().into_iter().for_each(|child| self.cut(child, direction, alpha_ggx, taps));
+        }
+        let weight = lobe_weight_of_quarters(&node.children().map(|c| self.nodes.get(&c)), direction, alpha_ggx);
+        if weight > 0.0 {
+            taps.push((self.node_index(&node) as u32, weight));
+        }
+    }
+
+    /// The official scheme's rows: every texel of one pyramid level inside a cone.
+    fn cone(
+        &self,
+        node: Node,
+        direction: Vec3<Double>,
+        cut_cosine: f64,
+        resolution: usize,
+        weigh: &dyn Fn(&Node) -> f64,
+        taps: &mut Vec<(u32, f64)>,
+    ) {
+        let angle = self.nodes.get(&node).0.dot(direction).0.clamp(-1.0, 1.0).acos();
+        let radius = 1.5 / node.resolution as f64; // half the diagonal of a texel is √2 / resolution at most
+        if angle - radius > cut_cosine.acos() {
+            return;
+        }
+        if node.resolution < resolution {
+            let open = |child| self.cone(child, direction, cut_cosine, resolution, weigh, taps);
+            return node.children().into_iter().for_each(open);
+        }
+        let weight = weigh(&node);
+        if weight > 0.0 {
+            taps.push((self.node_index(&node) as u32, weight));
+        }
+    }
+
+    fn store(&self) -> Option<Stored> {
+        const ROWS_AT_ONCE: usize = 512;
+        let rows: Vec<usize> = (0..self.row_count()).collect();
+        let sample: usize = rows.iter().step_by(97).take(512).map(|row| self.tap_count(*row)).sum();
+        if sample / rows.len().div_ceil(97).clamp(1, 512) * rows.len() > STORED_WEIGHTS_MAX {
+            return None;
+        }
+        let parts: Vec<Sparse> = rows.par_chunks(ROWS_AT_ONCE).map(|rows| self.sparse_rows(rows)).collect();
+        let forward = Sparse::join(&parts);
+        let transposed = forward.transpose(self.node_count());
+        Some(Stored { forward, transposed })
+    }
+
+    fn tap_count(&self, row: usize) -> usize {
+        let mut taps = Vec::new();
+        self.row(row, &mut taps);
+        taps.len()
+    }
+
+    fn sparse_rows(&self, rows: &[usize]) -> Sparse {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        let mut taps = Vec::new();
+        for row in rows {
+            self.row(*row, &mut taps);
+            sparse.columns.extend(taps.iter().map(|(column, _)| *column));
+            sparse.weights.extend(taps.iter().map(|(_, weight)| *weight as f32));
+            sparse.starts.push(sparse.columns.len());
+        }
+        sparse
+    }
+
+    /// Means over 2×2 texels, level upon level: weighted by solid angle, or plain in the official scheme.
+    fn pyramid(&self, base: &[Texel]) -> Vec<Texel> {
+        let mut nodes = base.to_vec();
+        nodes.resize(self.node_count(), [0.0; 4]);
+        for pair in self.pyramid.windows(2) {
+            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
+            self.each_parent(pair[1].0, |parent, children| {
+                for (child, weight) in children {
+                    add_scaled(&mut coarse[parent], weight, &fine[pair[0].1 + child]);
+                }
+            });
+        }
+        nodes
+    }
+
+    fn pyramid_vjp(&self, mut nodes: Vec<Texel>, base: &mut [Texel]) {
+        for pair in self.pyramid.windows(2).rev() {
+            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
+            self.each_parent(pair[1].0, |parent, children| {
+                for (child, weight) in children {
+                    add_scaled(&mut fine[pair[0].1 + child], weight, &coarse[parent]);
+                }
+            });
+        }
+        base.iter_mut().zip(&nodes).for_each(|(base, node)| add_scaled(base, 1.0, node));
+    }
+
+    /// Calls `visit` with every texel of a pyramid level and its four children and their weights.
+    fn each_parent(&self, resolution: usize, mut visit: impl FnMut(usize, [(usize, f32); 4])) {
+        for (face, column, row) in each_texel(resolution) {
+            let children = Node { face, column, row, resolution }.children();
+            let shares = match self.scheme {
+                PrefilterScheme::Exact => children.map(|c| self.nodes.get(&c).1),
+                PrefilterScheme::Official => [1.0; 4],
+            };
+            let sum: f64 = shares.iter().sum();
+            let weighted = core::array::from_fn(|k| {
+                let child = &children[k];
+                let index = texel_index(child.face, child.column, child.row, child.resolution);
+                (index, (shares[k] / sum) as f32)
+            });
+            visit(texel_index(face, column, row, resolution), weighted);
+        }
+    }
+
+    fn apply(&self, pyramid: &[Texel]) -> Vec<Texel> {
+        match &self.stored {
+            Some(stored) => stored.forward.apply(pyramid),
+            None => (0..self.row_count())
+                .into_par_iter()
+                .map_init(Vec::new, |taps, row| {
+                    self.row(row, taps);
+                    let mut sum = [0.0; 4];
+                    taps.iter().for_each(|(node, weight)| add_scaled(&mut sum, *weight as f32, &pyramid[*node as usize]));
+                    sum
+                })
+                .collect(),
+        }
+    }
+
+    fn apply_vjp(&self, filtered: &[Texel]) -> Vec<Texel> {
+        if let Some(stored) = &self.stored {
+            return stored.transposed.apply(filtered);
+        }
+        let mut nodes = vec![[0.0; 4]; self.node_count()];
+        let mut taps = Vec::new();
+        for (row, grad) in filtered.iter().enumerate() {
+            self.row(row, &mut taps);
+            taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
+        }
+        nodes
+    }
+
+    /// Levels with their aprons. A level that is the base takes its texels from there.
+    fn pad(&self, filtered: &[Texel], base: &[Texel]) -> Vec<Texel> {
+        let total = self.padded_offsets[self.blocks.len()];
+        let mut padded = vec![[0.0; 4]; total];
+        for (block, offset) in self.blocks.iter().zip(&self.padded_offsets) {
+            let source = self.source_of(block, filtered, base);
+            each_padded(block.resolution, |index, texels, weight| {
+                texels.iter().for_each(|texel| add_scaled(&mut padded[offset + index], weight, &source[*texel]));
+            });
+        }
+        padded
+    }
+
+    fn source_of<'a>(&self, block: &RowBlock, filtered: &'a [Texel], base: &'a [Texel]) -> &'a [Texel] {
+        match block.kind {
+            RowKind::Base => base,
+            _ => &filtered[block.first_row..block.first_row + FACE_COUNT * block.resolution * block.resolution],
+        }
+    }
+
+    /// Gradients of the filtered rows and of the base.
+    fn pad_vjp(&self, padded: &[Texel]) -> (Vec<Texel>, Vec<Texel>) {
+        let mut filtered = vec![[0.0; 4]; self.row_count()];
+        let mut base = vec![[0.0; 4]; FACE_COUNT * self.resolution * self.resolution];
+        for (block, offset) in self.blocks.iter().zip(&self.padded_offsets) {
+            let (grads, first) = match block.kind {
+                RowKind::Base => (&mut base, 0),
+                _ => (&mut filtered, block.first_row),
+            };
+            each_padded(block.resolution, |index, texels, weight| {
+                texels.iter().for_each(|texel| add_scaled(&mut grads[first + texel], weight, &padded[offset + index]));
+            });
+        }
+        (filtered, base)
+    }
+}
+
+/// Calls `visit` with every texel of a padded map, the texels that it shows and the weight of each.
+fn each_padded(resolution: usize, mut visit: impl FnMut(usize, &[usize], f32)) {
+    let last = resolution as isize;
+    for face in 0..FACE_COUNT {
+        for row in -1..=last {
+            for column in -1..=last {
+                let index = padded_index(face, column, row, resolution);
+                if (0..last).contains(&column) && (0..last).contains(&row) {
+                    visit(index, &[texel_index(face, column as usize, row as usize, resolution)], 1.0);
+                } else {
+                    let apron = apron_sources(face, column, row, resolution);
+                    visit(index, &apron.texels[..apron.count], 1.0 / apron.count as f32);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add_scaled(sum: &mut Texel, factor: f32, texel: &Texel) {
+    for (sum, value) in sum.iter_mut().zip(texel) {
+        *sum += factor * value;
+    }
+}
+
+impl Sparse {
+    fn join(parts: &[Self]) -> Self {
+        let mut whole = Self { starts: vec![0], ..Self::default() };
+        for part in parts {
+            let offset = whole.columns.len();
+            whole.starts.extend(part.starts[1..].iter().map(|start| start + offset));
+            whole.columns.extend(&part.columns);
+            whole.weights.extend(&part.weights);
+        }
+        whole
+    }
+
+    fn transpose(&self, column_count: usize) -> Self {
+        let mut starts = vec![0; column_count + 1];
+        self.columns.iter().for_each(|column| starts[*column as usize + 1] += 1);
+        (0..column_count).for_each(|column| starts[column + 1] += starts[column]);
+        let mut next = starts.clone();
+        let (mut columns, mut weights) = (vec![0; self.columns.len()], vec![0.0; self.columns.len()]);
+        for row in 0..self.starts.len() - 1 {
+            for tap in self.starts[row]..self.starts[row + 1] {
+                let place = &mut next[self.columns[tap] as usize];
+                columns[*place] = row as u32;
+                weights[*place] = self.weights[tap];
+                *place += 1;
+            }
+        }
+        Self { starts, columns, weights }
+    }
+
+    fn apply(&self, source: &[Texel]) -> Vec<Texel> {
+        const ROWS_AT_ONCE: usize = 256;
+        let mut out = vec![[0.0; 4]; self.starts.len() - 1];
+        out.par_chunks_mut(ROWS_AT_ONCE).enumerate().for_each(|(chunk, out)| {
+            for (row, sum) in out.iter_mut().enumerate() {
+                let row = chunk * ROWS_AT_ONCE + row;
+                let taps = self.starts[row]..self.starts[row + 1];
+                for (column, weight) in self.columns[taps.clone()].iter().zip(&self.weights[taps]) {
+                    add_scaled(sum, *weight, &source[*column as usize]);
+                }
+            }
+        });
+        out
+    }
+}

@@ -1,0 +1,121 @@
+//! Gaussians to splats, sixteen at a time.
+
+use crate::lanes::{Lanes, store3};
+use fearless_simd::{Level, Simd, dispatch};
+use rayon::prelude::*;
+use specula_core::{
+    bin::{footprint, half_extent},
+    camera::{Camera, CameraOf},
+    project::{Shape, Splat, SplatGrad, project, project_vjp},
+    real::Real,
+    scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
+    vector::Vec3,
+};
+
+/// A Gaussian on the screen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SplatRecord {
+    /// Centre, in pixels.
+    pub mean2d: [f32; 2],
+    /// Root of the conic.
+    pub root_conic: [f32; 3],
+    /// Opacity.
+    pub opacity: f32,
+    /// Depth.
+    pub depth: f32,
+    /// How many standard deviations the splat reaches; negative if it is not drawn.
+    pub reach: f32,
+    /// Half width and half height, in pixels.
+    pub half_extent: [f32; 2],
+}
+
+/// All Gaussians on the screen, in their order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Splats {
+    pub(crate) records: Vec<SplatRecord>,
+}
+
+impl Splats {
+    /// One record for each Gaussian.
+    pub fn records(&self) -> &[SplatRecord] {
+        &self.records
+    }
+    /// Whether any Gaussian of a block is drawn.
+    pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
+        let end = ((block + 1) * BLOCK).min(self.records.len());
+        self.records[block * BLOCK..end].iter().any(|record| record.reach > 0.0)
+    }
+}
+
+/// Blocks that one task takes.
+pub(crate) const BLOCKS_AT_ONCE: usize = 16;
+
+pub(crate) fn project_all(level: Level, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Splats {
+    let mut records = vec![SplatRecord::default(); gaussians.count];
+    let chunk_len = BLOCKS_AT_ONCE * gaussians.block_len();
+    let chunks = gaussians.values.par_chunks(chunk_len).zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK));
+    chunks.for_each(|(blocks, records)| {
+        dispatch!(level, simd => project_blocks(simd, blocks, gaussians.block_len(), camera, records));
+    });
+    Splats { records }
+}
+
+#[inline(always)]
+fn project_blocks<S: Simd>(simd: S, blocks: &[f32], block_len: usize, camera: &Camera, records: &mut [SplatRecord]) {
+    let camera = camera.lift(Lanes::splat(simd, 0.0));
+    for (block, records) in blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK)) {
+        let splat = project(&load_shape(simd, block), &camera);
+        let reach = footprint(&splat).reach;
+        store_records(&splat, reach, half_extent(&splat, reach), records);
+    }
+}
+
+#[inline(always)]
+fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes<S>; 2], records: &mut [SplatRecord]) {
+    let mean2d = splat.mean2d.map(Lanes::to_array);
+    let root_conic = splat.root_conic.map(Lanes::to_array);
+    let half = half.map(Lanes::to_array);
+    let (opacity, depth, reach) = (splat.opacity.to_array(), splat.depth.to_array(), reach.to_array());
+    for (lane, record) in records.iter_mut().enumerate() {
+        *record = SplatRecord {
+            mean2d: mean2d.map(|x| x[lane]),
+            root_conic: root_conic.map(|x| x[lane]),
+            opacity: opacity[lane],
+            depth: depth[lane],
+            reach: reach[lane],
+            half_extent: half.map(|x| x[lane]),
+        };
+    }
+}
+
+#[inline(always)]
+pub(crate) fn load_shape<S: Simd>(simd: S, block: &[f32]) -> Shape<Lanes<S>> {
+    let at = |plane: usize| Lanes::load(simd, &block[plane * BLOCK..]);
+    Shape {
+        mean: Lanes::load3(simd, block, MEAN),
+        log_scales: Lanes::load3(simd, block, LOG_SCALE),
+        quat: [0, 1, 2, 3].map(|k| at(QUAT + k)),
+        opacity_logit: at(OPACITY),
+    }
+}
+
+/// Adds the gradient of a block's shapes to the gradients that shading has already left there.
+#[inline(always)]
+pub(crate) fn project_block_vjp<S: Simd>(
+    shape: &Shape<Lanes<S>>,
+    camera: &CameraOf<Lanes<S>>,
+    grad: &SplatGrad<Lanes<S>>,
+    shading_mean: Vec3<Lanes<S>>,
+    shading_quat: [Lanes<S>; 4],
+    is_drawn: <Lanes<S> as Real>::Mask,
+    out: &mut [f32],
+) {
+    let grad = project_vjp(shape, camera, grad);
+    let keep = |x: Lanes<S>| x.keep(is_drawn);
+    store3((grad.mean + shading_mean).map(keep), out, MEAN);
+    store3(grad.log_scales.map(keep), out, LOG_SCALE);
+    for (k, shading) in shading_quat.into_iter().enumerate() {
+        keep(grad.quat[k] + shading).store(&mut out[(QUAT + k) * BLOCK..]);
+    }
+    keep(grad.opacity_logit).store(&mut out[OPACITY * BLOCK..]);
+}

@@ -1,0 +1,423 @@
+//! Splats to channels, and the gradients of Gaussians, sixteen at a time.
+
+use crate::{
+    blend::{GEOMETRY, SplatGrads},
+    lanes::{Lanes, store3},
+    light::{Lookup, look_up, look_up_vjp, split_sum, split_sum_vjp},
+    prefilter::{Light, LightGrad, Texel},
+    project::{BLOCKS_AT_ONCE, Splats, load_shape, project_block_vjp},
+};
+use fearless_simd::{Level, Simd, dispatch};
+use rayon::prelude::*;
+use specula_core::{
+    camera::{Camera, CameraOf},
+    executor::RenderRules,
+    loss::{LossWeights, sparse_vjp},
+    plan::{Channels, channel},
+    project::SplatGrad,
+    real::Real,
+    scene::{BLOCK, DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, ROUGHNESS, TINT},
+    sh,
+    shade::{
+        Material, ShadingForm, Surface, SurfaceGrad, Terms, shade, shade_vjp, surface, surface_vjp, view_dir, view_dir_vjp,
+    },
+    vector::Vec3,
+};
+
+/// The channels of each Gaussian, side by side.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Colors {
+    /// How many numbers a Gaussian has.
+    pub channels: usize,
+    /// The numbers.
+    pub values: Vec<f32>,
+}
+
+/// What shading needs beside the Gaussians.
+#[derive(Clone, Copy)]
+pub(crate) struct Scene<'a> {
+    pub(crate) layout: Layout,
+    pub(crate) light: Option<&'a Light>,
+    pub(crate) rules: &'a RenderRules,
+}
+
+impl Scene<'_> {
+    /// Harmonics that are in use.
+    fn sh_count(&self) -> usize {
+        match (self.rules.sh_degree, self.layout.sh_degree) {
+            (Some(wanted), Some(present)) => (usize::from(wanted.min(present)) + 1).pow(2),
+            _ => 0,
+        }
+    }
+}
+
+pub(crate) fn shade_all(
+    level: Level,
+    gaussians: &Gaussians<Vec<f32>>,
+    camera: &Camera,
+    splats: &Splats,
+    scene: Scene<'_>,
+) -> Colors {
+    let channels = scene.rules.channels.count();
+    let mut values = vec![0.0; gaussians.count * channels];
+    let block_len = gaussians.block_len();
+    let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
+    chunks.zip(values.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK * channels)).enumerate().for_each(|(chunk, (blocks, out))| {
+        dispatch!(level, simd => {
+            let camera = camera.lift(Lanes::splat(simd, 0.0));
+            for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_mut(BLOCK * channels)).enumerate() {
+                if splats.block_is_drawn(chunk * BLOCKS_AT_ONCE + index) {
+                    shade_block(simd, block, &camera, scene, out);
+                }
+            }
+        });
+    });
+    Colors { channels, values }
+}
+
+/// The channels of a block, as lanes.
+type BlockChannels<S> = [Lanes<S>; 24];
+
+#[inline(always)]
+fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>, out: &mut [f32]) {
+    let shape = load_shape(simd, block);
+    let mut channels = [Lanes::splat(simd, 0.0); 24];
+    channels[channel::DEPTH] = camera.to_camera(shape.mean).z;
+    if scene.layout.is_shaded() {
+        let shaded = Shaded::new(simd, block, camera, scene);
+        let color = shade(scene.rules.shading.form, &shaded.terms);
+        put(&mut channels, channel::COLOR, color);
+        put(&mut channels, channel::NORMAL, shaded.surface.facing.normal);
+        channels[channel::RESIDUAL_SIZE] = shaded.surface.facing.residual_squared;
+        if scene.rules.channels == Channels::Layers {
+            put_layers(&mut channels, &shaded, scene.rules.shading.form);
+        }
+    } else {
+        let seen = Harmonics::new(simd, block, camera, scene);
+        put(&mut channels, channel::COLOR, sh::radiance(seen.sum));
+        let axis = plain_normal(simd, block, camera);
+        put(&mut channels, channel::NORMAL, axis);
+    }
+    let count = out.len().min(BLOCK * scene.rules.channels.count()) / scene.rules.channels.count();
+    interleave(&channels, scene.rules.channels.count(), count, out);
+}
+
+fn interleave<S: Simd>(channels: &BlockChannels<S>, width: usize, count: usize, out: &mut [f32]) {
+    for (c, lanes) in channels.iter().enumerate().take(width) {
+        let lanes = lanes.to_array();
+        for (gaussian, value) in lanes.iter().enumerate().take(count) {
+            out[gaussian * width + c] = *value;
+        }
+    }
+}
+
+#[inline(always)]
+fn put<S: Simd>(channels: &mut BlockChannels<S>, first: usize, v: Vec3<Lanes<S>>) {
+    channels[first..first + 3].copy_from_slice(&v.to_array());
+}
+
+#[inline(always)]
+fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form: ShadingForm) {
+    let terms = &shaded.terms;
+    let specular = match form {
+        ShadingForm::Paper => terms.tint.times(terms.specular_light),
+        ShadingForm::Official => {
+            shade(form, &Terms { diffuse: terms.diffuse * terms.diffuse.x.zero(), residual: terms.residual * terms.diffuse.x.zero(), ..*terms })
+        }
+    };
+    put(channels, channel::DIFFUSE, terms.diffuse);
+    put(channels, channel::SPECULAR, specular);
+    put(channels, channel::RESIDUAL, terms.residual);
+    channels[channel::ROUGHNESS] = shaded.surface.roughness;
+    put(channels, channel::TINT, terms.tint);
+    put(channels, channel::LIGHT, terms.specular_light);
+}
+
+/// The shortest axis of a plain Gaussian, turned to the viewer: what its normal layer shows.
+#[inline(always)]
+fn plain_normal<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>) -> Vec3<Lanes<S>> {
+    use specula_core::{covariance::rotation, normal::{AxisRule, axis, facing}};
+    let shape = load_shape(simd, block);
+    let axis = axis(AxisRule::Shortest, &rotation(shape.quat), shape.log_scales);
+    let none = Vec3::zero(shape.opacity_logit);
+    facing(axis, view_dir(shape.mean, camera.position), [none; 2], true).normal
+}
+
+/// Spherical harmonics of a block towards the camera, and what their gradient needs.
+struct Harmonics<S: Simd> {
+    count: usize,
+    ray_dir: Vec3<Lanes<S>>,
+    basis: [Lanes<S>; sh::MAX_COUNT],
+    sum: Vec3<Lanes<S>>,
+}
+
+impl<S: Simd> Harmonics<S> {
+    #[inline(always)]
+    fn new(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
+        let shape = load_shape(simd, block);
+        let ray_dir = -view_dir(shape.mean, camera.position);
+        let count = scene.sh_count();
+        let basis = sh::basis(ray_dir, count);
+        let mut sum = Vec3::zero(shape.opacity_logit);
+        for k in 0..count {
+            sum = sum.add_scaled(basis[k], Lanes::load3(simd, block, scene.layout.sh_start() + 3 * k));
+        }
+        Self { count, ray_dir, basis, sum }
+    }
+
+    /// Writes the coefficients' gradients and returns the gradient of the direction to the eye.
+    #[inline(always)]
+    fn vjp(&self, simd: S, block: &[f32], first_plane: usize, grad: Vec3<Lanes<S>>, out: &mut [f32]) -> Vec3<Lanes<S>> {
+        let mut grad_basis = [Lanes::splat(simd, 0.0); sh::MAX_COUNT];
+        for k in 0..self.count {
+            let plane = first_plane + 3 * k;
+            store3(grad * self.basis[k], out, plane);
+            grad_basis[k] = grad.dot(Lanes::load3(simd, block, plane));
+        }
+        -sh::basis_vjp(self.ray_dir, self.count, &grad_basis)
+    }
+}
+
+/// A block with its light.
+struct Shaded<S: Simd> {
+    material: Material<Lanes<S>>,
+    surface: Surface<Lanes<S>>,
+    harmonics: Harmonics<S>,
+    specular: Option<Lookup<S>>,
+    ambient: Option<Lookup<S>>,
+    terms: Terms<Lanes<S>>,
+}
+
+impl<S: Simd> Shaded<S> {
+    #[inline(always)]
+    fn new(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
+        let material = load_material(simd, block);
+        let surface = surface(&material, camera.position, scene.rules.shading);
+        let harmonics = Harmonics::new(simd, block, camera, scene);
+        let specular = scene.light.map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
+        let is_official = scene.rules.shading.form == ShadingForm::Official;
+        let ambient = scene.light.filter(|_| is_official).map(|light| {
+            let beyond_last = Lanes::splat(simd, 2.0);
+            look_up(simd, light, surface.facing.normal, beyond_last)
+        });
+        let none = Vec3::zero(surface.roughness);
+        let terms = Terms {
+            diffuse: surface.diffuse,
+            tint: surface.tint,
+            specular_light: specular.as_ref().map_or(none, Lookup::radiance),
+            residual: harmonics.sum,
+            ambient_light: ambient.as_ref().map_or(none, Lookup::radiance),
+            split_sum: if is_official { split_sum(simd, surface.n_dot_v, surface.roughness) } else { [none.x; 2] },
+        };
+        Self { material, surface, harmonics, specular, ambient, terms }
+    }
+}
+
+#[inline(always)]
+fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
+    let shape = load_shape(simd, block);
+    let load3 = |plane: usize| Lanes::load3(simd, block, plane);
+    Material {
+        mean: shape.mean,
+        quat: shape.quat,
+        log_scales: shape.log_scales,
+        diffuse: load3(DIFFUSE),
+        tint: load3(TINT),
+        roughness: Lanes::load(simd, &block[ROUGHNESS * BLOCK..]),
+        normal_residuals: [load3(NORMAL_RESIDUAL_1), load3(NORMAL_RESIDUAL_2)],
+    }
+}
+
+/// Parts into which the Gaussians are divided while they add to the light's gradient: as many as keep the sum's order
+/// the same on any number of threads.
+const LIGHT_PARTS: usize = 8;
+
+pub(crate) fn gaussians_vjp(
+    level: Level,
+    gaussians: &Gaussians<Vec<f32>>,
+    camera: &Camera,
+    splats: &Splats,
+    scene: Scene<'_>,
+    weights: &LossWeights,
+    grads: &SplatGrads,
+) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
+    let block_len = gaussians.block_len();
+    let mut out = vec![0.0; gaussians.values.len()];
+    let block_count = gaussians.values.len() / block_len;
+    let part_blocks = block_count.div_ceil(LIGHT_PARTS).max(1);
+    let texel_count = scene.light.map_or(0, |light| light.texels.len());
+    let parts: Vec<Vec<Texel>> = gaussians
+        .values
+        .par_chunks(part_blocks * block_len)
+        .zip(out.par_chunks_mut(part_blocks * block_len))
+        .enumerate()
+        .map(|(part, (blocks, out))| {
+            let mut light_grad = vec![[0.0; 4]; texel_count];
+            dispatch!(level, simd => {
+                let lifted = camera.lift(Lanes::splat(simd, 0.0));
+                for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len)).enumerate() {
+                    let number = part * part_blocks + index;
+                    let grads = deinterleave(simd, grads, number, gaussians.count);
+                    if splats.block_is_drawn(number) {
+                        block_vjp(simd, block, &lifted, scene, &grads, out, &mut light_grad);
+                    }
+                    attribute_losses_vjp(simd, block, scene, weights, gaussians.count, out);
+                }
+            });
+            light_grad
+        })
+        .collect();
+    let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out };
+    (grad, scene.light.map(|_| LightGrad { texels: sum_parts(&parts) }))
+}
+
+fn sum_parts(parts: &[Vec<Texel>]) -> Vec<Texel> {
+    const TEXELS_AT_ONCE: usize = 4096;
+    let mut sum = parts[0].clone();
+    sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
+        for part in &parts[1..] {
+            let own = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
+            sum.iter_mut().zip(own).for_each(|(sum, texel)| {
+                sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
+            });
+        }
+    });
+    sum
+}
+
+/// Gradients of a block's splats as lanes; zero for what is not there or not drawn.
+struct BlockGrads<S: Simd> {
+    geometry: [Lanes<S>; GEOMETRY],
+    channels: BlockChannels<S>,
+    /// 1 where any gradient is not zero, else 0.
+    is_touched: Lanes<S>,
+}
+
+#[inline(always)]
+fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize) -> BlockGrads<S> {
+    let width = grads.width();
+    let mut numbers = [[0.0; BLOCK]; GEOMETRY + 24];
+    let mut touched = [0.0; BLOCK];
+    for lane in 0..BLOCK.min(count - block * BLOCK) {
+        let start = (block * BLOCK + lane) * width;
+        for (k, value) in grads.values[start..start + width].iter().enumerate() {
+            numbers[k][lane] = *value;
+            touched[lane] = if *value == 0.0 { touched[lane] } else { 1.0 };
+        }
+    }
+    BlockGrads {
+        geometry: core::array::from_fn(|k| Lanes::from_array(simd, numbers[k])),
+        channels: core::array::from_fn(|k| Lanes::from_array(simd, numbers[GEOMETRY + k])),
+        is_touched: Lanes::from_array(simd, touched),
+    }
+}
+
+#[inline(always)]
+fn take3<S: Simd>(channels: &BlockChannels<S>, first: usize) -> Vec3<Lanes<S>> {
+    Vec3 { x: channels[first], y: channels[first + 1], z: channels[first + 2] }
+}
+
+#[inline(always)]
+fn block_vjp<S: Simd>(
+    simd: S,
+    block: &[f32],
+    camera: &CameraOf<Lanes<S>>,
+    scene: Scene<'_>,
+    grads: &BlockGrads<S>,
+    out: &mut [f32],
+    light_grad: &mut [Texel],
+) {
+    if !grads.is_touched.any_positive() {
+        return;
+    }
+    let is_touched = grads.is_touched.zero().less(grads.is_touched);
+    let shape = load_shape(simd, block);
+    let grad_color = take3(&grads.channels, channel::COLOR);
+    let (grad_mean, grad_quat) = if scene.layout.is_shaded() {
+        shaded_vjp(simd, block, camera, scene, grads, is_touched, out, light_grad)
+    } else {
+        let seen = Harmonics::new(simd, block, camera, scene);
+        let grad_sum = sh::radiance_vjp(seen.sum, grad_color);
+        let grad_view = seen.vjp(simd, block, scene.layout.sh_start(), grad_sum, out);
+        (view_dir_vjp(shape.mean, camera.position, grad_view), [shape.opacity_logit.zero(); 4])
+    };
+    let g = grads.geometry;
+    let splat_grad = SplatGrad {
+        mean2d: [g[0], g[1]],
+        root_conic: [g[2], g[3], g[4]],
+        depth: grads.channels[channel::DEPTH],
+        opacity: g[5],
+    };
+    project_block_vjp(&shape, camera, &splat_grad, grad_mean, grad_quat, is_touched, out);
+}
+
+/// Writes the gradients of the shading attributes, and returns those of means and quats.
+#[inline(always)]
+fn shaded_vjp<S: Simd>(
+    simd: S,
+    block: &[f32],
+    camera: &CameraOf<Lanes<S>>,
+    scene: Scene<'_>,
+    grads: &BlockGrads<S>,
+    is_touched: <Lanes<S> as Real>::Mask,
+    out: &mut [f32],
+    light_grad: &mut [Texel],
+) -> (Vec3<Lanes<S>>, [Lanes<S>; 4]) {
+    let shaded = Shaded::new(simd, block, camera, scene);
+    let rules = scene.rules.shading;
+    let grad = shade_vjp(rules.form, &shaded.terms, take3(&grads.channels, channel::COLOR));
+    let grad = Terms { specular_light: grad.specular_light.map(|g| g.keep(is_touched)), ..grad };
+
+    let zero = shaded.surface.roughness.zero();
+    let mut grad_surface = SurfaceGrad {
+        normal: take3(&grads.channels, channel::NORMAL),
+        residual_squared: grads.channels[channel::RESIDUAL_SIZE],
+        reflection_dir: Vec3::splat(zero),
+        view_dir: shaded.harmonics.vjp(simd, block, scene.layout.sh_start(), grad.residual, out),
+        n_dot_v: zero,
+        diffuse: grad.diffuse,
+        tint: grad.tint,
+        roughness: zero,
+    };
+    if let (Some(lookup), Some(light)) = (&shaded.specular, scene.light) {
+        let (direction, roughness) = look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
+        grad_surface.reflection_dir = direction;
+        grad_surface.roughness = roughness;
+    }
+    if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
+        let ambient = grad.ambient_light.map(|g| g.keep(is_touched));
+        let (direction, _) = look_up_vjp(simd, light, lookup, zero + 2.0, ambient, light_grad);
+        grad_surface.normal = grad_surface.normal + direction;
+        let [n_dot_v, roughness] = split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);
+        grad_surface.n_dot_v = n_dot_v;
+        grad_surface.roughness = grad_surface.roughness + roughness;
+    }
+
+    let grad = surface_vjp(&shaded.material, camera.position, rules, &shaded.surface, &grad_surface);
+    let keep = |v: Vec3<Lanes<S>>| v.map(|x| x.keep(is_touched));
+    store3(keep(grad.diffuse), out, DIFFUSE);
+    store3(keep(grad.tint), out, TINT);
+    grad.roughness.keep(is_touched).store(&mut out[ROUGHNESS * BLOCK..]);
+    store3(keep(grad.normal_residuals[0]), out, NORMAL_RESIDUAL_1);
+    store3(keep(grad.normal_residuals[1]), out, NORMAL_RESIDUAL_2);
+    (grad.mean, grad.quat)
+}
+
+/// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal residuals.
+#[inline(always)]
+fn attribute_losses_vjp<S: Simd>(simd: S, block: &[f32], scene: Scene<'_>, weights: &LossWeights, count: usize, out: &mut [f32]) {
+    let share = 1.0 / count as f32;
+    let mut add = |plane: usize, grad: Lanes<S>| {
+        let slot = &mut out[plane * BLOCK..];
+        (Lanes::load(simd, slot) + grad).store(slot);
+    };
+    if weights.sparse != 0.0 {
+        let logit = Lanes::load(simd, &block[OPACITY * BLOCK..]);
+        add(OPACITY, sparse_vjp(logit, logit.constant(weights.sparse * share)));
+    }
+    if weights.residual != 0.0 && scene.layout.is_shaded() {
+        for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
+            add(plane, Lanes::load(simd, &block[plane * BLOCK..]) * (2.0 * weights.residual * share));
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Lists of cameras: `cameras.json` as Gaussian-splatting tools write it, and `transforms.json` to render along.
+
+use crate::{
+    error::{Error, Result},
+    json,
+    transforms::{Frame, Transforms},
+};
+use glam::{Mat3, Vec3};
+use serde::{Deserialize, Serialize};
+use specula_core::camera::Camera;
+use std::{fs, path::Path};
+
+/// A camera and its name.
+pub type NamedCamera = (String, Camera);
+
+/// One entry of `cameras.json`.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    id: usize,
+    img_name: String,
+    width: u32,
+    height: u32,
+    position: [f32; 3],
+    /// Rows of the rotation from camera to world.
+    rotation: [[f32; 3]; 3],
+    fy: f32,
+    fx: f32,
+    /// Only where it is not the centre: other tools take the centre for granted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cx: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cy: Option<f32>,
+}
+
+/// Reads either format, told apart by content: a list is `cameras.json`, an object is `transforms.json`.
+///
+/// `default_size` (width, height) is for transforms that neither state a size nor have their images beside them.
+pub fn read_cameras(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
+    let bytes = fs::read(path).map_err(Error::reading(path))?;
+    let first = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start().first();
+    if first == Some(&b'[') { read(path) } else { load_transforms(path, default_size) }
+}
+
+/// Reads the cameras of a `transforms.json`, whose images need not be there.
+///
+/// The size of a view is the one stated (`w`, `h`), or that of its image, or else `default_size`.
+pub fn load_transforms(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
+    let transforms = Transforms::read(path)?;
+    let named = |frame: &Frame| {
+        let [width, height] = size_of(&transforms, frame).unwrap_or(default_size);
+        Ok((frame.name(), transforms.camera(frame, width, height)?))
+    };
+    transforms.frames.iter().filter(|frame| !frame.is_macos_shadow()).map(named).collect()
+}
+
+fn size_of(transforms: &Transforms, frame: &Frame) -> Option<[u32; 2]> {
+    transforms.stated_size(frame).or_else(|| {
+        let image = transforms.image_of(frame).ok()?;
+        image::image_dimensions(image).ok().map(|(width, height)| [width, height])
+    })
+}
+
+/// Reads `cameras.json`.
+pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
+    let entries: Vec<Entry> = json::read(path)?;
+    if entries.is_empty() {
+        return Err(Error::NoFrames { path: path.to_owned() });
+    }
+    entries.into_iter().map(|entry| entry.check(path)).collect()
+}
+
+/// Writes `cameras.json`, numbered in order.
+pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
+    let entries: Vec<Entry> = cameras.iter().enumerate().map(|(id, camera)| Entry::new(id, camera)).collect();
+    json::write(path, &entries)
+}
+
+impl Entry {
+    fn new(id: usize, (name, camera): &NamedCamera) -> Self {
+        let off_centre = camera.principal_px != centre(camera.width, camera.height);
+        Self {
+            id,
+            img_name: name.clone(),
+            width: camera.width,
+            height: camera.height,
+            position: camera.position.to_array(),
+            // The rows of world-from-camera are the columns of camera-from-world.
+            rotation: camera.camera_from_world.to_cols_array_2d(),
+            fy: camera.focal_px[1],
+            fx: camera.focal_px[0],
+            cx: off_centre.then_some(camera.principal_px[0]),
+            cy: off_centre.then_some(camera.principal_px[1]),
+        }
+    }
+
+    fn check(self, path: &Path) -> Result<NamedCamera> {
+        if let Some(what) = self.fault() {
+            return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what: what.into() });
+        }
+        let [centre_x, centre_y] = centre(self.width, self.height);
+        let camera = Camera {
+            camera_from_world: Mat3::from_cols_array_2d(&self.rotation),
+            position: Vec3::from(self.position),
+            focal_px: [self.fx, self.fy],
+            principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
+            width: self.width,
+            height: self.height,
+        };
+        Ok((self.img_name, camera))
+    }
+
+    fn fault(&self) -> Option<&'static str> {
+        let rotation = Mat3::from_cols_array_2d(&self.rotation);
+        let excess = rotation * rotation.transpose() - Mat3::IDENTITY;
+        let is_rotation =
+            excess.to_cols_array().iter().all(|number| number.abs() <= 1e-3) && rotation.determinant() > 0.0;
+        if self.width == 0 || self.height == 0 {
+            Some("has no size; width and height must be at least 1")
+        } else if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
+            Some("has an impossible focal length; fx and fy must be above 0")
+        } else if !self.position.iter().all(|number| number.is_finite()) {
+            Some("has a position that is not finite")
+        } else if !is_rotation {
+            Some("has a rotation that stretches, skews or mirrors")
+        } else {
+            None
+        }
+    }
+}
+
+fn centre(width: u32, height: u32) -> [f32; 2] {
+    [0.5 * width as f32, 0.5 * height as f32]
+}

@@ -1,0 +1,311 @@
+//! Light as files: lat-long maps and cube maps of linear radiance, and the way from one to the other.
+
+use crate::{
+    cube::Cube,
+    error::{Error, Result},
+    pixels::{decode, with_pixels},
+    whole_file,
+};
+use core::f64::consts::PI;
+use glam::DVec3;
+use image::{DynamicImage, ExtendedColorType, ImageEncoder, Rgb, codecs};
+use rayon::prelude::*;
+use specula_core::cubemap;
+use std::{
+    fs::File,
+    io::{self, BufReader, Cursor, Read},
+    path::Path,
+};
+
+/// What an infinite radiance becomes: the largest half float, which most tools write for it.
+const LARGEST_HALF: f32 = 65504.0;
+/// The largest power of ten that RGBE has an exponent for.
+const LARGEST_RGBE: f32 = 1e38;
+/// Samples for each pixel of the finer map along a line, when maps are converted: on the way to a cube, a single bright
+/// pixel then keeps its energy within one per cent.
+const OVERSAMPLING: f64 = 4.0;
+/// More samples than this along a line of one texel would take minutes and change nothing.
+const SAMPLES_MAX: usize = 64;
+
+/// A lat-long (equirectangular) map of linear radiance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LatLong {
+    /// Pixels in a row: once around the horizon.
+    pub width: usize,
+    /// Rows: from straight up to straight down.
+    pub height: usize,
+    /// Red, green, blue of each pixel, rows from the top.
+    pub rgb: Vec<f32>,
+}
+
+/// How many numbers of a file were no radiance, and were replaced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cleaned {
+    /// NaN became 0.
+    pub nan: usize,
+    /// Infinity became 65504, or the file's largest number if that is larger.
+    pub infinite: usize,
+    /// Negative numbers became 0.
+    pub negative: usize,
+}
+
+impl Cleaned {
+    /// How many numbers were replaced.
+    pub fn total(self) -> usize {
+        self.nan + self.infinite + self.negative
+    }
+}
+
+/// Which axis of the world the upper edge of a lat-long map shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum UpAxis {
+    /// Blender's: the upper edge is +z, the centre +x, and y decreases to the right. Worlds of NeRF Synthetic are so.
+    #[default]
+    Z,
+    /// That of GaussianShader and nvdiffrec: the upper edge is +y, the centre −z, and x increases to the right.
+    Y,
+}
+
+impl UpAxis {
+    /// Where a direction of any length appears: (u, v) in [0, 1], from the upper left corner.
+    pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
+        let [x, y, z] = DVec3::from(direction).normalize().to_array();
+        let (turn, up) = match self {
+            Self::Z => (-y.atan2(x), z),
+            Self::Y => (x.atan2(-z), y),
+        };
+        [0.5 + turn / (2.0 * PI), up.clamp(-1.0, 1.0).acos() / PI]
+    }
+
+    /// The unit direction that appears at (u, v).
+    pub fn direction(self, [u, v]: [f64; 2]) -> [f64; 3] {
+        let (sin_turn, cos_turn) = ((u - 0.5) * 2.0 * PI).sin_cos();
+        let (sin_polar, cos_polar) = (v * PI).sin_cos();
+        match self {
+            Self::Z => [sin_polar * cos_turn, -sin_polar * sin_turn, cos_polar],
+            Self::Y => [sin_polar * sin_turn, cos_polar, -sin_polar * cos_turn],
+        }
+    }
+}
+
+impl LatLong {
+    /// A pixel; columns go around, rows beyond a pole continue on its other side.
+    fn pixel(&self, column: isize, row: isize) -> [f32; 3] {
+        let (width, height) = (self.width as isize, self.height as isize);
+        let (column, row) = match row {
+            _ if row < 0 => (column + width / 2, -1 - row),
+            _ if row >= height => (column + width / 2, 2 * height - 1 - row),
+            _ => (column, row),
+        };
+        let start = 3 * (row.clamp(0, height - 1) * width + column.rem_euclid(width)) as usize;
+        [self.rgb[start], self.rgb[start + 1], self.rgb[start + 2]]
+    }
+
+    /// Bilinear between pixel centres, which are at + ½.
+    fn sample(&self, [u, v]: [f64; 2]) -> [f32; 3] {
+        let (column, across) = floor_and_rest(u * self.width as f64 - 0.5);
+        let (row, down) = floor_and_rest(v * self.height as f64 - 0.5);
+        let upper = mix(self.pixel(column, row), self.pixel(column + 1, row), across);
+        let lower = mix(self.pixel(column, row + 1), self.pixel(column + 1, row + 1), across);
+        mix(upper, lower, down)
+    }
+}
+
+pub(crate) fn floor_and_rest(x: f64) -> (isize, f32) {
+    (x.floor() as isize, (x - x.floor()) as f32)
+}
+
+pub(crate) fn mix(a: [f32; 3], b: [f32; 3], share_of_b: f32) -> [f32; 3] {
+    core::array::from_fn(|k| a[k] * (1.0 - share_of_b) + b[k] * share_of_b)
+}
+
+/// Reads a map of any format: `.hdr` and `.exr` as they are, `.png`, `.jpg` and `.webp` decoded from sRGB.
+pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
+    let (width, height, mut rgb) = read_linear(path)?;
+    let cleaned = clean(&mut rgb);
+    Ok((LatLong { width, height, rgb }, cleaned))
+}
+
+/// Writes `.hdr` (RGBE, about 1 % a step) or `.exr` (lossless).
+pub fn write(path: &Path, map: &LatLong) -> Result<()> {
+    assert_eq!(map.rgb.len(), 3 * map.width * map.height, "a pixel has three numbers");
+    match ending(path).as_deref() {
+        Some("hdr") => write_hdr(path, map),
+        Some("exr") => write_exr(path, map.width, map.height, &map.rgb),
+        _ => Err(Error::Ending { path: path.to_owned(), expected: ".hdr or .exr" }),
+    }
+}
+
+/// Writes the six faces of a cube map, +X −X +Y −Y +Z −Z from the top, without loss, as OpenEXR.
+pub fn write_cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<()> {
+    assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
+    write_exr(path, resolution, 6 * resolution, values)
+}
+
+/// Reads six faces in a column: the values, bit for bit, and the resolution.
+pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
+    let (width, height, values) = read_linear(path)?;
+    if height != 6 * width {
+        return Err(Error::NotACube { path: path.to_owned(), width, height });
+    }
+    Ok((values, width))
+}
+
+/// Resamples to a cube map, six faces of resolution² texels. Each texel is the mean radiance over its solid angle, so
+/// that a small sun keeps its energy.
+pub fn to_cube(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32> {
+    // At a face's centre a texel spans 2/resolution radians, a pixel 2π/width.
+    let pixels_in_texel = map.width as f64 / (PI * resolution as f64);
+    cube_of(map, resolution, up, sample_count(pixels_in_texel))
+}
+
+/// Resamples to a cube map by one bilinear look-up at each texel's centre, as the authors' loader does.
+pub fn to_cube_bilinear(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32> {
+    cube_of(map, resolution, up, 1)
+}
+
+/// Resamples a cube map to a lat-long map. Each pixel is the mean radiance over its solid angle.
+pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize, up: UpAxis) -> LatLong {
+    let texels_in_pixel = PI * resolution as f64 / width as f64;
+    let samples = sample_count(texels_in_pixel);
+    let cube = Cube::new(values, resolution);
+    let mut rgb = vec![0.0; 3 * width * height];
+    rgb.par_chunks_mut(3 * width).enumerate().for_each(|(row, pixels)| {
+        for (column, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+            pixel.copy_from_slice(&mean_over(samples, |x, y| {
+                let v = (row as f64 + y) / height as f64;
+                let direction = up.direction([(column as f64 + x) / width as f64, v]);
+                (cube.sample(direction), (v * PI).sin())
+            }));
+        }
+    });
+    LatLong { width, height, rgb }
+}
+
+fn sample_count(pixels_in_texel: f64) -> usize {
+    ((OVERSAMPLING * pixels_in_texel).ceil() as usize).clamp(1, SAMPLES_MAX)
+}
+
+fn cube_of(map: &LatLong, resolution: usize, up: UpAxis, samples: usize) -> Vec<f32> {
+    let mut values = vec![0.0; 18 * resolution * resolution];
+    values.par_chunks_mut(3 * resolution).enumerate().for_each(|(line, row_of_texels)| {
+        let (face, row) = (line / resolution, line % resolution);
+        let on_face = |index: usize, part: f64| 2.0 * (index as f64 + part) / resolution as f64 - 1.0;
+        for (column, texel) in row_of_texels.chunks_exact_mut(3).enumerate() {
+            texel.copy_from_slice(&mean_over(samples, |x, y| {
+                let direction = cubemap::direction(face, on_face(column, x), on_face(row, y));
+                (map.sample(up.place(direction)), solid_angle_density(direction))
+            }));
+        }
+    });
+    values
+}
+
+/// Solid angle for each unit of area on a face at distance 1: |d|⁻³.
+fn solid_angle_density(direction: [f64; 3]) -> f64 {
+    DVec3::from(direction).length_squared().powf(-1.5)
+}
+
+/// Weighted mean of a colour over the centres of `samples`² squares, which together fill the unit square.
+fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f32; 3] {
+    let (mut sum, mut total) = ([0.0; 3], 0.0);
+    let centre = |i: usize| (i as f64 + 0.5) / samples as f64;
+    for (x, y) in (0..samples * samples).map(|i| (centre(i % samples), centre(i / samples))) {
+        let (color, weight) = sample(x, y);
+        sum = core::array::from_fn(|k| sum[k] + weight * f64::from(color[k]));
+        total += weight;
+    }
+    sum.map(|channel| (channel / total) as f32)
+}
+
+fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
+    let image = if is_radiance(path)? { decode_radiance(path)? } else { decode(path)? };
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
+    let mut rgb = floats(image);
+    if !is_linear {
+        rgb.iter_mut().for_each(|value| *value = linear_from_srgb(*value));
+    }
+    Ok((width, height, rgb))
+}
+
+/// Whether a file begins as Radiance's do: `#?RADIANCE`, or `#?RGBE` from other tools, which `image` would refuse.
+fn is_radiance(path: &Path) -> Result<bool> {
+    let mut start = Vec::new();
+    let file = File::open(path).map_err(Error::reading(path))?;
+    file.take(2).read_to_end(&mut start).map_err(Error::reading(path))?;
+    Ok(start == b"#?")
+}
+
+fn decode_radiance(path: &Path) -> Result<DynamicImage> {
+    let file = File::open(path).map_err(Error::reading(path))?;
+    let decoder = codecs::hdr::HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(Error::decoding(path))?;
+    with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
+}
+
+/// Red, green, blue as they stand in the file: `image` clamps to [0, 1] where it converts.
+fn floats(image: DynamicImage) -> Vec<f32> {
+    match image {
+        DynamicImage::ImageRgb32F(image) => image.into_raw(),
+        DynamicImage::ImageRgba32F(image) => {
+            image.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2]]).collect()
+        }
+        other => other.into_rgb32f().into_raw(),
+    }
+}
+
+/// IEC 61966-2-1.
+fn linear_from_srgb(srgb: f32) -> f32 {
+    if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Replaces what is no radiance, and counts it.
+fn clean(values: &mut [f32]) -> Cleaned {
+    let largest = values.iter().filter(|value| value.is_finite()).fold(LARGEST_HALF, |most, value| most.max(*value));
+    let mut cleaned = Cleaned::default();
+    for value in values {
+        let (count, replacement) = match *value {
+            number if number.is_nan() => (&mut cleaned.nan, 0.0),
+            number if number == f32::INFINITY => (&mut cleaned.infinite, largest),
+            number if number < 0.0 => (&mut cleaned.negative, 0.0),
+            _ => continue,
+        };
+        *count += 1;
+        *value = replacement;
+    }
+    cleaned
+}
+
+fn write_hdr(path: &Path, map: &LatLong) -> Result<()> {
+    let pixels: Vec<Rgb<f32>> =
+        map.rgb.chunks_exact(3).map(|rgb| Rgb(rounded_up_half([rgb[0], rgb[1], rgb[2]]))).collect();
+    whole_file::write(path, |out| {
+        codecs::hdr::HdrEncoder::new(out).encode(&pixels, map.width, map.height).map_err(io::Error::other)
+    })
+}
+
+/// Adds half a step of RGBE: the encoder cuts off, which would darken a map by a quarter per cent. NaN and negative
+/// values become 0, and infinity a number that has an exponent.
+fn rounded_up_half(rgb: [f32; 3]) -> [f32; 3] {
+    let rgb = rgb.map(|channel| if channel > 0.0 { channel.min(LARGEST_RGBE) } else { 0.0 });
+    let largest = rgb[0].max(rgb[1]).max(rgb[2]);
+    if largest < f32::MIN_POSITIVE {
+        return [0.0; 3];
+    }
+    let half_step = 2.0_f64.powi(f64::from(largest).log2().floor() as i32 - 8) as f32;
+    rgb.map(|channel| channel + half_step)
+}
+
+/// OpenEXR writes out of order and needs to seek, so it is made in memory first.
+fn write_exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<()> {
+    let mut bytes = Cursor::new(Vec::new());
+    let encoder = codecs::openexr::OpenExrEncoder::new(&mut bytes);
+    encoder
+        .write_image(bytemuck::cast_slice(rgb), width as u32, height as u32, ExtendedColorType::Rgb32F)
+        .map_err(|error| Error::Write { path: path.to_owned(), cause: io::Error::other(error) })?;
+    whole_file::write_bytes(path, bytes.get_ref())
+}
+
+pub(crate) fn ending(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}

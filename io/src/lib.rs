@@ -1,0 +1,28 @@
+//! Bytes to core's types and back: data sets, Gaussians and points as PLY, light, pictures, the folder of a model.
+//!
+//! Data is checked here, once; what comes out can be trusted. An [`Error`] is one sentence that names the file, the
+//! place in it and the remedy. Files are written beside their place and then renamed, so that a file is finished or
+//! untouched.
+//!
+//! * [`dataset`]: photographs with cameras ([`cameras`], [`pixels`])
+//! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
+//! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back
+//! * [`picture`]: PNGs, comparisons, animations
+//! * [`model_folder`]: the output of a training, as the field's tools expect it
+
+pub mod cameras;
+mod cube;
+pub mod dataset;
+mod error;
+pub mod gaussian_ply;
+mod json;
+pub mod latlong;
+pub mod model_folder;
+pub mod picture;
+pub mod pixels;
+pub mod points_ply;
+mod table;
+mod transforms;
+mod whole_file;
+
+pub use error::{Error, Result};

@@ -1,0 +1,266 @@
+//! The folder of a trained model, laid out as Gaussian-splatting tools expect it.
+//!
+//! ```text
+//! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians; written last: where it is, all of N is
+//!         light/iteration_N/environment.exr         the light, without loss: six faces in a column
+//!         brdf_mlp/iteration_N/brdf_mlp.hdr         the light as the authors' tools read it: lat-long, y up
+//!         cameras.json                              test views, then training views
+//!         input.ply                                 the points that training began with
+//!         cfg_args                                  settings, as Python prints them
+//!         specula.json                              settings, as specula reads them
+//!         results.json, per_view.json               quality on the test views
+//! ```
+
+use crate::{
+    cameras::{self, NamedCamera},
+    error::{Error, Result},
+    gaussian_ply, json,
+    latlong::{self, UpAxis},
+    points_ply::{self, PointCloud},
+    whole_file,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use specula_core::scene::{Environment, Gaussians, RadianceActivation};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+/// Size of `brdf_mlp.hdr`, as the authors write it.
+const HDR_SIZE: [usize; 2] = [1024, 512];
+/// Resolution of a face to which the authors' tools resample `brdf_mlp.hdr`.
+const HDR_RESOLUTION: usize = 512;
+
+/// Settings of a training, and what else is worth knowing of a model: `specula.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ModelInfo {
+    /// Version of the program that trained it.
+    pub version: String,
+    /// Name of the profile.
+    pub profile: String,
+    /// Name of the shading function.
+    pub shading: String,
+    /// Steps of training.
+    pub iterations: u32,
+    /// Whether it was trained on white; otherwise on black.
+    pub white_background: bool,
+    /// Whether the test views were held out.
+    pub eval: bool,
+    /// How many times smaller the images were made.
+    pub downscale: u32,
+    /// The data set.
+    pub source_path: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Everything else, kept as it is.
+    #[serde(flatten)]
+    pub rest: Map<String, Value>,
+}
+
+/// What is saved at an iteration.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot<'a> {
+    /// The Gaussians.
+    pub gaussians: &'a Gaussians<Vec<f32>>,
+    /// Comment lines for the header of their file.
+    pub comments: &'a [String],
+    /// The light; none for plain Gaussian splatting.
+    pub light: Option<&'a Environment<Vec<f32>>>,
+    /// Settings.
+    pub info: &'a ModelInfo,
+}
+
+/// A model as it was saved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// The Gaussians.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// Comment lines of their file.
+    pub comments: Vec<String>,
+    /// Radiance itself ([`RadianceActivation::Identity`]); none for plain Gaussian splatting.
+    pub light: Option<Environment<Vec<f32>>>,
+    /// Settings; none if another program trained it.
+    pub info: Option<ModelInfo>,
+    /// The iteration; none for a PLY file outside of a model's folder.
+    pub iteration: Option<u32>,
+}
+
+/// Writes what does not change during training: the cameras, the first points and `cfg_args`.
+pub fn save_inputs(
+    folder: &Path,
+    train: &[NamedCamera],
+    test: &[NamedCamera],
+    points: &PointCloud,
+    cfg_args: &[(&str, Value)],
+) -> Result<()> {
+    cameras::write(&folder.join("cameras.json"), &[test, train].concat())?;
+    points_ply::write(&folder.join("input.ply"), points)?;
+    whole_file::write_bytes(&folder.join("cfg_args"), namespace(cfg_args).as_bytes())
+}
+
+/// Writes a model at an iteration. Earlier iterations stay.
+pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
+    json::write(&folder.join("specula.json"), snapshot.info)?;
+    if let Some(light) = snapshot.light {
+        save_light(folder, iteration, light)?;
+    }
+    gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
+}
+
+fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {
+    let radiance = radiance_of(light);
+    latlong::write_cube_exr(&light_at(folder, iteration), &radiance, light.resolution)?;
+    let [width, height] = HDR_SIZE;
+    let map = latlong::from_cube(&radiance, light.resolution, width, height, UpAxis::Y);
+    latlong::write(&hdr_at(folder, iteration), &map)
+}
+
+fn radiance_of(light: &Environment<Vec<f32>>) -> Vec<f32> {
+    match light.activation {
+        RadianceActivation::Identity => light.values.clone(),
+        RadianceActivation::Exponential => light.values.iter().map(|value| value.exp()).collect(),
+    }
+}
+
+/// Quality on the test views: for each measure its mean, and its value for each view.
+pub type Quality = Vec<(String, f64, Vec<(String, f64)>)>;
+
+/// Writes `results.json` and `per_view.json`; what they say of other iterations stays.
+pub fn save_quality(folder: &Path, iteration: u32, quality: &Quality) -> Result<()> {
+    let means: Map<String, Value> =
+        quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
+    let per_view: Map<String, Value> =
+        quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))).collect();
+    put(&folder.join("results.json"), iteration, means)?;
+    put(&folder.join("per_view.json"), iteration, per_view)
+}
+
+fn object(views: &[(String, f64)]) -> Value {
+    Value::Object(views.iter().map(|(view, value)| (view.clone(), (*value).into())).collect())
+}
+
+fn put(path: &Path, iteration: u32, value: Map<String, Value>) -> Result<()> {
+    let mut all: Map<String, Value> = if path.is_file() { json::read(path)? } else { Map::new() };
+    all.insert(format!("ours_{iteration}"), value.into());
+    json::write(path, &all)
+}
+
+/// The last iteration whose Gaussians are there.
+pub fn latest_iteration(folder: &Path) -> Result<u32> {
+    let no_model = || Error::NoModel { path: folder.to_owned(), iteration: "N".into() };
+    let entries = match fs::read_dir(folder.join("point_cloud")) {
+        Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
+            return Err(Error::Read { path: folder.to_owned(), cause });
+        }
+        entries => entries.map_err(|_| no_model())?,
+    };
+    let iterations = entries.flatten().filter_map(|entry| iteration_of(&entry.path()));
+    iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max().ok_or_else(no_model)
+}
+
+/// Opens the last iteration of a model, or a PLY file, together with the light and settings around it.
+///
+/// A model of the authors' own tools, which has only `brdf_mlp.hdr`, gets its light from there.
+pub fn open(path: &Path) -> Result<Model> {
+    if path.is_dir() { open_iteration(path, latest_iteration(path)?) } else { open_ply(path) }
+}
+
+/// Opens a model as it was at an iteration.
+pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
+    let path = gaussians_at(folder, iteration);
+    if !path.is_file() {
+        return Err(Error::NoModel { path: folder.to_owned(), iteration: iteration.to_string() });
+    }
+    let file = gaussian_ply::read(&path)?;
+    Ok(Model {
+        gaussians: file.gaussians,
+        comments: file.comments,
+        light: read_light(folder, iteration)?,
+        info: read_info(folder)?,
+        iteration: Some(iteration),
+    })
+}
+
+fn open_ply(path: &Path) -> Result<Model> {
+    if let Some((folder, iteration)) = model_around(path) {
+        return open_iteration(&folder, iteration);
+    }
+    let file = gaussian_ply::read(path)?;
+    Ok(Model { gaussians: file.gaussians, comments: file.comments, light: None, info: None, iteration: None })
+}
+
+/// The model's folder and iteration, if a PLY file is at its place in one.
+fn model_around(path: &Path) -> Option<(PathBuf, u32)> {
+    let path = path.canonicalize().ok()?;
+    let iteration = iteration_of(path.parent()?)?;
+    let folder = path.ancestors().nth(3)?;
+    let is_in_place = gaussians_at(folder, iteration) == path;
+    is_in_place.then(|| (folder.to_owned(), iteration))
+}
+
+fn iteration_of(folder: &Path) -> Option<u32> {
+    folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse().ok()
+}
+
+fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
+    let path = folder.join("specula.json");
+    if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
+}
+
+fn read_light(folder: &Path, iteration: u32) -> Result<Option<Environment<Vec<f32>>>> {
+    let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
+    let (values, resolution) = if exact.is_file() {
+        latlong::read_cube_exr(&exact)?
+    } else if hdr.is_file() {
+        let (map, _) = latlong::read(&hdr)?;
+        (latlong::to_cube_bilinear(&map, HDR_RESOLUTION, UpAxis::Y), HDR_RESOLUTION)
+    } else {
+        return Ok(None);
+    };
+    Ok(Some(Environment { resolution, activation: RadianceActivation::Identity, values }))
+}
+
+/// Where the Gaussians of an iteration are.
+pub fn gaussians_at(folder: &Path, iteration: u32) -> PathBuf {
+    folder.join(format!("point_cloud/iteration_{iteration}/point_cloud.ply"))
+}
+
+/// Where the light of an iteration is, without loss.
+pub fn light_at(folder: &Path, iteration: u32) -> PathBuf {
+    folder.join(format!("light/iteration_{iteration}/environment.exr"))
+}
+
+/// Where the light of an iteration is for the authors' tools.
+pub fn hdr_at(folder: &Path, iteration: u32) -> PathBuf {
+    folder.join(format!("brdf_mlp/iteration_{iteration}/brdf_mlp.hdr"))
+}
+
+/// Settings as Python prints `argparse`'s result, which the field's scripts evaluate.
+fn namespace(settings: &[(&str, Value)]) -> String {
+    let words: Vec<String> = settings.iter().map(|(name, value)| format!("{name}={}", python(value))).collect();
+    format!("Namespace({})", words.join(", "))
+}
+
+/// A value in Python's notation.
+fn python(value: &Value) -> String {
+    match value {
+        Value::Null => "None".into(),
+        Value::Bool(true) => "True".into(),
+        Value::Bool(false) => "False".into(),
+        Value::Number(number) => number.to_string(),
+        Value::String(text) => python_string(text),
+        Value::Array(values) => format!("[{}]", values.iter().map(python).collect::<Vec<_>>().join(", ")),
+        Value::Object(map) => {
+            let pairs: Vec<String> =
+                map.iter().map(|(key, value)| format!("{}: {}", python_string(key), python(value))).collect();
+            format!("{{{}}}", pairs.join(", "))
+        }
+    }
+}
+
+fn python_string(text: &str) -> String {
+    let escaped = text.replace('\\', "\\\\").replace('\'', "\\'").replace('\n', "\\n").replace('\r', "\\r");
+    format!("'{escaped}'")
+}

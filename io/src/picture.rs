@@ -1,0 +1,262 @@
+//! Pictures for people: renderings, normals, depths and errors as 8-bit images, comparisons and animations.
+//!
+//! Planes are those of [`specula_core::scene::Image`]: one number of every pixel, rows from the top.
+
+use crate::{
+    error::{Error, Result},
+    latlong::{LatLong, ending},
+    whole_file,
+};
+use colorous::Gradient;
+use core::time::Duration;
+use font8x8::UnicodeFonts;
+use image::{DynamicImage, Frame, GrayImage, ImageFormat, Rgb, RgbaImage, codecs::gif, imageops};
+use std::{
+    io::{self, Cursor, Write},
+    path::Path,
+};
+
+pub use image::RgbImage;
+
+/// Where coverage is at most this, a pixel shows the background.
+const COVERED: f32 = 0.5;
+/// Colour of normal maps where there is no normal.
+const NO_NORMAL: [u8; 3] = [128; 3];
+/// Colour of depth maps where there is no depth.
+const NO_DEPTH: [u8; 3] = [0; 3];
+
+/// Space between images of a montage, in pixels.
+const GAP_PX: u32 = 4;
+/// Letters have 8 × 8 dots of this many pixels.
+const DOT_PX: u32 = 2;
+/// Height of a caption, in pixels: letters and some air.
+const CAPTION_PX: u32 = 8 * DOT_PX + 8;
+const PAPER: Rgb<u8> = Rgb([255; 3]);
+const INK: Rgb<u8> = Rgb([30; 3]);
+
+/// A number from 0 to 1 as a byte, rounded to nearest; NaN becomes 0.
+pub(crate) fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+/// Three planes of sRGB as an image.
+pub fn rgb(width: usize, height: usize, planes: &[f32]) -> RgbImage {
+    let size = checked_size(width, height, planes, 3);
+    image_of(width, height, |pixel| core::array::from_fn(|channel| byte(planes[channel * size + pixel])))
+}
+
+/// Normals as colours, 0.5 + 0.5 n; grey where coverage is at most one half.
+pub fn normals(width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> RgbImage {
+    let size = checked_size(width, height, planes, 3);
+    checked_size(width, height, alpha, 1);
+    let color = |pixel: usize| core::array::from_fn(|channel| byte(0.5 + 0.5 * planes[channel * size + pixel]));
+    image_of(width, height, |pixel| if alpha[pixel] > COVERED { color(pixel) } else { NO_NORMAL })
+}
+
+/// Depths in Google's turbo colours, near is red; from the nearest to the farthest where coverage is above one half.
+pub fn depth(width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> RgbImage {
+    checked_size(width, height, depths, 1);
+    checked_size(width, height, alpha, 1);
+    let is_shown = |pixel: usize| alpha[pixel] > COVERED && depths[pixel].is_finite();
+    let shown = || (0..depths.len()).filter(|pixel| is_shown(*pixel)).map(|pixel| depths[pixel]);
+    let (near, far) = (shown().fold(f32::INFINITY, f32::min), shown().fold(f32::NEG_INFINITY, f32::max));
+    let nearness = |depth: f32| (far - depth) / (far - near).max(f32::MIN_POSITIVE);
+    image_of(
+        width,
+        height,
+        |pixel| {
+            if is_shown(pixel) { gradient(colorous::TURBO, nearness(depths[pixel])) } else { NO_DEPTH }
+        },
+    )
+}
+
+/// Differences of two images of equal size as colours: black is none, pale yellow is `full_scale` (of 0 to 1) or more.
+pub fn error_map(ours: &RgbImage, truth: &RgbImage, full_scale: f32) -> RgbImage {
+    assert_eq!(ours.dimensions(), truth.dimensions(), "images of equal size are compared");
+    let difference = |(a, b): (&u8, &u8)| f32::from(a.abs_diff(*b)) / 255.0;
+    let pairs: Vec<f32> =
+        ours.pixels().zip(truth.pixels()).map(|(a, b)| a.0.iter().zip(&b.0).map(difference).sum()).collect();
+    image_of(ours.width() as usize, ours.height() as usize, |pixel| {
+        gradient(colorous::INFERNO, pairs[pixel] / 3.0 / full_scale)
+    })
+}
+
+/// A preview of light: sRGB of the radiance, cut off at 1.
+pub fn tone_map_latlong(map: &LatLong) -> RgbImage {
+    image_of(map.width, map.height, |pixel| core::array::from_fn(|k| byte(srgb_from_linear(map.rgb[3 * pixel + k]))))
+}
+
+/// Writes three planes of sRGB as PNG, with straight alpha if there is a fourth.
+pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha: Option<&[f32]>) -> Result<()> {
+    let opaque = rgb(width, height, planes);
+    let Some(alpha) = alpha else { return write(path, &opaque) };
+    checked_size(width, height, alpha, 1);
+    let rgba = opaque.pixels().zip(alpha).flat_map(|(Rgb([r, g, b]), a)| [*r, *g, *b, byte(*a)]).collect();
+    let image = RgbaImage::from_raw(width as u32, height as u32, rgba).expect("four bytes a pixel");
+    write_png(path, &image.into())
+}
+
+/// Writes a plane as a grey PNG.
+pub fn write_gray(path: &Path, width: usize, height: usize, plane: &[f32]) -> Result<()> {
+    checked_size(width, height, plane, 1);
+    let bytes = plane.iter().map(|value| byte(*value)).collect();
+    let image = GrayImage::from_raw(width as u32, height as u32, bytes).expect("a byte a pixel");
+    write_png(path, &image.into())
+}
+
+/// Writes [`normals`] as PNG.
+pub fn write_normals(path: &Path, width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> Result<()> {
+    write(path, &normals(width, height, planes, alpha))
+}
+
+/// Writes [`depth`] as PNG.
+pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> Result<()> {
+    write(path, &depth(width, height, depths, alpha))
+}
+
+/// Writes an image as PNG.
+pub fn write(path: &Path, image: &RgbImage) -> Result<()> {
+    write_png(path, &image.clone().into())
+}
+
+fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(path, error))?;
+    whole_file::write_bytes(path, bytes.get_ref())
+}
+
+fn unwritable(path: &Path, error: impl core::error::Error + Send + Sync + 'static) -> Error {
+    Error::Write { path: path.to_owned(), cause: io::Error::other(error) }
+}
+
+fn checked_size(width: usize, height: usize, planes: &[f32], count: usize) -> usize {
+    assert_eq!(planes.len(), count * width * height, "{count} planes of {width} by {height} pixels");
+    width * height
+}
+
+fn image_of(width: usize, height: usize, color: impl Fn(usize) -> [u8; 3]) -> RgbImage {
+    let bytes = (0..width * height).flat_map(color).collect();
+    RgbImage::from_raw(width as u32, height as u32, bytes).expect("three bytes a pixel")
+}
+
+fn gradient(gradient: Gradient, position: f32) -> [u8; 3] {
+    gradient.eval_continuous(f64::from(position.clamp(0.0, 1.0))).into_array()
+}
+
+/// IEC 61966-2-1.
+fn srgb_from_linear(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// An image of a montage and what is written above it.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// The image.
+    pub image: RgbImage,
+    /// The words; with none in a whole row, no room is left for them.
+    pub caption: String,
+}
+
+impl Panel {
+    /// An image with words above it.
+    pub fn new(image: RgbImage, caption: impl Into<String>) -> Self {
+        Self { image, caption: caption.into() }
+    }
+}
+
+/// Images beside each other, without words.
+pub fn side_by_side(images: &[RgbImage]) -> RgbImage {
+    montage(&[images.iter().map(|image| Panel::new(image.clone(), "")).collect()])
+}
+
+/// Rows of images, from the top, with captions.
+pub fn montage(rows: &[Vec<Panel>]) -> RgbImage {
+    let rows: Vec<RgbImage> = rows.iter().filter(|row| !row.is_empty()).map(|row| row_of(row)).collect();
+    let width = rows.iter().map(RgbImage::width).max().unwrap_or(1);
+    let height = rows.iter().map(|row| row.height() + GAP_PX).sum::<u32>().saturating_sub(GAP_PX).max(1);
+    let mut sheet = RgbImage::from_pixel(width, height, PAPER);
+    let mut top = 0;
+    for row in rows {
+        imageops::replace(&mut sheet, &row, 0, top.into());
+        top += row.height() + GAP_PX;
+    }
+    sheet
+}
+
+fn row_of(panels: &[Panel]) -> RgbImage {
+    let caption_height = if panels.iter().any(|panel| !panel.caption.is_empty()) { CAPTION_PX } else { 0 };
+    let width = panels.iter().map(|panel| panel.image.width() + GAP_PX).sum::<u32>() - GAP_PX;
+    let height = caption_height + panels.iter().map(|panel| panel.image.height()).max().unwrap_or(0);
+    let mut row = RgbImage::from_pixel(width, height, PAPER);
+    let mut left = 0;
+    for panel in panels {
+        imageops::replace(&mut row, &panel.image, left.into(), caption_height.into());
+        write_caption(&mut row, left, panel);
+        left += panel.image.width() + GAP_PX;
+    }
+    row
+}
+
+/// Writes the words, centred; what does not fit above the image is left out.
+fn write_caption(row: &mut RgbImage, left: u32, panel: &Panel) {
+    let fitting = (panel.image.width() / (8 * DOT_PX)) as usize;
+    let letters: Vec<char> = panel.caption.chars().take(fitting).collect();
+    let start = left + (panel.image.width() - letters.len() as u32 * 8 * DOT_PX) / 2;
+    for (index, letter) in (0..).zip(letters) {
+        draw_letter(row, start + index * 8 * DOT_PX, (CAPTION_PX - 8 * DOT_PX) / 2, letter);
+    }
+}
+
+fn draw_letter(row: &mut RgbImage, left: u32, top: u32, letter: char) {
+    let dots = font8x8::BASIC_FONTS.get(letter).or_else(|| font8x8::LATIN_FONTS.get(letter));
+    let dots = dots.or_else(|| font8x8::GREEK_FONTS.get(letter)).unwrap_or_default();
+    for (x, y) in (0..64).map(|i| (i % 8, i / 8)).filter(|(x, y)| dots[*y as usize] >> x & 1 == 1) {
+        for (dx, dy) in (0..DOT_PX * DOT_PX).map(|i| (i % DOT_PX, i / DOT_PX)) {
+            row.put_pixel(left + x * DOT_PX + dx, top + y * DOT_PX + dy, INK);
+        }
+    }
+}
+
+/// Writes frames of equal size, each shown for `frame_ms` milliseconds, over and over.
+///
+/// `.png` is an animated PNG in exact colours, which every browser plays; `.gif` has 256 colours a frame.
+pub fn write_animation(path: &Path, frames: &[RgbImage], frame_ms: u16) -> Result<()> {
+    assert!(!frames.is_empty(), "an animation has at least one frame");
+    assert!(frames.iter().all(|frame| frame.dimensions() == frames[0].dimensions()), "frames are of equal size");
+    let bytes = match ending(path).as_deref() {
+        Some("png" | "apng") => animated_png(frames, frame_ms).map_err(|error| unwritable(path, error))?,
+        Some("gif") => animated_gif(frames, frame_ms).map_err(|error| unwritable(path, error))?,
+        _ => return Err(Error::Ending { path: path.to_owned(), expected: ".png (exact colours) or .gif" }),
+    };
+    whole_file::write_bytes(path, &bytes)
+}
+
+fn animated_png(frames: &[RgbImage], frame_ms: u16) -> core::result::Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, frames[0].width(), frames[0].height());
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_animated(frames.len() as u32, 0)?;
+    encoder.set_frame_delay(frame_ms, 1000)?;
+    let mut writer = encoder.write_header()?;
+    for frame in frames {
+        writer.write_image_data(frame.as_raw())?;
+    }
+    writer.finish()?;
+    Ok(bytes)
+}
+
+fn animated_gif(frames: &[RgbImage], frame_ms: u16) -> image::ImageResult<Vec<u8>> {
+    /// From 1, best, to 30; what the encoder takes for a good compromise.
+    const SPEED: i32 = 10;
+    let mut bytes = Vec::new();
+    let mut encoder = gif::GifEncoder::new_with_speed(bytes.by_ref(), SPEED);
+    encoder.set_repeat(gif::Repeat::Infinite)?;
+    let delay = image::Delay::from_saturating_duration(Duration::from_millis(frame_ms.into()));
+    for frame in frames {
+        let rgba = DynamicImage::from(frame.clone()).into_rgba8();
+        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay))?;
+    }
+    drop(encoder);
+    Ok(bytes)
+}

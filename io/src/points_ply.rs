@@ -1,0 +1,56 @@
+//! Coloured points as PLY files: where training starts from.
+
+use crate::{error::Result, table::Table, whole_file};
+use std::{io::Write, path::Path};
+
+const LAYOUT: &str = "a point cloud with x, y, z and, for colours, red, green, blue";
+/// Colour of points that have none, as in 3D Gaussian splatting.
+const GRAY: [f32; 3] = [0.5; 3];
+
+/// Points with colours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointCloud {
+    /// Positions in world space.
+    pub positions: Vec<[f32; 3]>,
+    /// Colours from 0 to 1, sRGB as in photographs.
+    pub colors: Vec<[f32; 3]>,
+}
+
+/// Reads points by the names of their properties; colours of bytes are divided by 255, missing ones are grey.
+pub fn read(path: &Path) -> Result<PointCloud> {
+    let table = Table::open(path)?;
+    let count = table.count();
+    let mut names = ["x", "y", "z"].map(str::to_owned).to_vec();
+    let full_scale = table.full_scale("red");
+    if table.has("red") {
+        names.extend(["red", "green", "blue"].map(str::to_owned));
+    }
+
+    let columns = table.read(&names, LAYOUT)?;
+    let color = |row| if names.len() > 3 { columns.get(row, 3).map(|channel: f32| channel / full_scale) } else { GRAY };
+    Ok(PointCloud {
+        positions: (0..count).map(|row| columns.get(row, 0)).collect(),
+        colors: (0..count).map(color).collect(),
+    })
+}
+
+/// Writes points as 3D Gaussian splatting does: floats for positions and (zero) normals, bytes for colours.
+pub fn write(path: &Path, points: &PointCloud) -> Result<()> {
+    assert_eq!(points.positions.len(), points.colors.len(), "every point needs a colour");
+    whole_file::write(path, |out| {
+        write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}\n", points.positions.len())?;
+        for name in ["x", "y", "z", "nx", "ny", "nz"] {
+            writeln!(out, "property float {name}")?;
+        }
+        for name in ["red", "green", "blue"] {
+            writeln!(out, "property uchar {name}")?;
+        }
+        writeln!(out, "end_header")?;
+        for (position, color) in points.positions.iter().zip(&points.colors) {
+            let [x, y, z] = *position;
+            out.write_all(bytemuck::bytes_of(&[x, y, z, 0.0, 0.0, 0.0].map(|number: f32| number.to_le_bytes())))?;
+            out.write_all(&color.map(crate::picture::byte))?;
+        }
+        Ok(())
+    })
+}

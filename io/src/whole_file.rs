@@ -1,0 +1,104 @@
+//! Files that are finished or untouched: written beside their place, then renamed.
+
+use crate::error::{Error, Result};
+use std::{
+    fs,
+    io::{self, BufWriter, Write},
+    path::{Path, PathBuf},
+};
+use tempfile::{Builder, NamedTempFile};
+
+/// Bytes gathered before they go to the operating system.
+const BUFFER_SIZE: usize = 1 << 20;
+
+/// Writes a file with `fill`, making its folder where there is none; until all is written, nothing is seen of it.
+pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> Result<()> {
+    write_beside(path, fill).map_err(|cause| Error::Write { path: path.to_owned(), cause })
+}
+
+/// Writes a file that is at hand already.
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write(path, |out| out.write_all(bytes))
+}
+
+fn write_beside(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> io::Result<()> {
+    let folder = folder_of(path);
+    fs::create_dir_all(&folder)?;
+
+    let mut file = temporary(&folder)?;
+    let mut out = BufWriter::with_capacity(BUFFER_SIZE, file.as_file_mut());
+    fill(&mut out)?;
+    out.flush()?;
+    drop(out);
+
+    // Without this, a power failure can leave the new name with none of the bytes.
+    file.as_file().sync_data()?;
+    file.persist(path).map(drop).map_err(|error| error.error)
+}
+
+fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// A file without a name that lasts, with the permissions of any other new file.
+fn temporary(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = Builder::new();
+    builder.prefix(".unfinished-");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_are_made_on_the_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/c.txt");
+        write_bytes(&path, b"hello").unwrap();
+        assert_eq!(fs::read(path).unwrap(), b"hello");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write_bytes(&path, b"old").unwrap();
+
+        let full = write(&path, |out| {
+            out.write_all(b"half of the new")?;
+            Err(io::Error::from(io::ErrorKind::StorageFull))
+        });
+        let sentence = full.unwrap_err().to_string();
+
+        assert!(sentence.contains("a.txt") && sentence.contains("make room"), "{sentence}");
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file stayed behind");
+    }
+
+    #[test]
+    fn a_folder_that_is_a_file_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        write_bytes(&file, b"").unwrap();
+        let sentence = write_bytes(&file.join("a.txt"), b"").unwrap_err().to_string();
+        assert!(sentence.contains("file/a.txt") && sentence.contains("choose a folder"), "{sentence}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn new_files_have_the_usual_permissions() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, usual) = (folder.path().join("ours"), folder.path().join("usual"));
+        write_bytes(&ours, b"").unwrap();
+        fs::write(&usual, b"").unwrap();
+        let mode = |path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(ours), mode(usual));
+    }
+}

@@ -1,0 +1,193 @@
+//! The folder of a model: what is saved opens again, and what other programs saved opens as well.
+
+use glam::Vec3;
+use serde_json::{Value, json};
+use specula_core::{
+    camera::Camera,
+    scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
+};
+use specula_io::{
+    gaussian_ply,
+    latlong::{self, LatLong, UpAxis},
+    model_folder::{self, ModelInfo, Snapshot},
+    points_ply::PointCloud,
+};
+use std::{fs, path::Path};
+
+fn gaussians(first: f32) -> Gaussians<Vec<f32>> {
+    let layout = Layout::shaded(None);
+    let mut gaussians = Gaussians { count: 3, layout, values: vec![0.0; len_of_values(3, layout)] };
+    gaussians.set(0, 0, [first]);
+    gaussians
+}
+
+fn light(activation: RadianceActivation) -> Environment<Vec<f32>> {
+    let values = (0..18 * 16 * 16).map(|i| (i % 97) as f32 / 31.0).collect();
+    Environment { resolution: 16, activation, values }
+}
+
+fn info() -> ModelInfo {
+    let rest = json!({ "gaussian_count": 3, "note": "any" }).as_object().unwrap().clone();
+    ModelInfo {
+        version: "0.1.0".into(),
+        profile: "paper".into(),
+        iterations: 7,
+        seed: u64::MAX,
+        rest,
+        ..ModelInfo::default()
+    }
+}
+
+fn save(folder: &Path, iteration: u32, light: Option<&Environment<Vec<f32>>>) {
+    let (gaussians, info) = (gaussians(iteration as f32), info());
+    let snapshot = Snapshot { gaussians: &gaussians, comments: &["hello".to_owned()], light, info: &info };
+    model_folder::save(folder, iteration, &snapshot).unwrap();
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn what_is_saved_opens_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let light = light(RadianceActivation::Identity);
+    save(folder.path(), 7000, Some(&light));
+    let model = model_folder::open(folder.path()).unwrap();
+    assert_eq!(model.gaussians, gaussians(7000.0));
+    assert_eq!(model.comments, ["hello"]);
+    assert_eq!(model.light, Some(light));
+    assert_eq!(model.info, Some(info()));
+    assert_eq!(model.iteration, Some(7000));
+}
+
+#[test]
+fn the_last_finished_iteration_is_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    for iteration in [7000, 30000, 9000] {
+        save(folder.path(), iteration, None);
+    }
+    fs::create_dir_all(folder.path().join("point_cloud/iteration_40000")).unwrap();
+    fs::create_dir_all(folder.path().join("point_cloud/iteration_best")).unwrap();
+    assert_eq!(model_folder::latest_iteration(folder.path()).unwrap(), 30000);
+    assert_eq!(model_folder::open(folder.path()).unwrap().gaussians, gaussians(30000.0));
+    assert_eq!(model_folder::open_iteration(folder.path(), 9000).unwrap().gaussians, gaussians(9000.0));
+    assert_eq!(model_folder::open(folder.path()).unwrap().light, None);
+}
+
+#[test]
+fn a_light_of_logarithms_is_saved_as_radiance() {
+    let folder = tempfile::tempdir().unwrap();
+    let logarithms = light(RadianceActivation::Exponential);
+    save(folder.path(), 1, Some(&logarithms));
+    let opened = model_folder::open(folder.path()).unwrap().light.unwrap();
+    assert_eq!(opened.activation, RadianceActivation::Identity);
+    assert!(opened.values.iter().zip(&logarithms.values).all(|(radiance, logarithm)| *radiance == logarithm.exp()));
+}
+
+#[test]
+fn the_authors_tools_find_their_light() {
+    let folder = tempfile::tempdir().unwrap();
+    save(folder.path(), 30, Some(&light(RadianceActivation::Identity)));
+    let map = latlong::read(&folder.path().join("brdf_mlp/iteration_30/brdf_mlp.hdr")).unwrap().0;
+    assert_eq!((map.width, map.height), (1024, 512));
+}
+
+#[test]
+fn a_model_of_the_authors_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    gaussian_ply::write(&model_folder::gaussians_at(folder.path(), 30000), &gaussians(1.0), &[]).unwrap();
+    // Upper half bright: +y, which is face 2.
+    let rgb = (0..1024 * 512).flat_map(|pixel| if pixel < 1024 * 256 { [4.0; 3] } else { [0.5; 3] }).collect();
+    latlong::write(&model_folder::hdr_at(folder.path(), 30000), &LatLong { width: 1024, height: 512, rgb }).unwrap();
+
+    let model = model_folder::open(folder.path()).unwrap();
+    let light = model.light.unwrap();
+    assert_eq!((model.info, light.resolution), (None, 512));
+    let face = 3 * 512 * 512;
+    assert!(light.values[2 * face..3 * face].iter().all(|value| *value == 4.0), "face +y looks up");
+    assert!(light.values[3 * face..4 * face].iter().all(|value| *value == 0.5), "face -y looks down");
+}
+
+#[test]
+fn a_ply_file_in_its_place_brings_its_light() {
+    let folder = tempfile::tempdir().unwrap();
+    save(folder.path(), 5, Some(&light(RadianceActivation::Identity)));
+    let path = model_folder::gaussians_at(folder.path(), 5);
+    let model = model_folder::open(&path).unwrap();
+    assert!(model.light.is_some() && model.info.is_some() && model.iteration == Some(5));
+
+    let alone = folder.path().join("alone.ply");
+    fs::copy(path, &alone).unwrap();
+    let model = model_folder::open(&alone).unwrap();
+    assert!(model.light.is_none() && model.info.is_none() && model.iteration.is_none());
+}
+
+#[test]
+fn inputs_are_saved_as_other_tools_save_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = Camera::look_at(Vec3::new(4.0, 0.0, 0.0), Vec3::ZERO, Vec3::Z, 0.7, 10, 10);
+    let named = |name: &str| (name.to_owned(), camera);
+    let points = PointCloud { positions: vec![[0.0; 3]], colors: vec![[0.0; 3]] };
+    let settings =
+        [("sh_degree", json!(-1)), ("source_path", json!("/it's/\\here")), ("eval", json!(true)), ("x", json!(null))];
+    model_folder::save_inputs(folder.path(), &[named("train_0")], &[named("test_0")], &points, &settings).unwrap();
+
+    let cfg_args = fs::read_to_string(folder.path().join("cfg_args")).unwrap();
+    assert_eq!(cfg_args, r"Namespace(sh_degree=-1, source_path='/it\'s/\\here', eval=True, x=None)");
+    let cameras = read_json(&folder.path().join("cameras.json"));
+    assert_eq!((&cameras[0]["img_name"], &cameras[1]["img_name"]), (&json!("test_0"), &json!("train_0")));
+    assert!(folder.path().join("input.ply").is_file());
+}
+
+#[test]
+fn quality_of_other_iterations_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let quality = |psnr| vec![("PSNR".to_owned(), psnr, vec![("00000.png".to_owned(), psnr)])];
+    model_folder::save_quality(folder.path(), 7000, &quality(30.5)).unwrap();
+    model_folder::save_quality(folder.path(), 30000, &quality(33.25)).unwrap();
+    let expected = json!({ "ours_7000": { "PSNR": 30.5 }, "ours_30000": { "PSNR": 33.25 } });
+    assert_eq!(read_json(&folder.path().join("results.json")), expected);
+    let per_view = read_json(&folder.path().join("per_view.json"));
+    assert_eq!(per_view["ours_30000"], json!({ "PSNR": { "00000.png": 33.25 } }));
+}
+
+#[test]
+fn what_is_no_model_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |path: &Path, parts: &[&str]| {
+        let sentence = model_folder::open(path).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| sentence.contains(part)), "{sentence}");
+    };
+    refused(folder.path(), &["no point_cloud/iteration_N/point_cloud.ply", "training wrote"]);
+    refused(&folder.path().join("no.ply"), &["cannot read", "no.ply"]);
+
+    save(folder.path(), 5, None);
+    let sentence = model_folder::open_iteration(folder.path(), 6).unwrap_err().to_string();
+    assert!(sentence.contains("iteration_6"), "{sentence}");
+
+    fs::write(folder.path().join("specula.json"), "{\n\"seed\": \"one\"}").unwrap();
+    refused(folder.path(), &["specula.json", "line 2", "string"]);
+}
+
+#[test]
+fn settings_of_later_versions_are_kept() {
+    let info: ModelInfo = serde_json::from_str(r#"{ "profile": "x", "from_the_future": [1, 2] }"#).unwrap();
+    assert_eq!(info.rest["from_the_future"], json!([1, 2]));
+    let text = serde_json::to_string(&info).unwrap();
+    assert_eq!(serde_json::from_str::<ModelInfo>(&text).unwrap(), info);
+}
+
+#[test]
+fn the_hdr_of_a_saved_light_leads_back_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    // Bright towards +x only: a turned or mirrored map would put it elsewhere.
+    let mut values = vec![0.1; 18 * 64 * 64];
+    values[..3 * 64 * 64].fill(2.0);
+    save(folder.path(), 1, Some(&Environment { resolution: 64, activation: RadianceActivation::Identity, values }));
+    let map = latlong::read(&model_folder::hdr_at(folder.path(), 1)).unwrap().0;
+    let back = latlong::to_cube(&map, 64, UpAxis::Y);
+    let mean = |face: usize| back[face * 12288..(face + 1) * 12288].iter().sum::<f32>() / 12288.0;
+    assert!((mean(0) - 2.0).abs() < 0.05, "{}", mean(0));
+    assert!((1..6).all(|face| mean(face) < 0.15));
+}

@@ -1,0 +1,117 @@
+//! Pictures: rounding, masks, colour maps, montages, animations.
+
+use image::{AnimationDecoder, ImageReader, Rgb, RgbImage, codecs};
+use specula_io::{
+    latlong::LatLong,
+    picture::{self, Panel},
+};
+use std::{fs::File, io::BufReader, path::Path};
+
+fn pixels(path: &Path) -> Vec<u8> {
+    ImageReader::open(path).unwrap().decode().unwrap().into_rgba8().into_raw()
+}
+
+#[test]
+fn colours_are_rounded_to_nearest_and_cut_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let planes = [0.5, -1.0, 0.25, 7.0, 0.75, f32::NAN];
+    picture::write_rgb(&path, 2, 1, &planes, None).unwrap();
+    assert_eq!(pixels(&path), [128, 64, 191, 255, 0, 255, 0, 255]);
+    picture::write_rgb(&path, 2, 1, &planes, Some(&[0.5, 0.0])).unwrap();
+    assert_eq!(pixels(&path), [128, 64, 191, 128, 0, 255, 0, 0]);
+}
+
+#[test]
+fn eight_bit_images_survive_a_round_trip() {
+    let bytes: Vec<f32> = (0..=255).map(|byte| byte as f32 / 255.0).collect();
+    let image = picture::rgb(256, 1, &[&bytes[..], &bytes, &bytes].concat());
+    assert!(image.pixels().enumerate().all(|(i, pixel)| pixel.0 == [i as u8; 3]));
+}
+
+#[test]
+fn gray_is_written_as_gray() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    picture::write_gray(&path, 2, 1, &[0.2, 1.0]).unwrap();
+    assert_eq!(pixels(&path), [51, 51, 51, 255, 255, 255, 255, 255]);
+}
+
+#[test]
+fn normals_are_masked_by_coverage() {
+    let image = picture::normals(2, 1, &[1.0, 1.0, 0.0, 0.0, -1.0, -1.0], &[1.0, 0.5]);
+    assert_eq!(image.as_raw()[..], [255, 128, 0, 128, 128, 128]);
+}
+
+#[test]
+fn depths_span_the_colours_where_there_is_coverage() {
+    let image = picture::depth(4, 1, &[2.0, 3.0, 99.0, 2.5], &[1.0, 0.9, 0.1, 0.0]);
+    let color = |x| image.get_pixel(x, 0).0;
+    assert_eq!([color(2), color(3)], [[0; 3]; 2]);
+    assert_eq!(color(0), colorous::TURBO.eval_continuous(1.0).into_array());
+    assert_eq!(color(1), colorous::TURBO.eval_continuous(0.0).into_array());
+}
+
+#[test]
+fn depths_without_coverage_or_of_one_value_are_drawn() {
+    assert!(picture::depth(2, 1, &[1.0, 2.0], &[0.0; 2]).as_raw().iter().all(|byte| *byte == 0));
+    let flat = picture::depth(2, 1, &[1.0; 2], &[1.0; 2]);
+    assert_eq!(flat.get_pixel(0, 0), flat.get_pixel(1, 0));
+}
+
+#[test]
+fn equal_images_have_no_error_and_others_have() {
+    let (a, b) = (RgbImage::from_pixel(2, 2, Rgb([10, 20, 30])), RgbImage::from_pixel(2, 2, Rgb([10, 200, 30])));
+    let dark = picture::error_map(&a, &a, 0.1);
+    assert!(dark.as_raw().iter().all(|byte| *byte < 5), "{dark:?}");
+    assert!(picture::error_map(&a, &b, 0.1).as_raw().iter().any(|byte| *byte > 200));
+}
+
+#[test]
+fn light_is_previewed_in_srgb() {
+    let map = LatLong { width: 2, height: 1, rgb: vec![0.0, 0.216, 1.0, 0.002, 50.0, 1.0] };
+    assert_eq!(picture::tone_map_latlong(&map).as_raw()[..], [0, 128, 255, 7, 255, 255]);
+}
+
+#[test]
+fn a_montage_holds_all_of_its_images() {
+    let panel = |color| Panel::new(RgbImage::from_pixel(100, 50, Rgb(color)), "ours ±2 π");
+    let sheet = picture::montage(&[vec![panel([200, 0, 0]), panel([0, 200, 0])], vec![panel([0, 0, 200])]]);
+    for color in [[200, 0, 0], [0, 200, 0], [0, 0, 200]] {
+        assert_eq!(sheet.pixels().filter(|pixel| pixel.0 == color).count(), 5000);
+    }
+    assert!(sheet.pixels().any(|pixel| pixel.0 == [30; 3]), "no letter was drawn");
+}
+
+#[test]
+fn without_captions_no_room_is_left_for_them() {
+    let image = RgbImage::from_pixel(10, 5, Rgb([1, 2, 3]));
+    assert_eq!(picture::side_by_side(&[image.clone(), image]).dimensions(), (24, 5));
+}
+
+#[test]
+fn a_long_caption_on_a_small_image_is_cut() {
+    let sheet = picture::montage(&[vec![Panel::new(RgbImage::new(20, 5), "far too long for this")]]);
+    assert_eq!(sheet.width(), 20);
+}
+
+#[test]
+fn animations_play_every_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames: Vec<RgbImage> = (0..5).map(|i| RgbImage::from_pixel(16, 8, Rgb([50 * i, 100, 7]))).collect();
+    let (apng, gif) = (folder.path().join("a.png"), folder.path().join("a.gif"));
+    picture::write_animation(&apng, &frames, 40).unwrap();
+    picture::write_animation(&gif, &frames, 40).unwrap();
+
+    let open = |path| BufReader::new(File::open(path).unwrap());
+    let decoder = codecs::png::PngDecoder::new(open(&apng)).unwrap();
+    let exact = decoder.apng().unwrap().into_frames().collect_frames().unwrap();
+    assert_eq!(exact.len(), 5);
+    assert_eq!(exact[3].buffer().get_pixel(0, 0).0, [150, 100, 7, 255]);
+    assert_eq!(exact[3].delay().numer_denom_ms(), (40, 1));
+    let decoder = codecs::gif::GifDecoder::new(open(&gif)).unwrap();
+    assert_eq!(decoder.into_frames().collect_frames().unwrap().len(), 5);
+
+    let sentence = picture::write_animation(&folder.path().join("a.mp4"), &frames, 40).unwrap_err().to_string();
+    assert!(sentence.contains("a.mp4") && sentence.contains(".gif"), "{sentence}");
+}

@@ -1,0 +1,320 @@
+//! Gaussians and points as PLY files: every layout and encoding, and how what is broken is refused.
+
+use specula_core::scene::{DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, QUAT, ROUGHNESS, TINT, len_of_values};
+use specula_io::{
+    gaussian_ply::{self, GaussianFile},
+    points_ply::{self, PointCloud},
+};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+
+const LAYOUTS: [Layout; 9] = [
+    Layout::radiance(0),
+    Layout::radiance(1),
+    Layout::radiance(2),
+    Layout::radiance(3),
+    Layout::shaded(None),
+    Layout::shaded(Some(0)),
+    Layout::shaded(Some(1)),
+    Layout::shaded(Some(2)),
+    Layout::shaded(Some(3)),
+];
+
+/// Plane p of Gaussian i is p + i / 64: exact in every format.
+fn gaussians(layout: Layout, count: usize) -> Gaussians<Vec<f32>> {
+    let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+    for gaussian in 0..count {
+        for plane in 0..layout.plane_count() {
+            gaussians.set(gaussian, plane, [plane as f32 + gaussian as f32 / 64.0]);
+        }
+    }
+    gaussians
+}
+
+fn written(gaussians: &Gaussians<Vec<f32>>) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    gaussian_ply::write(&path, gaussians, &["made by a test".to_owned()]).unwrap();
+    (folder, path)
+}
+
+fn put(text: impl AsRef<[u8]>) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    fs::write(&path, text).unwrap();
+    (folder, path)
+}
+
+fn header_of(path: &Path) -> Vec<String> {
+    let text = String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
+    text.lines().take_while(|line| *line != "end_header").map(str::to_owned).collect()
+}
+
+fn properties_of(path: &Path) -> Vec<String> {
+    header_of(path).iter().filter_map(|line| Some(line.strip_prefix("property float ")?.to_owned())).collect()
+}
+
+fn refusal(path: &Path) -> String {
+    gaussian_ply::read(path).expect_err("this file is broken").to_string()
+}
+
+fn assert_says(sentence: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(sentence.contains(part), "{part:?} is missing in: {sentence}");
+    }
+}
+
+/// The same file in another encoding, with a property of another type and one that nobody asked for.
+fn translated(path: &Path, encoding: &str) -> Vec<u8> {
+    let bytes = fs::read(path).unwrap();
+    let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
+    let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    let header = header.replace("binary_little_endian", encoding);
+    let header = header.replace("property float x\n", "property uchar flag\nproperty double x\n");
+
+    let numbers: Vec<f32> = bytes[end..].chunks(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect();
+    let row_len = header.matches("property").count() - 1;
+    let mut out = header.into_bytes();
+    for row in numbers.chunks(row_len) {
+        match encoding {
+            "ascii" => {
+                let words: Vec<String> = row.iter().map(|number| format!("{number:e}")).collect();
+                out.extend(format!("7 {}\r\n", words.join(" ")).bytes());
+            }
+            "binary_big_endian" => {
+                out.push(7);
+                out.extend(f64::from(row[0]).to_be_bytes());
+                out.extend(row[1..].iter().flat_map(|number| number.to_be_bytes()));
+            }
+            _ => {
+                out.push(7);
+                out.extend(f64::from(row[0]).to_le_bytes());
+                out.extend(row[1..].iter().flat_map(|number| number.to_le_bytes()));
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn every_layout_survives_a_round_trip() {
+    for (layout, count) in LAYOUTS.into_iter().zip([1, 15, 16, 17, 33, 0, 40, 2, 100]) {
+        let gaussians = gaussians(layout, count);
+        let (_folder, path) = written(&gaussians);
+        let read = gaussian_ply::read(&path).unwrap();
+        assert_eq!(read, GaussianFile { gaussians, comments: vec!["made by a test".to_owned()] });
+    }
+}
+
+#[test]
+fn every_encoding_says_the_same() {
+    for layout in LAYOUTS {
+        let gaussians = gaussians(layout, 21);
+        let (_folder, path) = written(&gaussians);
+        for encoding in ["ascii", "binary_little_endian", "binary_big_endian"] {
+            fs::write(&path, translated(&path, encoding)).unwrap();
+            assert_eq!(gaussian_ply::read(&path).unwrap().gaussians, gaussians, "{encoding}, {layout:?}");
+            gaussian_ply::write(&path, &gaussians, &[]).unwrap();
+        }
+    }
+}
+
+#[test]
+fn radiance_is_written_in_the_order_of_3d_gaussian_splatting() {
+    let (_folder, path) = written(&gaussians(Layout::radiance(3), 1));
+    let rest: Vec<String> = (0..45).map(|i| format!("f_rest_{i}")).collect();
+    let expected = [
+        &["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned)[..],
+        &rest,
+        &["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned),
+    ];
+    assert_eq!(properties_of(&path), expected.concat());
+    assert_eq!(
+        header_of(&path)[..4],
+        ["ply", "format binary_little_endian 1.0", "comment made by a test", "element vertex 1"]
+    );
+}
+
+#[test]
+fn shading_is_written_in_the_order_of_gaussian_shader() {
+    let (_folder, path) = written(&gaussians(Layout::shaded(None), 1));
+    let expected = "x y z nx ny nz nx2 ny2 nz2 f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 \
+                    rot_3 roughness specular0 specular1 specular2";
+    assert_eq!(properties_of(&path).join(" "), expected);
+
+    let (_folder, path) = written(&gaussians(Layout::shaded(Some(1)), 1));
+    assert_eq!(
+        properties_of(&path)[12..25].join(" "),
+        (0..12).map(|i| format!("f_rest_{i} ")).collect::<String>() + "opacity"
+    );
+}
+
+/// The number in the file under a property's name, for one Gaussian.
+fn in_file(layout: Layout, property: &str) -> f32 {
+    let (_folder, path) = written(&gaussians(layout, 1));
+    let bytes = fs::read(&path).unwrap();
+    let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
+    let index = properties_of(&path).iter().position(|name| name == property).unwrap();
+    f32::from_le_bytes(bytes[end + 4 * index..][..4].try_into().unwrap())
+}
+
+#[test]
+fn properties_hold_the_planes_that_they_should() {
+    let (radiance, shaded) = (Layout::radiance(2), Layout::shaded(Some(2)));
+    // Colour by colour without the constant: f_rest_9 is coefficient 2 of green, plane 3k + c.
+    assert_eq!(in_file(radiance, "f_rest_9"), (radiance.sh_start() + 3 * 2 + 1) as f32);
+    assert_eq!(in_file(radiance, "f_dc_2"), (radiance.sh_start() + 2) as f32);
+    assert_eq!(in_file(radiance, "ny"), 0.0);
+    // Coefficient by coefficient with the constant.
+    assert_eq!(in_file(shaded, "f_rest_9"), (shaded.sh_start() + 9) as f32);
+    assert_eq!(in_file(shaded, "f_dc_1"), (DIFFUSE + 1) as f32);
+    assert_eq!(in_file(shaded, "nz"), (NORMAL_RESIDUAL_1 + 2) as f32);
+    assert_eq!(in_file(shaded, "nx2"), (NORMAL_RESIDUAL_1 + 3) as f32);
+    assert_eq!(in_file(shaded, "rot_0"), QUAT as f32);
+    assert_eq!(in_file(shaded, "roughness"), ROUGHNESS as f32);
+    assert_eq!(in_file(shaded, "specular2"), (TINT + 2) as f32);
+}
+
+#[test]
+fn a_quat_of_no_length_is_accepted() {
+    let mut none = gaussians(Layout::radiance(0), 2);
+    none.set(1, QUAT, [0.0; 4]);
+    let (_folder, path) = written(&none);
+    assert_eq!(gaussian_ply::read(&path).unwrap().gaussians, none);
+}
+
+#[test]
+fn a_file_cut_short_is_refused_with_what_is_there() {
+    let (_folder, path) = written(&gaussians(Layout::radiance(0), 100));
+    let bytes = fs::read(&path).unwrap();
+    let row = 4 * 17;
+    fs::write(&path, &bytes[..bytes.len() - 30 * row - 5]).unwrap();
+    assert_says(&refusal(&path), &["a.ply", "cut short", "69 of 100"]);
+    fs::write(&path, &bytes[..200]).unwrap();
+    assert_says(&refusal(&path), &["a.ply"]);
+
+    gaussian_ply::write(&path, &gaussians(Layout::radiance(0), 100), &[]).unwrap();
+    let text = translated(&path, "ascii");
+    let lines: Vec<&[u8]> = text.split_inclusive(|byte| *byte == b'\n').collect();
+    fs::write(&path, lines[..lines.len() - 12].concat()).unwrap();
+    assert_says(&refusal(&path), &["a.ply", "cut short", "88 of 100"]);
+}
+
+#[test]
+fn a_missing_property_is_refused_by_name_and_layout() {
+    for (layout, gone, expected) in [
+        (Layout::radiance(1), "rot_3", "3D Gaussian splatting"),
+        (Layout::shaded(None), "nx2", "GaussianShader"),
+        (Layout::shaded(None), "specular1", "GaussianShader"),
+        (Layout::radiance(1), "f_rest_4", "3D Gaussian splatting"),
+    ] {
+        let (_folder, path) = written(&gaussians(layout, 3));
+        let bytes = fs::read(&path).unwrap();
+        let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap();
+        let header =
+            String::from_utf8(bytes[..end].to_vec()).unwrap().replace(&format!("float {gone}\n"), "float other\n");
+        let header = header.replace("other", if gone.starts_with("f_rest") { "f_rest_99" } else { "other" });
+        fs::write(&path, [header.as_bytes(), &bytes[end..]].concat()).unwrap();
+        assert_says(&refusal(&path), &["a.ply", &format!("\"{gone}\""), expected]);
+    }
+}
+
+#[test]
+fn harmonics_of_no_degree_are_refused() {
+    let (_folder, path) = written(&gaussians(Layout::radiance(1), 1));
+    let bytes = fs::read(&path).unwrap();
+    let changed: Vec<u8> = String::from_utf8_lossy(&bytes).replace("float f_rest_8\n", "float f_rust_8\n").into_bytes();
+    fs::write(&path, changed).unwrap();
+    assert_says(&refusal(&path), &["8 properties f_rest_*", "a.ply", "0, 9, 24 or 45"]);
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused_by_place_and_count() {
+    let mut broken = gaussians(Layout::shaded(None), 40);
+    broken.set(20, ROUGHNESS, [f32::NAN]);
+    broken.set(7, DIFFUSE + 1, [f32::INFINITY]);
+    broken.set(7, TINT, [f32::NEG_INFINITY]);
+    let (_folder, path) = written(&broken);
+    assert_says(&refusal(&path), &["3 numbers", "a.ply", "vertex 7", "\"f_dc_1\""]);
+}
+
+#[test]
+fn a_word_is_no_number() {
+    let (_folder, path) = put(
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
+         1 2 3\n4 five 6\n",
+    );
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["\"five\"", "vertex 1", "a.ply", "\"y\""]);
+}
+
+#[test]
+fn a_compressed_file_is_refused_with_a_remedy() {
+    let (_folder, path) =
+        put("ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 4\n\
+         property uint packed_position\nproperty uint packed_rotation\nend_header\n0000");
+    assert_says(&refusal(&path), &["a.ply", "compressed PLY", "splat-transform"]);
+}
+
+#[test]
+fn files_of_other_kinds_are_refused() {
+    for text in ["", "no ply", "ply\nformat ascii 1.0\nend_header\n", "ply\nformat ascii 1.0\nelement vertex 3\n"] {
+        let (_folder, path) = put(text);
+        assert_says(&refusal(&path), &["a.ply"]);
+    }
+    assert_says(&refusal(Path::new("/no/such.ply")), &["cannot read \"/no/such.ply\""]);
+}
+
+#[test]
+fn a_list_among_the_vertices_is_refused() {
+    let (_folder, path) =
+        put("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+         property list uchar int near\nend_header\n1 2 3 1 0\n");
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["\"near\"", "a.ply", "list"]);
+}
+
+#[test]
+fn a_header_cannot_ask_for_more_than_the_file_holds() {
+    let (_folder, path) =
+        put("ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\nproperty float x\nproperty float y\n\
+         property float z\nend_header\nabc");
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "999999999999 vertices"]);
+}
+
+#[test]
+fn elements_before_the_vertices_are_skipped() {
+    let (_folder, path) = put(
+        "ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar float pose\nelement vertex 1\nproperty float x\n\
+         property float y\nproperty float z\nend_header\n2 0.5 0.5\n1 2 3\n",
+    );
+    assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]]);
+}
+
+#[test]
+fn points_survive_a_round_trip() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("input.ply");
+    let points = PointCloud {
+        positions: (0..35).map(|i| [i as f32, -0.5 * i as f32, 1e6]).collect(),
+        colors: (0..35).map(|i| [i as f32 / 255.0, 1.0, 0.2]).collect(),
+    };
+    points_ply::write(&path, &points).unwrap();
+    assert_eq!(points_ply::read(&path).unwrap(), points);
+}
+
+#[test]
+fn colours_are_bytes_or_fractions_or_none() {
+    let read = |colors: &str, row: &str| {
+        let (_folder, path) = put(format!(
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n{colors}\
+             end_header\n1 2 3 {row}\n"
+        ));
+        points_ply::read(&path).unwrap().colors[0]
+    };
+    let colors = |kind: &str| ["red", "green", "blue"].map(|name| format!("property {kind} {name}\n")).concat();
+    assert_eq!(read(&colors("uchar"), "255 0 51"), [1.0, 0.0, 0.2]);
+    assert_eq!(read(&colors("float"), "0.25 0.5 1"), [0.25, 0.5, 1.0]);
+    assert_eq!(read("", ""), [0.5; 3]);
+}

@@ -1,0 +1,94 @@
+//! Published scenes and models, where the environment variable `SPECULA_DATA` names a folder that has them.
+
+use specula_io::{
+    Result, cameras,
+    dataset::{self, LoadOptions},
+    gaussian_ply, latlong, points_ply,
+};
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+};
+
+/// A path in the data folder, or a loud skip.
+fn data(name: &str) -> Option<PathBuf> {
+    let Some(folder) = env::var_os("SPECULA_DATA") else {
+        eprintln!("SKIPPED: set SPECULA_DATA to the folder that has {name}");
+        return None;
+    };
+    let path = Path::new(&folder).join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: no {}", path.display());
+    None
+}
+
+#[test]
+fn the_chair_of_nerf_synthetic_loads() -> Result<()> {
+    let Some(folder) = data("nerf_synthetic_chair") else { return Ok(()) };
+    let data = dataset::load(&folder, &LoadOptions { downscale: 2, ..LoadOptions::default() }, |_, _| {})?;
+    assert_eq!((data.train.len(), data.test.len()), (100, 25));
+    for view in data.train.iter().chain(&data.test) {
+        assert_eq!([view.image.width, view.image.height, view.camera.width], [400; 3]);
+        let centre = view.camera.camera_from_world * -view.camera.position;
+        // All cameras look at the origin from four units away.
+        assert!(centre.x.abs() < 0.01 && centre.y.abs() < 0.01 && (centre.z - 4.03).abs() < 0.01, "{centre}");
+    }
+    Ok(())
+}
+
+#[test]
+fn the_spheres_load_with_normals_and_points() -> Result<()> {
+    let Some(folder) = data("scenes/spheres") else { return Ok(()) };
+    let points = Some(folder.join("points3d_surface.ply"));
+    let data = dataset::load(&folder, &LoadOptions { points, ..LoadOptions::default() }, |_, _| {})?;
+    assert_eq!((data.train.len(), data.test.len()), (100, 40));
+    assert_eq!(data.points.map(|points| points.positions.len()), Some(10_000));
+    for view in &data.test {
+        let normals = view.normal.as_ref().expect("every test view has normals");
+        let facing = normals.values.iter().zip(&normals.mask).filter(|(_, mask)| **mask);
+        let forward = view.camera.camera_from_world.row(2);
+        assert!(facing.clone().count() > 1000);
+        // Up to the opening of the lens, what is seen faces the camera.
+        assert!(facing.into_iter().all(|(normal, _)| forward.dot((*normal).into()) < 0.36));
+    }
+    Ok(())
+}
+
+#[test]
+fn cameras_of_a_scene_load_without_images() -> Result<()> {
+    let Some(path) = data("scenes/spheres/transforms_test.json") else { return Ok(()) };
+    let cameras = cameras::read_cameras(&path, [1, 1])?;
+    assert_eq!((cameras.len(), cameras[0].1.width), (40, 400));
+    Ok(())
+}
+
+#[test]
+fn a_trained_model_loads_and_is_written_as_it_was() -> Result<()> {
+    let Some(path) = data("splats/kacytran_iter7000_9080g_inria.ply") else { return Ok(()) };
+    let file = gaussian_ply::read(&path)?;
+    assert_eq!((file.gaussians.count, file.gaussians.layout.sh_degree), (9080, Some(3)));
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let copy = folder.path().join("copy.ply");
+    gaussian_ply::write(&copy, &file.gaussians, &file.comments)?;
+    assert!(fs::read(&path).expect("the model") == fs::read(&copy).expect("its copy"), "not a byte differs");
+    Ok(())
+}
+
+#[test]
+fn a_compressed_model_is_refused() {
+    let Some(path) = data("splats/guitar.compressed.ply") else { return };
+    assert!(gaussian_ply::read(&path).unwrap_err().to_string().contains("splat-transform"));
+    assert!(points_ply::read(&path).is_err());
+}
+
+#[test]
+fn the_lights_load() -> Result<()> {
+    for name in ["forest", "studio", "sunset", "workshop"] {
+        let Some(path) = data(&format!("envs/{name}.hdr")) else { return Ok(()) };
+        let (map, cleaned) = latlong::read(&path)?;
+        assert_eq!((map.width, map.height, cleaned.total()), (1024, 512, 0));
+    }
+    Ok(())
+}

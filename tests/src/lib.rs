@@ -1,0 +1,12 @@
+//! What the tests of every executor share: comparisons, random input, exact derivatives, and two renderers to
+//! compare with.
+//!
+//! * [`compare`]: named tolerances and comparisons that can fail; [`strategies`]: random directions, cameras, scenes
+//! * [`derivative`]: gradients by dual numbers, to hold every `_vjp` against
+//! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
+//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
+
+pub mod compare;
+pub mod derivative;
+pub mod number;
+pub mod strategies;

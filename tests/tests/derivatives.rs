@@ -1,0 +1,629 @@
+//! Every `_vjp` of core is the derivative of its function: held against dual numbers in `f64`.
+//!
+//! Dual numbers are exact on either side of a jump, so input is not kept away from limits, cuts and changes of sides;
+//! only on a jump itself there is no derivative, and random input does not hit one.
+
+use proptest::{collection::vec, prelude::*};
+use specula_core::{
+    activation, blend, color,
+    camera::Camera,
+    covariance, cubemap, depth_normal,
+    double::Double,
+    ggx, loss,
+    normal::{self, AxisRule},
+    prefilter::{self, Levels, PrefilterScheme},
+    project::{self, Shape, SplatGrad},
+    sh,
+    shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
+    vector::{self, Vec3},
+};
+use specula_tests::{
+    compare::SAME_DERIVATIVE,
+    derivative::assert_vjp,
+    number::{Number, numbers_of, take3, take9, vector},
+    strategies::{any_vector, camera, log_scales, quat, same_every_time, unit_vector},
+};
+
+/// Numbers side by side.
+fn join<R: Number>(parts: &[&[R]]) -> Vec<R> {
+    parts.concat()
+}
+
+proptest! {
+    #![proptest_config(same_every_time())]
+
+    /// Beyond ±10 the value no longer holds the digits of its distance from 1, which its gradient is made of.
+    #[test]
+    fn activations_are_derived_right(x in -10.0..10.0_f64) {
+        assert_vjp(
+            &[x],
+            |x| vec![activation::sigmoid(x[0])],
+            |x, g| vec![activation::sigmoid_vjp(activation::sigmoid(x[0]), g[0])],
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &[x],
+            |x| vec![activation::softplus(x[0])],
+            |x, g| vec![activation::softplus_vjp(x[0], g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn srgb_is_derived_right_on_both_of_its_pieces(dark in -0.1..0.0031_f64, bright in 0.0032..30.0_f64) {
+        for x in [dark, bright] {
+            assert_vjp(
+                &[x],
+                |x| vec![color::srgb_from_linear(x[0])],
+                |x, g| vec![color::srgb_from_linear_vjp(x[0], color::srgb_from_linear(x[0]), g[0])],
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn rotations_are_derived_right_at_every_length_of_the_quat(quat in quat()) {
+        assert_vjp(
+            &quat,
+            |q| numbers_of(&covariance::rotation([q[0], q[1], q[2], q[3]])),
+            |q, g| covariance::rotation_vjp([q[0], q[1], q[2], q[3]], &take9(g)).to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn scales_are_derived_right_within_and_beyond_their_limit(logs in [-50.0..50.0_f64, -5.0..5.0, -5.0..5.0]) {
+        assert_vjp(
+            &logs,
+            |x| covariance::scales(take3(x)).to_array().to_vec(),
+            |x, g| covariance::scales_vjp(take3(x), covariance::scales(take3(x)), take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn normalisation_is_derived_right(v in any_vector()) {
+        assert_vjp(
+            &v,
+            |v| vector::normalize_or(take3(v), vector([0.0, 0.0, 1.0])).to_array().to_vec(),
+            |v, g| vector::normalize_or_vjp(take3(v), take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn face_points_are_derived_right(direction in any_vector()) {
+        assert_vjp(
+            &direction,
+            |d| {
+                let point = cubemap::project(take3(d));
+                vec![point.u, point.v]
+            },
+            |d, g| cubemap::project_vjp(&cubemap::project(take3(d)), g[0], g[1]).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn bilinear_means_are_derived_right(inputs in vec(-1.0..1.0_f64, 14)) {
+        assert_vjp(&inputs, bilinear, |x, g| {
+            let (right, lower) = cubemap::bilinear_vjp(texels(x), x[12], x[13], take3(g));
+            join(&[&texel_grads(x[12], x[13], take3(g)), &[right, lower]])
+        }, SAME_DERIVATIVE);
+    }
+
+    /// Which texels there are is locally constant, so any four will do.
+    #[test]
+    fn a_lookup_is_derived_right_from_direction_to_texels(
+        around in vec(0.0..2.0_f64, 12),
+        direction in unit_vector(),
+        log_resolution in 2..8_u32,
+    ) {
+        let resolution = f64::from(1 << log_resolution);
+        let inputs = join_f64(&around, &direction);
+        assert_vjp(
+            &inputs,
+            |x| {
+                let footprint = cubemap::footprint(&cubemap::project(take3(&x[12..])), Number::of(resolution));
+                bilinear(&join(&[&x[..12], &[footprint.right, footprint.lower]]))
+            },
+            |x, g| {
+                let point = cubemap::project(take3(&x[12..]));
+                let footprint = cubemap::footprint(&point, Double(resolution));
+                let (right, lower) = cubemap::bilinear_vjp(texels(x), footprint.right, footprint.lower, take3(g));
+                let half = Double(0.5 * resolution);
+                let grad_direction = cubemap::project_vjp(&point, right * half, lower * half);
+                let grad_texels = texel_grads(footprint.right, footprint.lower, take3(g));
+                join(&[&grad_texels, &grad_direction.to_array()])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn lobe_weights_are_derived_right(r in unit_vector(), l in unit_vector(), alpha_ggx in 1e-2..1.0_f64) {
+        assert_vjp(
+            &r,
+            |r| vec![ggx::lobe_weight(take3(r), vector(l), Number::of(alpha_ggx))],
+            |r, g| ggx::lobe_weight_vjp(take3(r), vector(l), Number::of(alpha_ggx), g[0]).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn levels_are_derived_right(roughness in 0.0..1.0_f64, log_resolution in 6..9_u32) {
+        for scheme in [PrefilterScheme::Exact, PrefilterScheme::Official] {
+            let levels = Levels::new(scheme, 1 << log_resolution);
+            assert_vjp(
+                &[roughness],
+                |x| vec![prefilter::level_of_roughness(x[0], levels.as_slice())],
+                |x, g| vec![prefilter::level_of_roughness_vjp(x[0], levels.as_slice(), g[0])],
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn harmonics_are_derived_right_at_every_degree(direction in any_vector()) {
+        for count in [1, 4, 9, 16] {
+            assert_vjp(
+                &direction,
+                |d| sh::basis(take3(d), count).to_vec(),
+                |d, g| {
+                    let grad = core::array::from_fn(|k| g[k]);
+                    sh::basis_vjp(take3(d), count, &grad).to_array().to_vec()
+                },
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn radiance_is_derived_right_above_and_below_its_limit(sum in [-2.0..2.0_f64, -2.0..2.0, -2.0..2.0]) {
+        assert_vjp(
+            &sum,
+            |x| sh::radiance(take3(x)).to_array().to_vec(),
+            |x, g| sh::radiance_vjp(take3(x), take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn axes_are_derived_right_under_every_rule(rotation in vec(-1.0..1.0_f64, 9), scales in log_scales(-3.0..1.0)) {
+        for rule in [AxisRule::Shortest, AxisRule::SortedRow, AxisRule::None] {
+            assert_vjp(
+                &rotation,
+                |r| normal::axis(rule, &take9(r), vector(scales)).to_array().to_vec(),
+                |_, g| numbers_of(&normal::axis_vjp(rule, vector(scales), take3(g))),
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn facing_normals_are_derived_right_on_both_sides_with_both_signs(
+        axis in unit_vector(),
+        view in unit_vector(),
+        residuals in vec(-0.5..0.5_f64, 6),
+    ) {
+        let inputs = join_f64(&axis, &residuals);
+        for (view, negate) in [(view, false), (view, true), (view.map(|c| -c), false), (view.map(|c| -c), true)] {
+            assert_vjp(
+                &inputs,
+                |x| {
+                    let facing = normal::facing(take3(x), vector(view), [take3(&x[3..]), take3(&x[6..])], negate);
+                    join(&[&facing.normal.to_array(), &[facing.residual_squared]])
+                },
+                |x, g| {
+                    let facing = normal::facing(take3(x), vector(view), [take3(&x[3..]), take3(&x[6..])], negate);
+                    let (axis, [first, second]) = normal::facing_vjp(&facing, negate, take3(g), g[3]);
+                    join(&[&axis.to_array(), &first.to_array(), &second.to_array()])
+                },
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn view_directions_are_derived_right(mean in any_vector(), eye in any_vector()) {
+        assert_vjp(
+            &mean,
+            |m| shade::view_dir(take3(m), vector(eye)).to_array().to_vec(),
+            |m, g| shade::view_dir_vjp(take3(m), vector(eye), take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn reflections_are_derived_right(view in any_vector(), normal in any_vector()) {
+        assert_vjp(
+            &join_f64(&view, &normal),
+            |x| shade::reflect(take3(x), take3(&x[3..])).to_array().to_vec(),
+            |x, g| {
+                let (view, normal) = shade::reflect_vjp(take3(x), take3(&x[3..]), take3(g));
+                join(&[&view.to_array(), &normal.to_array()])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn surfaces_are_derived_right_under_every_rule(
+        mean in any_vector(),
+        quat in quat(),
+        scales in log_scales(-3.0..1.0),
+        rest in vec(-2.0..2.0_f64, 7),
+        residuals in vec(-0.4..0.4_f64, 6),
+        from in unit_vector(),
+    ) {
+        let eye = from.map(|c| 5.0 * c);
+        let inputs = [&mean[..], &quat, &scales, &rest, &residuals].concat();
+        let without_axis = ShadingRules { axis: AxisRule::None, ..ShadingRules::PAPER };
+        for rules in [ShadingRules::PAPER, ShadingRules::OFFICIAL, without_axis] {
+            assert_vjp(
+                &inputs,
+                |x| {
+                    let s = shade::surface(&material(x), vector(eye), rules);
+                    join(&[
+                        &s.facing.normal.to_array(),
+                        &s.reflection_dir.to_array(),
+                        &s.view_dir.to_array(),
+                        &s.diffuse.to_array(),
+                        &s.tint.to_array(),
+                        &[s.facing.residual_squared, s.n_dot_v, s.roughness],
+                    ])
+                },
+                |x, g| {
+                    let material = material(x);
+                    let surface = shade::surface(&material, vector(eye), rules);
+                    let grad = SurfaceGrad {
+                        normal: take3(g),
+                        reflection_dir: take3(&g[3..]),
+                        view_dir: take3(&g[6..]),
+                        diffuse: take3(&g[9..]),
+                        tint: take3(&g[12..]),
+                        residual_squared: g[15],
+                        n_dot_v: g[16],
+                        roughness: g[17],
+                    };
+                    numbers_of_material(&shade::surface_vjp(&material, vector(eye), rules, &surface, &grad))
+                },
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn both_shading_functions_are_derived_right(inputs in vec(0.05..1.0_f64, 17)) {
+        for form in [ShadingForm::Paper, ShadingForm::Official] {
+            assert_vjp(
+                &inputs,
+                |x| shade::shade(form, &terms(x)).to_array().to_vec(),
+                |x, g| {
+                    let grad = shade::shade_vjp(form, &terms(x), take3(g));
+                    join(&[
+                        &grad.diffuse.to_array(),
+                        &grad.tint.to_array(),
+                        &grad.specular_light.to_array(),
+                        &grad.residual.to_array(),
+                        &grad.ambient_light.to_array(),
+                        &grad.split_sum,
+                    ])
+                },
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    /// Far to the side, too, where the Jacobian is taken at the limit of the slopes.
+    #[test]
+    fn projections_are_derived_right(
+        camera in camera(),
+        mean in [-2.5..2.5_f64, -2.5..2.5, -2.5..2.5],
+        scales in [-4.0..0.5_f64, -4.0..0.5, -4.0..0.5],
+        quat in quat(),
+        opacity_logit in -3.0..3.0_f64,
+    ) {
+        prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(project::NEAR));
+        let inputs = [&mean[..], &scales, &quat, &[opacity_logit]].concat();
+        assert_vjp(
+            &inputs,
+            |x| {
+                let splat = project::project(&shape(x), &camera.lift(x[0]));
+                join(&[&splat.mean2d, &splat.root_conic, &[splat.depth, splat.opacity]])
+            },
+            |x, g| {
+                let grad = SplatGrad {
+                    mean2d: [g[0], g[1]],
+                    root_conic: [g[2], g[3], g[4]],
+                    depth: g[5],
+                    opacity: g[6],
+                };
+                let grad = project::project_vjp(&shape(x), &camera.lift(x[0]), &grad);
+                join(&[&grad.mean.to_array(), &grad.log_scales.to_array(), &grad.quat, &[grad.opacity_logit]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// Opaque splats that are limited or end a pixel, and faint ones that are cut, are among them.
+    #[test]
+    fn stacks_of_splats_are_derived_right(
+        stack in vec((vec(-1.5..1.5_f64, 2), 0.2..1.5_f64, -0.5..0.5_f64, 0.2..1.5_f64, 0.02..1.0_f64), 6),
+        colors in vec(0.0..1.0_f64, 18),
+    ) {
+        let splats = stack.iter().flat_map(|(mean, xx, yx, yy, opacity)| [mean[0], mean[1], *xx, *yx, *yy, *opacity]);
+        let inputs: Vec<f64> = splats.chain(colors).collect();
+        assert_vjp(&inputs, blend_stack, blend_stack_vjp, SAME_DERIVATIVE);
+    }
+
+    #[test]
+    fn expected_depth_is_derived_right(blended in 0.1..5.0_f64, coverage in 0.1..1.0_f64) {
+        assert_vjp(
+            &[blended, coverage],
+            |x| vec![depth_normal::expected_depth(x[0], x[1])],
+            |x, g| {
+                let depth = depth_normal::expected_depth(x[0], x[1]);
+                let (blended, coverage) = depth_normal::expected_depth_vjp(depth, x[1], g[0]);
+                vec![blended, coverage]
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn normals_of_depth_are_derived_right(x in -1.0..1.0_f64, y in -1.0..1.0_f64, depths in vec(1.0..1.2_f64, 4)) {
+        const STEP: f64 = 0.05;
+        assert_vjp(
+            &depths,
+            |d| depth_normal::normal(&rays_around(x, y, STEP), &cross(d)).to_array().to_vec(),
+            |d, g| {
+                let grad = depth_normal::normal_vjp(&rays_around(x, y, STEP), &cross(d), take3(g));
+                vec![grad.left, grad.right, grad.above, grad.below]
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn losses_of_one_number_are_derived_right(x in 0.0..1.0_f64, y in 0.0..1.0_f64, logit in -30.0..30.0_f64) {
+        assert_vjp(
+            &[x],
+            |x| vec![loss::absolute(x[0], Number::of(y)), loss::squared(x[0], Number::of(y))],
+            |x, g| vec![loss::absolute_vjp(x[0], Double(y), g[0]) + loss::squared_vjp(x[0], Double(y), g[1])],
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &[x],
+            |x| vec![loss::sparse_coverage(x[0])],
+            |x, g| vec![loss::sparse_coverage_vjp(x[0], g[0])],
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(&[logit], |x| vec![loss::sparse(x[0])], |x, g| vec![loss::sparse_vjp(x[0], g[0])], SAME_DERIVATIVE);
+    }
+
+    #[test]
+    fn coverage_beyond_its_margin_is_derived_right(beyond in -0.1..0.00099_f64) {
+        for coverage in [beyond, 1.0 - beyond] {
+            assert_vjp(
+                &[coverage],
+                |x| vec![loss::sparse_coverage(x[0])],
+                |x, g| vec![loss::sparse_coverage_vjp(x[0], g[0])],
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
+    fn structural_similarity_is_derived_right(means in [0.0..1.0_f64, 0.0..1.0], rest in [0.0..0.2_f64, 0.0..0.2, -0.1..0.1]) {
+        let [x, y] = means;
+        let inputs = [x, x * x + rest[0], x * y + rest[2]];
+        let moments = |m: &[_]| loss::SsimMoments {
+            x: m[0],
+            y: Number::of(y),
+            xx: m[1],
+            yy: Number::of(y * y + rest[1]),
+            xy: m[2],
+        };
+        assert_vjp(&inputs, |m| vec![loss::ssim(&moments(m))], |m, g| {
+            let moments = loss::SsimMoments {
+                x: m[0],
+                y: Double(y),
+                xx: m[1],
+                yy: Double(y * y + rest[1]),
+                xy: m[2],
+            };
+            loss::ssim_vjp(&moments, g[0]).to_vec()
+        }, SAME_DERIVATIVE);
+    }
+
+    #[test]
+    fn normal_losses_are_derived_right(rendered in any_vector(), geometric in any_vector()) {
+        let inputs = join_f64(&rendered, &geometric);
+        assert_vjp(
+            &inputs,
+            |x| vec![loss::normal_distance(take3(x), take3(&x[3..]))],
+            |x, g| {
+                let grad = loss::normal_distance_vjp(take3(x), take3(&x[3..]), g[0]);
+                join(&[&grad.to_array(), &(-grad).to_array()])
+            },
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &inputs,
+            |x| vec![loss::normal_cosine(take3(x), take3(&x[3..]))],
+            |x, g| {
+                let (rendered, geometric) = loss::normal_cosine_vjp(take3(x), take3(&x[3..]), g[0]);
+                join(&[&rendered.to_array(), &geometric.to_array()])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+}
+
+#[test]
+fn vectors_without_a_direction_have_no_gradient() {
+    let grad = vector::normalize_or_vjp(vector::<Double>([0.0; 3]), vector([1.0, 2.0, 3.0]));
+    assert_eq!(grad, vector([0.0; 3]), "a constant fallback has no derivative");
+    let grad = covariance::rotation_vjp([Double(0.0); 4], &take9(&[Double(1.0); 9]));
+    assert_eq!(grad, [Double(0.0); 4], "nor has the identity");
+}
+
+/// A `_vjp` that nobody holds against anything is found here.
+#[test]
+fn every_vjp_of_core_is_held_against_dual_numbers() {
+    let here = include_str!("derivatives.rs");
+    let sources = concat!(env!("CARGO_MANIFEST_DIR"), "/../core/src");
+    let mut found = 0;
+    for entry in std::fs::read_dir(sources).expect("core lies beside this crate") {
+        let path = entry.expect("a readable folder").path();
+        let module = path.file_stem().and_then(|stem| stem.to_str()).expect("a file name").to_owned();
+        for line in std::fs::read_to_string(&path).expect("readable source").lines() {
+            let Some(rest) = line.trim_start().strip_prefix("pub fn ") else { continue };
+            let name = rest.split(['<', '(']).next().unwrap_or_default();
+            if name.ends_with("_vjp") {
+                found += 1;
+                assert!(here.contains(&format!("{module}::{name}(")), "nothing here calls {module}::{name}");
+            }
+        }
+    }
+    assert!(found > 25, "only {found} were found: has core moved?");
+}
+
+fn join_f64(a: &[f64], b: &[f64]) -> Vec<f64> {
+    [a, b].concat()
+}
+
+fn depth_of(camera: &Camera, mean: [f64; 3]) -> f64 {
+    camera.lift(Double(0.0)).to_camera(vector(mean)).z.0
+}
+
+/// mean, log scales, quat, opacity.
+fn shape<R: Number>(x: &[R]) -> Shape<R> {
+    Shape { mean: take3(x), log_scales: take3(&x[3..]), quat: [x[6], x[7], x[8], x[9]], opacity_logit: x[10] }
+}
+
+/// mean, quat, log scales, diffuse, tint, roughness, residuals.
+fn material<R: Number>(x: &[R]) -> Material<R> {
+    Material {
+        mean: take3(x),
+        quat: [x[3], x[4], x[5], x[6]],
+        log_scales: take3(&x[7..]),
+        diffuse: take3(&x[10..]),
+        tint: take3(&x[13..]),
+        roughness: x[16],
+        normal_residuals: [take3(&x[17..]), take3(&x[20..])],
+    }
+}
+
+fn numbers_of_material<R: Number>(m: &Material<R>) -> Vec<R> {
+    let [first, second] = m.normal_residuals;
+    join(&[
+        &m.mean.to_array(),
+        &m.quat,
+        &m.log_scales.to_array(),
+        &m.diffuse.to_array(),
+        &m.tint.to_array(),
+        &[m.roughness],
+        &first.to_array(),
+        &second.to_array(),
+    ])
+}
+
+fn terms<R: Number>(x: &[R]) -> Terms<R> {
+    Terms {
+        diffuse: take3(x),
+        tint: take3(&x[3..]),
+        specular_light: take3(&x[6..]),
+        residual: take3(&x[9..]),
+        ambient_light: take3(&x[12..]),
+        split_sum: [x[15], x[16]],
+    }
+}
+
+fn texels<R: Number>(x: &[R]) -> [Vec3<R>; 4] {
+    [take3(x), take3(&x[3..]), take3(&x[6..]), take3(&x[9..])]
+}
+
+/// Four texels, right, lower.
+fn bilinear<R: Number>(x: &[R]) -> Vec<R> {
+    cubemap::bilinear(texels(x), x[12], x[13]).to_array().to_vec()
+}
+
+fn texel_grads<R: Number>(right: R, lower: R, grad: Vec3<R>) -> Vec<R> {
+    cubemap::bilinear_weights(right, lower).iter().flat_map(|&weight| (grad * weight).to_array()).collect()
+}
+
+fn cross<R: Number>(depths: &[R]) -> depth_normal::Cross<R> {
+    depth_normal::Cross { left: depths[0], right: depths[1], above: depths[2], below: depths[3] }
+}
+
+fn rays_around<R: Number>(x: f64, y: f64, step: f64) -> depth_normal::Cross<Vec3<R>> {
+    let ray = |x: f64, y: f64| vector([x, y, 1.0]);
+    depth_normal::Cross {
+        left: ray(x - step, y),
+        right: ray(x + step, y),
+        above: ray(x, y - step),
+        below: ray(x, y + step),
+    }
+}
+
+const STACK: usize = 6;
+/// Pixel centres that a stack is seen from.
+const PIXELS: [[f32; 2]; 4] = [[0.0, 0.0], [1.0, 0.5], [-1.0, 0.5], [0.5, -2.0]];
+
+/// Splat `k` of a stack: centre, root of the conic, opacity; its colour follows after all splats.
+fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec3<R>) {
+    let s = &x[6 * k..];
+    let mean2d = [s[0], s[1]];
+    (mean2d, blend::stamp(mean2d, [s[2], s[3], s[4]], s[5]), s[5], take3(&x[6 * STACK + 3 * k..]))
+}
+
+/// Colour and final transmittance of every pixel.
+fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
+    let pixel = |[px, py]: [f32; 2]| {
+        let (mut color, mut transmittance) = (Vec3::zero(x[0]), x[0].constant(1.0));
+        for k in 0..STACK {
+            let (mean2d, stamp, _, splat_color) = stack_entry(x, k);
+            let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
+            let step = blend::step(blend::alpha(falloff.strength, transmittance), transmittance);
+            color = color.add_scaled(step.weight, splat_color);
+            transmittance = step.transmittance;
+        }
+        join(&[&color.to_array(), &[transmittance.abs()]])
+    };
+    PIXELS.iter().flat_map(|&p| pixel(p)).collect()
+}
+
+fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
+    let zero = x[0].zero();
+    let mut moments = [blend::Moments { offset: [zero; 2], root: [zero; 3], strength: zero }; STACK];
+    let mut grad_colors = [Vec3::zero(zero); STACK];
+    let image = blend_stack(x);
+    for (p, &[px, py]) in PIXELS.iter().enumerate() {
+        let (grad_color, grad_transmittance) = (take3(&grad[4 * p..]), grad[4 * p + 3]);
+        let total = grad_color.dot(take3(&image[4 * p..])) + image[4 * p + 3] * grad_transmittance;
+        let mut replay = blend::Replay { transmittance: zero.constant(1.0), remaining: total };
+        for k in 0..STACK {
+            let (mean2d, stamp, _, color) = stack_entry(x, k);
+            let (dx, dy) = (-mean2d[0] + px, -mean2d[1] + py);
+            let falloff = blend::falloff(&stamp, dx, dy);
+            let (h, step, behind) = blend::step_vjp(falloff.strength, replay, color.dot(grad_color));
+            grad_colors[k] = grad_colors[k].add_scaled(step.weight, grad_color);
+            let [u, w] = falloff.offset.map(|offset| offset * h);
+            let sum = &mut moments[k];
+            sum.offset = [sum.offset[0] + u, sum.offset[1] + w];
+            sum.root = [sum.root[0] + u * dx, sum.root[1] + w * dx, sum.root[2] + w * dy];
+            sum.strength = sum.strength + h;
+            replay = behind;
+        }
+    }
+    let splat_grad = |k: usize| {
+        let (_, stamp, opacity, _) = stack_entry(x, k);
+        let grad = blend::moments_vjp(&stamp, opacity, &moments[k]);
+        join(&[&grad.mean2d, &grad.root_conic, &[grad.opacity]])
+    };
+    let splats: Vec<R> = (0..STACK).flat_map(splat_grad).collect();
+    let colors: Vec<R> = grad_colors.iter().flat_map(|c| c.to_array()).collect();
+    join(&[&splats, &colors])
+}
