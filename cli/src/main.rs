@@ -1,1 +1,77 @@
-fn main() {}
+//! specula fits, renders and relights scenes of 3D Gaussians that carry a shading function.
+
+mod args;
+mod background;
+mod convention;
+mod dataset;
+mod demo;
+mod eval;
+mod failure;
+mod fit;
+mod info;
+mod interrupt;
+mod look;
+mod output;
+mod pictures;
+mod progress;
+mod quality;
+mod relight;
+mod render;
+mod scene;
+mod settings;
+mod train;
+mod truth;
+
+use args::{Arguments, Command};
+use clap::{Parser, error::ErrorKind};
+use failure::Failure;
+use progress::Talk;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return explain(&error),
+    };
+    // A panic has told of itself already.
+    match std::panic::catch_unwind(|| run(&arguments)) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => {
+            eprintln!("specula: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+        Err(_) => ExitCode::FAILURE,
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(threads) = arguments.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
+        pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
+    }
+    let talk = Talk { quiet: arguments.quiet };
+    match &arguments.command {
+        Command::Demo(args) => demo::run(args, talk),
+        Command::Train(args) => train::run(args, talk),
+        Command::Render(args) => render::run(args, talk),
+        Command::Relight(args) => relight::run(args, talk),
+        Command::Eval(args) => eval::run(args, talk),
+        Command::Info(args) => info::run(args, talk),
+    }
+}
+
+/// Help goes to stdout; what is wrong with the arguments is one sentence, like any other error.
+fn explain(error: &clap::Error) -> ExitCode {
+    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+        // Nobody may be there to read it, which is no error.
+        let _ = error.print();
+        return ExitCode::SUCCESS;
+    }
+    let text = error.to_string();
+    let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty()).collect();
+    let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
+    eprintln!("specula: {sentence}; see specula --help");
+    ExitCode::from(2)
+}

@@ -43,7 +43,7 @@ pub fn footprint<R: Real>(splat: &Splat<R>) -> Footprint<R> {
 /// Half width and half height of a footprint, in pixels: reach · √variance along each axis.
 #[inline(always)]
 pub fn half_extent<R: Real>(splat: &Splat<R>, reach: R) -> [R; 2] {
-    splat.variance.map(|variance| variance.sqrt() * reach)
+    [splat.variance[0].sqrt() * reach, splat.variance[1].sqrt() * reach]
 }
 
 /// Leftmost and rightmost x, in pixels, of a footprint within the band of y from `top` to `bottom`; the second is

@@ -28,7 +28,8 @@ pub struct Stamp<R> {
 /// The stamp of a splat with this centre, root of the conic and opacity.
 #[inline(always)]
 pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], opacity: R) -> Stamp<R> {
-    Stamp { mean2d, root: root_conic.map(|w| w * ROOT_SCALE), log2_opacity: opacity.log2() }
+    let [xx, yx, yy] = root_conic;
+    Stamp { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity: opacity.log2() }
 }
 
 /// A splat at one pixel.

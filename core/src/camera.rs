@@ -66,12 +66,13 @@ impl Camera {
     /// The same camera in the numbers that formulas compute with.
     #[inline(always)]
     pub fn lift<R: Real>(&self, like: R) -> CameraOf<R> {
+        let [limit_x, limit_y] = self.slope_limit();
         CameraOf {
             camera_from_world: Mat3::constant(like, self.camera_from_world),
             position: Vec3::constant(like, self.position),
-            focal_px: self.focal_px.map(|f| like.constant(f)),
-            principal_px: self.principal_px.map(|p| like.constant(p)),
-            slope_limit: self.slope_limit().map(|limit| like.constant(limit)),
+            focal_px: [like.constant(self.focal_px[0]), like.constant(self.focal_px[1])],
+            principal_px: [like.constant(self.principal_px[0]), like.constant(self.principal_px[1])],
+            slope_limit: [like.constant(limit_x), like.constant(limit_y)],
         }
     }
 

@@ -57,7 +57,8 @@ pub fn scales_vjp<R: Real>(log_scales: Vec3<R>, scales: Vec3<R>, grad: Vec3<R>) 
 pub fn covariance<R: Real>(quat: Quat<R>, log_scales: Vec3<R>) -> [R; 6] {
     let rotation = rotation(quat);
     let scales = scales(log_scales);
-    let [a, b, c] = rotation.rows.map(|row| row.times(scales));
+    let [a, b, c] = rotation.rows;
+    let (a, b, c) = (a.times(scales), b.times(scales), c.times(scales));
     [a.dot(a), a.dot(b), a.dot(c), b.dot(b), b.dot(c), c.dot(c)]
 }
 
@@ -68,7 +69,7 @@ fn normalize_quat<R: Real>([w, x, y, z]: Quat<R>) -> (Quat<R>, R) {
     let largest = w.abs().max(x.abs()).max(y.abs().max(z.abs()));
     let is_rotation = w.constant(QUAT_MIN).less(largest);
     let largest = R::select(is_rotation, largest, w.constant(1.0));
-    let [w, x, y, z] = [w, x, y, z].map(|c| c / largest);
+    let (w, x, y, z) = (w / largest, x / largest, y / largest, z / largest);
     let length_squared = w * w + x * x + y * y + z * z;
     let inverse = R::select(is_rotation, length_squared, w.constant(1.0)).sqrt().recip();
     let unit = [

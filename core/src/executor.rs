@@ -93,6 +93,8 @@ pub trait Executor {
     fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
     /// Numbers back to the host; `values` has the array's length.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
+    /// A frame back to the host: its channels, then its transmittance, plane by plane.
+    fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
     /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
 

@@ -58,7 +58,7 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     let mark = |mask: R::Mask| one.keep(mask);
     let first = [mark(xy & xz), mark(!xy & yz), mark(!xz & !yz)];
     let last = [mark(!xy & !xz), mark(xy & !yz), mark(xz & yz)];
-    let middle = [0, 1, 2].map(|c| one - first[c] - last[c]);
+    let middle = [one - first[0] - last[0], one - first[1] - last[1], one - first[2] - last[2]];
     [first, middle, last]
 }
 

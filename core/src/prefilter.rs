@@ -112,7 +112,7 @@ pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) 
 }
 
 /// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole.
-pub const OPENING: f64 = 0.35;
+pub const OPENING: f64 = 0.8;
 
 /// A texel of the light's pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

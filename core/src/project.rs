@@ -104,8 +104,8 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
     let [grad_first, grad_second] = half_grad(&p, grad.root_conic);
 
     // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes and the depth.
-    let [fx, fy] = camera.focal_px.map(|f| f * p.inverse_depth);
-    let columns = [0, 1, 2].map(|k| p.camera_from_local.column(k));
+    let (fx, fy) = (camera.focal_px[0] * p.inverse_depth, camera.focal_px[1] * p.inverse_depth);
+    let columns = p.camera_from_local.columns();
     let scale_of = p.scales.to_array();
     let mut grad_scales = [p.inverse_depth.zero(); 3];
     let mut grad_columns = columns;
@@ -131,12 +131,12 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
         grad.depth - (along_x * m.x + along_y * m.y + grad_half_times_half) * p.inverse_depth,
     );
 
-    let grad_local = grad_columns.map(|column| camera.camera_from_world.transform_transposed(column));
+    let turn = |k: usize| camera.camera_from_world.transform_transposed(grad_columns[k]);
     let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
     Shape {
         mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
         log_scales: scales_vjp(shape.log_scales, p.scales, grad_scales),
-        quat: rotation_vjp(shape.quat, &Mat3::from_columns(grad_local)),
+        quat: rotation_vjp(shape.quat, &Mat3::from_columns([turn(0), turn(1), turn(2)])),
         opacity_logit: sigmoid_vjp(sigmoid(shape.opacity_logit), grad.opacity),
     }
 }
@@ -150,12 +150,13 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> 
 
     let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
     let limit = camera.slope_limit;
-    let slope = [0, 1].map(|i| free_slope[i].max(-limit[i]).min(limit[i]));
-    let slope_is_free = [0, 1].map(|i| near.constant(1.0).keep(free_slope[i].abs().less(limit[i])));
+    let limited = |i: usize| free_slope[i].max(-limit[i]).min(limit[i]);
+    let is_free = |i: usize| near.constant(1.0).keep(free_slope[i].abs().less(limit[i]));
+    let (slope, slope_is_free) = ([limited(0), limited(1)], [is_free(0), is_free(1)]);
 
     let world_from_local = rotation(shape.quat);
-    let camera_from_local =
-        Mat3::from_columns([0, 1, 2].map(|k| camera.camera_from_world.transform(world_from_local.column(k))));
+    let turn = |k: usize| camera.camera_from_world.transform(world_from_local.column(k));
+    let camera_from_local = Mat3::from_columns([turn(0), turn(1), turn(2)]);
     let scales = scales(shape.log_scales);
     let [x, y, z] = camera_from_local.rows;
     let half = [

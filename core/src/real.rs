@@ -103,8 +103,8 @@ pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412
 /// The polynomial of [`Real::exp2`], on [−½, ½].
 #[inline(always)]
 pub fn exp2_fraction<R: Real>(x: R) -> R {
-    let [c0, c1, c2, c3, c4, c5, c6] = EXP2_COEFFICIENTS.map(|c| x.constant(c));
-    c6.mul_add(x, c5).mul_add(x, c4).mul_add(x, c3).mul_add(x, c2).mul_add(x, c1).mul_add(x, c0)
+    let c = |k: usize| x.constant(EXP2_COEFFICIENTS[k]);
+    c(6).mul_add(x, c(5)).mul_add(x, c(4)).mul_add(x, c(3)).mul_add(x, c(2)).mul_add(x, c(1)).mul_add(x, c(0))
 }
 
 /// The polynomial of [`Real::log2`], for a mantissa in [√½, √2].
@@ -112,8 +112,8 @@ pub fn exp2_fraction<R: Real>(x: R) -> R {
 pub fn log2_mantissa<R: Real>(mantissa: R) -> R {
     let s = (mantissa - 1.0) / (mantissa + 1.0);
     let s2 = s * s;
-    let [c0, c1, c2, c3, c4] = LOG2_COEFFICIENTS.map(|c| s.constant(c));
-    c4.mul_add(s2, c3).mul_add(s2, c2).mul_add(s2, c1).mul_add(s2, c0) * s
+    let c = |k: usize| s.constant(LOG2_COEFFICIENTS[k]);
+    c(4).mul_add(s2, c(3)).mul_add(s2, c(2)).mul_add(s2, c(1)).mul_add(s2, c(0)) * s
 }
 
 impl Real for f32 {

@@ -178,7 +178,8 @@ impl<R: Real> Mat3<R> {
     /// A constant matrix of numbers of the same kind as `like`.
     #[inline(always)]
     pub fn constant(like: R, matrix: glam::Mat3) -> Self {
-        Self { rows: [0, 1, 2].map(|row| Vec3::constant(like, matrix.row(row))) }
+        let row = |k: usize| Vec3::constant(like, matrix.row(k));
+        Self { rows: [row(0), row(1), row(2)] }
     }
     /// Matrix times column vector.
     #[inline(always)]
@@ -196,6 +197,11 @@ impl<R: Real> Mat3<R> {
     pub fn column(&self, index: usize) -> Vec3<R> {
         let pick = |row: Vec3<R>| row.to_array()[index];
         vec3(pick(self.rows[0]), pick(self.rows[1]), pick(self.rows[2]))
+    }
+    /// All columns.
+    #[inline(always)]
+    pub fn columns(&self) -> [Vec3<R>; 3] {
+        [self.column(0), self.column(1), self.column(2)]
     }
     /// The matrix with these columns.
     #[inline(always)]

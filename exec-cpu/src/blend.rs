@@ -164,8 +164,8 @@ fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> St
     let stamp = stamp(record.mean2d, record.root_conic, record.opacity);
     let splat = |value: f32| Lanes::splat(simd, value);
     let lanes = Stamp {
-        mean2d: stamp.mean2d.map(splat),
-        root: stamp.root.map(splat),
+        mean2d: [splat(stamp.mean2d[0]), splat(stamp.mean2d[1])],
+        root: [splat(stamp.root[0]), splat(stamp.root[1]), splat(stamp.root[2])],
         log2_opacity: splat(stamp.log2_opacity),
     };
     let from_top = record.mean2d[1] - origin[1];
@@ -195,7 +195,7 @@ fn blend_tile<S: Simd, const C: usize>(
         }
         let gaussian = *gaussian as usize;
         let splat = stamp_on_tile(simd, &records[gaussian], origin);
-        let color: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::splat(simd, colors[gaussian * C + c]));
+        let color = color_of::<S, C>(simd, colors, gaussian);
         for row in splat.rows.clone() {
             let dy = Lanes::splat(simd, splat.first_dy + row as f32);
             let strength = falloff(&splat.lanes, splat.dx, dy).strength;
@@ -212,7 +212,10 @@ fn blend_tile<S: Simd, const C: usize>(
 
 #[inline(always)]
 fn all_ended<S: Simd>(simd: S, transmittance: &[[f32; SIZE]; SIZE]) -> bool {
-    let most = transmittance.iter().fold(Lanes::splat(simd, -1.0), |most, row| most.max(Lanes::load(simd, row)));
+    let mut most = Lanes::splat(simd, -1.0);
+    for row in transmittance {
+        most = most.max(Lanes::load(simd, row));
+    }
     !most.any_positive()
 }
 
@@ -288,7 +291,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
         }
         let gaussian = *gaussian as usize;
         let splat = stamp_on_tile(simd, &records[gaussian], origin);
-        let color: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::splat(simd, colors[gaussian * C + c]));
+        let color = color_of::<S, C>(simd, colors, gaussian);
         let zero = Lanes::splat(simd, 0.0);
         let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
         let mut grad_color = [zero; C];
@@ -299,37 +302,53 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
             if !alpha(falloff.strength, before).any_positive() {
                 continue;
             }
-            let grads: [Lanes<S>; C] = core::array::from_fn(|c| Lanes::load(simd, &grad.channels[c][row]));
-            let along = (1..C).fold(color[0] * grads[0], |sum, c| color[c].mul_add(grads[c], sum));
+            let mut along = zero;
+            for c in 0..C {
+                along = color[c].mul_add(Lanes::load(simd, &grad.channels[c][row]), along);
+            }
             let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &remaining[row]) };
             let (h, step, replay) = step_vjp(falloff.strength, replay, along);
             replay.transmittance.store(&mut transmittance[row]);
             replay.remaining.store(&mut remaining[row]);
 
-            let [hu, hw] = falloff.offset.map(|offset| h * offset);
+            let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
             moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
             moments.root[0] = hu.mul_add(splat.dx, moments.root[0]);
             moments.root[1] = hw.mul_add(splat.dx, moments.root[1]);
             moments.root[2] = hw.mul_add(dy, moments.root[2]);
             moments.strength = moments.strength + h;
             for c in 0..C {
-                grad_color[c] = step.weight.mul_add(grads[c], grad_color[c]);
+                grad_color[c] = step.weight.mul_add(Lanes::load(simd, &grad.channels[c][row]), grad_color[c]);
             }
         }
         let moments = Moments {
-            offset: moments.offset.map(Lanes::sum),
-            root: moments.root.map(Lanes::sum),
+            offset: [moments.offset[0].sum(), moments.offset[1].sum()],
+            root: [moments.root[0].sum(), moments.root[1].sum(), moments.root[2].sum()],
             strength: moments.strength.sum(),
         };
-        write_slot(&moments_vjp(&splat.stamp, records[gaussian].opacity, &moments), &grad_color.map(Lanes::sum), out);
+        write_geometry(&moments_vjp(&splat.stamp, records[gaussian].opacity, &moments), out);
+        for c in 0..C {
+            out[GEOMETRY + c] = grad_color[c].sum();
+        }
     }
 }
 
-fn write_slot(grad: &SplatGrad<f32>, grad_color: &[f32], out: &mut [f32]) {
+/// A splat's channels, each in every lane.
+#[inline(always)]
+fn color_of<S: Simd, const C: usize>(simd: S, colors: &[f32], gaussian: usize) -> [Lanes<S>; C] {
+    let mut color = [Lanes::splat(simd, 0.0); C];
+    let own = &colors[gaussian * C..(gaussian + 1) * C];
+    for c in 0..C {
+        color[c] = Lanes::splat(simd, own[c]);
+    }
+    color
+}
+
+#[inline(always)]
+fn write_geometry(grad: &SplatGrad<f32>, out: &mut [f32]) {
     out[..2].copy_from_slice(&grad.mean2d);
     out[2..5].copy_from_slice(&grad.root_conic);
     out[5] = grad.opacity;
-    out[GEOMETRY..].copy_from_slice(grad_color);
 }
 
 /// Σ g · C + g_T · T of each pixel: what [`Replay::remaining`] is before the first splat.

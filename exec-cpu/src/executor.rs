@@ -85,7 +85,7 @@ impl CpuExecutor {
         match &self.operator {
             Some((key, operator)) if *key == (scheme, resolution) => Ok(operator.clone()),
             _ => {
-                let operator = Arc::new(Operator::new(scheme, resolution));
+                let operator = Arc::new(Operator::new(self.level, scheme, resolution));
                 self.operator = Some(((scheme, resolution), operator.clone()));
                 Ok(operator)
             }
@@ -112,6 +112,11 @@ impl Executor for CpuExecutor {
 
     fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
         values.copy_from_slice(array);
+        Ok(())
+    }
+
+    fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
+        values.copy_from_slice(&frame.image.values);
         Ok(())
     }
 

@@ -58,8 +58,9 @@ impl<S: Simd> Fetch<S> {
     /// Gradient of u and v; adds to the light's.
     #[inline(always)]
     fn vjp(&self, grad: Vec3<Lanes<S>>, light_grad: &mut [Texel]) -> (Lanes<S>, Lanes<S>) {
-        let weights = bilinear_weights(self.footprint.right, self.footprint.lower).map(Lanes::to_array);
-        let [red, green, blue] = grad.to_array().map(Lanes::to_array);
+        let [a, b, c, d] = bilinear_weights(self.footprint.right, self.footprint.lower);
+        let weights = [a.to_array(), b.to_array(), c.to_array(), d.to_array()];
+        let (red, green, blue) = (grad.x.to_array(), grad.y.to_array(), grad.z.to_array());
         for lane in 0..BLOCK {
             if red[lane] == 0.0 && green[lane] == 0.0 && blue[lane] == 0.0 {
                 continue;
@@ -84,8 +85,8 @@ fn gather<S: Simd>(simd: S, texels: &[Texel], indices: [usize; BLOCK]) -> Vec3<L
         let texel = texels[index.min(texels.len() - 1)];
         planes.iter_mut().zip(texel).for_each(|(plane, value)| plane[lane] = value);
     }
-    let [x, y, z] = planes.map(|plane| Lanes::from_array(simd, plane));
-    vec3(x, y, z)
+    let [x, y, z] = planes;
+    vec3(Lanes::from_array(simd, x), Lanes::from_array(simd, y), Lanes::from_array(simd, z))
 }
 
 impl<S: Simd> Lookup<S> {

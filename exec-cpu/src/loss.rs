@@ -157,7 +157,7 @@ fn structure_loss(level: Level, plane: Plane, rendered: &[f32], truth: &[f32], w
         let rows = grad.par_chunks_mut(ROWS_AT_ONCE * plane.width).enumerate();
         rows.for_each(|(band, grad)| {
             let maps = [0, 1, 2].map(|k| &partials[k * size..(k + 1) * size]);
-            let blurred = dispatch!(level, simd => blur_band(simd, plane, band * ROWS_AT_ONCE, &maps));
+            let blurred = blur_maps(level, plane, band * ROWS_AT_ONCE, &maps);
             let start = band * ROWS_AT_ONCE * plane.width;
             for (k, grad) in grad.iter_mut().enumerate() {
                 *grad += blurred[0][k] + 2.0 * x[start + k] * blurred[1][k] + y[start + k] * blurred[2][k];
@@ -178,7 +178,7 @@ fn ssim_plane(level: Level, plane: Plane, x: &[f32], y: &[f32], grads: Option<(&
     let maps = [x, y, &products[0], &products[1], &products[2]];
     let band_len = ROWS_AT_ONCE * plane.width;
     let one_band = |band: usize, grads: Option<[&mut [f32]; 3]>, factor: f32| {
-        let blurred = dispatch!(level, simd => blur_band(simd, plane, band * ROWS_AT_ONCE, &maps));
+        let blurred = blur_maps(level, plane, band * ROWS_AT_ONCE, &maps);
         ssim_band(&blurred, grads, factor)
     };
     let sums: Vec<f64> = match grads {
@@ -218,30 +218,34 @@ fn ssim_band(blurred: &[Vec<f32>; 5], mut grads: Option<[&mut [f32]; 3]>, factor
     sum
 }
 
-/// Up to sixteen rows of each map, blurred by SSIM's window; beyond the border everything is zero.
+/// Up to sixteen rows of each map, blurred by SSIM's window.
+fn blur_maps<const N: usize>(level: Level, plane: Plane, first_row: usize, maps: &[&[f32]; N]) -> [Vec<f32>; N] {
+    maps.map(|map| dispatch!(level, simd => blur_band(simd, plane, first_row, map)))
+}
+
+/// Up to sixteen rows of a map, blurred by SSIM's window; beyond the border everything is zero.
 #[inline(always)]
-fn blur_band<S: Simd, const N: usize>(simd: S, plane: Plane, first_row: usize, maps: &[&[f32]; N]) -> [Vec<f32>; N] {
+fn blur_band<S: Simd>(simd: S, plane: Plane, first_row: usize, map: &[f32]) -> Vec<f32> {
     let window = ssim_window();
     let rows = ROWS_AT_ONCE.min(plane.height - first_row);
     let padded_width = plane.width.next_multiple_of(BLOCK);
     let above = REACH.min(first_row);
     let below = REACH.min(plane.height - first_row - rows);
-    maps.map(|map| {
-        let mut line = vec![0.0; padded_width + 2 * REACH];
-        let mut across = vec![0.0; (above + rows + below) * padded_width];
-        for (row, out) in across.chunks_exact_mut(padded_width).enumerate() {
-            let from = (first_row - above + row) * plane.width;
-            line[REACH..REACH + plane.width].copy_from_slice(&map[from..from + plane.width]);
-            blur_line(simd, &line, &window, out);
-        }
-        let mut out = vec![0.0; rows * plane.width];
-        let mut wide = vec![0.0; padded_width];
-        for (row, out) in out.chunks_exact_mut(plane.width).enumerate() {
-            blur_down(simd, &across, padded_width, row + above, &window, &mut wide);
-            out.copy_from_slice(&wide[..plane.width]);
-        }
-        out
-    })
+
+    let mut line = vec![0.0; padded_width + 2 * REACH];
+    let mut across = vec![0.0; (above + rows + below) * padded_width];
+    for (row, out) in across.chunks_exact_mut(padded_width).enumerate() {
+        let from = (first_row - above + row) * plane.width;
+        line[REACH..REACH + plane.width].copy_from_slice(&map[from..from + plane.width]);
+        blur_line(simd, &line, &window, out);
+    }
+    let mut out = vec![0.0; rows * plane.width];
+    let mut wide = vec![0.0; padded_width];
+    for (row, out) in out.chunks_exact_mut(plane.width).enumerate() {
+        blur_down(simd, &across, padded_width, row + above, &window, &mut wide);
+        out.copy_from_slice(&wide[..plane.width]);
+    }
+    out
 }
 
 #[inline(always)]
@@ -380,10 +384,10 @@ fn normal_row<S: Simd>(
             let rendered = vec3(plane(0), plane(1), plane(2));
             let weight_grad = weight * (weights.normal / coverage.len() as f32);
             let (value, grad_rendered, grad_geometric) = compare_normals(weights.normal_form, rendered, geometric * a, a, weight_grad);
-            sum += f64::from((value * weight).sum());
+            let is_on = weight.zero().less(weight);
+            sum += f64::from((value * weight).keep(is_on).sum());
             let grad_depths = normal_vjp(&rays, &depths, rotation.transform(grad_geometric * a));
             let all = [grad_rendered.x, grad_rendered.y, grad_rendered.z, grad_depths.left, grad_depths.right, grad_depths.above, grad_depths.below];
-            let is_on = weight.zero().less(weight);
             for (plane, value) in out.iter_mut().zip(all) {
                 plane[start..start + count].copy_from_slice(&value.keep(is_on).to_array()[..count]);
             }
@@ -457,13 +461,4 @@ fn gather_normal_grads(own: &NormalPlanes, width: usize, coverage: &[f32], depth
         *grad_blended += blended;
         *grad_passed -= covered;
     });
-}
-
-/// Mean SSIM of two pictures of three planes each, as it is reported.
-pub fn mean_ssim(width: usize, height: usize, x: &[f32], y: &[f32]) -> f64 {
-    let plane = Plane { width, height };
-    let size = (width * height).max(1);
-    let level = Level::new();
-    let sums = x.chunks(size).zip(y.chunks(size)).map(|(x, y)| ssim_plane(level, plane, x, y, None));
-    sums.sum::<f64>() / x.len().max(1) as f64
 }

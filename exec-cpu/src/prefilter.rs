@@ -1,5 +1,6 @@
 //! Light into roughness levels: a sparse linear operator, built once for a resolution and applied at every step.
 
+use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, apron_sources, padded_index, padded_len, texel_direction, texel_index, texel_solid_angle},
@@ -86,6 +87,7 @@ fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) 
 /// The map from a light's pyramid to its levels.
 #[derive(Debug)]
 pub(crate) struct Operator {
+    level: SimdLevel,
     scheme: PrefilterScheme,
     resolution: usize,
     levels: Levels,
@@ -169,7 +171,7 @@ fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
 }
 
 impl Operator {
-    pub(crate) fn new(scheme: PrefilterScheme, resolution: usize) -> Self {
+    pub(crate) fn new(level: SimdLevel, scheme: PrefilterScheme, resolution: usize) -> Self {
         let levels = Levels::new(scheme, resolution);
         let mut pyramid = Vec::new();
         let (mut size, mut offset) = (resolution, 0);
@@ -184,7 +186,7 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let mut operator = Self { scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
+        let mut operator = Self { level, scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
         operator.stored = operator.store();
         operator
     }
@@ -379,7 +381,7 @@ impl Operator {
 
     fn apply(&self, pyramid: &[Texel]) -> Vec<Texel> {
         match &self.stored {
-            Some(stored) => stored.forward.apply(pyramid),
+            Some(stored) => stored.forward.apply(self.level, pyramid),
             None => (0..self.row_count())
                 .into_par_iter()
                 .map_init(Vec::new, |taps, row| {
@@ -394,7 +396,7 @@ impl Operator {
 
     fn apply_vjp(&self, filtered: &[Texel]) -> Vec<Texel> {
         if let Some(stored) = &self.stored {
-            return stored.transposed.apply(filtered);
+            return stored.transposed.apply(self.level, filtered);
         }
         let mut nodes = vec![[0.0; 4]; self.node_count()];
         let mut taps = Vec::new();
@@ -496,18 +498,28 @@ impl Sparse {
         Self { starts, columns, weights }
     }
 
-    fn apply(&self, source: &[Texel]) -> Vec<Texel> {
+    fn apply(&self, level: SimdLevel, source: &[Texel]) -> Vec<Texel> {
         const ROWS_AT_ONCE: usize = 256;
         let mut out = vec![[0.0; 4]; self.starts.len() - 1];
         out.par_chunks_mut(ROWS_AT_ONCE).enumerate().for_each(|(chunk, out)| {
             for (row, sum) in out.iter_mut().enumerate() {
                 let row = chunk * ROWS_AT_ONCE + row;
                 let taps = self.starts[row]..self.starts[row + 1];
-                for (column, weight) in self.columns[taps.clone()].iter().zip(&self.weights[taps]) {
-                    add_scaled(sum, *weight, &source[*column as usize]);
-                }
+                let (columns, weights) = (&self.columns[taps.clone()], &self.weights[taps]);
+                *sum = dispatch!(level, simd => weighted_sum(simd, columns, weights, source));
             }
         });
         out
     }
+}
+
+/// Σ weight · source\[column\], in the order of the columns.
+#[inline(always)]
+fn weighted_sum<S: Simd>(simd: S, columns: &[u32], weights: &[f32], source: &[Texel]) -> Texel {
+    let mut sum = f32x4::splat(simd, 0.0);
+    for (column, weight) in columns.iter().zip(weights) {
+        let texel = f32x4::simd_from(simd, source[*column as usize]);
+        sum = texel.mul_add(f32x4::splat(simd, *weight), sum);
+    }
+    sum.into()
 }

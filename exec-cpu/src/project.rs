@@ -72,18 +72,18 @@ fn project_blocks<S: Simd>(simd: S, blocks: &[f32], block_len: usize, camera: &C
 
 #[inline(always)]
 fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes<S>; 2], records: &mut [SplatRecord]) {
-    let mean2d = splat.mean2d.map(Lanes::to_array);
-    let root_conic = splat.root_conic.map(Lanes::to_array);
-    let half = half.map(Lanes::to_array);
+    let [x, y] = [splat.mean2d[0].to_array(), splat.mean2d[1].to_array()];
+    let [xx, yx, yy] = [splat.root_conic[0].to_array(), splat.root_conic[1].to_array(), splat.root_conic[2].to_array()];
+    let [half_x, half_y] = [half[0].to_array(), half[1].to_array()];
     let (opacity, depth, reach) = (splat.opacity.to_array(), splat.depth.to_array(), reach.to_array());
     for (lane, record) in records.iter_mut().enumerate() {
         *record = SplatRecord {
-            mean2d: mean2d.map(|x| x[lane]),
-            root_conic: root_conic.map(|x| x[lane]),
+            mean2d: [x[lane], y[lane]],
+            root_conic: [xx[lane], yx[lane], yy[lane]],
             opacity: opacity[lane],
             depth: depth[lane],
             reach: reach[lane],
-            half_extent: half.map(|x| x[lane]),
+            half_extent: [half_x[lane], half_y[lane]],
         };
     }
 }
@@ -94,7 +94,7 @@ pub(crate) fn load_shape<S: Simd>(simd: S, block: &[f32]) -> Shape<Lanes<S>> {
     Shape {
         mean: Lanes::load3(simd, block, MEAN),
         log_scales: Lanes::load3(simd, block, LOG_SCALE),
-        quat: [0, 1, 2, 3].map(|k| at(QUAT + k)),
+        quat: [at(QUAT), at(QUAT + 1), at(QUAT + 2), at(QUAT + 3)],
         opacity_logit: at(OPACITY),
     }
 }

@@ -305,11 +305,15 @@ fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize
             touched[lane] = if *value == 0.0 { touched[lane] } else { 1.0 };
         }
     }
-    BlockGrads {
-        geometry: core::array::from_fn(|k| Lanes::from_array(simd, numbers[k])),
-        channels: core::array::from_fn(|k| Lanes::from_array(simd, numbers[GEOMETRY + k])),
-        is_touched: Lanes::from_array(simd, touched),
+    let zero = Lanes::splat(simd, 0.0);
+    let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; 24]);
+    for k in 0..GEOMETRY {
+        geometry[k] = Lanes::from_array(simd, numbers[k]);
     }
+    for k in 0..grads.channels {
+        channels[k] = Lanes::from_array(simd, numbers[GEOMETRY + k]);
+    }
+    BlockGrads { geometry, channels, is_touched: Lanes::from_array(simd, touched) }
 }
 
 #[inline(always)]

@@ -1,9 +1,6 @@
 //! Exact gradients by dual numbers, to hold every `_vjp` against.
 
-use crate::{
-    compare::assert_all_close,
-    number::Number,
-};
+use crate::{compare::assert_all_close, number::Number};
 use specula_core::{double::Double, dual::Dual, random};
 
 /// Gradient of `cotangent · f(inputs)`: one pass with dual numbers for each input.

@@ -6,7 +6,9 @@
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
 
+pub mod brute;
 pub mod compare;
 pub mod derivative;
 pub mod number;
+pub mod plain;
 pub mod strategies;

@@ -5,9 +5,9 @@
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    activation, blend, color,
+    activation, blend,
     camera::Camera,
-    covariance, cubemap, depth_normal,
+    color, covariance, cubemap, depth_normal,
     double::Double,
     ggx, loss,
     normal::{self, AxisRule},

@@ -210,12 +210,7 @@ mod symmetries {
     }
 
     fn shape(mean: [f64; 3], log_scales: [f64; 3], quat: [f64; 4]) -> Shape<Double> {
-        Shape {
-            mean: vector(mean),
-            log_scales: vector(log_scales),
-            quat: quat.map(Double),
-            opacity_logit: Double(0.0),
-        }
+        Shape { mean: vector(mean), log_scales: vector(log_scales), quat: quat.map(Double), opacity_logit: Double(0.0) }
     }
 
     fn product_of_quats([a, b, c, d]: [f64; 4], [w, x, y, z]: [f64; 4]) -> [f64; 4] {
@@ -282,7 +277,8 @@ mod light {
     fn corners_of_aprons_are_the_mean_of_three_texels() {
         let n = RESOLUTION as isize;
         let inner = |k: isize| k.clamp(0, n - 1) as usize;
-        for (face, (column, row)) in (0..6).flat_map(|f| [(-1, -1), (n, -1), (-1, n), (n, n)].map(|corner| (f, corner))) {
+        for (face, (column, row)) in (0..6).flat_map(|f| [(-1, -1), (n, -1), (-1, n), (n, n)].map(|corner| (f, corner)))
+        {
             let apron = cubemap::apron_sources(face, column, row, RESOLUTION);
             let sideways = neighbour(face, if column < 0 { 0 } else { 1 }, inner(row), RESOLUTION);
             let upright = neighbour(face, if row < 0 { 2 } else { 3 }, inner(column), RESOLUTION);
@@ -317,9 +313,7 @@ mod light {
 
     /// A padded map of random texels in [0, 1].
     fn random_map(resolution: usize) -> Vec<Vec3<Double>> {
-        let texel = |index: usize| {
-            take3(&[0, 1, 2].map(|c| Double(f64::from(random::uniform(3, c, index as u64)))))
-        };
+        let texel = |index: usize| take3(&[0, 1, 2].map(|c| Double(f64::from(random::uniform(3, c, index as u64)))));
         padded(resolution, texel)
     }
 
@@ -436,7 +430,9 @@ mod light {
         }
         let six = [(0.08, 0.0), (0.185, 1.0), (0.29, 2.0), (0.5, 4.0), (0.6457, 4.2913), (0.75, 4.5), (1.0, 5.0)];
         let three = [(0.05, 0.0), (0.29, 0.5), (0.75, 1.5)];
-        for (resolution, (roughness, level)) in six.map(|case| (512, case)).into_iter().chain(three.map(|case| (64, case))) {
+        for (resolution, (roughness, level)) in
+            six.map(|case| (512, case)).into_iter().chain(three.map(|case| (64, case)))
+        {
             let levels = Levels::new(PrefilterScheme::Official, resolution);
             let found = prefilter::level_of_roughness(Double(roughness), levels.as_slice());
             assert_close(found.0, level, 2.0 * FOUR_DIGITS);
@@ -626,7 +622,7 @@ mod numbers {
         assert_close(moment(4), 3.0, deviations * 96.0_f64.sqrt());
     }
 
-    /// The determinant of the conic, (W_xx W_yy)², of needles up to 10⁵ px long, `f32` against `f64`. A needle that
+    /// The determinant of the conic, `(W_xx W_yy)²`, of needles up to 10⁵ px long, `f32` against `f64`. A needle that
     /// points to the eye is short on the screen, and its length there is as uncertain as its direction: errors are
     /// those of a needle seen from the side. Half of them are due to the exponentials: e^x of an `f32` is off by
     /// |x| / 10⁷, and the determinant holds the square of two of them.

@@ -1,0 +1,490 @@
+//! What can be said on the command line.
+
+use crate::{background::Background, pictures::Layer};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use specula_io::latlong::UpAxis;
+use std::path::PathBuf;
+
+/// Scenes of 3D Gaussians that carry a shading function: fitted to pictures, rendered, taken apart, relit.
+///
+/// Each Gaussian has a diffuse colour, a specular tint, a roughness and a normal; they share one light, a cube map
+/// that is fitted along with them. So glossy things look right from everywhere, and another light can be put in.
+#[derive(Debug, Parser)]
+#[command(name = "specula", version, max_term_width = 110, after_help = EXAMPLES)]
+pub(crate) struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    /// Say nothing but results and errors.
+    #[arg(long, short, global = true, help_heading = "General")]
+    pub(crate) quiet: bool,
+    /// Threads to use; all cores by default. Results do not depend on it.
+    #[arg(long, global = true, value_name = "N", help_heading = "General", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  specula demo                                         see everything, in three minutes and without any data
+  specula train data/chair -m out/chair --eval         fit a scene and measure it on held-out views
+  specula render out/chair --layers rgb,normal         pictures of the test views, and their normals
+  specula relight out/chair --env sunset.hdr           the same scene under another light
+  specula info out/chair                               what is in it";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Demo(Demo),
+    Train(Box<Train>),
+    Render(Render),
+    Relight(Relight),
+    Eval(Eval),
+    Info(Info),
+}
+
+/// Train a small reflective scene that comes with the program, and make pictures of all that can be done with it.
+///
+/// Plain Gaussian splatting (3dgs) and specula are trained for equally many steps with equal settings. A table of both
+/// goes to stdout and to OUT/results.json; OUT/index.html shows the pictures.
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  specula demo -o out/demo")]
+pub(crate) struct Demo {
+    /// Folder for everything that the demo makes.
+    #[arg(long, short, value_name = "OUT", default_value = "out/demo")]
+    pub(crate) output: PathBuf,
+    /// Steps of each of the two trainings.
+    #[arg(long, value_name = "N", default_value_t = crate::demo::ITERATIONS, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) iterations: u32,
+}
+
+/// Fit Gaussians and a light to pictures with known cameras.
+///
+/// DATASET is a folder with transforms_train.json, transforms_test.json and the pictures that they name, as in NeRF
+/// Synthetic and Shiny Blender. Training starts from DATASET/points3d.ply or --points, else from random points.
+/// MODEL becomes a folder that tools for Gaussian splatting know: point_cloud/iteration_N/point_cloud.ply,
+/// cameras.json, cfg_args; beside them the light, as light/iteration_N/environment.exr.
+///
+/// Ctrl-C finishes the step, saves what there is and ends with exit code 130.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula train data/chair -m out/chair --eval -r 2 --iterations 7000
+  specula train data/chair -m out/plain --eval --profile 3dgs
+  specula train data/toaster -m out/ablation --eval --profile paper --no-residual
+Profiles:
+  specula    whatever measures best; the default
+  paper      the paper's equations and weights to the letter
+  official   what the authors' code does
+  3dgs       plain Gaussian splatting, spherical harmonics alone")]
+pub(crate) struct Train {
+    /// Folder of the data set.
+    #[arg(value_name = "DATASET", required_unless_present = "source_path")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Folder of the data set, as the field's tools name it.
+    #[arg(long, short, alias = "source_path", value_name = "DATASET", conflicts_with = "dataset")]
+    pub(crate) source_path: Option<PathBuf>,
+    /// Folder for the model; made if it is not there.
+    #[arg(long, short, alias = "model_path", value_name = "MODEL")]
+    pub(crate) model_path: PathBuf,
+    /// Kind of training.
+    #[arg(long, value_enum, default_value_t = ProfileName::Specula)]
+    pub(crate) profile: ProfileName,
+    /// Steps; schedules stretch along.
+    #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) iterations: u32,
+    /// Make pictures 1, 2, 4 or 8 times smaller.
+    #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale)]
+    pub(crate) resolution: u32,
+    /// Hold the test views out, measure them at the end and write results.json.
+    #[arg(long)]
+    pub(crate) eval: bool,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Behind transparent pictures; white by default where pictures are transparent, else black.
+    #[arg(long, value_name = "black|white|R,G,B", conflicts_with = "white_background")]
+    pub(crate) background: Option<Background>,
+    /// The same as --background white.
+    #[arg(long, short, alias = "white_background")]
+    pub(crate) white_background: bool,
+    /// Save at these steps as well as at the end.
+    #[arg(long, alias = "save_iterations", value_name = "N", num_args = 1.., value_delimiter = ',')]
+    pub(crate) save_iterations: Vec<u32>,
+    /// Measure the test views at these steps as well as at the end; needs --eval.
+    #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval")]
+    pub(crate) test_iterations: Vec<u32>,
+    #[command(flatten)]
+    pub(crate) start: Start,
+    #[command(flatten)]
+    pub(crate) losses: Losses,
+    #[command(flatten)]
+    pub(crate) ablation: Ablate,
+    #[command(flatten)]
+    pub(crate) densify: Densify,
+}
+
+/// What training starts from.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Start")]
+pub(crate) struct Start {
+    /// Points to start from, instead of DATASET/points3d.ply.
+    #[arg(long, value_name = "FILE.ply")]
+    pub(crate) points: Option<PathBuf>,
+    /// Start from this many random points, even where there is a point cloud. [100000 where there is none]
+    #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) random_points: Option<u32>,
+    /// Degree of the spherical harmonics, 0 to 3.
+    #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub(crate) sh_degree: Option<u8>,
+    /// Texels along an edge of the light's faces: a power of two, at least 16 (official: 64).
+    #[arg(long, alias = "light_resolution", alias = "brdf_env", value_name = "N")]
+    pub(crate) light_resolution: Option<usize>,
+}
+
+/// What is minimised. Weights that are not given are the profile's.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Losses")]
+pub(crate) struct Losses {
+    /// Weight of 1 − SSIM; that of |C − C_gt| becomes one minus it, unless given.
+    #[arg(long, alias = "lambda_dssim", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_dssim: Option<f32>,
+    /// Weight of |C − C_gt|.
+    #[arg(long, alias = "lambda_absolute", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_absolute: Option<f32>,
+    /// Weight of (C − C_gt)².
+    #[arg(long, alias = "lambda_squared", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_squared: Option<f32>,
+    /// Weight of the difference between normals and those of the depth.
+    #[arg(long, alias = "lambda_normal", alias = "lambda_predicted_normal", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_normal: Option<f32>,
+    /// Weight of the loss that makes opacities 0 or 1.
+    #[arg(long, alias = "lambda_sparse", alias = "lambda_zero_one", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_sparse: Option<f32>,
+    /// Weight of the size of the normals' residuals.
+    #[arg(long, alias = "lambda_reg", alias = "lambda_delta_reg", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_reg: Option<f32>,
+    /// Weight of the difference between coverage and the pictures' alpha.
+    #[arg(long, alias = "lambda_coverage", value_name = "X", value_parser = weight)]
+    pub(crate) lambda_coverage: Option<f32>,
+    /// Share of the run after which the loss on normals begins.
+    #[arg(long, alias = "normal_from", value_name = "0..1", value_parser = share)]
+    pub(crate) normal_from: Option<f32>,
+    /// Share of the run after which the residual colour is fitted.
+    #[arg(long, alias = "residual_from", value_name = "0..1", value_parser = share)]
+    pub(crate) residual_from: Option<f32>,
+}
+
+/// What the paper's ablation leaves out.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Ablation")]
+pub(crate) struct Ablate {
+    /// Without the sparse loss.
+    #[arg(long, alias = "no_sparse")]
+    pub(crate) no_sparse: bool,
+    /// Without the loss on normals.
+    #[arg(long, alias = "no_normal")]
+    pub(crate) no_normal: bool,
+    /// Without the residual colour.
+    #[arg(long, alias = "no_residual")]
+    pub(crate) no_residual: bool,
+    /// Without the shortest axis: normals are free.
+    #[arg(long, alias = "no_axis")]
+    pub(crate) no_axis: bool,
+}
+
+/// How Gaussians are added and removed. What is not given is the profile's.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Densification")]
+pub(crate) struct Densify {
+    /// First step after which Gaussians are added and removed.
+    #[arg(long, alias = "densify_from_iter", value_name = "N")]
+    pub(crate) densify_from_iter: Option<u32>,
+    /// Step from which they are not any more.
+    #[arg(long, alias = "densify_until_iter", value_name = "N")]
+    pub(crate) densify_until_iter: Option<u32>,
+    /// Steps between.
+    #[arg(long, alias = "densification_interval", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) densification_interval: Option<u32>,
+    /// Steps between two resets of all opacities; 0 for none.
+    #[arg(long, alias = "opacity_reset_interval", value_name = "N")]
+    pub(crate) opacity_reset_interval: Option<u32>,
+    /// Mean gradient on the screen from which a Gaussian is cloned or split.
+    #[arg(long, alias = "densify_grad_threshold", value_name = "X", value_parser = weight)]
+    pub(crate) densify_grad_threshold: Option<f32>,
+    /// Size, as a share of the scene, above which it is split rather than cloned.
+    #[arg(long, alias = "percent_dense", value_name = "X", value_parser = weight)]
+    pub(crate) percent_dense: Option<f32>,
+    /// Never more Gaussians than this.
+    #[arg(long, alias = "max_gaussians", alias = "max-splats", value_name = "N")]
+    pub(crate) max_gaussians: Option<usize>,
+}
+
+/// Make pictures of a scene: its colours, or any of the layers that they are made of.
+///
+/// SCENE is the folder of a model, or any PLY file of Gaussians. Cameras are those of the model's test views, unless
+/// --cameras or --turntable say otherwise. Without -o pictures go to MODEL/test/ours_N/renders/00000.png and so on,
+/// with the true pictures in gt where the data set is still there; with -o to OUT/LAYER/00000.png.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula render out/chair
+  specula render out/chair --layers all -o pictures
+  specula render scene.ply --turntable 36 --size 640,480 -o turn
+  specula render scene.ply --cameras cameras.json -o pictures")]
+pub(crate) struct Render {
+    /// Folder of a model, or a PLY file.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) look: Look,
+    /// Folder for the pictures.
+    #[arg(long, short, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// What to show, as a list with commas.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
+    pub(crate) layers: Vec<Layer>,
+    /// Another light, instead of the scene's own.
+    #[arg(long, value_name = "FILE.hdr|.exr")]
+    pub(crate) env: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) env_options: EnvOptions,
+}
+
+/// From where, and how, a scene is looked at.
+#[derive(Args, Debug)]
+pub(crate) struct Look {
+    /// Cameras: a transforms.json, or the cameras.json of Gaussian-splatting tools.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["split", "turntable"])]
+    pub(crate) cameras: Option<PathBuf>,
+    /// Which of the model's own cameras.
+    #[arg(long, value_enum, conflicts_with = "turntable")]
+    pub(crate) split: Option<Split>,
+    /// So many cameras in a circle around the scene, and an animation.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
+    pub(crate) turntable: Option<u32>,
+    /// Pixels of the pictures; those of the cameras by default.
+    #[arg(long, value_name = "W,H", value_parser = size)]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Behind the scene; that of the training by default, or else black.
+    #[arg(long, value_name = "black|white|R,G,B")]
+    pub(crate) background: Option<Background>,
+    /// How to read the attributes, where the scene does not say it or says it wrongly.
+    #[arg(long, value_enum)]
+    pub(crate) profile: Option<ProfileName>,
+}
+
+/// How a file of light is read.
+#[derive(Args, Debug)]
+pub(crate) struct EnvOptions {
+    /// Axis of the world that the upper edge of the file shows: Blender's z, or y as in the authors' files.
+    #[arg(long, alias = "env_up", value_enum, default_value_t = Up::Z)]
+    pub(crate) env_up: Up,
+    /// Times two to this power.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) exposure: f32,
+}
+
+/// Put a scene under another light.
+///
+/// The light is a lat-long map of linear radiance, .hdr or .exr; what is no radiance in it is replaced, and counted.
+/// Pictures go to MODEL/relight/ENV/ours_N/renders, or to OUT/rgb, with a preview of the light beside them.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula relight out/spheres --env sunset.hdr
+  specula relight out/spheres --env sunset.hdr --exposure 1 --turntable 36 -o turn
+  specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
+pub(crate) struct Relight {
+    /// Folder of a model, or a PLY file.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    /// The new light.
+    #[arg(long, value_name = "FILE.hdr|.exr")]
+    pub(crate) env: PathBuf,
+    #[command(flatten)]
+    pub(crate) env_options: EnvOptions,
+    #[command(flatten)]
+    pub(crate) look: Look,
+    /// Folder for the pictures.
+    #[arg(long, short, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// True pictures under the new light, named as the views; the relighting is measured against them.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Print the measures as JSON.
+    #[arg(long, requires = "truth")]
+    pub(crate) json: bool,
+}
+
+/// Measure a model on views that it was not fitted to: PSNR, SSIM, and the normals' error where true normals are known.
+///
+/// PSNR and SSIM are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle in
+/// degrees over pixels whose true alpha exceeds one half. Measures of the test views are written to MODEL/results.json
+/// and MODEL/per_view.json.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula eval out/chair
+  specula eval scene.ply -s data/chair --background white --json")]
+pub(crate) struct Eval {
+    /// Folder of a model, or a PLY file.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    /// Folder of the data set; the one that the model was trained on by default.
+    #[arg(long, short, alias = "source_path", value_name = "DATASET")]
+    pub(crate) source_path: Option<PathBuf>,
+    /// Which views.
+    #[arg(long, value_enum, default_value_t = Split::Test)]
+    pub(crate) split: Split,
+    /// Make pictures 1, 2, 4 or 8 times smaller; as in training by default.
+    #[arg(long, short, value_name = "1|2|4|8", value_parser = downscale)]
+    pub(crate) resolution: Option<u32>,
+    /// Behind transparent pictures; that of the training by default.
+    #[arg(long, value_name = "black|white|R,G,B")]
+    pub(crate) background: Option<Background>,
+    /// How to read the attributes, where the scene does not say it or says it wrongly.
+    #[arg(long, value_enum)]
+    pub(crate) profile: Option<ProfileName>,
+    /// Print the measures as JSON, view by view.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Say what is in a model, a PLY file or a data set.
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair")]
+pub(crate) struct Info {
+    /// Folder of a model, a PLY file, or folder of a data set.
+    #[arg(value_name = "PATH")]
+    pub(crate) path: PathBuf,
+    /// Print it as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Kinds of training, and of reading what was trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProfileName {
+    /// Whatever measures best.
+    Specula,
+    /// The paper to the letter.
+    Paper,
+    /// What the authors' code does.
+    Official,
+    /// Plain Gaussian splatting.
+    #[value(name = "3dgs")]
+    Plain,
+}
+
+impl ProfileName {
+    /// The name, as typed.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Specula => "specula",
+            Self::Paper => "paper",
+            Self::Official => "official",
+            Self::Plain => "3dgs",
+        }
+    }
+}
+
+/// Which views of a data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Split {
+    /// Those that were fitted.
+    Train,
+    /// Those that were held out.
+    Test,
+    /// All of them.
+    All,
+}
+
+impl Split {
+    /// The name, as typed.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Test => "test",
+            Self::All => "all",
+        }
+    }
+}
+
+impl Split {
+    /// Whether test views belong to it.
+    pub(crate) fn has_test(self) -> bool {
+        self != Self::Train
+    }
+    /// Whether training views belong to it.
+    pub(crate) fn has_train(self) -> bool {
+        self != Self::Test
+    }
+}
+
+/// Which axis a file of light has above.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Up {
+    /// That of GaussianShader and nvdiffrec.
+    Y,
+    /// Blender's.
+    Z,
+}
+
+impl From<Up> for UpAxis {
+    fn from(up: Up) -> Self {
+        match up {
+            Up::Y => Self::Y,
+            Up::Z => Self::Z,
+        }
+    }
+}
+
+fn downscale(text: &str) -> Result<u32, String> {
+    match text {
+        "1" => Ok(1),
+        "2" => Ok(2),
+        "4" => Ok(4),
+        "8" => Ok(8),
+        _ => Err("use 1, 2, 4 or 8".into()),
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    let number: f32 = text.parse().map_err(|_| "use a number".to_owned())?;
+    if number.is_finite() { Ok(number) } else { Err("use a finite number".into()) }
+}
+
+fn weight(text: &str) -> Result<f32, String> {
+    let number = finite(text)?;
+    if number >= 0.0 { Ok(number) } else { Err("use a number that is not negative".into()) }
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    let number = finite(text)?;
+    if (0.0..=1.0).contains(&number) { Ok(number) } else { Err("use a number from 0 to 1".into()) }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    const LARGEST: u32 = 16_384;
+    let number = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
+    let both = text.split_once([',', 'x']).and_then(|(width, height)| Some([number(width)?, number(height)?]));
+    both.ok_or_else(|| format!("use two numbers from 1 to {LARGEST}, such as 640,480"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn the_fields_names_are_understood() {
+        let words = "specula train -s data -m out --lambda_zero_one 0.001 --densify_grad_threshold 0.0004 --sh_degree 2";
+        let Command::Train(train) = Arguments::try_parse_from(words.split(' ')).unwrap().command else { panic!("train") };
+        assert_eq!((train.losses.lambda_sparse, train.start.sh_degree), (Some(0.001), Some(2)));
+    }
+}

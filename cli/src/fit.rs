@@ -1,0 +1,115 @@
+//! Training, watched: progress, what is done at certain steps, an orderly end on Ctrl-C.
+
+use crate::{
+    convention::Reading,
+    failure::Failure,
+    interrupt,
+    progress::{Talk, Work},
+    scene::Scene,
+    settings::reading_of,
+};
+use specula_cpu::CpuExecutor;
+use specula_train::{
+    start::Point,
+    trainer::{Settings, Trainer},
+    view::View,
+};
+use std::time::Instant;
+
+/// A training on the processor.
+#[derive(Debug)]
+pub(crate) struct Training {
+    trainer: Trainer<CpuExecutor>,
+    reading: Reading,
+    iterations: u32,
+}
+
+/// How it went.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outcome {
+    /// Steps taken.
+    pub(crate) iteration: u32,
+    /// Seconds that they took, without what was done in between.
+    pub(crate) seconds: f64,
+    /// Whether the user ended it.
+    pub(crate) is_interrupted: bool,
+}
+
+impl Training {
+    /// Makes ready.
+    pub(crate) fn new(settings: Settings, views: &[View], points: &[Point]) -> Result<Self, Failure> {
+        let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
+        let trainer = Trainer::new(CpuExecutor::new(), settings, views, points)?;
+        Ok(Self { trainer, reading, iterations })
+    }
+
+    /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
+    pub(crate) fn run(
+        &mut self,
+        what: &str,
+        talk: Talk,
+        pauses: &[u32],
+        mut pause: impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
+    ) -> Result<Outcome, Failure> {
+        let work = talk.work(what, self.iterations.into());
+        let mut seconds = 0.0;
+        while !self.trainer.is_finished() && !interrupt::is_requested() {
+            let start = Instant::now();
+            self.trainer.step()?;
+            seconds += start.elapsed().as_secs_f64();
+            work.done(self.iteration().into(), || self.message());
+            if pauses.contains(&self.iteration()) && !self.trainer.is_finished() {
+                pause(self, &work)?;
+            }
+        }
+        work.finish();
+        self.warn_of_nonfinite(talk);
+        let is_interrupted = !self.trainer.is_finished();
+        Ok(Outcome { iteration: self.iteration(), seconds, is_interrupted })
+    }
+
+    fn message(&self) -> String {
+        let psnr = self.trainer.psnr().map_or(String::new(), |psnr| format!("PSNR {psnr:.2} dB, "));
+        format!("{psnr}{} Gaussians", thousands(self.trainer.gaussians().count))
+    }
+
+    fn warn_of_nonfinite(&self, talk: Talk) {
+        let count = self.trainer.nonfinite();
+        if count > 0 {
+            talk.note(&format!("{count} gradients were not finite and were left out; the result may be worse for it"));
+        }
+    }
+
+    /// Steps taken.
+    pub(crate) fn iteration(&self) -> u32 {
+        self.trainer.iteration()
+    }
+
+    /// The scene as it is now.
+    pub(crate) fn scene(&mut self) -> Result<Scene, Failure> {
+        Ok(Scene::of_training(self.trainer.download()?, self.reading))
+    }
+}
+
+/// A number in groups of three digits.
+pub(crate) fn thousands(number: usize) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            grouped.push(' ');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_grouped_from_the_right() {
+        assert_eq!([0, 999, 1000, 1_234_567].map(thousands), ["0", "999", "1 000", "1 234 567"]);
+    }
+}

@@ -1,0 +1,257 @@
+//! `specula info`: what is in a model, a PLY file or a data set, in words and numbers.
+
+use crate::{
+    args::Info,
+    dataset::{self, Dataset},
+    failure::Failure,
+    fit::thousands,
+    output,
+    progress::Talk,
+    scene::{Opened, Scene},
+};
+use serde_json::{Map, Value, json};
+use specula_core::{
+    activation::sigmoid,
+    plan::Needs,
+    scene::{
+        DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT,
+    },
+};
+use specula_io::{
+    Error,
+    dataset::LoadOptions,
+    model_folder::ModelInfo,
+    points_ply::{self, PointCloud},
+};
+use specula_train::view::View;
+use std::path::Path;
+
+/// Coefficients below this change no pixel.
+const NOTHING: f32 = 1e-6;
+
+/// Looks, and says.
+pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
+    let report = if args.path.join("transforms_train.json").is_file() {
+        of_dataset(&args.path, talk)?
+    } else {
+        match Opened::open(&args.path, None) {
+            Ok(opened) => of_scene(&args.path, &opened),
+            Err(Failure::File(Error::MissingProperty { path, property, layout })) => {
+                let points = points_ply::read(&path);
+                of_points(&path, &points.map_err(|_| Error::MissingProperty { path: path.clone(), property, layout })?)
+            }
+            Err(failure) => return Err(failure),
+        }
+    };
+    if args.json { output::say_json(&report.json.into()) } else { output::say(&report.text()) }
+}
+
+/// The same facts for people and for programs.
+#[derive(Debug)]
+struct Report {
+    title: String,
+    lines: Vec<(&'static str, String)>,
+    json: Map<String, Value>,
+}
+
+impl Report {
+    fn new(kind: &str, path: &Path) -> Self {
+        let mut report = Self { title: format!("{}: {kind}", path.display()), lines: Vec::new(), json: Map::new() };
+        report.json.insert("kind".into(), kind.into());
+        report
+    }
+
+    fn add(&mut self, name: &'static str, words: String, value: Value) {
+        self.lines.push((name, words));
+        self.json.insert(name.replace(' ', "_"), value);
+    }
+
+    fn text(&self) -> String {
+        let lines = self.lines.iter().map(|(name, words)| format!("\n  {name:<16} {words}"));
+        format!("{}{}", self.title, lines.collect::<String>())
+    }
+}
+
+fn of_scene(path: &Path, opened: &Opened) -> Report {
+    let scene = &opened.scene;
+    let layout = scene.gaussians.layout;
+    let kind = if layout.is_shaded() { "shaded Gaussians" } else { "plain Gaussians" };
+    let mut report = Report::new(kind, path);
+    if let Some(iteration) = opened.iteration {
+        report.add("iteration", iteration.to_string(), iteration.into());
+    }
+    if let Some(info) = &opened.info {
+        report.add("training", training(info), json!(info));
+    }
+    report.add("Gaussians", thousands(scene.gaussians.count), scene.gaussians.count.into());
+    let degree = layout.sh_degree;
+    report.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
+    if layout.is_shaded() {
+        let [shading, axis, prefilter] = scene.reading.words();
+        let words = format!("{shading}; normals from axis: {axis}; light filtered: {prefilter}");
+        report.add("shading", words, json!({"form": shading, "axis": axis, "prefilter": prefilter}));
+    }
+    add_ranges(&mut report, &scene.gaussians);
+    add_light(&mut report, scene);
+    let nonfinite = scene.gaussians.values.iter().filter(|number| !number.is_finite()).count();
+    report.add("not finite", if nonfinite == 0 { "none".into() } else { thousands(nonfinite) }, nonfinite.into());
+    add_needs(&mut report, scene);
+    report
+}
+
+fn training(info: &ModelInfo) -> String {
+    let seconds = info.rest.get("seconds").and_then(Value::as_f64);
+    let seconds = seconds.map_or(String::new(), |seconds| format!(", {seconds:.0} s"));
+    let size = if info.downscale > 1 { format!(" at 1/{} of their size", info.downscale) } else { String::new() };
+    format!(
+        "profile {}, {} iterations, seed {}{seconds}, on {}{size}",
+        info.profile, info.iterations, info.seed, info.source_path
+    )
+}
+
+/// Smallest, median and largest number.
+#[derive(Clone, Copy, Debug)]
+struct Range([f32; 3]);
+
+impl Range {
+    fn of(numbers: impl Iterator<Item = f32>) -> Option<Self> {
+        let mut sorted: Vec<f32> = numbers.collect();
+        sorted.sort_by(f32::total_cmp);
+        Some(Self([*sorted.first()?, sorted[sorted.len() / 2], *sorted.last()?]))
+    }
+
+    fn words(self) -> String {
+        let [least, median, most] = self.0;
+        format!("{} … {}, half below {}", number(least), number(most), number(median))
+    }
+
+    fn json(self) -> Value {
+        let [least, median, most] = self.0;
+        json!({"min": least, "median": median, "max": most})
+    }
+}
+
+/// Three digits.
+fn number(x: f32) -> String {
+    let size = x.abs();
+    if x == 0.0 {
+        "0".into()
+    } else if (0.001..10_000.0).contains(&size) {
+        let decimals = (2 - size.log10().floor() as i32).clamp(0, 6) as usize;
+        format!("{x:.decimals$}")
+    } else {
+        format!("{x:.2e}")
+    }
+}
+
+fn add_ranges(report: &mut Report, gaussians: &Gaussians<Vec<f32>>) {
+    let mut add = |name: &'static str, first: usize, count: usize, activate: fn(f32) -> f32| {
+        let numbers = (first..first + count).flat_map(|plane| gaussians.plane(plane)).map(activate);
+        if let Some(range) = Range::of(numbers) {
+            report.add(name, range.words(), range.json());
+        }
+    };
+    add("position x", MEAN, 1, |x| x);
+    add("position y", MEAN + 1, 1, |y| y);
+    add("position z", MEAN + 2, 1, |z| z);
+    add("scale", LOG_SCALE, 3, f32::exp);
+    add("opacity", OPACITY, 1, sigmoid);
+    if gaussians.layout.is_shaded() {
+        add("diffuse, raw", DIFFUSE, 3, |raw| raw);
+        add("tint", TINT, 3, sigmoid);
+        add("roughness", ROUGHNESS, 1, sigmoid);
+        add("normal residual", NORMAL_RESIDUAL_1, 6, f32::abs);
+    }
+}
+
+fn add_light(report: &mut Report, scene: &Scene) {
+    if !scene.gaussians.layout.is_shaded() {
+        return;
+    }
+    let Some(Environment { resolution, values, .. }) = &scene.light else {
+        report.add("light", "none; name one with --env where it is needed".into(), Value::Null);
+        return;
+    };
+    let range = Range::of(values.iter().copied()).unwrap_or(Range([0.0; 3]));
+    let words = format!("six faces of {resolution} × {resolution} texels, radiance {}", range.words());
+    report.add("light", words, json!({"resolution": resolution, "radiance": range.json()}));
+}
+
+/// What can be left out without a difference, and what cannot.
+fn add_needs(report: &mut Report, scene: &Scene) {
+    let needs = Needs::of(&scene.gaussians);
+    let mut words = Vec::new();
+    if scene.gaussians.layout.is_shaded() {
+        words.push(match needs.specular {
+            specular if specular > NOTHING => format!("specular light, weighted by up to {}", number(specular)),
+            _ => "no specular light".into(),
+        });
+        let [smoothest, roughest] = needs.roughness;
+        words.push(format!("roughness from {} to {}", number(smoothest), number(roughest)));
+        words.push(match needs.normal_residual {
+            residual if residual > NOTHING => format!("normal residuals up to {}", number(residual)),
+            _ => "no normal residuals".into(),
+        });
+    }
+    words.push(match needs.sh_degree(NOTHING) {
+        Some(degree) => format!("harmonics up to degree {degree}"),
+        None => "no harmonics".into(),
+    });
+    let json = json!({
+        "specular": needs.specular, "roughness": needs.roughness, "normal_residual": needs.normal_residual,
+        "sh_degree": needs.sh_degree(NOTHING),
+    });
+    report.add("needs", words.join("; "), json);
+}
+
+fn of_points(path: &Path, points: &PointCloud) -> Report {
+    let mut report = Report::new("points without Gaussians' attributes", path);
+    add_points(&mut report, &points.positions);
+    report
+}
+
+fn add_points(report: &mut Report, positions: &[[f32; 3]]) {
+    report.add("points", thousands(positions.len()), positions.len().into());
+    for (axis, name) in ["position x", "position y", "position z"].into_iter().enumerate() {
+        if let Some(range) = Range::of(positions.iter().map(|position| position[axis])) {
+            report.add(name, range.words(), range.json());
+        }
+    }
+}
+
+fn of_dataset(path: &Path, talk: Talk) -> Result<Report, Failure> {
+    let data = dataset::load(path, &LoadOptions::default(), talk)?;
+    let mut report = Report::new("data set", path);
+    add_views(&mut report, &data);
+    match &data.points {
+        Some(points) => add_points(&mut report, &points.iter().map(|point| point.position).collect::<Vec<_>>()),
+        None => report.add("points", "none; training starts from random points".into(), Value::Null),
+    }
+    Ok(report)
+}
+
+fn add_views(report: &mut Report, data: &Dataset) {
+    let Dataset { train, test, .. } = data;
+    report.add("training views", thousands(train.len()), train.len().into());
+    report.add("test views", thousands(test.len()), test.len().into());
+    let all = || train.iter().chain(test);
+
+    let mut sizes: Vec<[u32; 2]> = all().map(|view| [view.camera.width, view.camera.height]).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let words: Vec<String> = sizes.iter().take(4).map(|[width, height]| format!("{width} × {height}")).collect();
+    let more = if sizes.len() > 4 { format!(" and {} other sizes", sizes.len() - 4) } else { String::new() };
+    report.add("pixels", words.join(", ") + &more, json!(sizes));
+
+    let count = |has: fn(&View) -> bool| all().filter(|view| has(view)).count();
+    let transparent = count(View::has_alpha);
+    let with_normals = count(|view| view.normals.is_some());
+    report.add("transparent", format!("{transparent} of {} pictures", all().count()), transparent.into());
+    report.add("true normals", format!("{with_normals} views"), with_normals.into());
+    if let Some(range) = Range::of(all().map(|view| view.camera.focal_px[0])) {
+        report.add("focal length", format!("{} pixels", range.words()), range.json());
+    }
+    if let Some(range) = Range::of(all().map(|view| view.camera.position.length())) {
+        report.add("camera distance", format!("{} from the origin", range.words()), range.json());
+    }
+}

@@ -1,0 +1,204 @@
+//! From where a scene is looked at: the model's own cameras, those of a file, or a circle around it.
+
+use crate::{
+    args::{Look, Split},
+    failure::Failure,
+    scene::Opened,
+};
+use core::f32::consts::{FRAC_PI_2, TAU};
+use glam::{Mat3, Vec3};
+use specula_core::{
+    camera::Camera,
+    scene::{Gaussians, MEAN},
+};
+use specula_io::cameras::{self, NamedCamera};
+
+/// Pixels of a picture where nothing says otherwise.
+const SIZE: [u32; 2] = [800, 800];
+/// Cameras around a scene of which no camera is known.
+const ORBIT: u32 = 8;
+/// Horizontal field of view of such cameras, in radians: that of NeRF Synthetic.
+const FIELD_OF_VIEW: f32 = 0.691_111_2;
+
+/// Cameras to render, and what they are called together.
+#[derive(Debug)]
+pub(crate) struct Tour {
+    pub(crate) name: &'static str,
+    pub(crate) cameras: Vec<NamedCamera>,
+    /// Which views of the data set they are; none where they are not of it.
+    pub(crate) split: Option<Split>,
+    /// Whether the pictures are an animation.
+    pub(crate) is_turntable: bool,
+}
+
+impl Tour {
+    /// The cameras that were asked for, or those that fit best.
+    pub(crate) fn choose(look: &Look, opened: &Opened) -> Result<Self, Failure> {
+        let mut tour = Self::unsized_tour(look, opened)?;
+        if let Some([width, height]) = look.size {
+            tour.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.resized(width, height));
+        }
+        Ok(tour)
+    }
+
+    fn unsized_tour(look: &Look, opened: &Opened) -> Result<Self, Failure> {
+        if let Some(file) = &look.cameras {
+            let cameras = cameras::read_cameras(file, look.size.unwrap_or(SIZE))?;
+            return Ok(Self { name: "cameras", cameras, split: None, is_turntable: false });
+        }
+        let own = own_cameras(opened)?;
+        match (look.turntable, own) {
+            (Some(count), own) => Ok(Self::around(&opened.scene.gaussians, &own.unwrap_or_default(), count, look.size)),
+            (None, Some(own)) => Self::of_split(look.split, own, opened),
+            (None, None) if look.split.is_some() => Err(Failure::Input(
+                "the scene has no cameras of its own to take --split from; name some with --cameras, or use --turntable"
+                    .into(),
+            )),
+            (None, None) => Ok(Self::around(&opened.scene.gaussians, &[], ORBIT, look.size)),
+        }
+    }
+
+    /// The model's cameras, which are listed test views first.
+    fn of_split(asked: Option<Split>, mut own: Vec<NamedCamera>, opened: &Opened) -> Result<Self, Failure> {
+        let count = opened.info.as_ref().and_then(|info| info.rest.get("test_views")?.as_u64());
+        let test_count = count.map(|count| (count as usize).min(own.len()));
+        let usual = if test_count.is_some_and(|count| count > 0) { Split::Test } else { Split::All };
+        let split = asked.unwrap_or(usual);
+        match (split, test_count) {
+            (Split::All, _) => {}
+            (_, None) => {
+                return Err(Failure::Input(
+                    "the model does not say which of its cameras are test views; use --split all or --cameras".into(),
+                ));
+            }
+            (Split::Test, Some(count)) => own.truncate(count),
+            (Split::Train, Some(count)) => drop(own.drain(..count)),
+        }
+        if own.is_empty() {
+            let name = split.name();
+            return Err(Failure::Input(format!("the model has no {name} views; use --split all or --cameras")));
+        }
+        Ok(Self { name: split.name(), cameras: own, split: Some(split), is_turntable: false })
+    }
+
+    /// A circle, as high above the scene as the known cameras are in the mean.
+    pub(crate) fn around(
+        gaussians: &Gaussians<Vec<f32>>,
+        known: &[NamedCamera],
+        count: u32,
+        size: Option<[u32; 2]>,
+    ) -> Self {
+        let orbit = Orbit::of(gaussians, known);
+        let like = known.first().map(|(_, camera)| *camera);
+        let camera_at = |index: u32| (format!("{index:05}"), orbit.camera(TAU * index as f32 / count as f32, like, size));
+        Self { name: "turntable", cameras: (0..count).map(camera_at).collect(), split: None, is_turntable: true }
+    }
+}
+
+fn own_cameras(opened: &Opened) -> Result<Option<Vec<NamedCamera>>, Failure> {
+    let file = opened.folder.as_ref().map(|folder| folder.join("cameras.json"));
+    match file.filter(|file| file.is_file()) {
+        Some(file) => Ok(Some(cameras::read(&file)?)),
+        None => Ok(None),
+    }
+}
+
+/// A circle around a scene.
+struct Orbit {
+    centre: Vec3,
+    up: Vec3,
+    distance: f32,
+    /// Above the horizon, in radians.
+    elevation: f32,
+}
+
+impl Orbit {
+    fn of(gaussians: &Gaussians<Vec<f32>>, known: &[NamedCamera]) -> Self {
+        const ELEVATION: f32 = 0.4;
+        const HIGHEST: f32 = 1.0;
+        if known.is_empty() {
+            let (centre, radius) = middle(gaussians);
+            let distance = 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin();
+            return Self { centre, up: Vec3::Z, distance, elevation: ELEVATION };
+        }
+        let centre = seen_point(known);
+        let share = 1.0 / known.len() as f32;
+        // The second row of the rotation is down in the picture.
+        let up = -known.iter().map(|(_, camera)| camera.camera_from_world.row(1)).sum::<Vec3>();
+        let up = straightened(up.try_normalize().unwrap_or(Vec3::Z));
+        let distance = share * known.iter().map(|(_, camera)| camera.position.distance(centre)).sum::<f32>();
+        let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
+        let elevation = (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, HIGHEST);
+        Self { centre, up, distance, elevation }
+    }
+
+    fn camera(&self, turn: f32, like: Option<Camera>, size: Option<[u32; 2]>) -> Camera {
+        let east = self.up.any_orthonormal_vector();
+        let outwards = east * turn.cos() + self.up.cross(east) * turn.sin();
+        let direction = outwards * self.elevation.cos() + self.up * self.elevation.sin();
+        let [width, height] = size.unwrap_or(SIZE);
+        let up = if self.elevation < FRAC_PI_2 { self.up } else { outwards };
+        let camera =
+            Camera::look_at(self.centre + direction * self.distance, self.centre, up, FIELD_OF_VIEW, width, height);
+        match like {
+            Some(like) => Camera { camera_from_world: camera.camera_from_world, position: camera.position, ..like },
+            None => camera,
+        }
+    }
+}
+
+/// An axis of the world that is close to `up`, or else `up` itself.
+fn straightened(up: Vec3) -> Vec3 {
+    const CLOSE: f32 = 0.8;
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+    let close = axes.into_iter().find(|axis| axis.dot(up).abs() > CLOSE);
+    close.map_or(up, |axis| axis * axis.dot(up).signum())
+}
+
+/// The point that is nearest to the optical axes of all cameras.
+fn seen_point(known: &[NamedCamera]) -> Vec3 {
+    let mut across = Mat3::ZERO;
+    let mut sum = Vec3::ZERO;
+    for (_, camera) in known {
+        let axis = camera.camera_from_world.row(2);
+        let projection = Mat3::IDENTITY - Mat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        across += projection;
+        sum += projection * camera.position;
+    }
+    let parallel = across.determinant() < 1e-4 * (known.len() as f32).powi(3);
+    let mean = known.iter().map(|(_, camera)| camera.position).sum::<Vec3>() / known.len() as f32;
+    if parallel { mean + known[0].1.camera_from_world.row(2) } else { across.inverse() * sum }
+}
+
+/// The median of the means, and the distance from it within which nine of ten are.
+fn middle(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    const SHARE: f32 = 0.9;
+    let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);
+    let centre = Vec3::new(median(MEAN), median(MEAN + 1), median(MEAN + 2));
+    let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
+    let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
+    (centre, if radius > 0.0 { radius } else { 1.0 })
+}
+
+fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
+    let Some(last) = numbers.len().checked_sub(1) else { return 0.0 };
+    let place = (share * last as f32) as usize;
+    *numbers.select_nth_unstable_by(place, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_around_a_point_see_that_point() {
+        let target = Vec3::new(0.3, -0.2, 0.5);
+        let at = |turn: f32| {
+            let position = target + Vec3::new(4.0 * turn.cos(), 4.0 * turn.sin(), 2.0);
+            (String::new(), Camera::look_at(position, target, Vec3::Z, 0.7, 100, 100))
+        };
+        let known: Vec<NamedCamera> = (0..5).map(|k| at(k as f32)).collect();
+        assert!(seen_point(&known).distance(target) < 1e-4);
+        assert!(straightened(Vec3::new(0.1, 0.2, 0.95).normalize()) == Vec3::Z);
+    }
+}

@@ -1,0 +1,60 @@
+//! Where results go: stdout, and folders that are known to take them.
+
+use crate::failure::Failure;
+use specula_io::Error;
+use std::{
+    fs,
+    io::{self, Write},
+    path::Path,
+};
+
+/// A result, on a line of stdout.
+pub(crate) fn say(line: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()?;
+    Ok(())
+}
+
+/// A result for other programs.
+pub(crate) fn say_json(value: &serde_json::Value) -> Result<(), Failure> {
+    say(&format!("{value:#}"))
+}
+
+/// Makes a folder, and makes sure that files can be written to it: before long work, not after.
+pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {
+        file.write_all(&[0; 4096])?;
+        file.sync_data()
+    });
+    written.map_err(|cause| Error::Write { path: folder.to_owned(), cause }.into())
+}
+
+/// Writes JSON for people to read as well.
+pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
+    write_text(path, &format!("{value:#}\n"))
+}
+
+/// Writes a text file whole.
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let written = fs::create_dir_all(folder).and_then(|()| {
+        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        file.write_all(text.as_bytes())?;
+        make_readable(&file)?;
+        file.persist(path).map_err(|error| error.error)
+    });
+    written.map(drop).map_err(|cause| Error::Write { path: path.to_owned(), cause }.into())
+}
+
+/// Temporary files are private; what they become is not.
+#[cfg(unix)]
+fn make_readable(file: &tempfile::NamedTempFile) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.as_file().set_permissions(fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn make_readable(_file: &tempfile::NamedTempFile) -> io::Result<()> {
+    Ok(())
+}

@@ -1,0 +1,90 @@
+//! Talk on stderr: notes, and how far long work has come. A bar on a terminal, else a line every few seconds.
+
+use core::{cell::Cell, time::Duration};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::{
+    io::{IsTerminal, stderr},
+    sync::Mutex,
+    time::Instant,
+};
+
+/// Between two lines where stderr is not a terminal.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// Who is talked to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Talk {
+    pub(crate) quiet: bool,
+}
+
+impl Talk {
+    /// A sentence that is worth knowing.
+    pub(crate) fn note(self, sentence: &str) {
+        if !self.quiet {
+            eprintln!("specula: {sentence}");
+        }
+    }
+
+    /// Work of so many steps.
+    pub(crate) fn work(self, what: &str, steps: u64) -> Work {
+        let is_terminal = stderr().is_terminal();
+        let target = if is_terminal && !self.quiet { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let bar = ProgressBar::with_draw_target(Some(steps), target).with_style(style());
+        bar.set_prefix(what.to_owned());
+        let lines = (!is_terminal && !self.quiet).then(|| Mutex::new(Cell::new(Instant::now())));
+        Work { bar, lines, talk: self }
+    }
+}
+
+fn style() -> ProgressStyle {
+    let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {elapsed} < {eta}";
+    ProgressStyle::with_template(template).expect("the template is valid").progress_chars("━━─")
+}
+
+/// Work that is being done.
+#[derive(Debug)]
+pub(crate) struct Work {
+    bar: ProgressBar,
+    /// When the last line was written, where there is no bar.
+    lines: Option<Mutex<Cell<Instant>>>,
+    talk: Talk,
+}
+
+impl Work {
+    /// So many steps are done; `message` is asked for only where it is shown.
+    pub(crate) fn done(&self, steps: u64, message: impl FnOnce() -> String) {
+        if !self.bar.is_hidden() {
+            self.bar.set_message(message());
+            self.bar.set_position(steps);
+        } else if let Some(last) = &self.lines {
+            self.bar.set_position(steps);
+            let last = last.lock().expect("nobody panics while writing a line");
+            if last.get().elapsed() >= SILENCE {
+                last.set(Instant::now());
+                self.line(&message());
+            }
+        }
+    }
+
+    /// So many steps there are, as it turns out.
+    pub(crate) fn set_steps(&self, steps: u64) {
+        self.bar.set_length(steps);
+    }
+
+    /// A sentence in between.
+    pub(crate) fn note(&self, sentence: &str) {
+        self.bar.suspend(|| self.talk.note(sentence));
+    }
+
+    /// Nothing is left on the terminal.
+    pub(crate) fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn line(&self, message: &str) {
+        let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
+        let left = self.bar.eta().as_secs();
+        let gap = if message.is_empty() { "" } else { ", " };
+        eprintln!("specula: {} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
+    }
+}

@@ -1,0 +1,67 @@
+//! `specula relight`: a scene under another light, and how close that comes to the truth.
+
+use crate::{
+    args::Relight,
+    failure::Failure,
+    look::Tour,
+    output,
+    pictures::Layer,
+    progress::Talk,
+    render::{Job, Place},
+    scene::Opened,
+    truth::{Truths, fit_and_measure},
+};
+use serde_json::json;
+use specula_core::scene::Environment;
+use specula_io::{
+    latlong::{self, UpAxis},
+    picture,
+};
+use std::path::Path;
+
+/// Pixels of a preview of light.
+const PREVIEW: [usize; 2] = [512, 256];
+
+/// Renders the scene under the new light.
+pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
+    let mut opened = Opened::open(&args.scene, args.look.profile)?;
+    let tour = Tour::choose(&args.look, &opened)?;
+    let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
+    opened.scene.relight(&args.env, &args.env_options, talk)?;
+    let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
+    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"))?;
+    output::make_folder(&place.folder)?;
+    write_light(&place.folder.join("light.png"), opened.scene.light.as_ref())?;
+
+    let background = opened.background(args.look.background);
+    let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place };
+    let mut pairs = Vec::new();
+    job.run(opened, talk, |index, image| {
+        pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
+        Ok(())
+    })?;
+    if truths.is_none() {
+        return output::say(&place.folder.display().to_string());
+    }
+    let measured = fit_and_measure(&pairs, background);
+    if args.json {
+        return output::say_json(&json!({
+            "PSNR": measured.psnr, "PSNR_scaled": measured.psnr_scaled, "scale": measured.scale, "views": pairs.len(),
+        }));
+    }
+    let [r, g, b] = measured.scale;
+    output::say(&format!(
+        "relighting PSNR {:.2} dB; {:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, {b:.3}  ({} views)",
+        measured.psnr,
+        measured.psnr_scaled,
+        pairs.len()
+    ))
+}
+
+/// Writes a preview of a light, if there is one: lat-long, z up.
+pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>) -> Result<(), Failure> {
+    let Some(light) = light else { return Ok(()) };
+    let [width, height] = PREVIEW;
+    let map = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Z);
+    Ok(picture::write(path, &picture::tone_map_latlong(&map))?)
+}

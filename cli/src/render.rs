@@ -1,0 +1,156 @@
+//! `specula render`: pictures of a scene, layer by layer.
+
+use crate::{
+    args::{Look, Render},
+    background::Background,
+    dataset, failure::Failure,
+    look::Tour,
+    output,
+    pictures::Layer,
+    progress::Talk,
+    quality::picture_name,
+    scene::{Opened, Renderer},
+};
+use specula_io::{
+    dataset::LoadOptions,
+    model_folder::ModelInfo,
+    picture::{self, RgbImage},
+};
+use specula_train::view::View;
+use std::path::{Path, PathBuf};
+
+/// Each frame of an animation, in milliseconds.
+const FRAME_MS: u16 = 60;
+
+/// Renders what was asked for.
+pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
+    let mut opened = Opened::open(&args.scene, args.look.profile)?;
+    let tour = Tour::choose(&args.look, &opened)?;
+    if let Some(env) = &args.env {
+        opened.scene.relight(env, &args.env_options, talk)?;
+    } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
+        talk.note("the scene has no light, so nothing specular is shown; name one with --env");
+    }
+    let layers = layers_of(&args.layers, &opened, talk);
+    let place = Place::of(&opened, args.output.as_deref(), tour.name)?;
+    output::make_folder(&place.folder)?;
+
+    let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };
+    let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
+    let background = opened.background(args.look.background);
+    job.write_truths(&truths, background)?;
+    job.run(opened, talk, |_, _| Ok(()))?;
+    output::say(&place.folder.display().to_string())
+}
+
+/// The layers that the scene has, of those that were asked for.
+fn layers_of(asked: &[Layer], opened: &Opened, talk: Talk) -> Vec<Layer> {
+    let mut layers = Layer::expanded(asked);
+    if !opened.scene.gaussians.layout.is_shaded() {
+        let names: Vec<&str> = layers.iter().filter(|layer| layer.is_of_shading()).map(|layer| layer.name()).collect();
+        if !names.is_empty() {
+            talk.note(&format!("the scene is plain Gaussian splatting, which has no {}", names.join(", ")));
+        }
+        layers.retain(|layer| !layer.is_of_shading());
+    }
+    layers
+}
+
+/// Where pictures go.
+#[derive(Debug)]
+pub(crate) struct Place {
+    pub(crate) folder: PathBuf,
+    /// The folder of colours: `renders` to the field's tools, `rgb` where the user chose the place.
+    rgb: &'static str,
+}
+
+impl Place {
+    /// The folder that was asked for, or `MODEL/WHAT/ours_N`.
+    pub(crate) fn of(opened: &Opened, asked: Option<&Path>, what: &str) -> Result<Self, Failure> {
+        match (asked, &opened.folder, opened.iteration) {
+            (Some(folder), _, _) => Ok(Self { folder: folder.to_owned(), rgb: "rgb" }),
+            (None, Some(model), Some(iteration)) => {
+                Ok(Self { folder: model.join(what).join(format!("ours_{iteration}")), rgb: "renders" })
+            }
+            _ => Err(Failure::Input("a PLY file has no folder for pictures; name one with -o".into())),
+        }
+    }
+
+    fn of_layer(&self, layer: Layer) -> PathBuf {
+        self.folder.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
+    }
+}
+
+/// Pictures to be made.
+#[derive(Debug)]
+pub(crate) struct Job<'a> {
+    pub(crate) look: &'a Look,
+    pub(crate) tour: &'a Tour,
+    pub(crate) layers: &'a [Layer],
+    pub(crate) place: &'a Place,
+}
+
+impl Job<'_> {
+    /// Renders and writes every view; `each` sees every rendered view as well.
+    pub(crate) fn run(
+        &self,
+        opened: Opened,
+        talk: Talk,
+        mut each: impl FnMut(usize, &specula_core::scene::Image<Vec<f32>>) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let background = opened.background(self.look.background);
+        let form = opened.scene.reading.shading.form;
+        let mut renderer = Renderer::new(opened.scene)?;
+        let work = talk.work("rendering", self.tour.cameras.len() as u64);
+        let mut frames = Vec::new();
+        for (index, (_, camera)) in self.tour.cameras.iter().enumerate() {
+            let image = renderer.view(camera, Layer::channels(self.layers))?;
+            for layer in self.layers {
+                let picture = layer.picture(&image, form, background);
+                picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
+                if self.tour.is_turntable && *layer == Layer::Rgb {
+                    frames.push(picture);
+                }
+            }
+            each(index, &image)?;
+            work.done(index as u64 + 1, String::new);
+        }
+        work.finish();
+        if frames.len() > 1 {
+            picture::write_animation(&self.place.folder.join("turntable.png"), &frames, FRAME_MS)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the true pictures of the views, where they are known and of the same size.
+    fn write_truths(&self, views: &[View], background: Background) -> Result<(), Failure> {
+        for (index, ((name, camera), view)) in self.tour.cameras.iter().zip(views).enumerate() {
+            let size = [camera.width, camera.height];
+            if *name == view.name && size == [view.camera.width, view.camera.height] {
+                picture::write(&self.place.folder.join("gt").join(picture_name(index)), &truth(view, background))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A photograph over a background.
+pub(crate) fn truth(view: &View, background: Background) -> RgbImage {
+    picture::rgb(view.camera.width as usize, view.camera.height as usize, &view.over(background.0))
+}
+
+/// The photographs of a tour's views, if the data set of the training is still there.
+fn true_views(opened: &Opened, tour: &Tour, talk: Talk) -> Vec<View> {
+    let (Some(info), Some(split)) = (&opened.info, tour.split) else { return Vec::new() };
+    views_of(info, split.has_test(), split.has_train(), talk).unwrap_or_else(|failure| {
+        talk.note(&format!("the true pictures are left out: {failure}"));
+        Vec::new()
+    })
+}
+
+fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec<View>, Failure> {
+    let options = LoadOptions { downscale: info.downscale.max(1), with_test: info.eval, points: None };
+    let data = dataset::load(Path::new(&info.source_path), &options, talk)?;
+    let tests = data.test.into_iter().filter(|_| test);
+    Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
+}

@@ -1,0 +1,181 @@
+//! A scene as it is looked at: opened, ready to be rendered, measured and saved.
+
+use crate::{
+    args::{EnvOptions, ProfileName},
+    background::Background,
+    convention::{self, Reading},
+    failure::Failure,
+    progress::{Talk, Work},
+};
+use specula_core::{
+    camera::Camera,
+    executor::{Executor, RenderRules},
+    plan::Channels,
+    prefilter::PrefilterScheme,
+    scene::{Environment, Gaussians, Image, RadianceActivation},
+};
+use specula_cpu::CpuExecutor;
+use specula_io::{
+    latlong,
+    model_folder::{self, Model, ModelInfo, Snapshot},
+};
+use specula_train::{
+    evaluate::{ViewQuality, evaluate_view, render_view},
+    trainer::HostScene,
+    view::View,
+};
+use std::path::{Path, PathBuf};
+
+/// Least and usual resolution of a light that is put into a scene.
+const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
+
+/// Gaussians, their light, and how both are read.
+#[derive(Clone, Debug)]
+pub(crate) struct Scene {
+    pub(crate) gaussians: Gaussians<Vec<f32>>,
+    pub(crate) light: Option<Environment<Vec<f32>>>,
+    pub(crate) reading: Reading,
+}
+
+/// A scene from a file, and what is known about it.
+#[derive(Debug)]
+pub(crate) struct Opened {
+    pub(crate) scene: Scene,
+    /// The model's folder; none for a PLY file on its own.
+    pub(crate) folder: Option<PathBuf>,
+    pub(crate) iteration: Option<u32>,
+    pub(crate) info: Option<ModelInfo>,
+}
+
+impl Opened {
+    /// Opens the folder of a model, or a PLY file.
+    pub(crate) fn open(path: &Path, profile: Option<ProfileName>) -> Result<Self, Failure> {
+        let model = model_folder::open(path)?;
+        let folder = folder_of(path, &model);
+        let reading = Reading::chosen(&model, profile)?;
+        let mut gaussians = model.gaussians;
+        convention::from_file(&mut gaussians, reading.shading);
+        let scene = Scene { gaussians, light: model.light, reading };
+        Ok(Self { scene, folder, iteration: model.iteration, info: model.info })
+    }
+
+    /// Behind the scene: what was asked for, else that of the training, else black.
+    pub(crate) fn background(&self, asked: Option<Background>) -> Background {
+        asked.or(self.info.as_ref().map(Background::of_model)).unwrap_or(Background::BLACK)
+    }
+}
+
+/// The folder of the model that a PLY file belongs to, if `io` found one around it.
+fn folder_of(path: &Path, model: &Model) -> Option<PathBuf> {
+    if path.is_dir() {
+        return Some(path.to_owned());
+    }
+    model.iteration.and_then(|_| Some(path.canonicalize().ok()?.ancestors().nth(3)?.to_owned()))
+}
+
+impl Scene {
+    /// What a training came to.
+    pub(crate) fn of_training(host: HostScene, reading: Reading) -> Self {
+        Self { gaussians: host.gaussians, light: host.environment, reading }
+    }
+
+    /// Puts in another light.
+    pub(crate) fn relight(&mut self, path: &Path, options: &EnvOptions, talk: Talk) -> Result<latlong::LatLong, Failure> {
+        if !self.gaussians.layout.is_shaded() {
+            return Err(Failure::Input(
+                "the scene is plain Gaussian splatting, whose colours hold their light for ever; train it with \
+                 --profile specula to put it under another light"
+                    .into(),
+            ));
+        }
+        let (mut map, cleaned) = latlong::read(path)?;
+        if cleaned.total() > 0 {
+            talk.note(&format!(
+                "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
+                cleaned.total(),
+                cleaned.nan,
+                cleaned.infinite,
+                cleaned.negative
+            ));
+        }
+        map.rgb.iter_mut().for_each(|radiance| *radiance *= options.exposure.exp2());
+
+        let [least, usual] = LIGHT_RESOLUTION;
+        let resolution = self.light.as_ref().map_or(usual, |light| light.resolution.max(least));
+        let values = latlong::to_cube(&map, resolution, options.env_up.into());
+        self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
+        Ok(map)
+    }
+
+    /// Writes the scene into the folder of a model.
+    pub(crate) fn save(&self, folder: &Path, iteration: u32, info: &ModelInfo) -> Result<(), Failure> {
+        let mut gaussians = self.gaussians.clone();
+        convention::to_file(&mut gaussians, self.reading.shading);
+        let comments = if gaussians.layout.is_shaded() { vec![self.reading.comment()] } else { Vec::new() };
+        let snapshot = Snapshot { gaussians: &gaussians, comments: &comments, light: self.light.as_ref(), info };
+        Ok(model_folder::save(folder, iteration, &snapshot)?)
+    }
+}
+
+/// A scene whose light is filtered, and the machine that renders it.
+#[derive(Debug)]
+pub(crate) struct Renderer {
+    exec: CpuExecutor,
+    light: Option<<CpuExecutor as Executor>::Light>,
+    pub(crate) scene: Scene,
+}
+
+impl Renderer {
+    /// Filters the light.
+    pub(crate) fn new(scene: Scene) -> Result<Self, Failure> {
+        let mut exec = CpuExecutor::new();
+        let light = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded());
+        let light = light.map(|light| exec.prefilter(&fitting(light, scene.reading.scheme), scene.reading.scheme)).transpose()?;
+        Ok(Self { exec, light, scene })
+    }
+
+    fn rules(&self, channels: Channels) -> RenderRules {
+        let Reading { shading, scheme } = self.scene.reading;
+        RenderRules { shading, scheme, sh_degree: self.scene.gaussians.layout.sh_degree, channels }
+    }
+
+    /// A view: the channels, then transmittance.
+    pub(crate) fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, Failure> {
+        let rules = self.rules(channels);
+        Ok(render_view(&mut self.exec, &self.scene.gaussians, self.light.as_ref(), camera, &rules)?)
+    }
+
+    /// Measures every view.
+    pub(crate) fn measure(
+        &mut self,
+        views: &[View],
+        background: Background,
+        work: &Work,
+    ) -> Result<Vec<ViewQuality>, Failure> {
+        let rules = self.rules(Channels::Training);
+        let mut measured = Vec::with_capacity(views.len());
+        for view in views {
+            let Scene { gaussians, .. } = &self.scene;
+            let quality =
+                evaluate_view(&mut self.exec, gaussians, self.light.as_ref(), view, &rules, background.0)?;
+            measured.push(quality);
+            work.done(measured.len() as u64, String::new);
+        }
+        Ok(measured)
+    }
+}
+
+/// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.
+fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
+    let least = match scheme {
+        PrefilterScheme::Exact => 16,
+        PrefilterScheme::Official => 64,
+    };
+    let resolution = light.resolution.next_power_of_two().max(least);
+    if resolution == light.resolution {
+        return light.clone();
+    }
+    let (width, height) = (4 * resolution, 2 * resolution);
+    let map = latlong::from_cube(&light.values, light.resolution, width, height, latlong::UpAxis::Z);
+    Environment { resolution, values: latlong::to_cube(&map, resolution, latlong::UpAxis::Z), ..*light }
+}

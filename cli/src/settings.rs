@@ -1,0 +1,91 @@
+//! From arguments to the profile of a training.
+
+use crate::{
+    args::{Densify, Losses, Start, Train},
+    convention::Reading,
+    failure::Failure,
+};
+use specula_core::{
+    prefilter::PrefilterScheme,
+    scene::Layout,
+};
+use specula_train::profile::{self, Ablation, Profile};
+
+/// The profile that was asked for, with everything that was asked for beside it.
+pub(crate) fn profile_of(args: &Train) -> Result<Profile, Failure> {
+    let mut profile = profile::by_name(args.profile.name(), args.iterations).expect("every name has a profile");
+    set_start(&mut profile, &args.start)?;
+    set_losses(&mut profile, &args.losses);
+    set_densification(&mut profile, &args.densify);
+    let args = &args.ablation;
+    Ok(profile.without(Ablation {
+        no_sparse: args.no_sparse,
+        no_normal: args.no_normal,
+        no_residual: args.no_residual,
+        no_axis: args.no_axis,
+    }))
+}
+
+/// How the results of a profile are read.
+pub(crate) fn reading_of(profile: &Profile) -> Reading {
+    Reading { shading: profile.shading, scheme: profile.scheme }
+}
+
+fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
+    if let Some(degree) = args.sh_degree {
+        let is_shaded = profile.layout.is_shaded();
+        profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };
+    }
+    if let Some(resolution) = args.light_resolution {
+        let least = match profile.scheme {
+            PrefilterScheme::Exact => 16,
+            PrefilterScheme::Official => 64,
+        };
+        if resolution < least || !resolution.is_power_of_two() {
+            return Err(Failure::Input(format!(
+                "a light of resolution {resolution} cannot be filtered; let --light-resolution be a power of two, at \
+                 least {least}"
+            )));
+        }
+        match &mut profile.light {
+            Some(light) => light.resolution = resolution,
+            None => return Err(Failure::Input("--profile 3dgs has no light; leave --light-resolution out".into())),
+        }
+    }
+    Ok(())
+}
+
+fn set_losses(profile: &mut Profile, args: &Losses) {
+    let weights = &mut profile.weights;
+    if let Some(dssim) = args.lambda_dssim {
+        weights.dssim = dssim;
+        weights.absolute = (1.0 - dssim).max(0.0);
+    }
+    put(&mut weights.absolute, args.lambda_absolute);
+    put(&mut weights.squared, args.lambda_squared);
+    put(&mut weights.normal, args.lambda_normal);
+    // The authors' code has its own forms of two losses, on what is rendered instead of the attributes.
+    let is_official = profile.name == "official";
+    put(if is_official { &mut weights.sparse_coverage } else { &mut weights.sparse }, args.lambda_sparse);
+    put(if is_official { &mut weights.residual_image } else { &mut weights.residual }, args.lambda_reg);
+    put(&mut weights.coverage, args.lambda_coverage);
+    put(&mut profile.normal_from, args.normal_from);
+    put(&mut profile.harmonics_from, args.residual_from);
+}
+
+fn set_densification(profile: &mut Profile, args: &Densify) {
+    let densification = &mut profile.densification;
+    put(&mut densification.from, args.densify_from_iter);
+    put(&mut densification.until, args.densify_until_iter);
+    put(&mut densification.every, args.densification_interval);
+    put(&mut densification.reset_every, args.opacity_reset_interval);
+    put(&mut densification.grad_min, args.densify_grad_threshold);
+    put(&mut densification.split_share, args.percent_dense);
+    put(&mut densification.count_max, args.max_gaussians);
+}
+
+fn put<T>(slot: &mut T, given: Option<T>) {
+    if let Some(value) = given {
+        *slot = value;
+    }
+}

@@ -1,0 +1,200 @@
+//! `specula train`: from pictures to a model.
+
+use crate::{
+    args::Train,
+    background::Background,
+    dataset::{self, Dataset},
+    failure::Failure,
+    fit::{Outcome, Training, thousands},
+    interrupt, output,
+    progress::{Talk, Work},
+    quality,
+    scene::{Renderer, Scene},
+    settings,
+};
+use serde_json::{Map, Value, json};
+use specula_io::{
+    cameras::NamedCamera,
+    dataset::LoadOptions,
+    model_folder::{self, ModelInfo},
+};
+use specula_train::{
+    evaluate::mean_quality,
+    profile::Profile,
+    start::{Point, random_points},
+    trainer::Settings,
+    view::View,
+};
+use std::path::Path;
+
+/// Points to start from where there are none, as in INRIA's code.
+const RANDOM_POINTS: u32 = 100_000;
+
+/// Trains, saves, and measures if asked to.
+pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
+    let profile = settings::profile_of(args)?;
+    let mut data = load(args, talk)?;
+    let background = background_of(args, &data);
+    let points = points_of(args, &mut data);
+    let info = info_of(args, &profile, background, &data);
+    output::make_folder(&args.model_path)?;
+    save_inputs(args, &profile, &data, &points)?;
+
+    let settings = Settings {
+        profile,
+        iterations: args.iterations,
+        seed: args.seed,
+        background: background.0,
+        random_points: 0,
+    };
+    let mut training = Training::new(settings, &data.train, &points)?;
+    drop((core::mem::take(&mut data.train), points));
+    interrupt::watch()?;
+
+    let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
+    let outcome = training.run("training", talk, &pauses, |training, work| {
+        pause(args, training, &info, &data.test, background, work)
+    })?;
+    finish(args, training.scene()?, info, outcome, &data.test, background, talk)
+}
+
+fn source_of(args: &Train) -> &Path {
+    args.dataset.as_ref().or(args.source_path.as_ref()).expect("one of them is required")
+}
+
+fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
+    let points = args.start.points.clone();
+    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points };
+    let data = dataset::load(source_of(args), &options, talk)?;
+    if args.eval && data.test.is_empty() {
+        return Err(Failure::Input(format!(
+            "no test views in {:?}, so there is nothing to measure; add transforms_test.json or leave --eval out",
+            source_of(args)
+        )));
+    }
+    Ok(data)
+}
+
+fn background_of(args: &Train, data: &Dataset) -> Background {
+    let white = args.white_background.then_some(Background::WHITE);
+    args.background.or(white).unwrap_or_else(|| Background::fitting(&data.train))
+}
+
+fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
+    let random = |count: u32| random_points(count as usize, &data.train, args.seed);
+    match (args.start.random_points, data.points.take()) {
+        (Some(count), _) => random(count),
+        (None, Some(points)) if !points.is_empty() => points,
+        (None, _) => random(RANDOM_POINTS),
+    }
+}
+
+fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> ModelInfo {
+    let [shading, axis, prefilter] = settings::reading_of(profile).words();
+    let is_shaded = profile.layout.is_shaded();
+    let mut rest = Map::new();
+    if is_shaded {
+        rest.insert("axis".into(), axis.into());
+        rest.insert("prefilter".into(), prefilter.into());
+    }
+    rest.insert("background".into(), json!(background.0));
+    rest.insert("train_views".into(), data.train.len().into());
+    rest.insert("test_views".into(), data.test.len().into());
+    rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
+    ModelInfo {
+        version: env!("CARGO_PKG_VERSION").into(),
+        profile: profile.name.into(),
+        shading: if is_shaded { shading } else { "radiance" }.into(),
+        iterations: args.iterations,
+        white_background: background == Background::WHITE,
+        eval: args.eval,
+        downscale: args.resolution,
+        source_path: absolute(source_of(args)),
+        seed: args.seed,
+        rest,
+    }
+}
+
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
+}
+
+fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
+    let named = |views: &[View]| views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>();
+    let is_white = background_of(args, data) == Background::WHITE;
+    let cfg_args: [(&str, Value); 8] = [
+        ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
+        ("source_path", absolute(source_of(args)).into()),
+        ("model_path", absolute(&args.model_path).into()),
+        ("images", "images".into()),
+        ("resolution", args.resolution.into()),
+        ("white_background", is_white.into()),
+        ("data_device", "cpu".into()),
+        ("eval", args.eval.into()),
+    ];
+    let cloud = dataset::cloud_of(points);
+    Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
+}
+
+/// What is done at a step in between.
+fn pause(
+    args: &Train,
+    training: &mut Training,
+    info: &ModelInfo,
+    test: &[View],
+    background: Background,
+    work: &Work,
+) -> Result<(), Failure> {
+    let iteration = training.iteration();
+    let scene = training.scene()?;
+    if args.save_iterations.contains(&iteration) {
+        scene.save(&args.model_path, iteration, info)?;
+        work.note(&format!("saved iteration {iteration}"));
+    }
+    if args.test_iterations.contains(&iteration) {
+        let measured = Renderer::new(scene)?.measure(test, background, &Talk { quiet: true }.work("", 0))?;
+        model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
+        work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
+    }
+    Ok(())
+}
+
+/// Saves, measures and says what came out.
+fn finish(
+    args: &Train,
+    scene: Scene,
+    mut info: ModelInfo,
+    outcome: Outcome,
+    test: &[View],
+    background: Background,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let Outcome { iteration, seconds, is_interrupted } = outcome;
+    let count = scene.gaussians.count;
+    info.rest.insert("gaussians".into(), count.into());
+    info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
+    scene.save(&args.model_path, iteration, &info)?;
+    let place = model_folder::gaussians_at(&args.model_path, iteration);
+    if is_interrupted {
+        return Err(Failure::Interrupted(format!("interrupted after iteration {iteration}, which is saved in {place:?}")));
+    }
+    talk.note(&format!("saved {place:?}"));
+
+    let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
+    if !args.eval {
+        return output::say(&facts);
+    }
+    let work = talk.work("measuring", test.len() as u64);
+    let measured = Renderer::new(scene)?.measure(test, background, &work)?;
+    work.finish();
+    model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
+    output::say(&format!("{}  ({} test views; {facts})", quality::line(&mean_quality(&measured)), test.len()))
+}
+
+/// The most memory that was used so far, where the system tells.
+fn peak_memory() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kibibytes: Option<f64> = line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok());
+    kibibytes.map_or(String::new(), |size| format!(", {:.2} GiB at most", size / (1024.0 * 1024.0)))
+}

@@ -1,0 +1,285 @@
+//! Light into roughness levels by explicit rows of weights, and its lookup.
+
+use crate::number::{Number, take3};
+use specula_core::{
+    cubemap::{self, FACE_COUNT},
+    prefilter::{Levels, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
+    scene::{Environment, RadianceActivation},
+    vector::Vec3,
+};
+
+/// Nodes of this resolution are where every row begins.
+const COARSEST: usize = 4;
+
+/// The linear map from a light to its levels ([`PrefilterScheme::Exact`]).
+#[derive(Clone, Debug)]
+pub struct Operator {
+    /// The levels.
+    pub levels: Levels,
+    /// Resolution and first node of each step of the pyramid of means, finest first.
+    pyramid: Vec<(usize, usize)>,
+    /// For each level a row of (node, weight) for each texel.
+    rows: Vec<Vec<Vec<(usize, f64)>>>,
+}
+
+/// Texels of a map without apron, in order.
+fn texels_of(resolution: usize) -> impl Iterator<Item = Node> {
+    let row = move |face, row| (0..resolution).map(move |column| Node { face, column, row, resolution });
+    (0..FACE_COUNT).flat_map(move |face| (0..resolution).flat_map(move |index| row(face, index)))
+}
+
+impl Operator {
+    /// The operator of a base of this resolution.
+    pub fn new(resolution: usize) -> Self {
+        let levels = Levels::new(PrefilterScheme::Exact, resolution);
+        let mut pyramid = vec![(resolution, 0)];
+        while let [.., (size, first)] = pyramid[..]
+            && size > COARSEST
+        {
+            pyramid.push((size / 2, first + FACE_COUNT * size * size));
+        }
+        let mut operator = Self { levels, pyramid, rows: Vec::new() };
+        for level in levels.as_slice() {
+            let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
+            let rows = texels_of(level.resolution).map(|texel| operator.row(&texel, alpha_ggx));
+            let rows = rows.collect();
+            operator.rows.push(rows);
+        }
+        operator
+    }
+
+    /// Weights of the nodes that a texel sees; they sum to one. At roughness 0 it sees itself.
+    fn row(&self, texel: &Node, alpha_ggx: f64) -> Vec<(usize, f64)> {
+        if alpha_ggx == 0.0 {
+            return vec![(self.index(texel), 1.0)];
+        }
+        let base = self.pyramid[0].0;
+        let direction = texel.direction();
+        let mut open: Vec<Node> = texels_of(COARSEST.min(base)).collect();
+        let mut row = Vec::new();
+        while let Some(node) = open.pop() {
+            if node.resolution < base && node.must_open(direction, alpha_ggx) {
+                open.extend(node.children());
+            } else {
+                row.push((self.index(&node), node.lobe_weight(direction, alpha_ggx)));
+            }
+        }
+        row.retain(|(_, weight)| *weight > 0.0);
+        let sum: f64 = row.iter().map(|(_, weight)| weight).sum();
+        row.iter_mut().for_each(|(_, weight)| *weight /= sum);
+        row
+    }
+
+    fn index(&self, node: &Node) -> usize {
+        let first = self.pyramid.iter().find(|(size, _)| *size == node.resolution).expect("a size of the pyramid").1;
+        first + cubemap::texel_index(node.face, node.column, node.row, node.resolution)
+    }
+
+    /// Each node above the base with its four children and their shares of its solid angle; finest first.
+    fn means(&self) -> impl Iterator<Item = (usize, [(usize, f64); 4])> {
+        self.pyramid[1..].iter().flat_map(|(size, _)| texels_of(*size)).map(|node| {
+            let children = node.children();
+            let sum: f64 = children.iter().map(Node::solid_angle).sum();
+            (self.index(&node), children.map(|child| (self.index(&child), child.solid_angle() / sum)))
+        })
+    }
+
+    fn node_count(&self) -> usize {
+        self.pyramid.iter().map(|(size, _)| FACE_COUNT * size * size).sum()
+    }
+
+    /// Every level of a base, without aprons.
+    pub fn apply<R: Number>(&self, base: &[Vec3<R>]) -> Vec<Vec<Vec3<R>>> {
+        let zero = Vec3::zero(R::of(0.0));
+        let mut nodes = base.to_vec();
+        nodes.resize(self.node_count(), zero);
+        for (node, children) in self.means() {
+            nodes[node] =
+                children.iter().fold(zero, |sum, (child, share)| sum.add_scaled(R::of(*share), nodes[*child]));
+        }
+        let filter = |row: &Vec<(usize, f64)>| {
+            row.iter().fold(zero, |sum, (node, weight)| sum.add_scaled(R::of(*weight), nodes[*node]))
+        };
+        self.rows.iter().map(|rows| rows.iter().map(filter).collect()).collect()
+    }
+
+    /// The transposed map: gradients of every level to that of the base.
+    pub fn apply_transposed<R: Number>(&self, grads: &[Vec<Vec3<R>>]) -> Vec<Vec3<R>> {
+        let mut nodes = vec![Vec3::zero(R::of(0.0)); self.node_count()];
+        for (row, grad) in self.rows.iter().flatten().zip(grads.iter().flatten()) {
+            for (node, weight) in row {
+                nodes[*node] = nodes[*node].add_scaled(R::of(*weight), *grad);
+            }
+        }
+        for (node, children) in self.means().collect::<Vec<_>>().into_iter().rev() {
+            for (child, share) in children {
+                nodes[child] = nodes[child].add_scaled(R::of(share), nodes[node]);
+            }
+        }
+        let base = self.pyramid[0].0;
+        nodes.truncate(FACE_COUNT * base * base);
+        nodes
+    }
+}
+
+/// A light filtered into levels, each with its apron.
+#[derive(Clone, Debug)]
+pub struct Light<R> {
+    /// The levels.
+    pub levels: Levels,
+    /// Their padded maps.
+    pub maps: Vec<Vec<Vec3<R>>>,
+}
+
+/// Gradient of a [`Light`], texel by texel.
+#[derive(Clone, Debug)]
+pub struct LightGrad<R> {
+    /// Gradients of the padded maps.
+    pub maps: Vec<Vec<Vec3<R>>>,
+}
+
+impl<R: Number> LightGrad<R> {
+    /// No gradient yet.
+    pub fn zero(light: &Light<R>) -> Self {
+        Self { maps: light.maps.iter().map(|map| vec![Vec3::zero(R::of(0.0)); map.len()]).collect() }
+    }
+}
+
+/// Index of each texel of a padded map, and the texels without apron that it is the mean of.
+fn aprons(resolution: usize) -> impl Iterator<Item = (usize, cubemap::Apron)> {
+    let end = resolution as isize;
+    let texel = move |face, row, column| {
+        (cubemap::padded_index(face, column, row, resolution), cubemap::apron_sources(face, column, row, resolution))
+    };
+    (0..FACE_COUNT)
+        .flat_map(move |face| (-1..=end).flat_map(move |row| (-1..=end).map(move |column| texel(face, row, column))))
+}
+
+fn radiance<R: Number>(environment: &Environment<Vec<R>>) -> Vec<Vec3<R>> {
+    let activate = |x: R| match environment.activation {
+        RadianceActivation::Identity => x,
+        RadianceActivation::Exponential => x.exp(),
+    };
+    environment.values.chunks_exact(3).map(|rgb| take3(rgb).map(activate)).collect()
+}
+
+/// Light into levels.
+pub fn prefilter<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator) -> Light<R> {
+    let filtered = operator.apply(&radiance(environment));
+    let pad = |(texels, level): (&Vec<Vec3<R>>, &specula_core::prefilter::Level)| {
+        let mut map = vec![Vec3::zero(R::of(0.0)); cubemap::padded_len(level.resolution)];
+        for (index, apron) in aprons(level.resolution) {
+            let share = R::of(1.0 / apron.count as f64);
+            let sum = apron.texels[..apron.count].iter().fold(map[index], |sum, texel| sum + texels[*texel]);
+            map[index] = sum * share;
+        }
+        map
+    };
+    Light { levels: operator.levels, maps: filtered.iter().zip(operator.levels.as_slice()).map(pad).collect() }
+}
+
+/// Gradient of [`prefilter`] with respect to the environment's numbers.
+pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator, grad: &LightGrad<R>) -> Vec<R> {
+    let unpad = |(map, level): (&Vec<Vec3<R>>, &specula_core::prefilter::Level)| {
+        let mut texels = vec![Vec3::zero(R::of(0.0)); FACE_COUNT * level.resolution * level.resolution];
+        for (index, apron) in aprons(level.resolution) {
+            let share = R::of(1.0 / apron.count as f64);
+            for &texel in &apron.texels[..apron.count] {
+                texels[texel] = texels[texel].add_scaled(share, map[index]);
+            }
+        }
+        texels
+    };
+    let grads: Vec<_> = grad.maps.iter().zip(operator.levels.as_slice()).map(unpad).collect();
+    let base = operator.apply_transposed(&grads);
+    let deactivate = |(grad, radiance): (&Vec3<R>, Vec3<R>)| match environment.activation {
+        RadianceActivation::Identity => grad.to_array(),
+        RadianceActivation::Exponential => grad.times(radiance).to_array(),
+    };
+    base.iter().zip(radiance(environment)).flat_map(deactivate).collect()
+}
+
+/// Light from a direction at one level: its radiance, and what the gradient needs.
+struct Fetch<R> {
+    level: usize,
+    footprint: cubemap::Footprint<R>,
+    indices: [usize; 4],
+    texels: [Vec3<R>; 4],
+}
+
+impl<R: Number> Fetch<R> {
+    fn new(light: &Light<R>, point: &cubemap::FacePoint<R>, level: usize) -> Self {
+        let resolution = light.levels.as_slice()[level].resolution;
+        let footprint = cubemap::footprint(point, R::of(resolution as f64));
+        let first = footprint.texel.value() as usize;
+        let indices = [first, first + 1, first + resolution + 2, first + resolution + 3];
+        Self { level, footprint, indices, texels: indices.map(|index| light.maps[level][index]) }
+    }
+
+    fn radiance(&self) -> Vec3<R> {
+        cubemap::bilinear(self.texels, self.footprint.right, self.footprint.lower)
+    }
+
+    /// Gradient of u and v; adds to the light's.
+    fn vjp(&self, resolution: usize, grad: Vec3<R>, light_grad: &mut LightGrad<R>) -> (R, R) {
+        let (right, lower) = (self.footprint.right, self.footprint.lower);
+        for (index, weight) in self.indices.into_iter().zip(cubemap::bilinear_weights(right, lower)) {
+            let texel = &mut light_grad.maps[self.level][index];
+            *texel = texel.add_scaled(weight, grad);
+        }
+        let (grad_right, grad_lower) = cubemap::bilinear_vjp(self.texels, right, lower, grad);
+        let half = R::of(0.5 * resolution as f64);
+        (grad_right * half, grad_lower * half)
+    }
+}
+
+/// The two levels around a roughness, and the share of the second.
+fn neighbours<R: Number>(light: &Light<R>, point: &cubemap::FacePoint<R>, roughness: R) -> ([Fetch<R>; 2], R) {
+    let position = level_of_roughness(roughness, light.levels.as_slice());
+    let sharper = (position.value().floor() as usize).min(light.maps.len() - 2);
+    let fetches = [sharper, sharper + 1].map(|level| Fetch::new(light, point, level));
+    (fetches, position - R::of(sharper as f64))
+}
+
+/// Prefiltered radiance along a direction.
+pub fn look_up<R: Number>(light: &Light<R>, direction: Vec3<R>, roughness: R) -> Vec3<R> {
+    let ([sharp, blurred], share) = neighbours(light, &cubemap::project(direction), roughness);
+    sharp.radiance() * (-share + 1.0) + blurred.radiance() * share
+}
+
+/// Gradient of [`look_up`] with respect to direction and roughness; adds to the light's.
+pub fn look_up_vjp<R: Number>(
+    light: &Light<R>,
+    direction: Vec3<R>,
+    roughness: R,
+    grad: Vec3<R>,
+    light_grad: &mut LightGrad<R>,
+) -> (Vec3<R>, R) {
+    let point = cubemap::project(direction);
+    let ([sharp, blurred], share) = neighbours(light, &point, roughness);
+    let resolution = |fetch: &Fetch<R>| light.levels.as_slice()[fetch.level].resolution;
+    let (u, v) = sharp.vjp(resolution(&sharp), grad * (-share + 1.0), light_grad);
+    let (u2, v2) = blurred.vjp(resolution(&blurred), grad * share, light_grad);
+    let grad_position = grad.dot(blurred.radiance() - sharp.radiance());
+    (
+        cubemap::project_vjp(&point, u + u2, v + v2),
+        level_of_roughness_vjp(roughness, light.levels.as_slice(), grad_position),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::{ROUNDING_F64, assert_close};
+    use specula_core::double::Double;
+
+    #[test]
+    fn rows_sum_to_one() {
+        let operator = Operator::new(16);
+        for row in operator.rows.iter().flatten() {
+            assert_close(row.iter().map(|(_, weight)| weight).sum(), 1.0, ROUNDING_F64);
+        }
+        let whole = operator.apply(&vec![Vec3::splat(Double(2.0)); FACE_COUNT * 16 * 16]);
+        assert_eq!(whole.len(), operator.levels.as_slice().len(), "every level is there");
+    }
+}

@@ -1,0 +1,107 @@
+//! Splats over one another, pixel by pixel.
+
+use crate::number::{Number, take3};
+use specula_core::{
+    bin,
+    blend::{self, Moments, Replay, Stamp},
+    camera::Camera,
+    project::{Splat, SplatGrad},
+    scene::Image,
+    vector::Vec3,
+};
+
+/// A blended picture: premultiplied channels as planes, then the transmittance behind them as the last plane.
+pub type Frame<R> = Image<Vec<R>>;
+
+/// Splats that are drawn, nearest first; those of equal depth in the order of the Gaussians.
+pub fn front_to_back<R: Number>(splats: &[Splat<R>]) -> Vec<usize> {
+    let is_drawn = |index: &usize| bin::footprint(&splats[*index]).reach.value() > 0.0;
+    let mut order: Vec<usize> = (0..splats.len()).filter(is_drawn).collect();
+    order.sort_by(|a, b| splats[*a].depth.value().total_cmp(&splats[*b].depth.value()));
+    order
+}
+
+/// Offset of a pixel's centre from a splat's.
+fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
+    let [x, y] = [column, row].map(|index| R::of(index as f64 + 0.5));
+    [x - splat.mean2d[0], y - splat.mean2d[1]]
+}
+
+fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Stamp<R>> {
+    splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity)).collect()
+}
+
+/// Splats to a picture.
+pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize], camera: &Camera) -> Frame<R> {
+    let channels = colors.first().map_or(0, Vec::len);
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let size = width * height;
+    let stamps = stamps(splats);
+    let mut values = vec![R::of(0.0); (channels + 1) * size];
+    for pixel in 0..size {
+        let mut transmittance = R::of(1.0);
+        for &k in order {
+            let [dx, dy] = offset(&splats[k], pixel % width, pixel / width);
+            let strength = blend::falloff(&stamps[k], dx, dy).strength;
+            let step = blend::step(blend::alpha(strength, transmittance), transmittance);
+            for (channel, color) in colors[k].iter().enumerate() {
+                let value = &mut values[channel * size + pixel];
+                *value = *value + step.weight * *color;
+            }
+            transmittance = step.transmittance;
+        }
+        values[channels * size + pixel] = transmittance.abs();
+    }
+    Image { width, height, channels: channels + 1, values }
+}
+
+/// Gradient of [`blend()`]: of each splat and of its channels.
+pub fn blend_vjp<R: Number>(
+    splats: &[Splat<R>],
+    colors: &[Vec<R>],
+    order: &[usize],
+    frame: &Frame<R>,
+    grad: &Frame<R>,
+) -> (Vec<SplatGrad<R>>, Vec<Vec<R>>) {
+    let zero = R::of(0.0);
+    let (size, channels) = (frame.pixel_count(), frame.channels - 1);
+    let stamps = stamps(splats);
+    let mut moments = vec![Moments { offset: [zero; 2], root: [zero; 3], strength: zero }; splats.len()];
+    let mut grad_colors = vec![vec![zero; channels]; splats.len()];
+    for pixel in 0..size {
+        let pixel_grad: Vec<R> = (0..channels).map(|channel| grad.values[channel * size + pixel]).collect();
+        let all = (0..=channels).map(|plane| frame.values[plane * size + pixel] * grad.values[plane * size + pixel]);
+        let mut replay = Replay { transmittance: R::of(1.0), remaining: all.fold(zero, |sum, x| sum + x) };
+        for &k in order {
+            let [dx, dy] = offset(&splats[k], pixel % frame.width, pixel / frame.width);
+            let falloff = blend::falloff(&stamps[k], dx, dy);
+            let dot = colors[k].iter().zip(&pixel_grad).fold(zero, |sum, (color, grad)| sum + *color * *grad);
+            let (h, step, behind) = blend::step_vjp(falloff.strength, replay, dot);
+            for (sum, grad) in grad_colors[k].iter_mut().zip(&pixel_grad) {
+                *sum = *sum + step.weight * *grad;
+            }
+            let [u, w] = falloff.offset.map(|offset| offset * h);
+            let sum = &mut moments[k];
+            sum.offset = [sum.offset[0] + u, sum.offset[1] + w];
+            sum.root = [sum.root[0] + u * dx, sum.root[1] + w * dx, sum.root[2] + w * dy];
+            sum.strength = sum.strength + h;
+            replay = behind;
+        }
+    }
+    let of_splat = |k: usize| blend::moments_vjp(&stamps[k], splats[k].opacity, &moments[k]);
+    ((0..splats.len()).map(of_splat).collect(), grad_colors)
+}
+
+/// Colours over a background: C + T · background, three planes.
+pub fn composite<R: Number>(frame: &Frame<R>, background: [f32; 3]) -> Vec<R> {
+    let size = frame.pixel_count();
+    let passed = &frame.values[(frame.channels - 1) * size..];
+    let over = |index: usize| frame.values[index] + passed[index % size] * background[index / size];
+    (0..3 * size).map(over).collect()
+}
+
+/// Three planes at one pixel.
+pub(super) fn vector_at<R: Number>(frame: &Frame<R>, first: usize, pixel: usize) -> Vec3<R> {
+    let size = frame.pixel_count();
+    take3(&[0, 1, 2].map(|c| frame.values[(first + c) * size + pixel]))
+}

@@ -1,0 +1,158 @@
+//! How good a scene is, on views that it was not fitted to.
+
+use crate::view::View;
+use specula_core::{
+    executor::{Executor, RenderRules},
+    loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_window},
+    metrics::{angle_degrees, psnr, quantize},
+    pipeline::render,
+    plan::{Channels, channel},
+    scene::{Gaussians, Image},
+};
+
+/// Measures of one view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewQuality {
+    /// The view's name.
+    pub name: String,
+    /// Peak signal-to-noise ratio in dB, of 8-bit pictures.
+    pub psnr: f64,
+    /// Structural similarity, of 8-bit pictures.
+    pub ssim: f64,
+    /// Mean angle between rendered and true normals, in degrees, over pixels that have a true normal and whose true
+    /// alpha exceeds one half; a pixel where nothing was rendered counts 90°.
+    pub normal_mae: Option<f64>,
+}
+
+/// Means over views; those of normals over the views that have them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Mean PSNR in dB.
+    pub psnr: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean normal error in degrees.
+    pub normal_mae: Option<f64>,
+}
+
+/// Means of the measures of some views.
+pub fn mean_quality(views: &[ViewQuality]) -> Quality {
+    let mean = |of: &dyn Fn(&ViewQuality) -> Option<f64>| {
+        let values: Vec<f64> = views.iter().filter_map(of).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    Quality {
+        psnr: mean(&|view| Some(view.psnr)).unwrap_or(f64::NAN),
+        ssim: mean(&|view| Some(view.ssim)).unwrap_or(f64::NAN),
+        normal_mae: mean(&|view| view.normal_mae),
+    }
+}
+
+/// A rendered view in host memory: channels, then transmittance.
+pub fn render_view<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &specula_core::camera::Camera,
+    rules: &RenderRules,
+) -> Result<Image<Vec<f32>>, E::Error> {
+    let frame = render(exec, gaussians, light, camera, rules)?;
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let channels = rules.channels.count() + 1;
+    let mut values = vec![0.0; channels * width * height];
+    exec.read_frame(&frame, &mut values)?;
+    Ok(Image { width, height, channels, values })
+}
+
+/// Colours of a rendered image over a background, three planes.
+pub fn over_background(image: &Image<Vec<f32>>, background: [f32; 3]) -> Vec<f32> {
+    let passed = image.plane(image.channels - 1);
+    (0..3)
+        .flat_map(|c| image.plane(c).iter().zip(passed).map(move |(color, passed)| color + passed * background[c]))
+        .collect()
+}
+
+/// Measures a scene on one view.
+pub fn evaluate_view<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    view: &View,
+    rules: &RenderRules,
+    background: [f32; 3],
+) -> Result<ViewQuality, E::Error> {
+    let rules = RenderRules { channels: Channels::Training, ..*rules };
+    let image = render_view(exec, gaussians, light, &view.camera, &rules)?;
+    let rendered = over_background(&image, background);
+    let truth = view.over(background);
+    Ok(ViewQuality {
+        name: view.name.clone(),
+        psnr: psnr(mean_squared_error(&rendered, &truth)),
+        ssim: mean_ssim(image.width, image.height, &rendered, &truth),
+        normal_mae: view.normals.as_ref().map(|_| normal_error(&image, view)),
+    })
+}
+
+/// Mean squared error of two pictures as 8 bits show them.
+pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
+    let square = |(x, y): (&f32, &f32)| {
+        let difference = (f64::from(quantize(*x)) - f64::from(quantize(*y))) / 255.0;
+        difference * difference
+    };
+    x.iter().zip(y).map(square).sum::<f64>() / x.len().max(1) as f64
+}
+
+/// Mean angle between rendered and true normals, in degrees.
+fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
+    const NOTHING_RENDERED: f64 = 90.0;
+    let Some(normals) = &view.normals else { return f64::NAN };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for pixel in (0..image.pixel_count()).filter(|pixel| normals.mask[*pixel] && view.rgba[4 * pixel + 3] > 127) {
+        let rendered = [0, 1, 2].map(|c| image.plane(channel::NORMAL + c)[pixel]);
+        let is_there = rendered.iter().any(|c| c.abs() > 1e-6);
+        sum += if is_there { angle_degrees(rendered, normals.values[pixel]) } else { NOTHING_RENDERED };
+        count += 1.0;
+    }
+    sum / f64::max(count, 1.0)
+}
+
+/// Mean SSIM of two pictures of three planes, as 8 bits show them.
+pub fn mean_ssim(width: usize, height: usize, x: &[f32], y: &[f32]) -> f64 {
+    let size = (width * height).max(1);
+    let planes = x.chunks(size).zip(y.chunks(size));
+    planes.map(|(x, y)| ssim_sum(width, x, y)).sum::<f64>() / x.len().max(1) as f64
+}
+
+fn ssim_sum(width: usize, x: &[f32], y: &[f32]) -> f64 {
+    let shown = |plane: &[f32]| plane.iter().map(|v| f32::from(quantize(*v)) / 255.0).collect::<Vec<_>>();
+    let (x, y) = (shown(x), shown(y));
+    let product = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
+    let maps = [&product(&x, &x), &product(&y, &y), &product(&x, &y), &x, &y].map(|map| blur(width, map));
+    let [xx, yy, xy, x, y] = &maps;
+    (0..x.len())
+        .map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] })))
+        .sum()
+}
+
+/// A plane blurred by SSIM's window; beyond the border it is zero.
+fn blur(width: usize, plane: &[f32]) -> Vec<f32> {
+    const REACH: usize = SSIM_WINDOW / 2;
+    let window = ssim_window();
+    let height = plane.len() / width;
+    let mut across = vec![0.0; plane.len()];
+    for (row, out) in plane.chunks(width).zip(across.chunks_mut(width)) {
+        for (column, out) in out.iter_mut().enumerate() {
+            let first = column.saturating_sub(REACH);
+            let last = (column + REACH).min(width - 1);
+            *out = (first..=last).map(|k| row[k] * window[k + REACH - column]).sum();
+        }
+    }
+    let mut out = vec![0.0; plane.len()];
+    for (row, out) in out.chunks_mut(width).enumerate() {
+        for k in row.saturating_sub(REACH)..=(row + REACH).min(height - 1) {
+            let weight = window[k + REACH - row];
+            out.iter_mut().zip(&across[k * width..]).for_each(|(sum, x)| *sum += weight * x);
+        }
+    }
+    out
+}

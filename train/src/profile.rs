@@ -1,0 +1,327 @@
+//! What distinguishes one kind of training from another: data, not code paths.
+
+use specula_core::{
+    loss::{LossWeights, NormalForm},
+    normal::AxisRule,
+    optimise::Schedule,
+    prefilter::PrefilterScheme,
+    scene::{Layout, RadianceActivation},
+    shade::ShadingRules,
+};
+
+/// Learning rates of all attributes, over a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Of the means, in units of the scene's extent.
+    pub mean: Schedule,
+    /// Of the logarithms of the scales.
+    pub log_scale: Schedule,
+    /// Of the quats.
+    pub quat: Schedule,
+    /// Of the opacity logits.
+    pub opacity: Schedule,
+    /// Of the raw diffuse colour.
+    pub diffuse: Schedule,
+    /// Of the raw tint.
+    pub tint: Schedule,
+    /// Of the raw roughness.
+    pub roughness: Schedule,
+    /// Of Δn₁ and Δn₂.
+    pub normal_residual: [Schedule; 2],
+    /// Of the first spherical harmonic.
+    pub sh_first: Schedule,
+    /// Of the others.
+    pub sh_rest: Schedule,
+    /// Of the environment's numbers.
+    pub environment: Schedule,
+}
+
+/// When and how Gaussians are added and removed. Iterations are those of the full run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Densification {
+    /// First iteration after which it acts.
+    pub from: u32,
+    /// Last iteration before which it acts.
+    pub until: u32,
+    /// Iterations between two actions.
+    pub every: u32,
+    /// Mean gradient, in normalised device coordinates, from which a Gaussian is refined.
+    pub grad_min: f32,
+    /// Scale, as a share of the scene's extent, above which a Gaussian is split rather than cloned.
+    pub split_share: f32,
+    /// Scale, as a share of the scene's extent, above which a Gaussian is removed after the first opacity reset.
+    pub prune_share: f32,
+    /// Opacity below which a Gaussian is removed.
+    pub opacity_min: f32,
+    /// Iterations between two opacity resets; 0 for none.
+    pub reset_every: u32,
+    /// Most Gaussians that there may be.
+    pub count_max: usize,
+}
+
+/// The trainable light at the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightStart {
+    /// Texels along an edge of a face.
+    pub resolution: usize,
+    /// What its numbers mean.
+    pub activation: RadianceActivation,
+    /// Radiance everywhere.
+    pub radiance: f32,
+    /// Largest radiance kept after each step; infinite for none.
+    pub radiance_max: f32,
+}
+
+/// How a new Gaussian's attributes start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaussianStart {
+    /// Opacity.
+    pub opacity: f32,
+    /// Specular tint.
+    pub tint: f32,
+    /// Roughness.
+    pub roughness: f32,
+    /// Share of a point's colour that starts as diffuse.
+    pub diffuse_share: f32,
+}
+
+/// A kind of training.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Profile {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// Attributes of the Gaussians.
+    pub layout: Layout,
+    /// The shading function.
+    pub shading: ShadingRules,
+    /// The prefilter.
+    pub scheme: PrefilterScheme,
+    /// The light; none for plain Gaussian splatting.
+    pub light: Option<LightStart>,
+    /// How Gaussians start.
+    pub start: GaussianStart,
+    /// What is minimised.
+    pub weights: LossWeights,
+    /// Share of the run after which the normal loss begins.
+    pub normal_from: f32,
+    /// Share of the run after which the residual harmonics begin; bands follow one by one.
+    pub harmonics_from: f32,
+    /// Share of the run between two bands of the harmonics.
+    pub harmonics_step: f32,
+    /// Learning rates.
+    pub rates: Rates,
+    /// Densification.
+    pub densification: Densification,
+}
+
+/// Names of all profiles.
+pub const NAMES: [&str; 4] = ["specula", "paper", "official", "3dgs"];
+
+/// A profile by its name, for a run of so many iterations.
+pub fn by_name(name: &str, iterations: u32) -> Option<Profile> {
+    match name {
+        "specula" => Some(specula(iterations)),
+        "paper" => Some(paper(iterations)),
+        "official" => Some(official(iterations)),
+        "3dgs" => Some(plain(iterations)),
+        _ => None,
+    }
+}
+
+/// ln 3: the authors' diffuse colour is σ(k_d − ln 3).
+const NO_LOSS: LossWeights = LossWeights {
+    absolute: 0.0,
+    squared: 0.0,
+    dssim: 0.0,
+    normal: 0.0,
+    normal_form: NormalForm::Distance,
+    sparse_coverage: 0.0,
+    residual_image: 0.0,
+    coverage: 0.0,
+    sparse: 0.0,
+    residual: 0.0,
+};
+
+/// Plain Gaussian splatting (Kerbl et al. 2023) with INRIA's rates and thresholds.
+fn plain(iterations: u32) -> Profile {
+    Profile {
+        name: "3dgs",
+        layout: Layout::radiance(3),
+        shading: ShadingRules::PAPER,
+        scheme: PrefilterScheme::Exact,
+        light: None,
+        start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
+        weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
+        normal_from: 0.0,
+        harmonics_from: 0.0,
+        harmonics_step: 1000.0 / 30_000.0,
+        rates: Rates {
+            mean: Schedule { first: 1.6e-4, last: 1.6e-6, steps: iterations },
+            log_scale: Schedule::constant(5e-3),
+            quat: Schedule::constant(1e-3),
+            opacity: Schedule::constant(0.05),
+            diffuse: Schedule::constant(0.0),
+            tint: Schedule::constant(0.0),
+            roughness: Schedule::constant(0.0),
+            normal_residual: [Schedule::constant(0.0); 2],
+            sh_first: Schedule::constant(2.5e-3),
+            sh_rest: Schedule::constant(2.5e-3 / 20.0),
+            environment: Schedule::constant(0.0),
+        },
+        densification: densification(iterations),
+    }
+}
+
+/// INRIA's densification, its end moved with the length of the run: refinement stops half way.
+fn densification(iterations: u32) -> Densification {
+    Densification {
+        from: 500.min(iterations / 6),
+        until: iterations / 2,
+        every: 100,
+        grad_min: 2e-4,
+        split_share: 0.01,
+        prune_share: 0.1,
+        opacity_min: 0.005,
+        reset_every: 3000,
+        count_max: 1_000_000,
+    }
+}
+
+/// The paper's equations and weights to the letter; what it leaves open is as in plain Gaussian splatting.
+fn paper(iterations: u32) -> Profile {
+    let shading_rate = Schedule::constant(2.5e-3);
+    let plain = plain(iterations);
+    Profile {
+        name: "paper",
+        layout: Layout::shaded(Some(3)),
+        light: Some(LightStart {
+            resolution: 64,
+            activation: RadianceActivation::Identity,
+            radiance: 0.5,
+            radiance_max: f32::INFINITY,
+        }),
+        start: GaussianStart { opacity: 0.1, tint: 0.5, roughness: 0.5, diffuse_share: 0.5 },
+        weights: LossWeights { squared: 1.0, normal: 0.01, sparse: 1e-3, residual: 1e-3, ..NO_LOSS },
+        harmonics_from: 0.5,
+        harmonics_step: 0.0,
+        rates: Rates {
+            diffuse: shading_rate,
+            tint: shading_rate,
+            roughness: shading_rate,
+            normal_residual: [shading_rate; 2],
+            environment: Schedule { first: 1.6e-2, last: 1.6e-3, steps: iterations },
+            ..plain.rates
+        },
+        ..plain
+    }
+}
+
+/// What the authors' code does: its shading, its prefilter, its losses, its effective learning rates.
+fn official(iterations: u32) -> Profile {
+    let follows_light = Schedule { first: 1.6e-2, last: 1.6e-3, steps: iterations };
+    let plain = plain(iterations);
+    Profile {
+        name: "official",
+        layout: Layout::shaded(None),
+        shading: ShadingRules::OFFICIAL,
+        scheme: PrefilterScheme::Official,
+        light: Some(LightStart {
+            resolution: 64,
+            activation: RadianceActivation::Identity,
+            radiance: 0.8,
+            radiance_max: 1.0,
+        }),
+        start: GaussianStart { opacity: 0.1, tint: 0.5, roughness: 0.645_66, diffuse_share: 1.0 },
+        weights: LossWeights {
+            absolute: 0.8,
+            dssim: 0.2,
+            normal: 0.2,
+            normal_form: NormalForm::CosineDetached,
+            sparse_coverage: 1e-3,
+            residual_image: 1e-3,
+            ..NO_LOSS
+        },
+        rates: Rates {
+            mean: Schedule { first: 8e-4, last: 8e-6, steps: iterations },
+            diffuse: follows_light,
+            tint: follows_light,
+            roughness: follows_light,
+            normal_residual: [follows_light, Schedule::constant(2e-4)],
+            environment: follows_light,
+            ..plain.rates
+        },
+        ..plain
+    }
+}
+
+/// Ours: whatever measures best.
+fn specula(iterations: u32) -> Profile {
+    let falling = |rate: f32| Schedule { first: rate, last: 0.1 * rate, steps: iterations };
+    let paper = paper(iterations);
+    Profile {
+        name: "specula",
+        light: Some(LightStart {
+            resolution: 64,
+            activation: RadianceActivation::Exponential,
+            radiance: 0.5,
+            radiance_max: f32::INFINITY,
+        }),
+        start: GaussianStart { opacity: 0.1, tint: 0.3, roughness: 0.4, diffuse_share: 0.5 },
+        weights: LossWeights {
+            absolute: 0.8,
+            dssim: 0.2,
+            normal: 0.05,
+            normal_form: NormalForm::Cosine,
+            sparse: 0.0,
+            residual: 1e-3,
+            ..NO_LOSS
+        },
+        normal_from: 0.05,
+        harmonics_from: 0.3,
+        harmonics_step: 0.05,
+        rates: Rates {
+            diffuse: falling(1e-2),
+            tint: falling(1e-2),
+            roughness: falling(1e-2),
+            normal_residual: [falling(2e-3); 2],
+            environment: falling(2e-2),
+            ..paper.rates
+        },
+        ..paper
+    }
+}
+
+/// What the paper's ablation switches off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ablation {
+    /// No `L_sparse`.
+    pub no_sparse: bool,
+    /// No `L_normal`.
+    pub no_normal: bool,
+    /// No residual colour `c_r`.
+    pub no_residual: bool,
+    /// No shortest axis v: the normal is a free attribute.
+    pub no_axis: bool,
+}
+
+impl Profile {
+    /// The profile without what the ablation names.
+    pub fn without(mut self, ablation: Ablation) -> Self {
+        if ablation.no_sparse {
+            self.weights.sparse = 0.0;
+            self.weights.sparse_coverage = 0.0;
+        }
+        if ablation.no_normal {
+            self.weights.normal = 0.0;
+        }
+        if ablation.no_residual && self.layout.is_shaded() {
+            self.layout = Layout::shaded(None);
+        }
+        if ablation.no_axis {
+            self.shading.axis = AxisRule::None;
+            self.weights.residual = 0.0;
+            self.weights.residual_image = 0.0;
+        }
+        self
+    }
+}

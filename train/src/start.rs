@@ -1,0 +1,146 @@
+//! The first Gaussians: from points, or from random points where there are none.
+
+use crate::{
+    profile::{GaussianStart, Profile},
+    view::View,
+};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use specula_core::{
+    activation::logit,
+    camera::Camera,
+    color::linear_from_srgb,
+    normal::AxisRule,
+    random,
+    scene::{
+        DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
+        len_of_values,
+    },
+    shade::ShadingForm,
+    sh::Y0,
+};
+use std::num::NonZero;
+
+/// A coloured point, from which a Gaussian starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// In world space.
+    pub position: [f32; 3],
+    /// sRGB, in \[0, 1\].
+    pub color: [f32; 3],
+}
+
+/// Edge of the cube that random points fill, centred at the origin: that of the NeRF-synthetic scenes.
+const CUBE_HALF: f32 = 1.3;
+/// Random streams, apart from each other.
+const POINT_STREAM: u64 = 0x706f_696e;
+const NORMAL_STREAM: u64 = 0x6e6f_726d;
+
+/// Random grey points in the cube that the scenes of NeRF-synthetic fill. Points that some picture shows as empty are
+/// drawn again, a bounded number of times, where pictures have an alpha channel.
+pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
+    const DRAWS_MAX: u64 = 400;
+    let checks: Vec<&View> = views.iter().filter(|view| view.has_alpha()).collect();
+    let mut points = Vec::with_capacity(count);
+    let mut draw = 0;
+    while points.len() < count && draw < DRAWS_MAX * count as u64 {
+        let coordinate = |axis: u64| (random::uniform(seed, POINT_STREAM, 3 * draw + axis) * 2.0 - 1.0) * CUBE_HALF;
+        let position = [0, 1, 2].map(coordinate);
+        if checks.iter().all(|view| may_be_solid(view, position)) {
+            points.push(Point { position, color: [0.5; 3] });
+        }
+        draw += 1;
+    }
+    points
+}
+
+/// Whether a view does not show a point's place as empty.
+fn may_be_solid(view: &View, position: [f32; 3]) -> bool {
+    let Some([x, y]) = pixel_of(&view.camera, position) else { return true };
+    let pixel = y * view.camera.width as usize + x;
+    view.rgba[4 * pixel + 3] > 0
+}
+
+fn pixel_of(camera: &Camera, position: [f32; 3]) -> Option<[usize; 2]> {
+    let p = camera.camera_from_world * (position_vec(position) - camera.position);
+    let x = camera.focal_px[0] * p.x / p.z + camera.principal_px[0];
+    let y = camera.focal_px[1] * p.y / p.z + camera.principal_px[1];
+    let inside = p.z > 0.0 && x >= 0.0 && y >= 0.0 && x < camera.width as f32 && y < camera.height as f32;
+    inside.then_some([x as usize, y as usize])
+}
+
+fn position_vec([x, y, z]: [f32; 3]) -> glam::Vec3 {
+    glam::Vec3::new(x, y, z)
+}
+
+/// Gaussians at the points, as large as the distance to their neighbours.
+pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Vec<f32>> {
+    let layout = profile.layout;
+    let values = vec![0.0; len_of_values(points.len(), layout)];
+    let mut gaussians = Gaussians { count: points.len(), layout, values };
+    let log_scales = log_scales(points);
+    for (index, point) in points.iter().enumerate() {
+        gaussians.set(index, MEAN, point.position);
+        gaussians.set(index, LOG_SCALE, [log_scales[index]; 3]);
+        gaussians.set(index, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        gaussians.set(index, OPACITY, [logit(profile.start.opacity)]);
+        if layout.is_shaded() {
+            start_shading(&mut gaussians, index, point, profile, seed);
+        } else {
+            gaussians.set(index, layout.sh_start(), point.color.map(|c| (c - 0.5) / Y0));
+        }
+    }
+    gaussians
+}
+
+fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Point, profile: &Profile, seed: u64) {
+    let GaussianStart { tint, roughness, diffuse_share, .. } = profile.start;
+    let diffuse = match profile.shading.form {
+        ShadingForm::Paper => point.color.map(|c| logit(diffuse_share * linear_from_srgb(c))),
+        ShadingForm::Official => point.color,
+    };
+    gaussians.set(index, DIFFUSE, diffuse);
+    gaussians.set(index, TINT, [logit(tint); 3]);
+    gaussians.set(index, ROUGHNESS, [logit(roughness)]);
+    if profile.shading.axis == AxisRule::None {
+        let normal = [0, 1, 2].map(|axis| random::normal(seed, NORMAL_STREAM, 3 * index as u64 + axis));
+        gaussians.set(index, NORMAL_RESIDUAL_1, normal);
+        gaussians.set(index, NORMAL_RESIDUAL_2, normal);
+    }
+}
+
+/// Logarithm of the root of the mean squared distance to the three nearest neighbours.
+fn log_scales(points: &[Point]) -> Vec<f32> {
+    const NEIGHBOURS: usize = 3;
+    const SQUARE_MIN: f32 = 1e-7;
+    let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
+    let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
+    let wanted = NonZero::new(NEIGHBOURS + 1).expect("four is not zero");
+    let mean_square = |position: &[f32; 3]| {
+        let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(wanted).execute();
+        let others = &found[1.min(found.len())..];
+        others.iter().map(|neighbour| neighbour.distance).sum::<f32>() / others.len().max(1) as f32
+    };
+    positions.iter().map(|position| 0.5 * mean_square(position).max(SQUARE_MIN).ln()).collect()
+}
+
+/// Where a layout keeps each attribute, with the learning rate that it has.
+pub(crate) fn rates_by_plane(layout: Layout, rates: &crate::profile::Rates, extent: f32, step: u32) -> Vec<f32> {
+    let mut by_plane = vec![0.0; layout.plane_count()];
+    let mut put = |first: usize, count: usize, rate: f32| by_plane[first..first + count].fill(rate);
+    put(MEAN, 3, rates.mean.at(step) * extent);
+    put(LOG_SCALE, 3, rates.log_scale.at(step));
+    put(QUAT, 4, rates.quat.at(step));
+    put(OPACITY, 1, rates.opacity.at(step));
+    if layout.is_shaded() {
+        put(DIFFUSE, 3, rates.diffuse.at(step));
+        put(TINT, 3, rates.tint.at(step));
+        put(ROUGHNESS, 1, rates.roughness.at(step));
+        put(NORMAL_RESIDUAL_1, 3, rates.normal_residual[0].at(step));
+        put(NORMAL_RESIDUAL_2, 3, rates.normal_residual[1].at(step));
+    }
+    if layout.sh_count() > 0 {
+        put(layout.sh_start(), 3, rates.sh_first.at(step));
+        put(layout.sh_start() + 3, 3 * (layout.sh_count() - 1), rates.sh_rest.at(step));
+    }
+    by_plane
+}

@@ -1,0 +1,286 @@
+//! The optimisation loop.
+
+use crate::{
+    profile::Profile,
+    start::{Point, gaussians, random_points, rates_by_plane},
+    view::{View, extent_of},
+};
+use specula_core::{
+    activation::logit,
+    densify::DensifyRules,
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
+    loss::LossWeights,
+    metrics::psnr,
+    pipeline::{Fit, Step, StepReport, train_step},
+    plan::Channels,
+    random,
+    scene::{Environment, Gaussians, OPACITY, RadianceActivation},
+};
+
+/// What a run is told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The kind of training.
+    pub profile: Profile,
+    /// How many steps.
+    pub iterations: u32,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Behind the Gaussians, sRGB.
+    pub background: [f32; 3],
+    /// How many random points to start from where none are given.
+    pub random_points: usize,
+}
+
+/// Why a run could not start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError<E> {
+    /// There is nothing to learn from.
+    #[error("a training needs at least one picture, and there is none")]
+    NoViews,
+    /// There is nothing to start from.
+    #[error("a training needs at least one point to start from, and there is none; give a point cloud or more random points")]
+    NoPoints,
+    /// The executor failed.
+    #[error(transparent)]
+    Executor(#[from] E),
+}
+
+/// A run: a scene, what is known of its gradients, and the pictures that it is fitted to.
+#[derive(Debug)]
+pub struct Trainer<E: Executor> {
+    exec: E,
+    settings: Settings,
+    cameras: Vec<specula_core::camera::Camera>,
+    targets: Vec<E::Target>,
+    extent: f32,
+    gaussians: Gaussians<E::Array>,
+    moments: Moments<E::Array>,
+    statistics: Statistics<E::Array>,
+    light: Option<(Environment<E::Array>, Moments<E::Array>)>,
+    /// Steps taken.
+    iteration: u32,
+    order: Vec<usize>,
+    psnr: Option<f64>,
+    nonfinite: usize,
+}
+
+impl<E: Executor> Trainer<E> {
+    /// A run over these views that starts from these points, or from random ones if there are none.
+    pub fn new(mut exec: E, settings: Settings, views: &[View], points: &[Point]) -> Result<Self, TrainError<E::Error>> {
+        if views.is_empty() {
+            return Err(TrainError::NoViews);
+        }
+        let random = if points.is_empty() { random_points(settings.random_points, views, settings.seed) } else { Vec::new() };
+        let points = if points.is_empty() { &random } else { points };
+        if points.is_empty() {
+            return Err(TrainError::NoPoints);
+        }
+        let start = gaussians(points, &settings.profile, settings.seed);
+        let targets: Result<Vec<_>, _> = views
+            .iter()
+            .map(|view| exec.target(view.camera.width as usize, view.camera.height as usize, &view.rgba))
+            .collect();
+        Ok(Self {
+            gaussians: Gaussians { count: start.count, layout: start.layout, values: exec.upload(&start.values)? },
+            moments: zero_moments(&mut exec, start.values.len())?,
+            statistics: zero_statistics(&mut exec, start.count)?,
+            light: start_light(&mut exec, &settings.profile)?,
+            targets: targets?,
+            cameras: views.iter().map(|view| view.camera).collect(),
+            extent: extent_of(views),
+            iteration: 0,
+            order: Vec::new(),
+            psnr: None,
+            nonfinite: 0,
+            settings,
+            exec,
+        })
+    }
+
+    /// Takes one step, and densifies where the schedule says so.
+    pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
+        self.iteration += 1;
+        let view = self.next_view();
+        let rules = self.rules_at(self.iteration, Channels::Training);
+        let weights = self.weights_at(self.iteration);
+        let profile = &self.settings.profile;
+        let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.iteration);
+        let step = Step {
+            camera: &self.cameras[view],
+            target: &self.targets[view],
+            background: self.settings.background,
+            rules: &rules,
+            weights: &weights,
+            rates: &rates,
+            environment_rate: profile.rates.environment.at(self.iteration),
+            number: self.iteration,
+        };
+        let mut fit = Fit {
+            gaussians: &mut self.gaussians,
+            moments: &mut self.moments,
+            environment: self.light.as_mut().map(|(light, moments)| (light, moments)),
+            statistics: &mut self.statistics,
+        };
+        let report = train_step(&mut self.exec, &mut fit, &step)?;
+        self.note(&report);
+        Ok((report, self.refine()?))
+    }
+
+    /// Pictures in a random order, each once before any comes again.
+    fn next_view(&mut self) -> usize {
+        if self.order.is_empty() {
+            self.order = (0..self.cameras.len()).collect();
+            for k in (1..self.order.len()).rev() {
+                let other = random::bits(self.settings.seed, u64::from(self.iteration), k as u64) % (k as u64 + 1);
+                self.order.swap(k, other as usize);
+            }
+        }
+        self.order.pop().expect("the order was just filled")
+    }
+
+    fn note(&mut self, report: &StepReport) {
+        const MEMORY: f64 = 0.98;
+        let now = psnr(report.loss.squared.max(1e-10));
+        self.psnr = Some(self.psnr.map_or(now, |mean| MEMORY * mean + (1.0 - MEMORY) * now));
+        self.nonfinite += report.nonfinite;
+    }
+
+    /// How the scene is rendered at an iteration: harmonics come in band by band.
+    pub fn rules_at(&self, iteration: u32, channels: Channels) -> RenderRules {
+        let profile = &self.settings.profile;
+        let done = iteration as f32 / self.settings.iterations.max(1) as f32;
+        let is_plain = !profile.layout.is_shaded();
+        let bands = if done < profile.harmonics_from {
+            None
+        } else if profile.harmonics_step > 0.0 {
+            Some(((done - profile.harmonics_from) / profile.harmonics_step) as u8)
+        } else {
+            Some(3)
+        };
+        let channels = if is_plain && channels == Channels::Training { Channels::Color } else { channels };
+        RenderRules {
+            shading: profile.shading,
+            scheme: profile.scheme,
+            sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
+            channels,
+        }
+    }
+
+    fn weights_at(&self, iteration: u32) -> LossWeights {
+        let profile = &self.settings.profile;
+        let mut weights = profile.weights;
+        if (iteration as f32) < profile.normal_from * self.settings.iterations as f32 {
+            weights.normal = 0.0;
+        }
+        weights
+    }
+
+    fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
+        let plan = self.settings.profile.densification;
+        let k = self.iteration;
+        let mut report = DensifyReport::default();
+        if k > plan.from && k < plan.until && k.is_multiple_of(plan.every) {
+            let was_reset = plan.reset_every > 0 && k > plan.reset_every;
+            let rules = DensifyRules {
+                grad_min: plan.grad_min,
+                split_scale: plan.split_share * self.extent,
+                opacity_min: plan.opacity_min,
+                scale_max: if was_reset { plan.prune_share * self.extent } else { f32::INFINITY },
+            };
+            let key = RandomKey { seed: self.settings.seed, stream: u64::from(k) };
+            report = self.exec.densify(
+                &mut self.gaussians,
+                &mut self.moments,
+                &mut self.statistics,
+                &rules,
+                plan.count_max,
+                key,
+            )?;
+        }
+        if plan.reset_every > 0 && k < plan.until && k.is_multiple_of(plan.reset_every) {
+            self.exec.limit_plane(&mut self.gaussians, &mut self.moments, OPACITY, logit(0.01))?;
+        }
+        Ok(report)
+    }
+
+    /// Steps taken so far.
+    pub fn iteration(&self) -> u32 {
+        self.iteration
+    }
+    /// Whether all steps are taken.
+    pub fn is_finished(&self) -> bool {
+        self.iteration >= self.settings.iterations
+    }
+    /// PSNR of the training pictures, in dB, a running mean.
+    pub fn psnr(&self) -> Option<f64> {
+        self.psnr
+    }
+    /// Gradients left out so far because they were not finite.
+    pub fn nonfinite(&self) -> usize {
+        self.nonfinite
+    }
+    /// The Gaussians now.
+    pub fn gaussians(&self) -> &Gaussians<E::Array> {
+        &self.gaussians
+    }
+    /// The light now, if there is one.
+    pub fn environment(&self) -> Option<&Environment<E::Array>> {
+        self.light.as_ref().map(|(light, _)| light)
+    }
+    /// What the run was told.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+    /// The executor, for rendering between steps.
+    pub fn executor(&mut self) -> &mut E {
+        &mut self.exec
+    }
+
+    /// The scene on the host: Gaussians, and the light if there is one.
+    pub fn download(&mut self) -> Result<HostScene, TrainError<E::Error>> {
+        let layout = self.gaussians.layout;
+        let mut values = vec![0.0; specula_core::scene::len_of_values(self.gaussians.count, layout)];
+        self.exec.download(&self.gaussians.values, &mut values)?;
+        let mut environment = None;
+        if let Some((light, _)) = &self.light {
+            let mut values = vec![0.0; light.len_of_values()];
+            self.exec.download(&light.values, &mut values)?;
+            environment = Some(Environment { resolution: light.resolution, activation: light.activation, values });
+        }
+        Ok(HostScene { gaussians: Gaussians { count: self.gaussians.count, layout, values }, environment })
+    }
+}
+
+/// A scene in host memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HostScene {
+    /// The Gaussians.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// The light, if there is one.
+    pub environment: Option<Environment<Vec<f32>>>,
+}
+
+fn zero_moments<E: Executor>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {
+    let zeros = vec![0.0; len];
+    Ok(Moments { mean: exec.upload(&zeros)?, square: exec.upload(&zeros)? })
+}
+
+fn zero_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics<E::Array>, E::Error> {
+    let zeros = vec![0.0; count];
+    Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
+}
+
+type TrainedLight<E> = (Environment<<E as Executor>::Array>, Moments<<E as Executor>::Array>);
+
+fn start_light<E: Executor>(exec: &mut E, profile: &Profile) -> Result<Option<TrainedLight<E>>, E::Error> {
+    let Some(start) = profile.light else { return Ok(None) };
+    let number = match start.activation {
+        RadianceActivation::Identity => start.radiance,
+        RadianceActivation::Exponential => start.radiance.ln(),
+    };
+    let values = vec![number; 6 * start.resolution * start.resolution * 3];
+    let environment =
+        Environment { resolution: start.resolution, activation: start.activation, values: exec.upload(&values)? };
+    Ok(Some((environment, zero_moments(exec, values.len())?)))
+}

@@ -1,0 +1,49 @@
+//! A picture and where it was taken from.
+
+use specula_core::camera::Camera;
+
+/// True normals of a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Normals {
+    /// World-space unit normals, pixel by pixel.
+    pub values: Vec<[f32; 3]>,
+    /// Which pixels have one.
+    pub mask: Vec<bool>,
+}
+
+/// A picture of 8-bit sRGB and straight alpha, and its camera, whose size is the picture's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the data set calls it.
+    pub name: String,
+    /// From where it was taken.
+    pub camera: Camera,
+    /// width · height · 4 bytes, row by row.
+    pub rgba: Vec<u8>,
+    /// True normals, if they are known.
+    pub normals: Option<Normals>,
+}
+
+impl View {
+    /// Whether any pixel is not opaque.
+    pub fn has_alpha(&self) -> bool {
+        self.rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX)
+    }
+
+    /// The picture over a background, as three planes in \[0, 1\].
+    pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
+        let blend = |pixel: &[u8], channel: usize| {
+            let alpha = f32::from(pixel[3]) / 255.0;
+            f32::from(pixel[channel]) / 255.0 * alpha + (1.0 - alpha) * background[channel]
+        };
+        (0..3).flat_map(|channel| self.rgba.chunks_exact(4).map(move |pixel| blend(pixel, channel))).collect()
+    }
+}
+
+/// How far the cameras spread: 1.1 times the largest distance of one from their mean (INRIA's measure of a scene).
+pub fn extent_of(views: &[View]) -> f32 {
+    const MARGIN: f32 = 1.1;
+    let mean = views.iter().map(|view| view.camera.position).sum::<glam::Vec3>() / views.len().max(1) as f32;
+    let farthest = views.iter().map(|view| view.camera.position.distance(mean)).fold(0.0, f32::max);
+    if farthest > 0.0 { MARGIN * farthest } else { 1.0 }
+}
