@@ -1,1 +1,52 @@
-//! Pending.
+//! A generated scene for the benches: Gaussians on a torus, the same on every machine.
+
+use core::f32::consts::TAU;
+use specula_core::{
+    activation::logit,
+    camera::Camera,
+    random::uniform,
+    scene::{Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, RadianceActivation},
+};
+use specula_train::{
+    profile::Profile,
+    start::{Point, gaussians},
+};
+
+const SEED: u64 = 7;
+const RADIUS: [f32; 2] = [1.0, 0.4];
+
+/// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in 0.3–0.98.
+pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
+    let points: Vec<Point> = (0..count).map(|k| Point { position: place(k).0, color: [0.6, 0.4, 0.3] }).collect();
+    let mut cloud = gaussians(&points, profile, SEED);
+    let spacing = (TAU * TAU * RADIUS[0] * RADIUS[1] / count as f32).sqrt();
+    for index in 0..count {
+        let (position, normal) = place(index);
+        let turn = glam::Quat::from_rotation_arc(glam::Vec3::Z, glam::Vec3::from(normal));
+        cloud.set(index, MEAN, position);
+        cloud.set(index, LOG_SCALE, [spacing.ln(), (0.7 * spacing).ln(), (0.1 * spacing).ln()]);
+        cloud.set(index, QUAT, [turn.w, turn.x, turn.y, turn.z]);
+        cloud.set(index, OPACITY, [logit(0.3 + 0.68 * uniform(SEED, 2, index as u64))]);
+    }
+    cloud
+}
+
+fn place(index: usize) -> ([f32; 3], [f32; 3]) {
+    let (around, across) = (TAU * uniform(SEED, 0, index as u64), TAU * uniform(SEED, 1, index as u64));
+    let normal = [across.cos() * around.cos(), across.cos() * around.sin(), across.sin()];
+    let centre = [RADIUS[0] * around.cos(), RADIUS[0] * around.sin(), 0.0];
+    (core::array::from_fn(|k| centre[k] + RADIUS[1] * normal[k]), normal)
+}
+
+/// A camera at distance 3.2 with a field of view of 45°.
+pub fn camera(size: u32) -> Camera {
+    let position = glam::Vec3::new(2.2, 1.2, 2.0).normalize() * 3.2;
+    Camera::look_at(position, glam::Vec3::ZERO, glam::Vec3::Z, 45_f32.to_radians(), size, size)
+}
+
+/// A sky with a bright patch.
+pub fn environment(resolution: usize) -> Environment<Vec<f32>> {
+    let texels = 6 * resolution * resolution;
+    let values = (0..texels).flat_map(|k| [if k % 97 == 0 { 8.0 } else { 0.4 }; 3]).collect();
+    Environment { resolution, activation: RadianceActivation::Identity, values }
+}

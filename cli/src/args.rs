@@ -1,5 +1,7 @@
 //! What can be said on the command line.
 
+#![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
+
 use crate::{background::Background, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use specula_io::latlong::UpAxis;
@@ -25,11 +27,11 @@ pub(crate) struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
-  specula demo                                         see everything, in three minutes and without any data
-  specula train data/chair -m out/chair --eval         fit a scene and measure it on held-out views
-  specula render out/chair --layers rgb,normal         pictures of the test views, and their normals
-  specula relight out/chair --env sunset.hdr           the same scene under another light
-  specula info out/chair                               what is in it";
+  specula demo                                    see everything, without any data
+  specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
+  specula render out/chair --layers rgb,normal    pictures of the test views
+  specula relight out/chair --env sunset.hdr      the same scene under another light
+  specula info out/chair                          what is in it";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -352,7 +354,9 @@ pub(crate) struct Eval {
 
 /// Say what is in a model, a PLY file or a data set.
 #[derive(Args, Debug)]
-#[command(after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair")]
+#[command(
+    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"
+)]
 pub(crate) struct Info {
     /// Folder of a model, a PLY file, or folder of a data set.
     #[arg(value_name = "PATH")]
@@ -483,8 +487,11 @@ mod tests {
 
     #[test]
     fn the_fields_names_are_understood() {
-        let words = "specula train -s data -m out --lambda_zero_one 0.001 --densify_grad_threshold 0.0004 --sh_degree 2";
-        let Command::Train(train) = Arguments::try_parse_from(words.split(' ')).unwrap().command else { panic!("train") };
+        let words =
+            "specula train -s data -m out --lambda_zero_one 0.001 --densify_grad_threshold 0.0004 --sh_degree 2";
+        let Command::Train(train) = Arguments::try_parse_from(words.split(' ')).unwrap().command else {
+            panic!("train")
+        };
         assert_eq!((train.losses.lambda_sparse, train.start.sh_degree), (Some(0.001), Some(2)));
     }
 }

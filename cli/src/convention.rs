@@ -1,6 +1,6 @@
 //! What the numbers in a file of shaded Gaussians mean, and the way from there to what is computed with.
 //!
-//! Files are GaussianShader's, whatever trained them: the diffuse colour is σ(f_dc − ln 3), and a normal that had to be
+//! Files are GaussianShader's, whatever trained them: the diffuse colour is `σ(f_dc − ln 3)`, and a normal that had to be
 //! turned to the viewer is −v + Δn₂. The paper's form is σ(diffuse) and −(v + Δn₂), so numbers are shifted and Δn₂
 //! changes its sign on the way. What cannot be converted is said in words beside them: which equation puts the terms
 //! together, which axis is the normal's base, how light is filtered.

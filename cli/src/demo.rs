@@ -1,10 +1,172 @@
-//! `specula demo`.
+//! `specula demo`: a small scene from pictures to relit pictures, beside plain Gaussian splatting.
 
-use crate::{args::Demo, failure::Failure, progress::Talk};
+mod data;
+mod page;
+mod sheets;
 
-/// Steps of each training.
+use crate::{
+    args::Demo,
+    background::Background,
+    dataset::{self, Dataset},
+    failure::Failure,
+    fit::{Training, thousands},
+    interrupt, output,
+    progress::Talk,
+    quality,
+    scene::Renderer,
+};
+use serde_json::{Map, Value, json};
+use specula_io::{
+    cameras::NamedCamera,
+    dataset::LoadOptions,
+    model_folder::{self, ModelInfo},
+};
+use specula_train::{
+    evaluate::{Quality, mean_quality},
+    profile,
+    start::{Point, random_points},
+    trainer::Settings,
+};
+use std::path::Path;
+
+/// Steps of each training: about a minute on two cores.
 pub(crate) const ITERATIONS: u32 = 1500;
+/// Random points that both trainings start from.
+const POINTS: usize = 10_000;
+/// Seed of both trainings.
+const SEED: u64 = 0;
+/// What is compared, and in which order.
+const PROFILES: [&str; 2] = ["3dgs", "specula"];
 
-pub(crate) fn run(_args: &Demo, _talk: Talk) -> Result<(), Failure> {
-    Ok(())
+/// One of the two trainings.
+#[derive(Debug)]
+struct Contestant {
+    name: &'static str,
+    quality: Quality,
+    seconds: f64,
+    gaussians: usize,
+    renderer: Renderer,
+}
+
+/// Unpacks, trains twice, measures, and makes pictures of everything.
+pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
+    output::make_folder(&args.output)?;
+    let source = args.output.join("data");
+    data::unpack(&source)?;
+    let quiet = Talk { quiet: true };
+    let data = dataset::load(&source, &LoadOptions::default(), quiet)?;
+    let points = random_points(POINTS, &data.train, SEED);
+    interrupt::watch()?;
+
+    let mut contestants = Vec::new();
+    for name in PROFILES {
+        contestants.push(contest(name, args, &data, &points, talk)?);
+    }
+    let table = table(&contestants);
+    output::write_json(&args.output.join("results.json"), &results(&contestants))?;
+    let [plain, ours] = contestants.try_into().expect("there are two of them");
+    sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, talk)?;
+    page::write(&args.output, &table, args.iterations)?;
+    let page = args.output.join("index.html");
+    output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
+}
+
+fn contest(
+    name: &'static str,
+    args: &Demo,
+    data: &Dataset,
+    points: &[Point],
+    talk: Talk,
+) -> Result<Contestant, Failure> {
+    let settings = Settings {
+        profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
+        iterations: args.iterations,
+        seed: SEED,
+        background: Background::WHITE.0,
+        random_points: 0,
+    };
+    let mut training = Training::new(settings, &data.train, points)?;
+    let outcome = training.run(name, talk, &[], |_, _| Ok(()))?;
+    if outcome.is_interrupted {
+        return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
+    }
+    let scene = training.scene()?;
+    let gaussians = scene.gaussians.count;
+    let folder = args.output.join(name);
+    let named = |views: &[specula_train::view::View]| {
+        views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>()
+    };
+    model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
+    scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
+
+    let work = talk.work("measuring", data.test.len() as u64);
+    let mut renderer = Renderer::new(scene)?;
+    let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
+    work.finish();
+    model_folder::save_quality(&folder, args.iterations, &quality::for_files(&measured))?;
+    Ok(Contestant { name, quality: mean_quality(&measured), seconds: outcome.seconds, gaussians, renderer })
+}
+
+fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo {
+    let [shading, axis, prefilter] = *words;
+    let is_plain = name == "3dgs";
+    let mut rest = Map::new();
+    rest.insert("axis".into(), axis.into());
+    rest.insert("prefilter".into(), prefilter.into());
+    rest.insert("background".into(), json!(Background::WHITE.0));
+    rest.insert("train_views".into(), data.train.len().into());
+    rest.insert("test_views".into(), data.test.len().into());
+    ModelInfo {
+        version: env!("CARGO_PKG_VERSION").into(),
+        profile: name.into(),
+        shading: if is_plain { "radiance" } else { shading }.into(),
+        iterations: args.iterations,
+        white_background: true,
+        eval: true,
+        downscale: 1,
+        source_path: absolute(&args.output.join("data")),
+        seed: SEED,
+        rest,
+    }
+}
+
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
+}
+
+fn results(contestants: &[Contestant]) -> Value {
+    let entry = |contestant: &Contestant| {
+        let mut measures = quality::means(&contestant.quality);
+        measures["seconds"] = ((contestant.seconds * 10.0).round() / 10.0).into();
+        measures["gaussians"] = contestant.gaussians.into();
+        (contestant.name.to_owned(), measures)
+    };
+    Value::Object(contestants.iter().map(entry).collect())
+}
+
+/// The two trainings side by side.
+#[derive(Debug)]
+struct Table {
+    cells: Vec<[String; 6]>,
+    lines: Vec<String>,
+}
+
+fn table(contestants: &[Contestant]) -> Table {
+    let heads = ["profile", "PSNR dB", "SSIM", "normals °", "seconds", "Gaussians"].map(str::to_owned);
+    let row = |contestant: &Contestant| {
+        let Quality { psnr, ssim, normal_mae } = contestant.quality;
+        [
+            contestant.name.to_owned(),
+            format!("{psnr:.2}"),
+            format!("{ssim:.4}"),
+            normal_mae.map_or(String::new(), |mae| format!("{mae:.2}")),
+            format!("{:.0}", contestant.seconds),
+            thousands(contestant.gaussians),
+        ]
+    };
+    let cells: Vec<[String; 6]> = core::iter::once(heads).chain(contestants.iter().map(row)).collect();
+    let line = |[name, rest @ ..]: &[String; 6]| {
+        format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
+    };
+    Table { lines: cells.iter().map(line).collect(), cells }
 }

@@ -13,9 +13,7 @@ use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
     plan::Needs,
-    scene::{
-        DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT,
-    },
+    scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
 };
 use specula_io::{
     Error,

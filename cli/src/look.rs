@@ -90,7 +90,8 @@ impl Tour {
     ) -> Self {
         let orbit = Orbit::of(gaussians, known);
         let like = known.first().map(|(_, camera)| *camera);
-        let camera_at = |index: u32| (format!("{index:05}"), orbit.camera(TAU * index as f32 / count as f32, like, size));
+        let camera_at =
+            |index: u32| (format!("{index:05}"), orbit.camera(TAU * index as f32 / count as f32, like, size));
         Self { name: "turntable", cameras: (0..count).map(camera_at).collect(), split: None, is_turntable: true }
     }
 }

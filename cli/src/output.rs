@@ -37,10 +37,15 @@ pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), F
 
 /// Writes a text file whole.
 pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes a file whole: until all is written, nothing is seen of it.
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let written = fs::create_dir_all(folder).and_then(|()| {
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(text.as_bytes())?;
+        file.write_all(bytes)?;
         make_readable(&file)?;
         file.persist(path).map_err(|error| error.error)
     });

@@ -125,7 +125,11 @@ fn gray(image: &Image<Vec<f32>>, plane: &[f32]) -> RgbImage {
 /// Three channels over black.
 fn light(image: &Image<Vec<f32>>, first: usize, is_linear: bool) -> RgbImage {
     let planes: Vec<f32> = (first..first + 3).flat_map(|channel| image.plane(channel)).copied().collect();
-    if is_linear { rgb(image, &planes.into_iter().map(srgb_from_linear).collect::<Vec<_>>()) } else { rgb(image, &planes) }
+    if is_linear {
+        rgb(image, &planes.into_iter().map(srgb_from_linear).collect::<Vec<_>>())
+    } else {
+        rgb(image, &planes)
+    }
 }
 
 /// Blended normals, made unit.
@@ -137,7 +141,8 @@ fn normals(image: &Image<Vec<f32>>) -> RgbImage {
             if length > 0.0 { length.recip() } else { 0.0 }
         })
         .collect();
-    let planes: Vec<f32> = [x, y, z].into_iter().flat_map(|plane| plane.iter().zip(&scale).map(|(n, s)| n * s)).collect();
+    let planes: Vec<f32> =
+        [x, y, z].into_iter().flat_map(|plane| plane.iter().zip(&scale).map(|(n, s)| n * s)).collect();
     picture::normals(image.width, image.height, &planes, &alpha(image))
 }
 

@@ -28,7 +28,8 @@ impl Talk {
     /// Work of so many steps.
     pub(crate) fn work(self, what: &str, steps: u64) -> Work {
         let is_terminal = stderr().is_terminal();
-        let target = if is_terminal && !self.quiet { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let target =
+            if is_terminal && !self.quiet { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(Some(steps), target).with_style(style());
         bar.set_prefix(what.to_owned());
         let lines = (!is_terminal && !self.quiet).then(|| Mutex::new(Cell::new(Instant::now())));

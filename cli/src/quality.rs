@@ -20,11 +20,8 @@ pub(crate) fn line(quality: &Quality) -> String {
 /// For `results.json` and `per_view.json`; measures that no view has are left out.
 pub(crate) fn for_files(views: &[ViewQuality]) -> model_folder::Quality {
     let measured = MEASURES.iter().filter_map(|(name, measure)| {
-        let values: Vec<(String, f64)> = views
-            .iter()
-            .enumerate()
-            .filter_map(|(index, view)| Some((picture_name(index), measure(view)?)))
-            .collect();
+        let values: Vec<(String, f64)> =
+            views.iter().enumerate().filter_map(|(index, view)| Some((picture_name(index), measure(view)?))).collect();
         let mean = values.iter().map(|(_, value)| value).sum::<f64>() / values.len() as f64;
         (!values.is_empty()).then(|| ((*name).to_owned(), mean, values))
     });

@@ -3,12 +3,14 @@
 use crate::{
     args::{Look, Render},
     background::Background,
-    dataset, failure::Failure,
+    dataset,
+    failure::Failure,
     look::Tour,
     output,
     pictures::Layer,
     progress::Talk,
     quality::picture_name,
+    relight::write_light,
     scene::{Opened, Renderer},
 };
 use specula_io::{
@@ -34,6 +36,9 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let layers = layers_of(&args.layers, &opened, talk);
     let place = Place::of(&opened, args.output.as_deref(), tour.name)?;
     output::make_folder(&place.folder)?;
+    if layers.contains(&Layer::Light) {
+        write_light(&place.folder.join("light.png"), opened.scene.light.as_ref())?;
+    }
 
     let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };
     let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };

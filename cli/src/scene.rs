@@ -80,7 +80,12 @@ impl Scene {
     }
 
     /// Puts in another light.
-    pub(crate) fn relight(&mut self, path: &Path, options: &EnvOptions, talk: Talk) -> Result<latlong::LatLong, Failure> {
+    pub(crate) fn relight(
+        &mut self,
+        path: &Path,
+        options: &EnvOptions,
+        talk: Talk,
+    ) -> Result<latlong::LatLong, Failure> {
         if !self.gaussians.layout.is_shaded() {
             return Err(Failure::Input(
                 "the scene is plain Gaussian splatting, whose colours hold their light for ever; train it with \
@@ -130,7 +135,9 @@ impl Renderer {
     pub(crate) fn new(scene: Scene) -> Result<Self, Failure> {
         let mut exec = CpuExecutor::new();
         let light = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded());
-        let light = light.map(|light| exec.prefilter(&fitting(light, scene.reading.scheme), scene.reading.scheme)).transpose()?;
+        let light = light
+            .map(|light| exec.prefilter(&fitting(light, scene.reading.scheme), scene.reading.scheme))
+            .transpose()?;
         Ok(Self { exec, light, scene })
     }
 
@@ -156,12 +163,19 @@ impl Renderer {
         let mut measured = Vec::with_capacity(views.len());
         for view in views {
             let Scene { gaussians, .. } = &self.scene;
-            let quality =
-                evaluate_view(&mut self.exec, gaussians, self.light.as_ref(), view, &rules, background.0)?;
+            let quality = evaluate_view(&mut self.exec, gaussians, self.light.as_ref(), view, &rules, background.0)?;
             measured.push(quality);
             work.done(measured.len() as u64, String::new);
         }
         Ok(measured)
+    }
+}
+
+/// Radiance of a light, whatever its numbers are.
+pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
+    match activation {
+        RadianceActivation::Identity => values.to_vec(),
+        RadianceActivation::Exponential => values.iter().map(|number| number.exp()).collect(),
     }
 }
 

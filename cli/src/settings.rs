@@ -5,10 +5,7 @@ use crate::{
     convention::Reading,
     failure::Failure,
 };
-use specula_core::{
-    prefilter::PrefilterScheme,
-    scene::Layout,
-};
+use specula_core::{prefilter::PrefilterScheme, scene::Layout};
 use specula_train::profile::{self, Ablation, Profile};
 
 /// The profile that was asked for, with everything that was asked for beside it.

@@ -40,21 +40,15 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     output::make_folder(&args.model_path)?;
     save_inputs(args, &profile, &data, &points)?;
 
-    let settings = Settings {
-        profile,
-        iterations: args.iterations,
-        seed: args.seed,
-        background: background.0,
-        random_points: 0,
-    };
+    let settings =
+        Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
     let mut training = Training::new(settings, &data.train, &points)?;
     drop((core::mem::take(&mut data.train), points));
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
-    let outcome = training.run("training", talk, &pauses, |training, work| {
-        pause(args, training, &info, &data.test, background, work)
-    })?;
+    let outcome = training
+        .run("training", talk, &pauses, |training, work| pause(args, training, &info, &data.test, background, work))?;
     finish(args, training.scene()?, info, outcome, &data.test, background, talk)
 }
 
@@ -120,7 +114,8 @@ fn absolute(path: &Path) -> String {
 }
 
 fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
-    let named = |views: &[View]| views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>();
+    let named =
+        |views: &[View]| views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>();
     let is_white = background_of(args, data) == Background::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
@@ -176,7 +171,9 @@ fn finish(
     scene.save(&args.model_path, iteration, &info)?;
     let place = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
-        return Err(Failure::Interrupted(format!("interrupted after iteration {iteration}, which is saved in {place:?}")));
+        return Err(Failure::Interrupted(format!(
+            "interrupted after iteration {iteration}, which is saved in {place:?}"
+        )));
     }
     talk.note(&format!("saved {place:?}"));
 

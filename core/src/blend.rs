@@ -73,10 +73,7 @@ pub fn step<R: Real>(alpha: R, transmittance: R) -> Step<R> {
     let weight = alpha * transmittance;
     let behind = transmittance - weight;
     let ends = behind.less(behind.constant(TRANSMITTANCE_MIN)) & behind.zero().less(alpha);
-    Step {
-        weight: R::select(ends, behind.zero(), weight),
-        transmittance: R::select(ends, -transmittance, behind),
-    }
+    Step { weight: R::select(ends, behind.zero(), weight), transmittance: R::select(ends, -transmittance, behind) }
 }
 
 /// What a pixel knows while its splats are replayed front to back.

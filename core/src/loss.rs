@@ -86,10 +86,7 @@ pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
 fn ssim_parts<R: Real>(m: &SsimMoments<R>) -> ([R; 2], [R; 2]) {
     let covariance = m.xy - m.x * m.y;
     let variances = (m.xx - m.x * m.x) + (m.yy - m.y * m.y);
-    (
-        [m.x * m.y * 2.0 + SSIM_C1, m.x * m.x + m.y * m.y + SSIM_C1],
-        [covariance * 2.0 + SSIM_C2, variances + SSIM_C2],
-    )
+    ([m.x * m.y * 2.0 + SSIM_C1, m.x * m.x + m.y * m.y + SSIM_C1], [covariance * 2.0 + SSIM_C2, variances + SSIM_C2])
 }
 
 /// |n̄ − n̂|²: rendered normal against the geometry's (paper, eq. L_normal).
@@ -143,8 +140,8 @@ pub fn sparse_coverage<R: Real>(coverage: R) -> R {
 #[inline(always)]
 pub fn sparse_coverage_vjp<R: Real>(coverage: R, grad: R) -> R {
     let a = coverage.clamp(COVERAGE_MARGIN, 1.0 - COVERAGE_MARGIN);
-    let is_free = coverage.constant(COVERAGE_MARGIN).less(coverage)
-        & coverage.less(coverage.constant(1.0 - COVERAGE_MARGIN));
+    let is_free =
+        coverage.constant(COVERAGE_MARGIN).less(coverage) & coverage.less(coverage.constant(1.0 - COVERAGE_MARGIN));
     (grad * (a.recip() - (-a + 1.0).recip())).keep(is_free)
 }
 

@@ -43,9 +43,7 @@ pub fn axis_vjp<R: Real>(rule: AxisRule, log_scales: Vec3<R>, grad: Vec3<R>) -> 
     let spread = |k: usize, g: R| Vec3 { x: ranks[k][0] * g, y: ranks[k][1] * g, z: ranks[k][2] * g };
     match rule {
         AxisRule::Shortest => Mat3 { rows: [spread(0, grad.x), spread(0, grad.y), spread(0, grad.z)] },
-        AxisRule::SortedRow => {
-            Mat3 { rows: [spread(0, grad.x) + spread(1, grad.y) + spread(2, grad.z), zero, zero] }
-        }
+        AxisRule::SortedRow => Mat3 { rows: [spread(0, grad.x) + spread(1, grad.y) + spread(2, grad.z), zero, zero] },
         AxisRule::None => Mat3 { rows: [zero; 3] },
     }
 }
@@ -78,12 +76,7 @@ pub struct Facing<R: Real> {
 ///
 /// `negate_second` is the paper's sign of Δn₂; the authors' code computes −v + Δn₂ instead.
 #[inline(always)]
-pub fn facing<R: Real>(
-    axis: Vec3<R>,
-    view_dir: Vec3<R>,
-    residuals: [Vec3<R>; 2],
-    negate_second: bool,
-) -> Facing<R> {
+pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2], negate_second: bool) -> Facing<R> {
     let along = axis.dot(view_dir);
     let keeps = !along.less(along.zero());
     let turned = Vec3::select(keeps, axis, -axis);
@@ -91,13 +84,7 @@ pub fn facing<R: Real>(
     let residual = Vec3::select(keeps, residuals[0], second);
     let sum = turned + residual;
     let fallback = Vec3::select(keeps, axis, -axis);
-    Facing {
-        normal: normalize_or(sum, fallback),
-        residual_squared: residual.length_squared(),
-        sum,
-        keeps,
-        residual,
-    }
+    Facing { normal: normalize_or(sum, fallback), residual_squared: residual.length_squared(), sum, keeps, residual }
 }
 
 /// Gradient of [`facing`]: with respect to the axis and both residuals. The choice of side is locally constant.

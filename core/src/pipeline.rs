@@ -78,23 +78,13 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
     exec.observe(fit.statistics, &splats, &grads, step.camera)?;
-    let (grad, light_grad) = exec.gaussians_vjp(
-        fit.gaussians,
-        step.camera,
-        &splats,
-        light.as_ref(),
-        step.rules,
-        step.weights,
-        &grads,
-    )?;
+    let (grad, light_grad) =
+        exec.gaussians_vjp(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
 
     let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, &grad, step.rates, step.number)?;
-    if let (Some((environment, moments)), Some(light), Some(light_grad)) =
-        (&mut fit.environment, &light, &light_grad)
-    {
+    if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
-        nonfinite +=
-            exec.optimise_environment(environment, moments, &grad, step.environment_rate, step.number)?;
+        nonfinite += exec.optimise_environment(environment, moments, &grad, step.environment_rate, step.number)?;
     }
     Ok(StepReport { loss, nonfinite })
 }

@@ -20,8 +20,7 @@ pub struct Needs {
 
 impl Needs {
     /// What a scene without Gaussians needs.
-    pub const NOTHING: Self =
-        Self { specular: 0.0, roughness: [1.0, 0.0], normal_residual: 0.0, harmonics: [0.0; 4] };
+    pub const NOTHING: Self = Self { specular: 0.0, roughness: [1.0, 0.0], normal_residual: 0.0, harmonics: [0.0; 4] };
 
     /// Looks at every Gaussian once.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>) -> Self {

@@ -41,7 +41,7 @@ pub struct Levels {
 }
 
 /// Roughness of our levels: dense where lobes are narrow, so that a linear blend of two neighbours stays close.
-const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.12, 0.2, 0.3, 0.42, 0.56, 0.76, 1.0];
+const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.16, 0.23, 0.32, 0.44, 0.58, 0.77, 1.0];
 /// No level is coarser than this.
 const RESOLUTION_MIN: usize = 16;
 /// The official scheme's roughness of the first and of the last but one level.
@@ -111,8 +111,13 @@ pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) 
     grad * slope
 }
 
-/// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole.
-pub const OPENING: f64 = 0.8;
+/// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole: narrow lobes
+/// have many rows and see little of each node, so a coarse cut serves them; wide lobes have few rows and get a fine one.
+pub const OPENING: [f64; 2] = [0.8, 0.35];
+/// Lobes with a larger α count as wide.
+pub const WIDE_ALPHA: f64 = 0.05;
+/// No node is wider than this, in radians.
+pub const NODE_WIDTH_MAX: f64 = 0.2;
 
 /// A texel of the light's pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,7 +174,8 @@ impl Node {
 pub fn must_open(node_dir: Vec3<Double>, resolution: usize, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> bool {
     let angle = math::sqrt64((node_dir - reflection_dir).length_squared().0);
     let width = core::f64::consts::FRAC_PI_2 / resolution as f64;
-    width > OPENING * ((angle - width).max(0.0) + 2.0 * alpha_ggx)
+    let opening = OPENING[usize::from(alpha_ggx > WIDE_ALPHA)];
+    width > NODE_WIDTH_MAX || width > opening * ((angle - width).max(0.0) + 2.0 * alpha_ggx)
 }
 
 /// [`Node::lobe_weight`] for quarters whose directions and solid angles are at hand.

@@ -89,7 +89,7 @@ pub trait Real:
 
 /// Coefficients of 2^x on [−½, ½], lowest first: Chebyshev interpolation of degree 6, relative error 2.6e-9.
 pub const EXP2_COEFFICIENTS: [f32; 7] =
-    [1.0, 0.693_147_2, 0.240_226_51, 0.055_503_272, 0.009_618_057, 0.001_340_042_8, 0.000_154_614_45];
+    [1.0, core::f32::consts::LN_2, 0.240_226_5, 0.055_503_27, 0.009_618_057, 0.001_340_042_8, 0.000_154_614_45];
 /// Exponents below this give denormal numbers, which cost an order of magnitude in time.
 pub const EXP2_MIN: f32 = -126.0;
 /// Exponents above this would give infinity.
@@ -133,7 +133,7 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn exp2(self) -> Self {
-        let x = self.max(EXP2_MIN).min(EXP2_MAX);
+        let x = Real::clamp(self, EXP2_MIN, EXP2_MAX);
         let shifted = x + ROUND_MAGIC;
         let whole = shifted - ROUND_MAGIC;
         let exponent = (shifted.to_bits() << 23).wrapping_add(127 << 23);

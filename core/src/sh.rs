@@ -56,7 +56,12 @@ pub fn basis_vjp<R: Real>(direction: Vec3<R>, count: usize, grad: &[R; MAX_COUNT
     if count > 4 {
         let [g4, g5, g6] = [grad[4] * Y2[0], grad[5] * -Y2[0], grad[6] * (2.0 * Y2[1])];
         let [g7, g8] = [grad[7] * -Y2[0], grad[8] * (2.0 * Y2[2])];
-        out = out + vec3(y * g4 - x * g6 + z * g7 + x * g8, x * g4 + z * g5 - y * g6 - y * g8, y * g5 + z * g6 * 2.0 + x * g7);
+        out = out
+            + vec3(
+                y * g4 - x * g6 + z * g7 + x * g8,
+                x * g4 + z * g5 - y * g6 - y * g8,
+                y * g5 + z * g6 * 2.0 + x * g7,
+            );
     }
     if count > 9 {
         let (xx, yy, zz) = (x * x, y * y, z * z);
@@ -79,10 +84,7 @@ pub fn basis_vjp<R: Real>(direction: Vec3<R>, count: usize, grad: &[R; MAX_COUNT
                     - xy * g13 * 2.0
                     - yz * g14 * 2.0
                     - xy * g15 * 6.0,
-                xy * g10 + yz * g11 * 8.0
-                    + (zz * 2.0 - xx - yy) * g12 * 3.0
-                    + xz * g13 * 8.0
-                    + (xx - yy) * g14,
+                xy * g10 + yz * g11 * 8.0 + (zz * 2.0 - xx - yy) * g12 * 3.0 + xz * g13 * 8.0 + (xx - yy) * g14,
             );
     }
     out

@@ -36,8 +36,7 @@ pub struct ShadingRules {
 
 impl ShadingRules {
     /// The paper's equations.
-    pub const PAPER: Self =
-        Self { form: ShadingForm::Paper, axis: AxisRule::Shortest, negate_second_residual: true };
+    pub const PAPER: Self = Self { form: ShadingForm::Paper, axis: AxisRule::Shortest, negate_second_residual: true };
     /// The authors' code.
     pub const OFFICIAL: Self =
         Self { form: ShadingForm::Official, axis: AxisRule::SortedRow, negate_second_residual: false };

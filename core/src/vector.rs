@@ -152,7 +152,8 @@ impl<R: Real> Div<R> for Vec3<R> {
     type Output = Self;
     #[inline(always)]
     fn div(self, divisor: R) -> Self {
-        self * divisor.recip()
+        let factor = divisor.recip();
+        vec3(self.x * factor, self.y * factor, self.z * factor)
     }
 }
 

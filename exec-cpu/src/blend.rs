@@ -64,13 +64,16 @@ impl SplatGrads {
     }
 }
 
-/// The pixels of one tile, row by row: one plane for each channel, and one more number.
-#[derive(Clone)]
-struct TilePixels<const C: usize> {
-    channels: [[[f32; SIZE]; SIZE]; C],
+/// Sixteen pixels of a tile.
+#[derive(Clone, Copy)]
+struct TileRow<const C: usize> {
+    channels: [[f32; SIZE]; C],
     /// Transmittance; in a gradient, that of the transmittance.
-    last: [[f32; SIZE]; SIZE],
+    last: [f32; SIZE],
 }
+
+/// The pixels of one tile.
+type TilePixels<const C: usize> = [TileRow<C>; SIZE];
 
 /// Calls a function that is generic over the number of channels.
 macro_rules! with_channels {
@@ -87,14 +90,20 @@ pub(crate) fn blend_all(level: Level, splats: &Splats, colors: &Colors, tiles: &
     with_channels!(colors.channels, blend_channels(level, splats, colors, tiles, camera))
 }
 
-fn blend_channels<const C: usize>(level: Level, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Frame {
+fn blend_channels<const C: usize>(
+    level: Level,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+) -> Frame {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut values = vec![0.0; (C + 1) * width * height];
     let columns = tiles.columns as usize;
     bands(&mut values, width, height).into_par_iter().enumerate().for_each(|(row, mut band)| {
         let blend_one = |column: usize| {
             let list = &tiles.gaussians[tiles.of(row * columns + column)];
-            let mut pixels = Box::new(TilePixels::<C> { channels: [[[0.0; SIZE]; SIZE]; C], last: [[1.0; SIZE]; SIZE] });
+            let mut pixels = Box::new([TileRow::<C> { channels: [[0.0; SIZE]; C], last: [1.0; SIZE] }; SIZE]);
             let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
             dispatch!(level, simd => blend_tile(simd, &splats.records, &colors.values, list, origin, &mut pixels));
             pixels
@@ -119,13 +128,13 @@ fn bands(values: &mut [f32], width: usize, height: usize) -> Vec<Vec<&mut [f32]>
 fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usize, band: &mut [&mut [f32]]) {
     let start = column * SIZE;
     let len = SIZE.min(width - start);
-    let planes = pixels.channels.iter().chain(core::iter::once(&pixels.last));
-    for (channel, (plane, rows)) in planes.zip(band).enumerate() {
-        for (row, pixels) in plane.iter().enumerate().take(rows.len() / width) {
-            let to = &mut rows[row * width + start..row * width + start + len];
-            to.copy_from_slice(&pixels[..len]);
-            if channel == C {
-                to.iter_mut().for_each(|transmittance| *transmittance = transmittance.abs());
+    for (channel, rows) in band.iter_mut().enumerate() {
+        for (row, pixels) in rows.chunks_exact_mut(width).zip(pixels) {
+            let to = &mut row[start..start + len];
+            if channel < C {
+                to.copy_from_slice(&pixels.channels[channel][..len]);
+            } else {
+                to.iter_mut().zip(&pixels.last).for_each(|(to, transmittance)| *to = transmittance.abs());
             }
         }
     }
@@ -133,7 +142,7 @@ fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usiz
 
 /// The pixels of a tile from a picture's planes; what lies outside the picture is zero.
 fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_row: usize) -> Box<TilePixels<C>> {
-    let mut pixels = Box::new(TilePixels::<C> { channels: [[[0.0; SIZE]; SIZE]; C], last: [[0.0; SIZE]; SIZE] });
+    let mut pixels = Box::new([TileRow::<C> { channels: [[0.0; SIZE]; C], last: [0.0; SIZE] }; SIZE]);
     let start = tile_column * SIZE;
     let len = SIZE.min(image.width - start);
     let rows = SIZE.min(image.height - tile_row * SIZE);
@@ -141,7 +150,7 @@ fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_r
         let plane = image.plane(channel);
         for row in 0..rows {
             let from = (tile_row * SIZE + row) * image.width + start;
-            let to = if channel < C { &mut pixels.channels[channel][row] } else { &mut pixels.last[row] };
+            let to = if channel < C { &mut pixels[row].channels[channel] } else { &mut pixels[row].last };
             to[..len].copy_from_slice(&plane[from..from + len]);
         }
     }
@@ -159,8 +168,7 @@ struct Stamped<S: Simd> {
 
 #[inline(always)]
 fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamped<S> {
-    const CENTERS: [f32; SIZE] =
-        [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
+    const CENTERS: [f32; SIZE] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
     let stamp = stamp(record.mean2d, record.root_conic, record.opacity);
     let splat = |value: f32| Lanes::splat(simd, value);
     let lanes = Stamp {
@@ -190,33 +198,25 @@ fn blend_tile<S: Simd, const C: usize>(
     pixels: &mut TilePixels<C>,
 ) {
     for (number, gaussian) in list.iter().enumerate() {
-        if number % SPLATS_BETWEEN_LOOKS == 0 && all_ended(simd, &pixels.last) {
+        if number % SPLATS_BETWEEN_LOOKS == 0 && !pixels.iter().any(|row| Lanes::load(simd, &row.last).any_positive()) {
             break;
         }
         let gaussian = *gaussian as usize;
         let splat = stamp_on_tile(simd, &records[gaussian], origin);
         let color = color_of::<S, C>(simd, colors, gaussian);
-        for row in splat.rows.clone() {
-            let dy = Lanes::splat(simd, splat.first_dy + row as f32);
+        let mut dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
+        for row in &mut pixels[splat.rows.clone()] {
             let strength = falloff(&splat.lanes, splat.dx, dy).strength;
-            let transmittance = Lanes::load(simd, &pixels.last[row]);
+            let transmittance = Lanes::load(simd, &row.last);
             let step = step(alpha(strength, transmittance), transmittance);
-            step.transmittance.store(&mut pixels.last[row]);
+            step.transmittance.store(&mut row.last);
             for c in 0..C {
-                let pixel = &mut pixels.channels[c][row];
+                let pixel = &mut row.channels[c];
                 step.weight.mul_add(color[c], Lanes::load(simd, pixel)).store(pixel);
             }
+            dy = dy + 1.0;
         }
     }
-}
-
-#[inline(always)]
-fn all_ended<S: Simd>(simd: S, transmittance: &[[f32; SIZE]; SIZE]) -> bool {
-    let mut most = Lanes::splat(simd, -1.0);
-    for row in transmittance {
-        most = most.max(Lanes::load(simd, row));
-    }
-    !most.any_positive()
 }
 
 pub(crate) fn blend_all_vjp(
@@ -283,10 +283,10 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     grad: &TilePixels<C>,
     out: &mut [f32],
 ) {
-    let mut transmittance = [[1.0; SIZE]; SIZE];
-    let mut remaining = remaining_at_start(simd, frame, grad);
+    let mut replays = replays_at_start(simd, frame, grad);
     for (number, (gaussian, out)) in list.iter().zip(out.chunks_exact_mut(GEOMETRY + C)).enumerate() {
-        if number % SPLATS_BETWEEN_LOOKS == 0 && all_ended(simd, &transmittance) {
+        let is_open = |row: &ReplayRow| Lanes::load(simd, &row.transmittance).any_positive();
+        if number % SPLATS_BETWEEN_LOOKS == 0 && !replays.iter().any(is_open) {
             break;
         }
         let gaussian = *gaussian as usize;
@@ -295,21 +295,23 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
         let zero = Lanes::splat(simd, 0.0);
         let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
         let mut grad_color = [zero; C];
-        for row in splat.rows.clone() {
-            let dy = Lanes::splat(simd, splat.first_dy + row as f32);
+        let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
+        for (row, pixels) in replays[splat.rows.clone()].iter_mut().zip(&grad[splat.rows.clone()]) {
+            let dy = next_dy;
+            next_dy = next_dy + 1.0;
             let falloff = falloff(&splat.lanes, splat.dx, dy);
-            let before = Lanes::load(simd, &transmittance[row]);
+            let before = Lanes::load(simd, &row.transmittance);
             if !alpha(falloff.strength, before).any_positive() {
                 continue;
             }
             let mut along = zero;
             for c in 0..C {
-                along = color[c].mul_add(Lanes::load(simd, &grad.channels[c][row]), along);
+                along = color[c].mul_add(Lanes::load(simd, &pixels.channels[c]), along);
             }
-            let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &remaining[row]) };
+            let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &row.remaining) };
             let (h, step, replay) = step_vjp(falloff.strength, replay, along);
-            replay.transmittance.store(&mut transmittance[row]);
-            replay.remaining.store(&mut remaining[row]);
+            replay.transmittance.store(&mut row.transmittance);
+            replay.remaining.store(&mut row.remaining);
 
             let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
             moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
@@ -318,7 +320,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
             moments.root[2] = hw.mul_add(dy, moments.root[2]);
             moments.strength = moments.strength + h;
             for c in 0..C {
-                grad_color[c] = step.weight.mul_add(Lanes::load(simd, &grad.channels[c][row]), grad_color[c]);
+                grad_color[c] = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), grad_color[c]);
             }
         }
         let moments = Moments {
@@ -351,16 +353,27 @@ fn write_geometry(grad: &SplatGrad<f32>, out: &mut [f32]) {
     out[5] = grad.opacity;
 }
 
-/// Σ g · C + g_T · T of each pixel: what [`Replay::remaining`] is before the first splat.
+/// What sixteen pixels know while their splats are replayed.
+#[derive(Clone, Copy)]
+struct ReplayRow {
+    transmittance: [f32; SIZE],
+    remaining: [f32; SIZE],
+}
+
+/// Pixels before their first splat: Σ g · C + g_T · T is what [`Replay::remaining`] starts with.
 #[inline(always)]
-fn remaining_at_start<S: Simd, const C: usize>(simd: S, frame: &TilePixels<C>, grad: &TilePixels<C>) -> [[f32; SIZE]; SIZE] {
-    let mut remaining = [[0.0; SIZE]; SIZE];
-    for (row, remaining) in remaining.iter_mut().enumerate() {
-        let mut sum = Lanes::load(simd, &frame.last[row]) * Lanes::load(simd, &grad.last[row]);
+fn replays_at_start<S: Simd, const C: usize>(
+    simd: S,
+    frame: &TilePixels<C>,
+    grad: &TilePixels<C>,
+) -> [ReplayRow; SIZE] {
+    let mut replays = [ReplayRow { transmittance: [1.0; SIZE], remaining: [0.0; SIZE] }; SIZE];
+    for ((replay, frame), grad) in replays.iter_mut().zip(frame).zip(grad) {
+        let mut sum = Lanes::load(simd, &frame.last) * Lanes::load(simd, &grad.last);
         for c in 0..C {
-            sum = Lanes::load(simd, &frame.channels[c][row]).mul_add(Lanes::load(simd, &grad.channels[c][row]), sum);
+            sum = Lanes::load(simd, &frame.channels[c]).mul_add(Lanes::load(simd, &grad.channels[c]), sum);
         }
-        sum.store(remaining);
+        sum.store(&mut replay.remaining);
     }
-    remaining
+    replays
 }

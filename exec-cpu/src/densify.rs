@@ -108,7 +108,9 @@ fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count
 
 /// The Gaussians after densification: those that stay in their order, then copies, then parts.
 fn heirs(actions: &[Action]) -> (Vec<Heir>, DensifyReport) {
-    let of = |wanted: Action| actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index);
+    let of = |wanted: Action| {
+        actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index)
+    };
     let stays = |action: &Action| matches!(action, Action::Keep | Action::Clone);
     let mut heirs: Vec<Heir> = (0..actions.len())
         .filter(|index| stays(&actions[*index]))
@@ -117,13 +119,21 @@ fn heirs(actions: &[Action]) -> (Vec<Heir>, DensifyReport) {
     heirs.extend(of(Action::Clone).map(|parent| Heir { parent, origin: Origin::Copied }));
     heirs.extend(of(Action::Split).flat_map(|parent| [0, 1].map(|part| Heir { parent, origin: Origin::Part(part) })));
     let count = |wanted: Action| of(wanted).count();
-    let report = DensifyReport { cloned: count(Action::Clone), split: count(Action::Split), pruned: count(Action::Prune) };
+    let report =
+        DensifyReport { cloned: count(Action::Clone), split: count(Action::Split), pruned: count(Action::Prune) };
     (heirs, report)
 }
 
 fn become_part(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
     let [x, y, z] = gaussians.get::<3>(index, MEAN);
-    let mean = split_mean(vec3(x, y, z), scales_of(gaussians, index), gaussians.get::<4>(index, QUAT), key.seed, key.stream, draw);
+    let mean = split_mean(
+        vec3(x, y, z),
+        scales_of(gaussians, index),
+        gaussians.get::<4>(index, QUAT),
+        key.seed,
+        key.stream,
+        draw,
+    );
     gaussians.set(index, MEAN, mean.to_array());
     let shrunk = gaussians.get::<3>(index, LOG_SCALE).map(|log_scale| log_scale - SPLIT_SHRINK.ln());
     gaussians.set(index, LOG_SCALE, shrunk);

@@ -132,10 +132,7 @@ pub(crate) fn look_up_vjp<S: Simd>(
     let (u, v) = lookup.sharp.vjp(grad * (-lookup.share + 1.0), light_grad);
     let (u2, v2) = lookup.blurred.vjp(grad * lookup.share, light_grad);
     let grad_position = grad.dot(lookup.blurred.radiance() - lookup.sharp.radiance());
-    (
-        project_vjp(&lookup.point, u + u2, v + v2),
-        level_of_roughness_vjp(roughness, light.levels(), grad_position),
-    )
+    (project_vjp(&lookup.point, u + u2, v + v2), level_of_roughness_vjp(roughness, light.levels(), grad_position))
 }
 
 /// The table of the authors' shading, made at its first use.
@@ -175,7 +172,12 @@ fn table_fetch<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> Tabl
             core::array::from_fn(|k| SPLIT_SUM[(row[k] as usize + dy) * RESOLUTION + column[k] as usize + dx]);
         [0, 1].map(|c| Lanes::from_array(simd, entry.map(|e| e[c])))
     };
-    TableFetch { corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)], right, lower, is_free: [free_x, free_y] }
+    TableFetch {
+        corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
+        right,
+        lower,
+        is_free: [free_x, free_y],
+    }
 }
 
 /// (F_x, F_y) at n·v and roughness.
@@ -188,7 +190,12 @@ pub(crate) fn split_sum<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>
 
 /// Gradient of [`split_sum`] with respect to n·v and roughness.
 #[inline(always)]
-pub(crate) fn split_sum_vjp<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>, grad: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+pub(crate) fn split_sum_vjp<S: Simd>(
+    simd: S,
+    n_dot_v: Lanes<S>,
+    roughness: Lanes<S>,
+    grad: [Lanes<S>; 2],
+) -> [Lanes<S>; 2] {
     let fetch = table_fetch(simd, n_dot_v, roughness);
     let zero = n_dot_v.zero();
     let texels = fetch.corners.map(|[x, y]| vec3(x, y, zero));

@@ -170,16 +170,12 @@ fn structure_loss(level: Level, plane: Plane, rendered: &[f32], truth: &[f32], w
 /// Sum of SSIM over a plane; if asked, the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a factor.
 fn ssim_plane(level: Level, plane: Plane, x: &[f32], y: &[f32], grads: Option<(&mut [f32], f32)>) -> f64 {
     let size = plane.width * plane.height;
-    let products: Vec<Vec<f32>> = vec![
-        x.iter().map(|x| x * x).collect(),
-        y.iter().map(|y| y * y).collect(),
-        x.iter().zip(y).map(|(x, y)| x * y).collect(),
-    ];
-    let maps = [x, y, &products[0], &products[1], &products[2]];
+    let products = products(x, y);
+    let maps = [x, y, &products[..size], &products[size..2 * size], &products[2 * size..]];
     let band_len = ROWS_AT_ONCE * plane.width;
     let one_band = |band: usize, grads: Option<[&mut [f32]; 3]>, factor: f32| {
         let blurred = blur_maps(level, plane, band * ROWS_AT_ONCE, &maps);
-        ssim_band(&blurred, grads, factor)
+        dispatch!(level, simd => ssim_band(simd, &blurred, grads, factor))
     };
     let sums: Vec<f64> = match grads {
         None => (0..size.div_ceil(band_len)).into_par_iter().map(|band| one_band(band, None, 0.0)).collect(),
@@ -197,23 +193,43 @@ fn ssim_plane(level: Level, plane: Plane, x: &[f32], y: &[f32], grads: Option<(&
     sums.iter().sum()
 }
 
-fn ssim_band(blurred: &[Vec<f32>; 5], mut grads: Option<[&mut [f32]; 3]>, factor: f32) -> f64 {
+/// x², y² and xy of every pixel.
+fn products(x: &[f32], y: &[f32]) -> Vec<f32> {
+    const AT_ONCE: usize = 4096;
+    let size = x.len();
+    let mut products = vec![0.0; 3 * size];
+    for (plane, factors) in products.chunks_mut(size.max(1)).zip([(x, x), (y, y), (x, y)]) {
+        let inputs = factors.0.par_chunks(AT_ONCE).zip(factors.1.par_chunks(AT_ONCE));
+        plane.par_chunks_mut(AT_ONCE).zip(inputs).for_each(|(out, (a, b))| {
+            out.iter_mut().zip(a.iter().zip(b)).for_each(|(out, (a, b))| *out = a * b);
+        });
+    }
+    products
+}
+
+/// Sum of SSIM over a band of blurred rows; if asked, the gradients of E\[x\], E\[x²\] and E\[xy\].
+#[inline(always)]
+fn ssim_band<S: Simd>(simd: S, blurred: &[Vec<f32>; 5], mut grads: Option<[&mut [f32]; 3]>, factor: f32) -> f64 {
     let mut sum = 0.0;
-    for k in 0..blurred[0].len() {
-        let moments = SsimMoments {
-            x: blurred[0][k],
-            y: blurred[1][k],
-            xx: blurred[2][k],
-            yy: blurred[3][k],
-            xy: blurred[4][k],
+    let len = blurred[0].len();
+    let mut start = 0;
+    while start < len {
+        let count = BLOCK.min(len - start);
+        let at = |k: usize| load_some(simd, &blurred[k][start..], count);
+        let moments = SsimMoments { x: at(0), y: at(1), xx: at(2), yy: at(3), xy: at(4) };
+        let values = ssim(&moments);
+        sum += if count == BLOCK {
+            f64::from(values.sum())
+        } else {
+            values.to_array()[..count].iter().map(|value| f64::from(*value)).sum()
         };
-        sum += f64::from(ssim(&moments));
         if let Some(grads) = &mut grads {
-            let [x, xx, xy] = ssim_vjp(&moments, factor);
-            grads[0][k] = x;
-            grads[1][k] = xx;
-            grads[2][k] = xy;
+            let [x, xx, xy] = ssim_vjp(&moments, Lanes::splat(simd, factor));
+            store_some(x, &mut grads[0][start..], count);
+            store_some(xx, &mut grads[1][start..], count);
+            store_some(xy, &mut grads[2][start..], count);
         }
+        start += count;
     }
     sum
 }
@@ -292,7 +308,14 @@ fn coverage_loss(frame: &Frame, truth: &[f32], weight: f32, grad: &mut [f32]) ->
 const SURFACE_COVERAGE: f32 = 0.5;
 
 /// Normals against depth, size of residuals, sparseness of coverage.
-fn geometry_loss(level: Level, frame: &Frame, camera: &Camera, weights: &LossWeights, grad: &mut [f32], report: &mut LossReport) {
+fn geometry_loss(
+    level: Level,
+    frame: &Frame,
+    camera: &Camera,
+    weights: &LossWeights,
+    grad: &mut [f32],
+    report: &mut LossReport,
+) {
     let image = &frame.image;
     let size = image.pixel_count();
     let share = 1.0 / size as f32;
@@ -383,11 +406,20 @@ fn normal_row<S: Simd>(
             let plane = |c: usize| at(frame.image.plane(channel::NORMAL + c), index);
             let rendered = vec3(plane(0), plane(1), plane(2));
             let weight_grad = weight * (weights.normal / coverage.len() as f32);
-            let (value, grad_rendered, grad_geometric) = compare_normals(weights.normal_form, rendered, geometric * a, a, weight_grad);
+            let (value, grad_rendered, grad_geometric) =
+                compare_normals(weights.normal_form, rendered, geometric * a, a, weight_grad);
             let is_on = weight.zero().less(weight);
             sum += f64::from((value * weight).keep(is_on).sum());
             let grad_depths = normal_vjp(&rays, &depths, rotation.transform(grad_geometric * a));
-            let all = [grad_rendered.x, grad_rendered.y, grad_rendered.z, grad_depths.left, grad_depths.right, grad_depths.above, grad_depths.below];
+            let all = [
+                grad_rendered.x,
+                grad_rendered.y,
+                grad_rendered.z,
+                grad_depths.left,
+                grad_depths.right,
+                grad_depths.above,
+                grad_depths.below,
+            ];
             for (plane, value) in out.iter_mut().zip(all) {
                 plane[start..start + count].copy_from_slice(&value.keep(is_on).to_array()[..count]);
             }
@@ -400,7 +432,13 @@ fn normal_row<S: Simd>(
 /// Value of the normal loss and its gradients with respect to the rendered normal and the geometric one, both
 /// premultiplied by coverage.
 #[inline(always)]
-fn compare_normals<R: Real>(form: NormalForm, rendered: Vec3<R>, geometric: Vec3<R>, coverage: R, grad: R) -> (R, Vec3<R>, Vec3<R>) {
+fn compare_normals<R: Real>(
+    form: NormalForm,
+    rendered: Vec3<R>,
+    geometric: Vec3<R>,
+    coverage: R,
+    grad: R,
+) -> (R, Vec3<R>, Vec3<R>) {
     match form {
         NormalForm::Distance => {
             let grad_rendered = normal_distance_vjp(rendered, geometric, grad);
@@ -428,6 +466,15 @@ fn rays_around<S: Simd>(simd: S, camera: &Camera, column: usize, row: usize) -> 
 }
 
 #[inline(always)]
+fn store_some<S: Simd>(lanes: Lanes<S>, values: &mut [f32], count: usize) {
+    if values.len() >= BLOCK {
+        lanes.store(values);
+    } else {
+        values[..count].copy_from_slice(&lanes.to_array()[..count]);
+    }
+}
+
+#[inline(always)]
 fn load_some<S: Simd>(simd: S, values: &[f32], count: usize) -> Lanes<S> {
     if values.len() >= BLOCK {
         return Lanes::load(simd, values);
@@ -449,16 +496,18 @@ fn gather_normal_grads(own: &NormalPlanes, width: usize, coverage: &[f32], depth
         channels[start..start + size].iter_mut().zip(plane(k)).for_each(|(sum, grad)| *sum += grad);
     }
     let depth_plane = &mut channels[channel::DEPTH * size..(channel::DEPTH + 1) * size];
-    depth_plane.par_iter_mut().zip(last).enumerate().with_min_len(4096).for_each(|(index, (grad_blended, grad_passed))| {
-        if coverage[index] <= SURFACE_COVERAGE {
-            return;
-        }
-        let grad = at(from_right, Some(index + 1))
-            + at(from_left, index.checked_sub(1))
-            + at(from_below, Some(index + width))
-            + at(from_above, index.checked_sub(width));
-        let (blended, covered) = expected_depth_vjp(depth[index], coverage[index], grad);
-        *grad_blended += blended;
-        *grad_passed -= covered;
-    });
+    depth_plane.par_iter_mut().zip(last).enumerate().with_min_len(4096).for_each(
+        |(index, (grad_blended, grad_passed))| {
+            if coverage[index] <= SURFACE_COVERAGE {
+                return;
+            }
+            let grad = at(from_right, Some(index + 1))
+                + at(from_left, index.checked_sub(1))
+                + at(from_below, Some(index + width))
+                + at(from_above, index.checked_sub(width));
+            let (blended, covered) = expected_depth_vjp(depth[index], coverage[index], grad);
+            *grad_blended += blended;
+            *grad_passed -= covered;
+        },
+    );
 }

@@ -112,9 +112,17 @@ struct RowBlock {
 enum RowKind {
     /// The base itself: no rows.
     Base,
-    Exact { alpha_ggx: f64 },
-    Official { alpha_ggx: f64, cut_cosine: f64, source: usize },
-    OfficialIrradiance { source: usize },
+    Exact {
+        alpha_ggx: f64,
+    },
+    Official {
+        alpha_ggx: f64,
+        cut_cosine: f64,
+        source: usize,
+    },
+    OfficialIrradiance {
+        source: usize,
+    },
 }
 
 /// Weights by row, and the same by column.
@@ -161,8 +169,9 @@ impl NodeTable {
 }
 
 fn each_texel(resolution: usize) -> impl Iterator<Item = (usize, usize, usize)> {
-    (0..FACE_COUNT)
-        .flat_map(move |face| (0..resolution).flat_map(move |row| (0..resolution).map(move |column| (face, column, row))))
+    (0..FACE_COUNT).flat_map(move |face| {
+        (0..resolution).flat_map(move |row| (0..resolution).map(move |column| (face, column, row)))
+    })
 }
 
 fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
@@ -186,7 +195,8 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let mut operator = Self { level, scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
+        let mut operator =
+            Self { level, scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
         operator.stored = operator.store();
         operator
     }
@@ -387,7 +397,8 @@ impl Operator {
                 .map_init(Vec::new, |taps, row| {
                     self.row(row, taps);
                     let mut sum = [0.0; 4];
-                    taps.iter().for_each(|(node, weight)| add_scaled(&mut sum, *weight as f32, &pyramid[*node as usize]));
+                    taps.iter()
+                        .for_each(|(node, weight)| add_scaled(&mut sum, *weight as f32, &pyramid[*node as usize]));
                     sum
                 })
                 .collect(),

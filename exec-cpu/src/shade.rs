@@ -19,7 +19,8 @@ use specula_core::{
     scene::{BLOCK, DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, ROUGHNESS, TINT},
     sh,
     shade::{
-        Material, ShadingForm, Surface, SurfaceGrad, Terms, shade, shade_vjp, surface, surface_vjp, view_dir, view_dir_vjp,
+        Material, ShadingForm, Surface, SurfaceGrad, Terms, shade, shade_vjp, surface, surface_vjp, view_dir,
+        view_dir_vjp,
     },
     vector::Vec3,
 };
@@ -121,9 +122,14 @@ fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form
     let terms = &shaded.terms;
     let specular = match form {
         ShadingForm::Paper => terms.tint.times(terms.specular_light),
-        ShadingForm::Official => {
-            shade(form, &Terms { diffuse: terms.diffuse * terms.diffuse.x.zero(), residual: terms.residual * terms.diffuse.x.zero(), ..*terms })
-        }
+        ShadingForm::Official => shade(
+            form,
+            &Terms {
+                diffuse: terms.diffuse * terms.diffuse.x.zero(),
+                residual: terms.residual * terms.diffuse.x.zero(),
+                ..*terms
+            },
+        ),
     };
     put(channels, channel::DIFFUSE, terms.diffuse);
     put(channels, channel::SPECULAR, specular);
@@ -136,7 +142,10 @@ fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form
 /// The shortest axis of a plain Gaussian, turned to the viewer: what its normal layer shows.
 #[inline(always)]
 fn plain_normal<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>) -> Vec3<Lanes<S>> {
-    use specula_core::{covariance::rotation, normal::{AxisRule, axis, facing}};
+    use specula_core::{
+        covariance::rotation,
+        normal::{AxisRule, axis, facing},
+    };
     let shape = load_shape(simd, block);
     let axis = axis(AxisRule::Shortest, &rotation(shape.quat), shape.log_scales);
     let none = Vec3::zero(shape.opacity_logit);
@@ -384,7 +393,8 @@ fn shaded_vjp<S: Simd>(
         roughness: zero,
     };
     if let (Some(lookup), Some(light)) = (&shaded.specular, scene.light) {
-        let (direction, roughness) = look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
+        let (direction, roughness) =
+            look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
         grad_surface.reflection_dir = direction;
         grad_surface.roughness = roughness;
     }
@@ -392,7 +402,8 @@ fn shaded_vjp<S: Simd>(
         let ambient = grad.ambient_light.map(|g| g.keep(is_touched));
         let (direction, _) = look_up_vjp(simd, light, lookup, zero + 2.0, ambient, light_grad);
         grad_surface.normal = grad_surface.normal + direction;
-        let [n_dot_v, roughness] = split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);
+        let [n_dot_v, roughness] =
+            split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);
         grad_surface.n_dot_v = n_dot_v;
         grad_surface.roughness = grad_surface.roughness + roughness;
     }
@@ -409,7 +420,14 @@ fn shaded_vjp<S: Simd>(
 
 /// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal residuals.
 #[inline(always)]
-fn attribute_losses_vjp<S: Simd>(simd: S, block: &[f32], scene: Scene<'_>, weights: &LossWeights, count: usize, out: &mut [f32]) {
+fn attribute_losses_vjp<S: Simd>(
+    simd: S,
+    block: &[f32],
+    scene: Scene<'_>,
+    weights: &LossWeights,
+    count: usize,
+    out: &mut [f32],
+) {
     let share = 1.0 / count as f32;
     let mut add = |plane: usize, grad: Lanes<S>| {
         let slot = &mut out[plane * BLOCK..];

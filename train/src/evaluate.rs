@@ -129,9 +129,7 @@ fn ssim_sum(width: usize, x: &[f32], y: &[f32]) -> f64 {
     let product = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
     let maps = [&product(&x, &x), &product(&y, &y), &product(&x, &y), &x, &y].map(|map| blur(width, map));
     let [xx, yy, xy, x, y] = &maps;
-    (0..x.len())
-        .map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] })))
-        .sum()
+    (0..x.len()).map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] }))).sum()
 }
 
 /// A plane blurred by SSIM's window; beyond the border it is zero.

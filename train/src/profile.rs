@@ -102,6 +102,8 @@ pub struct Profile {
     pub start: GaussianStart,
     /// What is minimised.
     pub weights: LossWeights,
+    /// Share of the run that looks at pictures of half their size, where a step costs less.
+    pub coarse_until: f32,
     /// Share of the run after which the normal loss begins.
     pub normal_from: f32,
     /// Share of the run after which the residual harmonics begin; bands follow one by one.
@@ -152,6 +154,7 @@ fn plain(iterations: u32) -> Profile {
         light: None,
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
+        coarse_until: 0.25,
         normal_from: 0.0,
         harmonics_from: 0.0,
         harmonics_step: 1000.0 / 30_000.0,

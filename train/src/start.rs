@@ -4,6 +4,7 @@ use crate::{
     profile::{GaussianStart, Profile},
     view::View,
 };
+use core::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     activation::logit,
@@ -12,13 +13,12 @@ use specula_core::{
     normal::AxisRule,
     random,
     scene::{
-        DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
-        len_of_values,
+        DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
+        TINT, len_of_values,
     },
-    shade::ShadingForm,
     sh::Y0,
+    shade::ShadingForm,
 };
-use std::num::NonZero;
 
 /// A coloured point, from which a Gaussian starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,7 +113,8 @@ fn log_scales(points: &[Point]) -> Vec<f32> {
     const NEIGHBOURS: usize = 3;
     const SQUARE_MIN: f32 = 1e-7;
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
-    let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
+    let tree: ImmutableKdTree<f32, 3> =
+        ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
     let wanted = NonZero::new(NEIGHBOURS + 1).expect("four is not zero");
     let mean_square = |position: &[f32; 3]| {
         let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(wanted).execute();

@@ -7,6 +7,7 @@ use crate::{
 };
 use specula_core::{
     activation::logit,
+    camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
     loss::LossWeights,
@@ -39,7 +40,9 @@ pub enum TrainError<E> {
     #[error("a training needs at least one picture, and there is none")]
     NoViews,
     /// There is nothing to start from.
-    #[error("a training needs at least one point to start from, and there is none; give a point cloud or more random points")]
+    #[error(
+        "a training needs at least one point to start from, and there is none; give a point cloud or more random points"
+    )]
     NoPoints,
     /// The executor failed.
     #[error(transparent)]
@@ -51,8 +54,8 @@ pub enum TrainError<E> {
 pub struct Trainer<E: Executor> {
     exec: E,
     settings: Settings,
-    cameras: Vec<specula_core::camera::Camera>,
-    targets: Vec<E::Target>,
+    /// Cameras and pictures at full size, and at half.
+    pictures: [Vec<(Camera, E::Target)>; 2],
     extent: f32,
     gaussians: Gaussians<E::Array>,
     moments: Moments<E::Array>,
@@ -67,27 +70,33 @@ pub struct Trainer<E: Executor> {
 
 impl<E: Executor> Trainer<E> {
     /// A run over these views that starts from these points, or from random ones if there are none.
-    pub fn new(mut exec: E, settings: Settings, views: &[View], points: &[Point]) -> Result<Self, TrainError<E::Error>> {
+    pub fn new(
+        mut exec: E,
+        settings: Settings,
+        views: &[View],
+        points: &[Point],
+    ) -> Result<Self, TrainError<E::Error>> {
         if views.is_empty() {
             return Err(TrainError::NoViews);
         }
-        let random = if points.is_empty() { random_points(settings.random_points, views, settings.seed) } else { Vec::new() };
+        let random =
+            if points.is_empty() { random_points(settings.random_points, views, settings.seed) } else { Vec::new() };
         let points = if points.is_empty() { &random } else { points };
         if points.is_empty() {
             return Err(TrainError::NoPoints);
         }
         let start = gaussians(points, &settings.profile, settings.seed);
-        let targets: Result<Vec<_>, _> = views
-            .iter()
-            .map(|view| exec.target(view.camera.width as usize, view.camera.height as usize, &view.rgba))
-            .collect();
+        let halved: Vec<View> = if settings.profile.coarse_until > 0.0 && all_can_be_halved(views) {
+            views.iter().map(View::halved).collect()
+        } else {
+            Vec::new()
+        };
         Ok(Self {
             gaussians: Gaussians { count: start.count, layout: start.layout, values: exec.upload(&start.values)? },
             moments: zero_moments(&mut exec, start.values.len())?,
             statistics: zero_statistics(&mut exec, start.count)?,
             light: start_light(&mut exec, &settings.profile)?,
-            targets: targets?,
-            cameras: views.iter().map(|view| view.camera).collect(),
+            pictures: [upload_pictures(&mut exec, views)?, upload_pictures(&mut exec, &halved)?],
             extent: extent_of(views),
             iteration: 0,
             order: Vec::new(),
@@ -105,10 +114,13 @@ impl<E: Executor> Trainer<E> {
         let rules = self.rules_at(self.iteration, Channels::Training);
         let weights = self.weights_at(self.iteration);
         let profile = &self.settings.profile;
+        let is_coarse = (self.iteration as f32) < profile.coarse_until * self.settings.iterations as f32;
+        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
+        let (camera, target) = &pictures[view];
         let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.iteration);
         let step = Step {
-            camera: &self.cameras[view],
-            target: &self.targets[view],
+            camera,
+            target,
             background: self.settings.background,
             rules: &rules,
             weights: &weights,
@@ -130,7 +142,7 @@ impl<E: Executor> Trainer<E> {
     /// Pictures in a random order, each once before any comes again.
     fn next_view(&mut self) -> usize {
         if self.order.is_empty() {
-            self.order = (0..self.cameras.len()).collect();
+            self.order = (0..self.pictures[0].len()).collect();
             for k in (1..self.order.len()).rev() {
                 let other = random::bits(self.settings.seed, u64::from(self.iteration), k as u64) % (k as u64 + 1);
                 self.order.swap(k, other as usize);
@@ -259,6 +271,20 @@ pub struct HostScene {
     pub gaussians: Gaussians<Vec<f32>>,
     /// The light, if there is one.
     pub environment: Option<Environment<Vec<f32>>>,
+}
+
+/// Whether views at half their size still show something.
+fn all_can_be_halved(views: &[View]) -> bool {
+    const SIZE_MIN: u32 = 64;
+    views.iter().all(|view| view.camera.width.min(view.camera.height) >= 2 * SIZE_MIN)
+}
+
+fn upload_pictures<E: Executor>(exec: &mut E, views: &[View]) -> Result<Vec<(Camera, E::Target)>, E::Error> {
+    let mut upload = |view: &View| {
+        let [width, height] = [view.camera.width as usize, view.camera.height as usize];
+        Ok((view.camera, exec.target(width, height, &view.rgba)?))
+    };
+    views.iter().map(&mut upload).collect()
 }
 
 fn zero_moments<E: Executor>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {

@@ -30,6 +30,30 @@ impl View {
         self.rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX)
     }
 
+    /// The view at half its size: means over 2×2 pixels, weighted by alpha; a last odd row or column is left out.
+    /// Normals are not kept.
+    pub fn halved(&self) -> Self {
+        let [width, height] = [self.camera.width as usize / 2, self.camera.height as usize / 2];
+        let row_len = self.camera.width as usize;
+        let mean = |x: usize, y: usize| {
+            let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| 4 * ((2 * y + dy) * row_len + 2 * x + dx));
+            let alphas = corners.map(|start| u32::from(self.rgba[start + 3]));
+            let sum: u32 = alphas.iter().sum();
+            let color = |c: usize| {
+                let weighted: u32 =
+                    corners.iter().zip(alphas).map(|(start, a)| u32::from(self.rgba[start + c]) * a).sum();
+                (weighted + sum / 2).checked_div(sum).unwrap_or(0) as u8
+            };
+            [color(0), color(1), color(2), ((sum + 2) / 4) as u8]
+        };
+        Self {
+            name: self.name.clone(),
+            camera: self.camera.resized(width as u32, height as u32),
+            rgba: (0..height).flat_map(|y| (0..width).flat_map(move |x| mean(x, y))).collect(),
+            normals: None,
+        }
+    }
+
     /// The picture over a background, as three planes in \[0, 1\].
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
         let blend = |pixel: &[u8], channel: usize| {

@@ -1,0 +1,126 @@
+//! The program from pictures to relit pictures, on a data set of a few pixels.
+
+mod tiny;
+
+use assert_cmd::cargo::cargo_bin;
+use serde_json::Value;
+use specula_io::latlong::{self, LatLong};
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+};
+use tiny::{SIZE, Tiny, specula, train};
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn printed(command: &mut assert_cmd::Command) -> String {
+    String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+}
+
+#[test]
+fn a_scene_is_trained_measured_rendered_and_relit() {
+    let tiny = Tiny::new();
+    let model = tiny.path("model");
+    let line = printed(train(&tiny, "model").arg("--eval"));
+    assert!(line.starts_with("PSNR ") && line.contains("normal MAE") && line.lines().count() == 1, "{line}");
+    for name in ["cameras.json", "cfg_args", "input.ply", "specula.json", "point_cloud/iteration_30/point_cloud.ply"] {
+        assert!(model.join(name).is_file(), "{name} is missing");
+    }
+
+    let trained = json(&model.join("results.json"));
+    let evaluated = printed(specula().arg("eval").arg(&model).arg("--json"));
+    let evaluated: Value = serde_json::from_str(&evaluated).unwrap();
+    for (measure, tolerance) in [("PSNR", 0.01), ("SSIM", 1e-4), ("MAE", 0.05)] {
+        let [then, now] = [&trained["ours_30"][measure], &evaluated[measure]].map(|value| value.as_f64().unwrap());
+        assert!((then - now).abs() < tolerance, "{measure} was {then} and is {now}");
+    }
+    assert_eq!(evaluated["views"].as_array().unwrap().len(), 3);
+
+    printed(specula().arg("render").arg(&model).args(["--layers", "all"]));
+    for layer in ["renders", "gt", "normal", "depth", "alpha", "diffuse", "specular", "residual", "roughness"] {
+        let picture = image::open(model.join(format!("test/ours_30/{layer}/00002.png"))).unwrap();
+        assert_eq!((picture.width(), picture.height()), (SIZE, SIZE), "{layer}");
+    }
+
+    let env = tiny.path("sky.hdr");
+    latlong::write(&env, &LatLong { width: 16, height: 8, rgb: vec![0.5; 3 * 16 * 8] }).unwrap();
+    let mut relight = specula();
+    relight.arg("relight").arg(&model).arg("--env").arg(&env).arg("--truth").arg(tiny.file("test"));
+    assert!(printed(&mut relight).starts_with("relighting PSNR "));
+    assert!(model.join("relight/sky/ours_30/renders/00000.png").is_file(), "relit pictures are missing");
+
+    let info: Value = serde_json::from_str(&printed(specula().arg("info").arg(&model).arg("--json"))).unwrap();
+    assert_eq!((&info["Gaussians"], &info["not_finite"]), (&200.into(), &0.into()));
+    assert_eq!(info["light"]["resolution"], 16);
+}
+
+#[test]
+fn a_plain_scene_is_trained_and_turned() {
+    let tiny = Tiny::new();
+    let mut command = specula();
+    command.arg("train").arg("-s").arg(tiny.data()).arg("-m").arg(tiny.path("plain"));
+    command.args(["--profile", "3dgs", "--iterations", "20", "--random_points", "100", "--quiet"]);
+    printed(&mut command);
+    let ply = tiny.path("plain/point_cloud/iteration_20/point_cloud.ply");
+    let mut command = specula();
+    command.arg("render").arg(&ply).args(["--turntable", "4", "--size", "20,16", "-o"]).arg(tiny.path("turn"));
+    printed(&mut command);
+    assert!(tiny.path("turn/turntable.png").is_file(), "no animation was made");
+    assert_eq!(fs::read_dir(tiny.path("turn/rgb")).unwrap().count(), 4);
+    assert!(printed(specula().arg("info").arg(tiny.data())).contains("training views   8"));
+}
+
+#[test]
+fn the_number_of_threads_changes_no_byte() {
+    let tiny = Tiny::new();
+    let saved = |model: &str, threads: &str| {
+        train(&tiny, model).args(["--quiet", "--threads", threads]).assert().success();
+        ["point_cloud/iteration_30/point_cloud.ply", "light/iteration_30/environment.exr"]
+            .map(|name| fs::read(tiny.path(model).join(name)).unwrap())
+    };
+    let once = saved("once", "1");
+    assert!(once == saved("again", "1"), "two equal trainings differ");
+    assert!(once == saved("two", "2"), "one and two threads differ");
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let tiny = Tiny::new();
+    let mut child = Command::new(cargo_bin!("specula"))
+        .arg("info")
+        .arg(tiny.data())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success(), "a closed pipe is an end, not an error");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_what_there_is() {
+    let tiny = Tiny::new();
+    let mut child = Command::new(cargo_bin!("specula"))
+        .arg("train")
+        .arg(tiny.data())
+        .arg("-m")
+        .arg(tiny.path("model"))
+        .args(["--iterations", "1000000", "--random-points", "200", "--light-resolution", "16"])
+        .args(["--save-iterations", "1"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.any(|line| line.contains("saved iteration 1")), "training did not begin");
+
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let last = lines.last().unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let iteration = last.split("iteration ").nth(1).unwrap().split(',').next().unwrap().to_owned();
+    assert!(tiny.path(&format!("model/point_cloud/iteration_{iteration}/point_cloud.ply")).is_file(), "{last}");
+}
