@@ -99,8 +99,8 @@ fn contest(
     model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
 
+    let mut renderer = Renderer::new(scene, talk)?;
     let work = talk.work("measuring", data.test.len() as u64);
-    let mut renderer = Renderer::new(scene)?;
     let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
     work.finish();
     model_folder::save_quality(&folder, args.iterations, &quality::for_files(&measured))?;

@@ -20,8 +20,9 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.background);
     let place = opened.folder.clone().zip(opened.iteration);
 
+    let mut renderer = Renderer::new(opened.scene, talk)?;
     let work = talk.work("measuring", views.len() as u64);
-    let measured = Renderer::new(opened.scene)?.measure(&views, background, &work)?;
+    let measured = renderer.measure(&views, background, &work)?;
     work.finish();
     if let (Some((folder, iteration)), Split::Test) = (place, args.split) {
         model_folder::save_quality(&folder, iteration, &quality::for_files(&measured))?;

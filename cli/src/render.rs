@@ -105,7 +105,7 @@ impl Job<'_> {
     ) -> Result<(), Failure> {
         let background = opened.background(self.look.background);
         let form = opened.scene.reading.shading.form;
-        let mut renderer = Renderer::new(opened.scene)?;
+        let mut renderer = Renderer::new(opened.scene, talk)?;
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
         let mut frames = Vec::new();
         for (index, (_, camera)) in self.tour.cameras.iter().enumerate() {

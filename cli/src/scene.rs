@@ -28,6 +28,8 @@ use std::path::{Path, PathBuf};
 
 /// Least and usual resolution of a light that is put into a scene.
 const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
+/// From this resolution on one has to wait for the prefilter.
+const SLOW_RESOLUTION: usize = 256;
 
 /// Gaussians, their light, and how both are read.
 #[derive(Clone, Debug)]
@@ -132,12 +134,17 @@ pub(crate) struct Renderer {
 
 impl Renderer {
     /// Filters the light.
-    pub(crate) fn new(scene: Scene) -> Result<Self, Failure> {
+    pub(crate) fn new(scene: Scene, talk: Talk) -> Result<Self, Failure> {
         let mut exec = CpuExecutor::new();
+        let Reading { scheme, .. } = scene.reading;
         let light = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded());
-        let light = light
-            .map(|light| exec.prefilter(&fitting(light, scene.reading.scheme), scene.reading.scheme))
-            .transpose()?;
+        let light = light.map(|light| fitting(light, scheme));
+        if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
+            talk.note(&format!(
+                "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
+            ));
+        }
+        let light = light.map(|light| exec.prefilter(&light, scheme)).transpose()?;
         Ok(Self { exec, light, scene })
     }
 

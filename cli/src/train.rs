@@ -27,6 +27,8 @@ use specula_train::{
 };
 use std::path::Path;
 
+/// Where a bar is being drawn already.
+const QUIET: Talk = Talk { quiet: true };
 /// Points to start from where there are none, as in INRIA's code.
 const RANDOM_POINTS: u32 = 100_000;
 
@@ -147,7 +149,7 @@ fn pause(
         work.note(&format!("saved iteration {iteration}"));
     }
     if args.test_iterations.contains(&iteration) {
-        let measured = Renderer::new(scene)?.measure(test, background, &Talk { quiet: true }.work("", 0))?;
+        let measured = Renderer::new(scene, QUIET)?.measure(test, background, &QUIET.work("", 0))?;
         model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
     }
@@ -181,8 +183,9 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
+    let mut renderer = Renderer::new(scene, talk)?;
     let work = talk.work("measuring", test.len() as u64);
-    let measured = Renderer::new(scene)?.measure(test, background, &work)?;
+    let measured = renderer.measure(test, background, &work)?;
     work.finish();
     model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&mean_quality(&measured)), test.len()))

@@ -1,12 +1,7 @@
 //! The plain pipeline, made of core's formulas, against a renderer that has none of them.
 
 use specula_core::{
-    camera::Camera,
-    double::Double,
-    executor::RenderRules,
-    plan::Channels,
-    prefilter::PrefilterScheme,
-    scene::{Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT},
+    camera::Camera, double::Double, executor::RenderRules, plan::Channels, prefilter::PrefilterScheme, scene::Layout,
     shade::ShadingRules,
 };
 use specula_tests::{
@@ -20,32 +15,6 @@ use specula_tests::{
 /// pixel on the wrong side of the cut at 1/255 would be 88 dB.
 const SAME_PICTURE: f64 = 120.0;
 const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
-
-fn brute_gaussians(gaussians: &Gaussians<Vec<f32>>) -> Vec<brute::Gaussian> {
-    let of = |index: usize| {
-        let wide = |numbers: [f32; 3]| numbers.map(f64::from);
-        let harmonics = (0..gaussians.layout.sh_count())
-            .map(|k| wide(gaussians.get::<3>(index, gaussians.layout.sh_start() + 3 * k)))
-            .collect();
-        brute::Gaussian {
-            mean: wide(gaussians.get(index, MEAN)),
-            scales: wide(gaussians.get(index, LOG_SCALE)).map(f64::exp),
-            quat: gaussians.get::<4>(index, QUAT).map(f64::from),
-            opacity: gaussians.get::<1>(index, OPACITY).map(|x| 1.0 / (1.0 + (-f64::from(x)).exp()))[0],
-            color: brute::Color::Harmonics(harmonics),
-        }
-    };
-    (0..gaussians.count).map(of).collect()
-}
-
-fn brute_camera(camera: &Camera) -> brute::Camera {
-    brute::Camera {
-        rotation: [0, 1, 2].map(|row| camera.camera_from_world.row(row).to_array().map(f64::from)),
-        position: camera.position.to_array().map(f64::from),
-        focal: camera.focal_px.map(f64::from),
-        principal: camera.principal_px.map(f64::from),
-    }
-}
 
 /// Both pictures of a scene: the plain pipeline's and the other's.
 fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
@@ -64,7 +33,7 @@ fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
 
     let background = BACKGROUND.map(f64::from);
     let picture =
-        brute::render(&brute_gaussians(&cloud), &brute_camera(&camera), width as usize, height as usize, background);
+        brute::render(&brute::gaussians(&cloud), &brute::camera(&camera), width as usize, height as usize, background);
     [plain, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
 }
 

@@ -3,9 +3,9 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use assert_cmd::{Command, cargo::cargo_bin_cmd};
+use core::fmt::Write;
 use image::RgbaImage;
 use std::{
-    fmt::Write,
     fs,
     path::{Path, PathBuf},
 };

@@ -1,0 +1,224 @@
+//! The CPU executor against the plain pipeline, against the independent renderer, and against itself on other threads.
+
+use specula_core::{
+    camera::Camera,
+    double::Double,
+    executor::{Executor, RenderRules},
+    loss::{LossWeights, NormalForm},
+    pipeline::render,
+    plan::Channels,
+    prefilter::PrefilterScheme,
+    scene::{Gaussians, Layout, RadianceActivation},
+    shade::ShadingRules,
+};
+use specula_cpu::CpuExecutor;
+use specula_tests::{
+    brute,
+    compare::{assert_psnr, psnr, relative_difference},
+    plain::{self, lift_environment, lift_gaussians, prefilter},
+    strategies::{random_cloud, random_environment},
+};
+use specula_train::{
+    profile::by_name,
+    start::Point,
+    trainer::{HostScene, Settings, Trainer},
+    view::View,
+};
+
+/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single pixel on the other
+/// side of the cut at 1/255 brings a small picture down to 85 dB.
+const SAME_FRAME: f64 = 80.0;
+/// Gradients of a small picture in `f32`, by attribute, relative to the largest.
+const SAME_GRADIENT: f64 = 2e-3;
+/// What the field's own renderers differ by among themselves in 8 bits.
+const AS_THE_FIELD_RENDERS: f64 = 50.0;
+const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
+const RESOLUTION: usize = 16;
+
+fn camera(width: u32, height: u32) -> Camera {
+    Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
+}
+
+fn rules(channels: Channels) -> RenderRules {
+    RenderRules { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact, sh_degree: Some(3), channels }
+}
+
+fn weights() -> LossWeights {
+    LossWeights {
+        absolute: 0.5,
+        squared: 0.3,
+        dssim: 0.2,
+        normal: 0.1,
+        normal_form: NormalForm::Cosine,
+        sparse_coverage: 0.0,
+        residual_image: 0.0,
+        coverage: 0.1,
+        sparse: 1e-3,
+        residual: 1e-2,
+    }
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|x| f64::from(*x)).collect()
+}
+
+#[test]
+fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
+    for (seed, activation) in [(1, RadianceActivation::Identity), (2, RadianceActivation::Exponential)] {
+        let (cloud, environment) =
+            (random_cloud(80, Layout::shaded(Some(3)), seed), random_environment(RESOLUTION, activation, seed));
+        let camera = camera(70, 45);
+        let mut exec = CpuExecutor::new();
+        let light = exec.prefilter(&environment, PrefilterScheme::Exact).expect("16 is a power of two");
+        let frame = render(&mut exec, &cloud, Some(&light), &camera, &rules(Channels::Training)).expect("the CPU renders");
+
+        let operator = plain::Operator::new(RESOLUTION);
+        let light = prefilter::<Double>(&lift_environment(&environment), &operator);
+        let exact = plain::render(&lift_gaussians(&cloud), Some(&light), &camera, &rules(Channels::Training));
+        let exact: Vec<f64> = exact.values.iter().map(|x| x.0).collect();
+        println!("seed {seed}: {:.1} dB", psnr(&wide(&frame.image.values), &exact));
+        assert_psnr(&wide(&frame.image.values), &exact, SAME_FRAME);
+    }
+}
+
+#[test]
+fn gradients_are_those_of_the_plain_pipeline() {
+    let cloud = random_cloud(40, Layout::shaded(Some(3)), 5);
+    let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, 5);
+    let (camera, rules, weights) = (camera(40, 33), rules(Channels::Training), weights());
+    let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
+    let mut exec = CpuExecutor::new();
+    let light = exec.prefilter(&environment, rules.scheme).expect("16 is a power of two");
+    let splats = exec.project(&cloud, &camera).expect("the CPU projects");
+    let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
+    let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
+    let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
+    let target = exec.target(40, 33, &rgba).expect("the bytes fit");
+    let (_, frame_grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
+    let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera).expect("the CPU goes back");
+    let (grad, light_grad) = exec
+        .gaussians_vjp(&cloud, &camera, &splats, Some(&light), &rules, &weights, &grads)
+        .expect("the CPU goes back");
+    let light_grad = light_grad.expect("there is a light");
+    let environment_grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the CPU goes back");
+
+    let over = |c: usize| {
+        rgba.chunks_exact(4).map(move |pixel| {
+            let alpha = f64::from(pixel[3]) / 255.0;
+            Double(f64::from(pixel[c]) / 255.0 * alpha + (1.0 - alpha) * f64::from(BACKGROUND[c]))
+        })
+    };
+    let target = plain::Target {
+        srgb: over(0).chain(over(1)).chain(over(2)).collect(),
+        alpha: Some(rgba.chunks_exact(4).map(|pixel| Double(f64::from(pixel[3]) / 255.0)).collect()),
+        background: BACKGROUND,
+    };
+    let view = plain::View { camera: &camera, target: &target, rules: &rules, weights: &weights };
+    let operator = plain::Operator::new(RESOLUTION);
+    let lifted = (lift_environment(&environment), lift_gaussians(&cloud));
+    let (_, exact, _) = plain::loss_and_gradient(&lifted.1, Some((&lifted.0, &operator)), &view);
+
+    for (name, planes) in [("means", 0..3), ("scales", 3..6), ("quats", 6..10), ("opacity", 10..11), ("rest", 11..72)] {
+        let ours: Vec<f64> = planes.clone().flat_map(|plane| wide(&grad.plane(plane).collect::<Vec<_>>())).collect();
+        let theirs: Vec<f64> = planes
+            .flat_map(|plane| (0..cloud.count).map(move |k| (k, plane)))
+            .map(|(k, plane)| exact.gaussians.values[exact.gaussians.index_of(k, plane)].0)
+            .collect();
+        let difference = relative_difference(&ours, &theirs);
+        println!("{name}: {difference:.1e}");
+        assert!(difference < SAME_GRADIENT, "{name} differ by {difference:e}");
+    }
+    let theirs: Vec<f64> = exact.environment.expect("there is a light").iter().map(|x| x.0).collect();
+    let difference = relative_difference(&wide(&environment_grad), &theirs);
+    println!("light: {difference:.1e}");
+    assert!(difference < SAME_GRADIENT, "the light's gradient differs by {difference:e}");
+}
+
+/// The executor's picture of a plain cloud and the independent renderer's, red then green then blue.
+fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
+    let mut exec = CpuExecutor::new();
+    let frame = render(&mut exec, cloud, None, camera, &rules(Channels::Color)).expect("the CPU renders");
+    let passed = frame.transmittance();
+    let ours = (0..3)
+        .flat_map(|c| frame.image.plane(c).iter().zip(passed).map(move |(x, t)| f64::from(x + t * BACKGROUND[c])))
+        .collect();
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let picture =
+        brute::render(&brute::gaussians(cloud), &brute::camera(camera), width, height, BACKGROUND.map(f64::from));
+    [ours, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
+}
+
+#[test]
+fn a_plain_cloud_renders_as_the_field_renders_it() {
+    for seed in 1..4 {
+        let [ours, independent] = both(&random_cloud(300, Layout::radiance(3), seed), &camera(100, 80));
+        println!("seed {seed}: {:.1} dB", psnr(&ours, &independent));
+        assert_psnr(&ours, &independent, AS_THE_FIELD_RENDERS);
+    }
+}
+
+/// With `SPECULA_DATA` naming a folder with `splats/*.ply` in INRIA's layout, real scenes are compared too.
+#[test]
+fn a_trained_ply_renders_as_the_field_renders_it() {
+    let Some(folder) = std::env::var_os("SPECULA_DATA") else {
+        eprintln!("skipped: SPECULA_DATA does not name a folder with splats/*.ply");
+        return;
+    };
+    let files = std::fs::read_dir(std::path::Path::new(&folder).join("splats")).expect("the folder has splats");
+    for file in files.filter_map(|entry| Some(entry.ok()?.path())) {
+        let Ok(read) = specula_io::gaussian_ply::read(&file) else { continue };
+        let cloud = read.gaussians;
+        let middle = glam::Vec3::from([0, 1, 2].map(|k| median(cloud.plane(k).collect())));
+        let eye = middle + glam::Vec3::new(0.5, -0.7, -2.5);
+        let camera = Camera::look_at(eye, middle, -glam::Vec3::Y, 0.9, 400, 400);
+        let [ours, independent] = both(&cloud, &camera);
+        println!("{}: {:.1} dB", file.display(), psnr(&ours, &independent));
+        assert_psnr(&ours, &independent, AS_THE_FIELD_RENDERS);
+    }
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values[values.len() / 2]
+}
+
+/// A short training on so many threads.
+fn train(threads: usize, name: &str) -> HostScene {
+    let views: Vec<View> = (0..4)
+        .map(|k| {
+            let turn = k as f32 * 1.6;
+            let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
+            let rgba = (0..48 * 48 * 4).map(|byte| (byte * (k + 3) % 253) as u8).collect();
+            let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 48, 48);
+            View { name: k.to_string(), camera, rgba, normals: None }
+        })
+        .collect();
+    let points: Vec<Point> = (0..700)
+        .map(|k| {
+            let place = |axis: u64| specula_core::random::uniform(1, axis, k) - 0.5;
+            Point { position: [place(0), place(1), place(2)], color: [0.5, 0.4, 0.3] }
+        })
+        .collect();
+    let mut profile = by_name(name, 60).expect("a profile of that name");
+    profile.densification.every = 10;
+    let settings = Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had");
+    pool.install(|| {
+        let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &points).expect("there are views");
+        while !trainer.is_finished() {
+            trainer.step().expect("the CPU trains");
+        }
+        trainer.download().expect("the CPU gives back")
+    })
+}
+
+#[test]
+fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
+    for name in ["specula", "3dgs"] {
+        let once = train(1, name);
+        assert_ne!(once.gaussians.count, 700, "densification took part");
+        assert_eq!(once, train(1, name), "two runs of {name} differ");
+        assert_eq!(once, train(2, name), "{name} differs on two threads");
+        assert_eq!(once, train(5, name), "{name} differs on five threads");
+    }
+}
