@@ -132,7 +132,7 @@ pub(crate) struct Start {
     /// Points to start from, instead of DATASET/points3d.ply.
     #[arg(long, value_name = "FILE.ply")]
     pub(crate) points: Option<PathBuf>,
-    /// Start from this many random points, even where there is a point cloud. [100000 where there is none]
+    /// Start from this many random points, even where there is a point cloud. [20000 where there is none]
     #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) random_points: Option<u32>,
     /// Degree of the spherical harmonics, 0 to 3.

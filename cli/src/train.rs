@@ -29,8 +29,8 @@ use std::path::Path;
 
 /// Where a bar is being drawn already.
 const QUIET: Talk = Talk { quiet: true };
-/// Points to start from where there are none, as in INRIA's code.
-const RANDOM_POINTS: u32 = 100_000;
+/// Points to start from where there are none.
+const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
 pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {

@@ -175,13 +175,14 @@ pub trait Executor {
         rates: &[f32],
         step: u32,
     ) -> Result<usize, Self::Error>;
-    /// One step of Adam for the light; radiance stays at least zero.
+    /// One step of Adam for the light; radiance that is kept as it is stays between zero and `radiance_max`.
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
         moments: &mut Moments<Self::Array>,
         grad: &Self::Array,
         rate: f32,
+        radiance_max: f32,
         step: u32,
     ) -> Result<usize, Self::Error>;
 

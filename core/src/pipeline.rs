@@ -51,6 +51,8 @@ pub struct Step<'a, E: Executor> {
     pub rates: &'a [f32],
     /// Learning rate of the light.
     pub environment_rate: f32,
+    /// Largest radiance that the light keeps.
+    pub radiance_max: f32,
     /// Number of this step, from 1.
     pub number: u32,
 }
@@ -84,7 +86,14 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
     let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, &grad, step.rates, step.number)?;
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
-        nonfinite += exec.optimise_environment(environment, moments, &grad, step.environment_rate, step.number)?;
+        nonfinite += exec.optimise_environment(
+            environment,
+            moments,
+            &grad,
+            step.environment_rate,
+            step.radiance_max,
+            step.number,
+        )?;
     }
     Ok(StepReport { loss, nonfinite })
 }

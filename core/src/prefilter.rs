@@ -219,26 +219,30 @@ pub fn official_cut_cosine(alpha_ggx: f64) -> f64 {
 }
 
 /// The official scheme's weight of light from a texel in a lobe: cos θ · D(θ/2) · weight / 4, zero outside the cut.
-pub fn official_lobe_weight(reflection_dir: Vec3<Double>, node: &Node, alpha_ggx: f64, cut_cosine: f64) -> f64 {
-    let cosine = node.direction().dot(reflection_dir).0;
+/// `texel_weight` is the texel's [`official_texel_weight`].
+pub fn official_lobe_weight(
+    reflection_dir: Vec3<Double>,
+    texel_dir: Vec3<Double>,
+    texel_weight: f64,
+    alpha_ggx: f64,
+    cut_cosine: f64,
+) -> f64 {
+    let cosine = texel_dir.dot(reflection_dir).0;
     if cosine < cut_cosine {
         return 0.0;
     }
     let cos_half = math::sqrt64(((1.0 + cosine) * 0.5).clamp(0.0, 1.0));
-    let weight = official_texel_weight(node.column, node.row, node.resolution);
-    cosine.max(0.0) * ggx::distribution(cos_half, alpha_ggx) * weight / 4.0
+    cosine.max(0.0) * ggx::distribution(cos_half, alpha_ggx) * texel_weight / 4.0
 }
 
 /// Weight of a texel in the cosine-weighted mean of the light around a normal, irradiance / π: cos θ Ω / π.
-pub fn irradiance_weight(normal: Vec3<Double>, node: &Node) -> f64 {
-    let cosine = node.direction().dot(normal).0;
-    cosine.max(0.0) * node.solid_angle() / core::f64::consts::PI
+pub fn irradiance_weight(normal: Vec3<Double>, texel_dir: Vec3<Double>, solid_angle: f64) -> f64 {
+    texel_dir.dot(normal).0.max(0.0) * solid_angle / core::f64::consts::PI
 }
 
 /// The official scheme's [`irradiance_weight`]: its own texel weight, a cosine cut at 0.999, and no normalisation.
-pub fn official_irradiance_weight(normal: Vec3<Double>, node: &Node) -> f64 {
-    let cosine = node.direction().dot(normal).0;
-    cosine.clamp(0.0, 0.999) * official_texel_weight(node.column, node.row, node.resolution) / core::f64::consts::PI
+pub fn official_irradiance_weight(normal: Vec3<Double>, texel_dir: Vec3<Double>, texel_weight: f64) -> f64 {
+    texel_dir.dot(normal).0.clamp(0.0, 0.999) * texel_weight / core::f64::consts::PI
 }
 
 /// Resolution of the irradiance map of the official scheme.

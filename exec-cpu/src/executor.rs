@@ -225,12 +225,13 @@ impl Executor for CpuExecutor {
         moments: &mut Moments<Vec<f32>>,
         grad: &Vec<f32>,
         rate: f32,
+        radiance_max: f32,
         step: u32,
     ) -> Result<usize, CpuError> {
         let Moments { mean, square } = moments;
         let nonfinite = adam_all(self.level, &mut environment.values, mean, square, grad, rate, step);
         if environment.activation == RadianceActivation::Identity {
-            environment.values.iter_mut().for_each(|radiance| *radiance = radiance.max(0.0));
+            environment.values.iter_mut().for_each(|radiance| *radiance = radiance.clamp(0.0, radiance_max));
         }
         Ok(nonfinite)
     }

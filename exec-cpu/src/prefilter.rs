@@ -7,7 +7,7 @@ use specula_core::{
     double::Double,
     prefilter::{
         IRRADIANCE_RESOLUTION, Level, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
-        official_cut_cosine, official_irradiance_weight, official_lobe_weight,
+        official_cut_cosine, official_irradiance_weight, official_lobe_weight, official_texel_weight,
     },
     scene::{Environment, RadianceActivation},
     vector::{Vec3, vec3},
@@ -97,6 +97,8 @@ pub(crate) struct Operator {
     blocks: Vec<RowBlock>,
     padded_offsets: Vec<usize>,
     nodes: NodeTable,
+    /// The official scheme's weights of one face's texels, level by level.
+    official_weights: Vec<f64>,
     stored: Option<Stored>,
 }
 
@@ -124,6 +126,19 @@ enum RowKind {
         source: usize,
     },
 }
+
+/// A cone of light around a direction, over the texels of one pyramid level.
+struct Cone {
+    axis: Vec3<Double>,
+    resolution: usize,
+    /// Cosine below which a node lies wholly outside, by how many times its resolution is halved.
+    least_cosine: [f64; MAX_HALVINGS],
+    /// First of the official texel weights of this level.
+    weights: usize,
+}
+
+/// Levels of the largest pyramid.
+const MAX_HALVINGS: usize = 12;
 
 /// Weights by row, and the same by column.
 #[derive(Debug)]
@@ -195,8 +210,20 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let mut operator =
-            Self { level, scheme, resolution, levels, pyramid, blocks, padded_offsets, nodes, stored: None };
+        let of_level = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
+        let official_weights = pyramid.iter().flat_map(|(size, _)| of_level(*size)).collect();
+        let mut operator = Self {
+            level,
+            scheme,
+            resolution,
+            levels,
+            pyramid,
+            blocks,
+            padded_offsets,
+            nodes,
+            official_weights,
+            stored: None,
+        };
         operator.stored = operator.store();
         operator
     }
@@ -255,13 +282,16 @@ impl Operator {
                 RowKind::Base => {}
                 RowKind::Exact { alpha_ggx } => self.cut(root, direction, alpha_ggx, taps),
                 RowKind::Official { alpha_ggx, cut_cosine, source } => {
-                    let weigh = |node: &Node| official_lobe_weight(direction, node, alpha_ggx, cut_cosine);
-                    self.cone(root, direction, cut_cosine, self.pyramid[source].0, &weigh, taps);
+                    let cone = self.cone_around(direction, cut_cosine, source);
+                    let weigh =
+                        |light_dir, weight| official_lobe_weight(direction, light_dir, weight, alpha_ggx, cut_cosine);
+                    self.cone(root, &cone, &weigh, taps);
                 }
                 RowKind::OfficialIrradiance { source } => {
                     normalised = false;
-                    let weigh = |node: &Node| official_irradiance_weight(direction, node);
-                    self.cone(root, direction, 0.0, self.pyramid[source].0, &weigh, taps);
+                    let cone = self.cone_around(direction, 0.0, source);
+                    let weigh = |light_dir, weight| official_irradiance_weight(direction, light_dir, weight);
+                    self.cone(root, &cone, &weigh, taps);
                 }
             }
         }
@@ -289,28 +319,33 @@ impl Operator {
     }
 
     /// The official scheme's rows: every texel of one pyramid level inside a cone.
-    fn cone(
-        &self,
-        node: Node,
-        direction: Vec3<Double>,
-        cut_cosine: f64,
-        resolution: usize,
-        weigh: &dyn Fn(&Node) -> f64,
-        taps: &mut Vec<(u32, f64)>,
-    ) {
-        let angle = self.nodes.get(&node).0.dot(direction).0.clamp(-1.0, 1.0).acos();
-        let radius = 1.5 / node.resolution as f64; // half the diagonal of a texel is √2 / resolution at most
-        if angle - radius > cut_cosine.acos() {
+    fn cone(&self, node: Node, cone: &Cone, weigh: &dyn Fn(Vec3<Double>, f64) -> f64, taps: &mut Vec<(u32, f64)>) {
+        let (direction, _) = self.nodes.get(&node);
+        let level = (cone.resolution / node.resolution).ilog2() as usize;
+        if direction.dot(cone.axis).0 < cone.least_cosine[level] {
             return;
         }
-        if node.resolution < resolution {
-            let open = |child| self.cone(child, direction, cut_cosine, resolution, weigh, taps);
-            return node.children().into_iter().for_each(open);
+        if node.resolution < cone.resolution {
+            return node.children().into_iter().for_each(|child| self.cone(child, cone, weigh, taps));
         }
-        let weight = weigh(&node);
+        let texel_weight = self.official_weights[texel_index(0, node.column, node.row, node.resolution) + cone.weights];
+        let weight = weigh(direction, texel_weight);
         if weight > 0.0 {
             taps.push((self.node_index(&node) as u32, weight));
         }
+    }
+
+    fn cone_around(&self, axis: Vec3<Double>, cut_cosine: f64, source: usize) -> Cone {
+        let resolution = self.pyramid[source].0;
+        let cut = cut_cosine.acos();
+        let mut least_cosine = [-1.0; MAX_HALVINGS];
+        for (halvings, least) in least_cosine.iter_mut().enumerate() {
+            // Half the diagonal of a texel is √2 / resolution at most.
+            let reach = cut + 1.5 * (1 << halvings) as f64 / resolution as f64;
+            *least = if reach < core::f64::consts::PI { reach.cos() } else { -1.0 };
+        }
+        let weights = self.pyramid[..source].iter().map(|(size, _)| size * size).sum();
+        Cone { axis, resolution, least_cosine, weights }
     }
 
     fn store(&self) -> Option<Stored> {

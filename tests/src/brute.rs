@@ -207,6 +207,34 @@ fn transpose(a: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
     core::array::from_fn(|i| core::array::from_fn(|j| a[j][i]))
 }
 
+/// The renderer's Gaussians of a plain cloud.
+pub fn gaussians(gaussians: &Gaussians<Vec<f32>>) -> Vec<Gaussian> {
+    let of = |index: usize| {
+        let wide = |numbers: [f32; 3]| numbers.map(f64::from);
+        let harmonics = (0..gaussians.layout.sh_count())
+            .map(|k| wide(gaussians.get::<3>(index, gaussians.layout.sh_start() + 3 * k)))
+            .collect();
+        Gaussian {
+            mean: wide(gaussians.get(index, MEAN)),
+            scales: wide(gaussians.get(index, LOG_SCALE)).map(f64::exp),
+            quat: gaussians.get::<4>(index, QUAT).map(f64::from),
+            opacity: gaussians.get::<1>(index, OPACITY).map(|x| 1.0 / (1.0 + (-f64::from(x)).exp()))[0],
+            color: Color::Harmonics(harmonics),
+        }
+    };
+    (0..gaussians.count).map(of).collect()
+}
+
+/// The renderer's camera of one of core's.
+pub fn camera(camera: &specula_core::camera::Camera) -> Camera {
+    Camera {
+        rotation: [0, 1, 2].map(|row| camera.camera_from_world.row(row).to_array().map(f64::from)),
+        position: camera.position.to_array().map(f64::from),
+        focal: camera.focal_px.map(f64::from),
+        principal: camera.principal_px.map(f64::from),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -260,33 +288,5 @@ mod tests {
         let hidden = [ball(-2.0, 0.9, [1.0; 3]), ball(0.1, 0.9, [1.0; 3])];
         let picture = render(&hidden, &CAMERA, 21, 21, [0.25; 3]);
         assert!(picture.iter().all(|pixel| *pixel == [0.25; 3]), "only the background shows");
-    }
-}
-
-/// The renderer's Gaussians of a plain cloud.
-pub fn gaussians(gaussians: &Gaussians<Vec<f32>>) -> Vec<Gaussian> {
-    let of = |index: usize| {
-        let wide = |numbers: [f32; 3]| numbers.map(f64::from);
-        let harmonics = (0..gaussians.layout.sh_count())
-            .map(|k| wide(gaussians.get::<3>(index, gaussians.layout.sh_start() + 3 * k)))
-            .collect();
-        Gaussian {
-            mean: wide(gaussians.get(index, MEAN)),
-            scales: wide(gaussians.get(index, LOG_SCALE)).map(f64::exp),
-            quat: gaussians.get::<4>(index, QUAT).map(f64::from),
-            opacity: gaussians.get::<1>(index, OPACITY).map(|x| 1.0 / (1.0 + (-f64::from(x)).exp()))[0],
-            color: Color::Harmonics(harmonics),
-        }
-    };
-    (0..gaussians.count).map(of).collect()
-}
-
-/// The renderer's camera of one of core's.
-pub fn camera(camera: &specula_core::camera::Camera) -> Camera {
-    Camera {
-        rotation: [0, 1, 2].map(|row| camera.camera_from_world.row(row).to_array().map(f64::from)),
-        position: camera.position.to_array().map(f64::from),
-        focal: camera.focal_px.map(f64::from),
-        principal: camera.principal_px.map(f64::from),
     }
 }

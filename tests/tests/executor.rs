@@ -70,7 +70,8 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
         let camera = camera(70, 45);
         let mut exec = CpuExecutor::new();
         let light = exec.prefilter(&environment, PrefilterScheme::Exact).expect("16 is a power of two");
-        let frame = render(&mut exec, &cloud, Some(&light), &camera, &rules(Channels::Training)).expect("the CPU renders");
+        let frame =
+            render(&mut exec, &cloud, Some(&light), &camera, &rules(Channels::Training)).expect("the CPU renders");
 
         let operator = plain::Operator::new(RESOLUTION);
         let light = prefilter::<Double>(&lift_environment(&environment), &operator);

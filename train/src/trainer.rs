@@ -126,6 +126,7 @@ impl<E: Executor> Trainer<E> {
             weights: &weights,
             rates: &rates,
             environment_rate: profile.rates.environment.at(self.iteration),
+            radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
             number: self.iteration,
         };
         let mut fit = Fit {
