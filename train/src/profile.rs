@@ -130,7 +130,7 @@ pub fn by_name(name: &str, iterations: u32) -> Option<Profile> {
     }
 }
 
-/// ln 3: the authors' diffuse colour is σ(k_d − ln 3).
+/// All losses off, to be switched on one by one.
 const NO_LOSS: LossWeights = LossWeights {
     absolute: 0.0,
     squared: 0.0,
@@ -269,13 +269,13 @@ fn specula(iterations: u32) -> Profile {
             radiance: 0.5,
             radiance_max: f32::INFINITY,
         }),
-        start: GaussianStart { opacity: 0.1, tint: 0.3, roughness: 0.4, diffuse_share: 0.5 },
+        start: GaussianStart { opacity: 0.1, tint: 0.15, roughness: 0.5, diffuse_share: 0.8 },
         weights: LossWeights {
             absolute: 0.8,
             dssim: 0.2,
             normal: 0.05,
             normal_form: NormalForm::Cosine,
-            sparse: 0.0,
+            coverage: 0.1,
             residual: 1e-3,
             ..NO_LOSS
         },
@@ -283,9 +283,9 @@ fn specula(iterations: u32) -> Profile {
         harmonics_from: 0.3,
         harmonics_step: 0.05,
         rates: Rates {
-            diffuse: falling(1e-2),
-            tint: falling(1e-2),
-            roughness: falling(1e-2),
+            diffuse: falling(2e-2),
+            tint: falling(2e-2),
+            roughness: falling(2e-2),
             normal_residual: [falling(2e-3); 2],
             environment: falling(2e-2),
             ..paper.rates
