@@ -97,32 +97,39 @@ impl<S: Simd> Lookup<S> {
     }
 }
 
-/// Light along a direction. A roughness of 2 means the irradiance map behind the last level.
+/// Light along a direction at a roughness.
 #[inline(always)]
 pub(crate) fn look_up<S: Simd>(simd: S, light: &Light, direction: Vec3<Lanes<S>>, roughness: Lanes<S>) -> Lookup<S> {
     let point = project(direction);
-    let last = light.levels().len() - 1;
     let position = level_of_roughness(roughness, light.levels());
-    let lower = position.floor().min(position.constant((last - 1) as f32)).max(position.zero());
-    let is_irradiance = roughness.to_array()[0] > 1.5;
-    let (sharp, blurred) = if is_irradiance {
-        ([last + 1; BLOCK], [last + 1; BLOCK])
-    } else {
-        let lower = lower.to_array().map(|level| level as usize);
-        (lower, lower.map(|level| level + 1))
-    };
+    let last_pair = (light.levels().len() - 2) as f32;
+    let lower = position.floor().clamp(0.0, last_pair);
+    let sharp = lower.to_array().map(|level| level as usize);
     Lookup {
         sharp: Fetch::new(simd, light, &point, sharp),
-        blurred: Fetch::new(simd, light, &point, blurred),
+        blurred: Fetch::new(simd, light, &point, sharp.map(|level| level + 1)),
         share: position - lower,
         point,
     }
 }
 
-/// Gradient of [`look_up`]: with respect to direction and roughness; adds to the light's.
+/// Irradiance along a normal, from the map behind the last level.
+#[inline(always)]
+pub(crate) fn look_up_irradiance<S: Simd>(simd: S, light: &Light, normal: Vec3<Lanes<S>>) -> Lookup<S> {
+    let point = project(normal);
+    let map = [light.levels().len(); BLOCK];
+    Lookup {
+        sharp: Fetch::new(simd, light, &point, map),
+        blurred: Fetch::new(simd, light, &point, map),
+        share: normal.x.zero(),
+        point,
+    }
+}
+
+/// Gradient of [`look_up`], or of [`look_up_irradiance`], which has none in the roughness: with respect to direction
+/// and roughness; adds to the light's.
 #[inline(always)]
 pub(crate) fn look_up_vjp<S: Simd>(
-    _simd: S,
     light: &Light,
     lookup: &Lookup<S>,
     roughness: Lanes<S>,

@@ -3,7 +3,7 @@
 use crate::{
     blend::{GEOMETRY, SplatGrads},
     lanes::{Lanes, store3},
-    light::{Lookup, look_up, look_up_vjp, split_sum, split_sum_vjp},
+    light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
     prefilter::{Light, LightGrad, Texel},
     project::{BLOCKS_AT_ONCE, Splats, load_shape, project_block_vjp},
 };
@@ -205,10 +205,8 @@ impl<S: Simd> Shaded<S> {
         let harmonics = Harmonics::new(simd, block, camera, scene);
         let specular = scene.light.map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
         let is_official = scene.rules.shading.form == ShadingForm::Official;
-        let ambient = scene.light.filter(|_| is_official).map(|light| {
-            let beyond_last = Lanes::splat(simd, 2.0);
-            look_up(simd, light, surface.facing.normal, beyond_last)
-        });
+        let ambient =
+            scene.light.filter(|_| is_official).map(|light| look_up_irradiance(simd, light, surface.facing.normal));
         let none = Vec3::zero(surface.roughness);
         let terms = Terms {
             diffuse: surface.diffuse,
@@ -394,13 +392,13 @@ fn shaded_vjp<S: Simd>(
     };
     if let (Some(lookup), Some(light)) = (&shaded.specular, scene.light) {
         let (direction, roughness) =
-            look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
+            look_up_vjp(light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
         grad_surface.reflection_dir = direction;
         grad_surface.roughness = roughness;
     }
     if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
         let ambient = grad.ambient_light.map(|g| g.keep(is_touched));
-        let (direction, _) = look_up_vjp(simd, light, lookup, zero + 2.0, ambient, light_grad);
+        let (direction, _) = look_up_vjp(light, lookup, shaded.surface.roughness, ambient, light_grad);
         grad_surface.normal = grad_surface.normal + direction;
         let [n_dot_v, roughness] =
             split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);
