@@ -28,6 +28,10 @@ use failure::Failure;
 use progress::Talk;
 use std::process::ExitCode;
 
+/// Frames and gradients come and go at every step; this allocator keeps their pages.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
