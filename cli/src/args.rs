@@ -138,6 +138,9 @@ pub(crate) struct Start {
     /// Degree of the spherical harmonics, 0 to 3.
     #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
     pub(crate) sh_degree: Option<u8>,
+    /// Who looks the light up: each Gaussian, as in the paper, or each pixel, for what was blended there (deferred).
+    #[arg(long, alias = "light_per", value_enum)]
+    pub(crate) light_per: Option<LightPer>,
     /// Texels along an edge of the light's faces: a power of two, at least 16 (official: 64).
     #[arg(long, alias = "light_resolution", alias = "brdf_env", value_name = "N")]
     pub(crate) light_resolution: Option<usize>,
@@ -390,6 +393,15 @@ impl ProfileName {
             Self::Plain => "3dgs",
         }
     }
+}
+
+/// Who looks the light up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LightPer {
+    /// Each Gaussian; colours are blended.
+    Gaussian,
+    /// Each pixel; what surfaces are is blended.
+    Pixel,
 }
 
 /// Which views of a data set.

@@ -28,6 +28,8 @@ pub(crate) struct Reading {
 impl Reading {
     /// The paper's equations, light filtered exactly.
     pub(crate) const PAPER: Self = Self { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact };
+    /// The same, light looked up pixel by pixel.
+    pub(crate) const DEFERRED: Self = Self { shading: ShadingRules::DEFERRED, ..Self::PAPER };
     /// What the authors' code does.
     pub(crate) const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
 
@@ -46,7 +48,8 @@ impl Reading {
         match profile {
             None => Ok(Self::of_model(model)),
             Some(ProfileName::Official) => Ok(Self::OFFICIAL),
-            Some(ProfileName::Specula | ProfileName::Paper) => Ok(Self::PAPER),
+            Some(ProfileName::Specula) => Ok(Self::DEFERRED),
+            Some(ProfileName::Paper) => Ok(Self::PAPER),
             Some(ProfileName::Plain) if !model.gaussians.layout.is_shaded() => Ok(Self::PAPER),
             Some(ProfileName::Plain) => Err(Failure::Input(
                 "the scene has shading attributes and cannot be read as plain Gaussian splatting; use --profile \
@@ -59,6 +62,7 @@ impl Reading {
     fn from_words(shading: &str, axis: Option<&str>, prefilter: Option<&str>) -> Option<Self> {
         let mut reading = match shading {
             "paper" => Self::PAPER,
+            "deferred" => Self::DEFERRED,
             "official" => Self::OFFICIAL,
             _ => return None,
         };
@@ -98,6 +102,7 @@ impl Reading {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",
+                ShadingForm::Deferred => "deferred",
                 ShadingForm::Official => "official",
             },
             match self.shading.axis {
@@ -183,7 +188,8 @@ mod tests {
     #[test]
     fn comments_say_how_to_read_a_file() {
         let free_normals = ShadingRules { axis: AxisRule::None, ..ShadingRules::PAPER };
-        for reading in [Reading::PAPER, Reading::OFFICIAL, Reading { shading: free_normals, ..Reading::PAPER }] {
+        let free = Reading { shading: free_normals, ..Reading::PAPER };
+        for reading in [Reading::PAPER, Reading::DEFERRED, Reading::OFFICIAL, free] {
             assert_eq!(Reading::from_comment(&reading.comment()), Some(reading));
         }
         assert_eq!(Reading::from_comment("made with love"), None);

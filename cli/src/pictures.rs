@@ -93,7 +93,7 @@ impl Layer {
     /// The layer of a rendered view.
     pub(crate) fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: Background) -> RgbImage {
         // The authors' equation adds its terms as they are shown; the paper's adds linear light.
-        let is_linear = form == ShadingForm::Paper;
+        let is_linear = form != ShadingForm::Official;
         match self {
             Self::Rgb | Self::All => rgb(image, &over_background(image, background.0)),
             Self::Normal => normals(image),

@@ -1,11 +1,11 @@
 //! From arguments to the profile of a training.
 
 use crate::{
-    args::{Densify, Losses, Start, Train},
+    args::{Densify, LightPer, Losses, Start, Train},
     convention::Reading,
     failure::Failure,
 };
-use specula_core::{prefilter::PrefilterScheme, scene::Layout};
+use specula_core::{prefilter::PrefilterScheme, scene::Layout, shade::ShadingForm};
 use specula_train::profile::{self, Ablation, Profile};
 
 /// The profile that was asked for, with everything that was asked for beside it.
@@ -32,6 +32,19 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     if let Some(degree) = args.sh_degree {
         let is_shaded = profile.layout.is_shaded();
         profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };
+    }
+    if let Some(light_per) = args.light_per {
+        if profile.light.is_none() || profile.shading.form == ShadingForm::Official {
+            return Err(Failure::Input(format!(
+                "--profile {} has no choice of who looks the light up; leave --light-per out, or use --profile specula \
+                 or paper",
+                profile.name
+            )));
+        }
+        profile.shading.form = match light_per {
+            LightPer::Gaussian => ShadingForm::Paper,
+            LightPer::Pixel => ShadingForm::Deferred,
+        };
     }
     if let Some(resolution) = args.light_resolution {
         let least = match profile.scheme {

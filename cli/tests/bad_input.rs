@@ -119,11 +119,12 @@ fn an_output_folder_that_cannot_be() {
 fn impossible_settings() {
     let tiny = Tiny::new();
     for (words, expected) in [
-        (["--light-resolution", "100"], "power of two"),
-        (["--resolution", "3"], "1, 2, 4 or 8"),
-        (["--background", "pink"], "black, white"),
-        (["--lambda-normal", "NaN"], "finite"),
-        (["--profile", "other"], "3dgs"),
+        (&["--light-resolution", "100"][..], "power of two"),
+        (&["--profile", "3dgs", "--light-per", "pixel"], "--light-per"),
+        (&["--resolution", "3"], "1, 2, 4 or 8"),
+        (&["--background", "pink"], "black, white"),
+        (&["--lambda-normal", "NaN"], "finite"),
+        (&["--profile", "other"], "3dgs"),
     ] {
         let mut command = specula();
         command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args(words);

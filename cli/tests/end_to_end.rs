@@ -59,6 +59,15 @@ fn a_scene_is_trained_measured_rendered_and_relit() {
 }
 
 #[test]
+fn a_model_says_who_looked_the_light_up() {
+    let tiny = Tiny::new();
+    for (words, shading) in [(&[][..], "deferred"), (&["--light-per", "gaussian"], "paper")] {
+        printed(train(&tiny, shading).args(words));
+        assert_eq!(json(&tiny.path(shading).join("specula.json"))["shading"], shading);
+    }
+}
+
+#[test]
 fn a_plain_scene_is_trained_and_turned() {
     let tiny = Tiny::new();
     let mut command = specula();

@@ -2,7 +2,7 @@
 
 use crate::{
     real::Real,
-    vector::{Mat3, Vec3},
+    vector::{Mat3, Vec3, vec3},
 };
 use glam::{Mat3 as GlamMat3, Vec3 as GlamVec3};
 
@@ -105,6 +105,17 @@ pub struct CameraOf<R> {
 }
 
 impl<R: Real> CameraOf<R> {
+    /// The direction from an image point to the camera, in world space, of unit length.
+    #[inline(always)]
+    pub fn view_dir(&self, x_px: R, y_px: R) -> Vec3<R> {
+        let ray = vec3(
+            (x_px - self.principal_px[0]) / self.focal_px[0],
+            (y_px - self.principal_px[1]) / self.focal_px[1],
+            x_px.constant(1.0),
+        );
+        let ray = self.camera_from_world.transform_transposed(ray);
+        ray * -ray.length_squared().sqrt().recip()
+    }
     /// A world point in camera space. The centre is subtracted first, so far from the origin nothing cancels.
     #[inline(always)]
     pub fn to_camera(&self, point: Vec3<R>) -> Vec3<R> {

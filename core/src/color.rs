@@ -33,3 +33,10 @@ pub fn linear_from_srgb(srgb: f32) -> f32 {
         crate::math::pow((srgb + OFFSET) / SCALE, 1.0 / POWER)
     }
 }
+
+/// An 8-bit sRGB value of straight alpha over a background, in \[0, 1\].
+#[inline(always)]
+pub fn over(value: u8, alpha: u8, background: f32) -> f32 {
+    let alpha = f32::from(alpha) / 255.0;
+    f32::from(value) / 255.0 * alpha + (1.0 - alpha) * background
+}

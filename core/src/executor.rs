@@ -6,8 +6,8 @@ use crate::{
     loss::{LossReport, LossWeights},
     plan::Channels,
     prefilter::PrefilterScheme,
-    scene::{Environment, Gaussians},
-    shade::ShadingRules,
+    scene::{Environment, Gaussians, Layout},
+    shade::{ShadingForm, ShadingRules},
 };
 
 /// How a scene is to be rendered.
@@ -21,6 +21,20 @@ pub struct RenderRules {
     pub sh_degree: Option<u8>,
     /// What is blended.
     pub channels: Channels,
+}
+
+impl RenderRules {
+    /// Whether the light of such a scene is added pixel by pixel, after blending.
+    pub fn is_deferred(&self, layout: Layout) -> bool {
+        layout.is_shaded() && self.shading.form == ShadingForm::Deferred
+    }
+    /// What is blended so that the picture has the channels that were asked for.
+    pub fn blended(&self, layout: Layout) -> Channels {
+        match self.channels {
+            Channels::Color | Channels::Training if self.is_deferred(layout) => Channels::Surface,
+            channels => channels,
+        }
+    }
 }
 
 /// Running means of Adam for every number of a scene.
@@ -125,6 +139,14 @@ pub trait Executor {
         tiles: &Self::Tiles,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
+    /// The light of every pixel added to its blended surface ([`crate::pixel`]): the colour of the picture becomes
+    /// what it shows; where the layers of specular colour and light are asked for, they are filled in.
+    fn shade_pixels(
+        &mut self,
+        surface: &Self::Frame,
+        light: Option<&Self::Light>,
+        camera: &Camera,
+    ) -> Result<Self::Frame, Self::Error>;
     /// A picture against what it should be, over a background in sRGB.
     fn loss(
         &mut self,
@@ -135,6 +157,15 @@ pub trait Executor {
         background: [f32; 3],
     ) -> Result<(LossReport, Self::FrameGrad), Self::Error>;
 
+    /// Gradient of [`Executor::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
+    /// light, if there is one.
+    fn shade_pixels_vjp(
+        &mut self,
+        surface: &Self::Frame,
+        light: Option<&Self::Light>,
+        camera: &Camera,
+        grad: Self::FrameGrad,
+    ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error>;
     /// Gradient of [`Executor::blend`].
     fn blend_vjp(
         &mut self,
@@ -146,7 +177,7 @@ pub trait Executor {
         camera: &Camera,
     ) -> Result<Self::SplatGrads, Self::Error>;
     /// Gradient of [`Executor::shade`] and [`Executor::project`], which read the same attributes: of the Gaussians,
-    /// and of the light if there is one. Adds the losses on the attributes themselves.
+    /// and of the light if there is one and the Gaussians looked it up. Adds the losses on the attributes themselves.
     fn gaussians_vjp(
         &mut self,
         gaussians: &Gaussians<Self::Array>,

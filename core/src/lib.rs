@@ -10,7 +10,7 @@
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: who looks from where
 //! * [`plan`]: what a scene needs; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
-//! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step
+//! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
@@ -46,6 +46,7 @@ pub mod normal;
 pub mod optimise;
 pub mod pack;
 pub mod pipeline;
+pub mod pixel;
 pub mod plan;
 pub mod prefilter;
 pub mod project;

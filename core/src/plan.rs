@@ -59,7 +59,9 @@ pub enum Channels {
     Color,
     /// Colour, normal, depth and |Δn|²: 8 channels, what the losses read.
     Training,
-    /// Those of training, then diffuse, specular, residual, roughness, tint and light: 24 channels.
+    /// Those of training, then tint and roughness: 12 channels, what light is added to pixel by pixel.
+    Surface,
+    /// Those of a surface, then diffuse, specular, residual and light: 24 channels.
     Layers,
 }
 
@@ -69,6 +71,7 @@ impl Channels {
         match self {
             Self::Color => 3,
             Self::Training => 8,
+            Self::Surface => 12,
             Self::Layers => 24,
         }
     }
@@ -84,16 +87,16 @@ pub mod channel {
     pub const DEPTH: usize = 6;
     /// |Δn|².
     pub const RESIDUAL_SIZE: usize = 7;
-    /// Activated diffuse colour, linear.
-    pub const DIFFUSE: usize = 8;
-    /// Tint times specular light, linear.
-    pub const SPECULAR: usize = 11;
-    /// Residual colour, linear.
-    pub const RESIDUAL: usize = 14;
-    /// Perceptual roughness.
-    pub const ROUGHNESS: usize = 17;
     /// Specular tint.
-    pub const TINT: usize = 18;
+    pub const TINT: usize = 8;
+    /// Perceptual roughness.
+    pub const ROUGHNESS: usize = 11;
+    /// Activated diffuse colour, linear.
+    pub const DIFFUSE: usize = 12;
+    /// Tint times specular light, linear.
+    pub const SPECULAR: usize = 15;
+    /// Residual colour, linear.
+    pub const RESIDUAL: usize = 18;
     /// Prefiltered light that reaches the surface, linear.
     pub const LIGHT: usize = 21;
 }

@@ -21,6 +21,8 @@ pub enum ShadingForm {
     /// σ(k_d − ln 3) + E(n)(1 − s) + L_s ⊙ (s F_x + F_y) + c_r: what the authors' code computes. No γ; an ambient
     /// term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and roughness.
     Official,
+    /// c_d + c_r, linear: what is blended where light is added pixel by pixel ([`crate::pixel`]).
+    Deferred,
 }
 
 /// The choices in which trainings of this method differ.
@@ -37,6 +39,8 @@ pub struct ShadingRules {
 impl ShadingRules {
     /// The paper's equations.
     pub const PAPER: Self = Self { form: ShadingForm::Paper, axis: AxisRule::Shortest, negate_second_residual: true };
+    /// The paper's equations, their light looked up pixel by pixel.
+    pub const DEFERRED: Self = Self { form: ShadingForm::Deferred, ..Self::PAPER };
     /// The authors' code.
     pub const OFFICIAL: Self =
         Self { form: ShadingForm::Official, axis: AxisRule::SortedRow, negate_second_residual: false };
@@ -44,7 +48,7 @@ impl ShadingRules {
     /// What is subtracted from the raw diffuse colour before the sigmoid: ln 3 in the authors' code.
     pub const fn diffuse_shift(&self) -> f32 {
         match self.form {
-            ShadingForm::Paper => 0.0,
+            ShadingForm::Paper | ShadingForm::Deferred => 0.0,
             ShadingForm::Official => 1.098_612_3,
         }
     }
@@ -202,7 +206,7 @@ pub struct Terms<R> {
     pub split_sum: [R; 2],
 }
 
-/// The colour of a Gaussian, sRGB-encoded, unbounded above.
+/// The colour of a Gaussian, unbounded above; sRGB-encoded but for [`ShadingForm::Deferred`].
 #[inline(always)]
 pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     match form {
@@ -213,6 +217,7 @@ pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
             let specular = reflectance(terms).times(terms.specular_light);
             terms.diffuse + terms.ambient_light.times(terms.tint.map(|s| -s + 1.0)) + specular + terms.residual
         }
+        ShadingForm::Deferred => terms.diffuse + terms.residual,
     }
 }
 
@@ -245,6 +250,17 @@ pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) ->
                 residual: grad,
                 ambient_light: grad.times(terms.tint.map(|s| -s + 1.0)),
                 split_sum: [by_light.dot(terms.tint), by_light.sum()],
+            }
+        }
+        ShadingForm::Deferred => {
+            let none = Vec3::zero(grad.x);
+            Terms {
+                diffuse: grad,
+                tint: none,
+                specular_light: none,
+                residual: grad,
+                ambient_light: none,
+                split_sum: [none.x; 2],
             }
         }
     }

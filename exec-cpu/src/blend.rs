@@ -19,8 +19,8 @@ use specula_core::{
 
 /// Pixels along an edge of a tile, which is also the number of lanes.
 const SIZE: usize = TILE_SIZE as usize;
-/// Splats between two looks at whether all pixels of a tile have ended.
-const SPLATS_BETWEEN_LOOKS: usize = 16;
+/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended.
+const SPLATS_AT_ONCE: usize = 16;
 
 /// A blended picture: its channels, premultiplied, and the transmittance behind them.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,6 +81,7 @@ macro_rules! with_channels {
         match $count {
             3 => $function::<3>($($argument),*),
             8 => $function::<8>($($argument),*),
+            12 => $function::<12>($($argument),*),
             _ => $function::<24>($($argument),*),
         }
     };
@@ -100,7 +101,7 @@ fn blend_channels<const C: usize>(
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut values = vec![0.0; (C + 1) * width * height];
     let columns = tiles.columns as usize;
-    bands(&mut values, width, height).into_par_iter().enumerate().for_each(|(row, mut band)| {
+    bands(&mut values, width * height, SIZE * width).into_par_iter().enumerate().for_each(|(row, mut band)| {
         let blend_one = |column: usize| {
             let list = &tiles.gaussians[tiles.of(row * columns + column)];
             let mut pixels = Box::new([TileRow::<C> { channels: [[0.0; SIZE]; C], last: [1.0; SIZE] }; SIZE]);
@@ -116,11 +117,11 @@ fn blend_channels<const C: usize>(
     Frame { image: Image { width, height, channels: C + 1, values } }
 }
 
-/// The rows of each row of tiles, plane by plane.
-fn bands(values: &mut [f32], width: usize, height: usize) -> Vec<Vec<&mut [f32]>> {
-    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(SIZE)).map(|_| Vec::new()).collect();
-    for plane in values.chunks_mut((width * height).max(1)) {
-        bands.iter_mut().zip(plane.chunks_mut(SIZE * width)).for_each(|(band, rows)| band.push(rows));
+/// Planes of `size` numbers cut into bands of `len`; each band with its share of every plane.
+pub(crate) fn bands(values: &mut [f32], size: usize, len: usize) -> Vec<Vec<&mut [f32]>> {
+    let mut bands: Vec<Vec<&mut [f32]>> = (0..size.div_ceil(len)).map(|_| Vec::new()).collect();
+    for plane in values.chunks_mut(size.max(1)) {
+        bands.iter_mut().zip(plane.chunks_mut(len)).for_each(|(band, part)| band.push(part));
     }
     bands
 }
@@ -197,25 +198,63 @@ fn blend_tile<S: Simd, const C: usize>(
     origin: [f32; 2],
     pixels: &mut TilePixels<C>,
 ) {
-    for (number, gaussian) in list.iter().enumerate() {
-        if number % SPLATS_BETWEEN_LOOKS == 0 && !pixels.iter().any(|row| Lanes::load(simd, &row.last).any_positive()) {
+    for list in list.chunks(SPLATS_AT_ONCE) {
+        if !pixels.iter().any(|row| Lanes::load(simd, &row.last).any_positive()) {
             break;
         }
-        let gaussian = *gaussian as usize;
-        let splat = stamp_on_tile(simd, &records[gaussian], origin);
-        let color = color_of::<S, C>(simd, colors, gaussian);
-        let mut dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
-        for row in &mut pixels[splat.rows.clone()] {
-            let strength = falloff(&splat.lanes, splat.dx, dy).strength;
-            let transmittance = Lanes::load(simd, &row.last);
-            let step = step(alpha(strength, transmittance), transmittance);
-            step.transmittance.store(&mut row.last);
-            for c in 0..C {
-                let pixel = &mut row.channels[c];
-                step.weight.mul_add(color[c], Lanes::load(simd, pixel)).store(pixel);
-            }
-            dy = dy + 1.0;
+        let near = Near::<C>::new(records, colors, list);
+        for number in 0..list.len() {
+            blend_splat(simd, &near.records[number], &near.colors[number], origin, pixels);
         }
+    }
+}
+
+#[inline(always)]
+fn blend_splat<S: Simd, const C: usize>(
+    simd: S,
+    record: &SplatRecord,
+    color: &[f32; C],
+    origin: [f32; 2],
+    pixels: &mut TilePixels<C>,
+) {
+    let splat = stamp_on_tile(simd, record, origin);
+    let color = color_lanes(simd, color);
+    let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
+    for row in &mut pixels[splat.rows.clone()] {
+        let dy = next_dy;
+        next_dy = next_dy + 1.0;
+        let strength = falloff(&splat.lanes, splat.dx, dy).strength;
+        let transmittance = Lanes::load(simd, &row.last);
+        let alpha = alpha(strength, transmittance);
+        if !alpha.any_positive() {
+            continue;
+        }
+        let step = step(alpha, transmittance);
+        step.transmittance.store(&mut row.last);
+        for c in 0..C {
+            let pixel = &mut row.channels[c];
+            step.weight.mul_add(color[c], Lanes::load(simd, pixel)).store(pixel);
+        }
+    }
+}
+
+/// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
+/// for memory overlap.
+struct Near<const C: usize> {
+    records: [SplatRecord; SPLATS_AT_ONCE],
+    colors: [[f32; C]; SPLATS_AT_ONCE],
+}
+
+impl<const C: usize> Near<C> {
+    #[inline(always)]
+    fn new(records: &[SplatRecord], colors: &[f32], list: &[u32]) -> Self {
+        let mut near = Self { records: [SplatRecord::default(); SPLATS_AT_ONCE], colors: [[0.0; C]; SPLATS_AT_ONCE] };
+        for (number, gaussian) in list.iter().enumerate() {
+            let gaussian = *gaussian as usize;
+            near.records[number] = records[gaussian];
+            near.colors[number].copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
+        }
+        near
     }
 }
 
@@ -284,66 +323,80 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     out: &mut [f32],
 ) {
     let mut replays = replays_at_start(simd, frame, grad);
-    for (number, (gaussian, out)) in list.iter().zip(out.chunks_exact_mut(GEOMETRY + C)).enumerate() {
-        let is_open = |row: &ReplayRow| Lanes::load(simd, &row.transmittance).any_positive();
-        if number % SPLATS_BETWEEN_LOOKS == 0 && !replays.iter().any(is_open) {
+    for (list, out) in list.chunks(SPLATS_AT_ONCE).zip(out.chunks_mut(SPLATS_AT_ONCE * (GEOMETRY + C))) {
+        if !replays.iter().any(|row| Lanes::load(simd, &row.transmittance).any_positive()) {
             break;
         }
-        let gaussian = *gaussian as usize;
-        let splat = stamp_on_tile(simd, &records[gaussian], origin);
-        let color = color_of::<S, C>(simd, colors, gaussian);
-        let zero = Lanes::splat(simd, 0.0);
-        let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
-        let mut grad_color = [zero; C];
-        let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
-        for (row, pixels) in replays[splat.rows.clone()].iter_mut().zip(&grad[splat.rows.clone()]) {
-            let dy = next_dy;
-            next_dy = next_dy + 1.0;
-            let falloff = falloff(&splat.lanes, splat.dx, dy);
-            let before = Lanes::load(simd, &row.transmittance);
-            if !alpha(falloff.strength, before).any_positive() {
-                continue;
-            }
-            let mut along = zero;
-            for c in 0..C {
-                along = color[c].mul_add(Lanes::load(simd, &pixels.channels[c]), along);
-            }
-            let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &row.remaining) };
-            let (h, step, replay) = step_vjp(falloff.strength, replay, along);
-            replay.transmittance.store(&mut row.transmittance);
-            replay.remaining.store(&mut row.remaining);
+        let near = Near::<C>::new(records, colors, list);
+        for (number, out) in out.chunks_exact_mut(GEOMETRY + C).enumerate() {
+            splat_vjp(simd, &near.records[number], &near.colors[number], origin, grad, &mut replays, out);
+        }
+    }
+}
 
-            let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
-            moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
-            moments.root[0] = hu.mul_add(splat.dx, moments.root[0]);
-            moments.root[1] = hw.mul_add(splat.dx, moments.root[1]);
-            moments.root[2] = hw.mul_add(dy, moments.root[2]);
-            moments.strength = moments.strength + h;
-            for c in 0..C {
-                grad_color[c] = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), grad_color[c]);
-            }
+/// Replays one splat over the rows of a tile and writes its gradient.
+#[inline(always)]
+fn splat_vjp<S: Simd, const C: usize>(
+    simd: S,
+    record: &SplatRecord,
+    color: &[f32; C],
+    origin: [f32; 2],
+    grad: &TilePixels<C>,
+    replays: &mut [ReplayRow; SIZE],
+    out: &mut [f32],
+) {
+    let splat = stamp_on_tile(simd, record, origin);
+    let color = color_lanes(simd, color);
+    let zero = Lanes::splat(simd, 0.0);
+    let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
+    let mut grad_color = [zero; C];
+    let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
+    for (row, pixels) in replays[splat.rows.clone()].iter_mut().zip(&grad[splat.rows.clone()]) {
+        let dy = next_dy;
+        next_dy = next_dy + 1.0;
+        let falloff = falloff(&splat.lanes, splat.dx, dy);
+        let before = Lanes::load(simd, &row.transmittance);
+        if !alpha(falloff.strength, before).any_positive() {
+            continue;
         }
-        let moments = Moments {
-            offset: [moments.offset[0].sum(), moments.offset[1].sum()],
-            root: [moments.root[0].sum(), moments.root[1].sum(), moments.root[2].sum()],
-            strength: moments.strength.sum(),
-        };
-        write_geometry(&moments_vjp(&splat.stamp, records[gaussian].opacity, &moments), out);
+        let mut along = zero;
         for c in 0..C {
-            out[GEOMETRY + c] = grad_color[c].sum();
+            along = color[c].mul_add(Lanes::load(simd, &pixels.channels[c]), along);
         }
+        let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &row.remaining) };
+        let (h, step, replay) = step_vjp(falloff.strength, replay, along);
+        replay.transmittance.store(&mut row.transmittance);
+        replay.remaining.store(&mut row.remaining);
+
+        let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
+        moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
+        moments.root[0] = hu.mul_add(splat.dx, moments.root[0]);
+        moments.root[1] = hw.mul_add(splat.dx, moments.root[1]);
+        moments.root[2] = hw.mul_add(dy, moments.root[2]);
+        moments.strength = moments.strength + h;
+        for c in 0..C {
+            grad_color[c] = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), grad_color[c]);
+        }
+    }
+    let moments = Moments {
+        offset: [moments.offset[0].sum(), moments.offset[1].sum()],
+        root: [moments.root[0].sum(), moments.root[1].sum(), moments.root[2].sum()],
+        strength: moments.strength.sum(),
+    };
+    write_geometry(&moments_vjp(&splat.stamp, record.opacity, &moments), out);
+    for c in 0..C {
+        out[GEOMETRY + c] = grad_color[c].sum();
     }
 }
 
 /// A splat's channels, each in every lane.
 #[inline(always)]
-fn color_of<S: Simd, const C: usize>(simd: S, colors: &[f32], gaussian: usize) -> [Lanes<S>; C] {
-    let mut color = [Lanes::splat(simd, 0.0); C];
-    let own = &colors[gaussian * C..(gaussian + 1) * C];
+fn color_lanes<S: Simd, const C: usize>(simd: S, color: &[f32; C]) -> [Lanes<S>; C] {
+    let mut lanes = [Lanes::splat(simd, 0.0); C];
     for c in 0..C {
-        color[c] = Lanes::splat(simd, own[c]);
+        lanes[c] = Lanes::splat(simd, color[c]);
     }
-    color
+    lanes
 }
 
 #[inline(always)]

@@ -6,6 +6,7 @@ use crate::{
     densify,
     loss::{Target, loss_all},
     optimise::{adam_all, adam_blocks},
+    pixel::{shade_pixels, shade_pixels_vjp},
     prefilter::{Light, LightGrad, Operator},
     project::{Splats, project_all},
     shade::{Colors, Scene, gaussians_vjp, shade_all},
@@ -157,6 +158,10 @@ impl Executor for CpuExecutor {
         Ok(blend_all(self.level, splats, colors, tiles, camera))
     }
 
+    fn shade_pixels(&mut self, surface: &Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
+        Ok(shade_pixels(self.level, surface, light, camera))
+    }
+
     fn loss(
         &mut self,
         frame: &Frame,
@@ -170,6 +175,16 @@ impl Executor for CpuExecutor {
             return Err(CpuError::FrameSize { expected, found });
         }
         Ok(loss_all(self.level, frame, target, camera, weights, background))
+    }
+
+    fn shade_pixels_vjp(
+        &mut self,
+        surface: &Frame,
+        light: Option<&Light>,
+        camera: &Camera,
+        grad: FrameGrad,
+    ) -> Result<(FrameGrad, Option<LightGrad>), CpuError> {
+        Ok(shade_pixels_vjp(self.level, surface, light, camera, grad))
     }
 
     fn blend_vjp(

@@ -12,6 +12,7 @@ pub mod lanes;
 mod light;
 pub mod loss;
 mod optimise;
+mod pixel;
 pub mod prefilter;
 pub mod project;
 pub mod shade;

@@ -1,13 +1,14 @@
 //! A picture against what it should be: colour, structure, normals, coverage, and their gradients.
 
 use crate::{
-    blend::{Frame, FrameGrad},
-    lanes::Lanes,
+    blend::{Frame, FrameGrad, bands},
+    lanes::{Lanes, load_some, store_some},
 };
 use fearless_simd::{Level, Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
+    color::over,
     depth_normal::{Cross, expected_depth, expected_depth_vjp, normal, normal_vjp},
     loss::{
         LossReport, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments, absolute, absolute_vjp, normal_cosine,
@@ -42,10 +43,9 @@ impl Target {
         let mut planes = vec![0.0; 4 * size];
         for (channel, plane) in planes.chunks_mut(size.max(1)).enumerate() {
             plane.par_iter_mut().zip(self.rgba.par_chunks_exact(4)).with_min_len(4096).for_each(|(value, pixel)| {
-                let alpha = f32::from(pixel[3]) / 255.0;
                 *value = match channel {
-                    3 => alpha,
-                    c => f32::from(pixel[c]) / 255.0 * alpha + (1.0 - alpha) * background[c],
+                    3 => f32::from(pixel[3]) / 255.0,
+                    c => over(pixel[c], pixel[3], background[c]),
                 };
             });
         }
@@ -354,10 +354,7 @@ fn normal_loss(level: Level, frame: &Frame, camera: &Camera, weights: &LossWeigh
         .collect();
 
     let mut own = NormalPlanes { planes: vec![0.0; 7 * size] };
-    let mut rows: Vec<Vec<&mut [f32]>> = (0..frame.image.height).map(|_| Vec::new()).collect();
-    for plane in own.planes.chunks_mut(size) {
-        rows.iter_mut().zip(plane.chunks_mut(width)).for_each(|(row, part)| row.push(part));
-    }
+    let mut rows = bands(&mut own.planes, size, width);
     let last = frame.image.height - 1;
     let sums: Vec<f64> = rows
         .par_iter_mut()
@@ -463,25 +460,6 @@ fn rays_around<S: Simd>(simd: S, camera: &Camera, column: usize, row: usize) -> 
         vec3((x - camera.principal_px[0]) / camera.focal_px[0], (y - camera.principal_px[1]) / camera.focal_px[1], one)
     };
     Cross { left: ray(x - 1.0, y), right: ray(x + 1.0, y), above: ray(x, y - 1.0), below: ray(x, y + 1.0) }
-}
-
-#[inline(always)]
-fn store_some<S: Simd>(lanes: Lanes<S>, values: &mut [f32], count: usize) {
-    if values.len() >= BLOCK {
-        lanes.store(values);
-    } else {
-        values[..count].copy_from_slice(&lanes.to_array()[..count]);
-    }
-}
-
-#[inline(always)]
-fn load_some<S: Simd>(simd: S, values: &[f32], count: usize) -> Lanes<S> {
-    if values.len() >= BLOCK {
-        return Lanes::load(simd, values);
-    }
-    let mut lanes = [0.0; BLOCK];
-    lanes[..count].copy_from_slice(&values[..count]);
-    Lanes::from_array(simd, lanes)
 }
 
 /// Each pixel gathers what its neighbours left for its depth, and passes it on to blended depth and coverage.

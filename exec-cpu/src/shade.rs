@@ -43,6 +43,14 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Scene<'_> {
+    /// How many channels a Gaussian has.
+    fn channels(&self) -> usize {
+        self.rules.blended(self.layout).count()
+    }
+    /// The light, if Gaussians look it up.
+    fn own_light(&self) -> Option<&Light> {
+        self.light.filter(|_| !self.rules.is_deferred(self.layout))
+    }
     /// Harmonics that are in use.
     fn sh_count(&self) -> usize {
         match (self.rules.sh_degree, self.layout.sh_degree) {
@@ -59,7 +67,7 @@ pub(crate) fn shade_all(
     splats: &Splats,
     scene: Scene<'_>,
 ) -> Colors {
-    let channels = scene.rules.channels.count();
+    let channels = scene.channels();
     let mut values = vec![0.0; gaussians.count * channels];
     let block_len = gaussians.block_len();
     let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
@@ -90,7 +98,9 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
         put(&mut channels, channel::COLOR, color);
         put(&mut channels, channel::NORMAL, shaded.surface.facing.normal);
         channels[channel::RESIDUAL_SIZE] = shaded.surface.facing.residual_squared;
-        if scene.rules.channels == Channels::Layers {
+        put(&mut channels, channel::TINT, shaded.terms.tint);
+        channels[channel::ROUGHNESS] = shaded.surface.roughness;
+        if scene.channels() == Channels::Layers.count() {
             put_layers(&mut channels, &shaded, scene.rules.shading.form);
         }
     } else {
@@ -99,8 +109,8 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
         let axis = plain_normal(simd, block, camera);
         put(&mut channels, channel::NORMAL, axis);
     }
-    let count = out.len().min(BLOCK * scene.rules.channels.count()) / scene.rules.channels.count();
-    interleave(&channels, scene.rules.channels.count(), count, out);
+    let width = scene.channels();
+    interleave(&channels, width, out.len().min(BLOCK * width) / width, out);
 }
 
 fn interleave<S: Simd>(channels: &BlockChannels<S>, width: usize, count: usize, out: &mut [f32]) {
@@ -121,7 +131,7 @@ fn put<S: Simd>(channels: &mut BlockChannels<S>, first: usize, v: Vec3<Lanes<S>>
 fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form: ShadingForm) {
     let terms = &shaded.terms;
     let specular = match form {
-        ShadingForm::Paper => terms.tint.times(terms.specular_light),
+        ShadingForm::Paper | ShadingForm::Deferred => terms.tint.times(terms.specular_light),
         ShadingForm::Official => shade(
             form,
             &Terms {
@@ -134,8 +144,6 @@ fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form
     put(channels, channel::DIFFUSE, terms.diffuse);
     put(channels, channel::SPECULAR, specular);
     put(channels, channel::RESIDUAL, terms.residual);
-    channels[channel::ROUGHNESS] = shaded.surface.roughness;
-    put(channels, channel::TINT, terms.tint);
     put(channels, channel::LIGHT, terms.specular_light);
 }
 
@@ -203,7 +211,7 @@ impl<S: Simd> Shaded<S> {
         let material = load_material(simd, block);
         let surface = surface(&material, camera.position, scene.rules.shading);
         let harmonics = Harmonics::new(simd, block, camera, scene);
-        let specular = scene.light.map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
+        let specular = scene.own_light().map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
         let is_official = scene.rules.shading.form == ShadingForm::Official;
         let ambient =
             scene.light.filter(|_| is_official).map(|light| look_up_irradiance(simd, light, surface.facing.normal));
@@ -235,9 +243,9 @@ fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
     }
 }
 
-/// Parts into which the Gaussians are divided while they add to the light's gradient: as many as keep the sum's order
+/// Parts into which Gaussians or pixels are divided while they add to the light's gradient: as many as keep the sum's order
 /// the same on any number of threads.
-const LIGHT_PARTS: usize = 8;
+pub(crate) const LIGHT_PARTS: usize = 8;
 
 pub(crate) fn gaussians_vjp(
     level: Level,
@@ -252,7 +260,7 @@ pub(crate) fn gaussians_vjp(
     let mut out = vec![0.0; gaussians.values.len()];
     let block_count = gaussians.values.len() / block_len;
     let part_blocks = block_count.div_ceil(LIGHT_PARTS).max(1);
-    let texel_count = scene.light.map_or(0, |light| light.texels.len());
+    let texel_count = scene.own_light().map_or(0, |light| light.texels.len());
     let parts: Vec<Vec<Texel>> = gaussians
         .values
         .par_chunks(part_blocks * block_len)
@@ -275,10 +283,11 @@ pub(crate) fn gaussians_vjp(
         })
         .collect();
     let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out };
-    (grad, scene.light.map(|_| LightGrad { texels: sum_parts(&parts) }))
+    (grad, scene.own_light().map(|_| LightGrad { texels: sum_parts(&parts) }))
 }
 
-fn sum_parts(parts: &[Vec<Texel>]) -> Vec<Texel> {
+/// The sum of lights' gradients, in the order of the parts.
+pub(crate) fn sum_parts(parts: &[Vec<Texel>]) -> Vec<Texel> {
     const TEXELS_AT_ONCE: usize = 4096;
     let mut sum = parts[0].clone();
     sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
@@ -387,14 +396,14 @@ fn shaded_vjp<S: Simd>(
         view_dir: shaded.harmonics.vjp(simd, block, scene.layout.sh_start(), grad.residual, out),
         n_dot_v: zero,
         diffuse: grad.diffuse,
-        tint: grad.tint,
-        roughness: zero,
+        tint: grad.tint + take3(&grads.channels, channel::TINT),
+        roughness: grads.channels[channel::ROUGHNESS],
     };
-    if let (Some(lookup), Some(light)) = (&shaded.specular, scene.light) {
+    if let (Some(lookup), Some(light)) = (&shaded.specular, scene.own_light()) {
         let (direction, roughness) =
             look_up_vjp(light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
         grad_surface.reflection_dir = direction;
-        grad_surface.roughness = roughness;
+        grad_surface.roughness = grad_surface.roughness + roughness;
     }
     if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
         let ambient = grad.ambient_light.map(|g| g.keep(is_touched));

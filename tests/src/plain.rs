@@ -7,12 +7,14 @@
 mod light;
 mod losses;
 mod picture;
+mod pixels;
 
 pub use light::{Light, LightGrad, Operator, look_up, look_up_vjp, prefilter, prefilter_vjp};
 pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
 };
 pub use picture::{Frame, blend, blend_vjp, composite, front_to_back};
+pub use pixels::{shade_pixels, shade_pixels_vjp};
 
 use crate::number::Number;
 use specula_core::{
@@ -143,7 +145,7 @@ fn shade_one<R: Number>(
         put(channel::NORMAL, facing(axis, shade::view_dir(mean, eye), [none; 2], true).normal);
     }
     channels[channel::DEPTH] = camera.lift(zero).to_camera(mean).z;
-    channels.truncate(rules.channels.count());
+    channels.truncate(rules.blended(gaussians.layout).count());
     channels
 }
 
@@ -183,6 +185,15 @@ impl<R: Number> Harmonics<R> {
     }
 }
 
+/// The light, if Gaussians look it up.
+fn own_light<'a, R: Number>(
+    gaussians: &Gaussians<Vec<R>>,
+    light: Option<&'a Light<R>>,
+    rules: &RenderRules,
+) -> Option<&'a Light<R>> {
+    light.filter(|_| !rules.is_deferred(gaussians.layout))
+}
+
 fn surface_and_terms<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     gaussian: usize,
@@ -195,7 +206,8 @@ fn surface_and_terms<R: Number>(
     let terms = Terms {
         diffuse: surface.diffuse,
         tint: surface.tint,
-        specular_light: light.map_or(none, |light| look_up(light, surface.reflection_dir, surface.roughness)),
+        specular_light: own_light(gaussians, light, rules)
+            .map_or(none, |light| look_up(light, surface.reflection_dir, surface.roughness)),
         residual: Harmonics::new(gaussians, gaussian, eye, rules).sum,
         ambient_light: none,
         split_sum: [none.x; 2],
@@ -228,13 +240,14 @@ pub fn shade_vjp<R: Number>(
         }
         let (surface, terms) = surface_and_terms(gaussians, gaussian, eye, light, rules);
         let grad = shade::shade_vjp(rules.shading.form, &terms, take(channel::COLOR));
-        let (grad_reflection, grad_roughness) = match (light, light_grad.as_deref_mut()) {
+        let (grad_reflection, grad_roughness) = match (own_light(gaussians, light, rules), light_grad.as_deref_mut()) {
             (Some(light), Some(light_grad)) => {
                 look_up_vjp(light, surface.reflection_dir, surface.roughness, grad.specular_light, light_grad)
             }
             _ => (Vec3::zero(zero), zero),
         };
         let geometry = channels.len() > channel::NORMAL;
+        let has_surface = channels.len() > channel::ROUGHNESS;
         let grad_surface = SurfaceGrad {
             normal: if geometry { take(channel::NORMAL) } else { Vec3::zero(zero) },
             residual_squared: if geometry { channels[channel::RESIDUAL_SIZE] } else { zero },
@@ -242,8 +255,8 @@ pub fn shade_vjp<R: Number>(
             view_dir: harmonics.vjp(grad.residual, gaussian, out),
             n_dot_v: zero,
             diffuse: grad.diffuse,
-            tint: grad.tint,
-            roughness: grad_roughness,
+            tint: if has_surface { grad.tint + take(channel::TINT) } else { grad.tint },
+            roughness: if has_surface { grad_roughness + channels[channel::ROUGHNESS] } else { grad_roughness },
         };
         let material = material(gaussians, gaussian);
         let grad = shade::surface_vjp(&material, eye, rules.shading, &surface, &grad_surface);
@@ -284,7 +297,8 @@ pub fn render<R: Number>(
 ) -> Frame<R> {
     let splats = project(gaussians, camera);
     let colors = shade(gaussians, camera, light, rules);
-    blend(&splats, &colors, &front_to_back(&splats), camera)
+    let frame = blend(&splats, &colors, &front_to_back(&splats), camera);
+    if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 
 /// What a step of training sees and wants, beside the scene itself.
@@ -334,20 +348,25 @@ pub fn loss_and_gradient<R: Number>(
     let colors = shade(gaussians, view.camera, light.as_ref(), view.rules);
     let order = front_to_back(&splats);
     let frame = blend(&splats, &colors, &order, view.camera);
-    let frozen = freeze_weights(&frame);
-    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, &frozen);
+    let is_deferred = view.rules.is_deferred(gaussians.layout);
+    let picture = if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera) } else { frame.clone() };
+    let frozen = freeze_weights(&picture);
+    let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
 
-    let frame_grad = frame_loss_vjp(&frame, view.target, view.camera, view.weights, &frozen);
+    let mut light_grad = light.as_ref().map(LightGrad::zero);
+    let mut frame_grad = frame_loss_vjp(&picture, view.target, view.camera, view.weights, &frozen);
+    if is_deferred {
+        shade_pixels_vjp(&frame, light.as_ref(), view.camera, &mut frame_grad, light_grad.as_mut());
+    }
     let (mut splat_grads, color_grads) = blend_vjp(&splats, &colors, &order, &frame, &frame_grad);
-    if view.rules.channels != Channels::Color {
+    if view.rules.blended(gaussians.layout) != Channels::Color {
         for (splat, channels) in splat_grads.iter_mut().zip(&color_grads) {
             splat.depth = splat.depth + channels[channel::DEPTH];
         }
     }
 
     let mut out = Gaussians { values: vec![R::of(0.0); gaussians.values.len()], ..*gaussians };
-    let mut light_grad = light.as_ref().map(LightGrad::zero);
     shade_vjp(gaussians, view.camera, light.as_ref(), view.rules, &color_grads, &mut out, light_grad.as_mut());
     project_vjp(gaussians, view.camera, &splat_grads, &mut out);
     attribute_loss_vjp(gaussians, view.weights, &mut out);

@@ -11,6 +11,7 @@ use specula_core::{
     double::Double,
     ggx, loss,
     normal::{self, AxisRule},
+    pixel::{self, Pixel, PixelSurface},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape, SplatGrad},
     sh,
@@ -294,8 +295,8 @@ proptest! {
     }
 
     #[test]
-    fn both_shading_functions_are_derived_right(inputs in vec(0.05..1.0_f64, 17)) {
-        for form in [ShadingForm::Paper, ShadingForm::Official] {
+    fn all_shading_functions_are_derived_right(inputs in vec(0.05..1.0_f64, 17)) {
+        for form in [ShadingForm::Paper, ShadingForm::Official, ShadingForm::Deferred] {
             assert_vjp(
                 &inputs,
                 |x| shade::shade(form, &terms(x)).to_array().to_vec(),
@@ -313,6 +314,42 @@ proptest! {
                 SAME_DERIVATIVE,
             );
         }
+    }
+
+    /// Faint pixels, too, where coverage counts as its least.
+    #[test]
+    fn surfaces_of_pixels_are_derived_right(
+        sums in vec(0.02..1.0_f64, 7),
+        normal in unit_vector(),
+        coverage in prop_oneof![0.0..0.0009_f64, 0.004..1.0_f64],
+        view_dir in unit_vector(),
+    ) {
+        let inputs = [&sums[..], &normal, &[coverage]].concat();
+        assert_vjp(
+            &inputs,
+            |x| numbers_of_surface(&pixel::pixel_surface(&blended(x), vector(view_dir))),
+            |x, g| {
+                let surface = pixel::pixel_surface(&blended(x), vector(view_dir));
+                let grad = pixel::pixel_surface_vjp(&blended(x), vector(view_dir), &surface, &surface_of_pixel(g));
+                let [base, tint, normal] = [grad.base, grad.tint, grad.normal].map(Vec3::to_array);
+                join(&[&base, &tint, &[grad.roughness], &normal, &[grad.coverage]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn colours_of_pixels_are_derived_right(inputs in vec(-0.2..1.0_f64, 14)) {
+        assert_vjp(
+            &inputs,
+            |x| pixel::pixel_color(&surface_of_pixel(x), take3(&x[10..]), x[13]).to_array().to_vec(),
+            |x, g| {
+                let (surface, light, coverage) =
+                    pixel::pixel_color_vjp(&surface_of_pixel(x), take3(&x[10..]), x[13], take3(g));
+                join(&[&numbers_of_surface(&surface), &light.to_array(), &[coverage]])
+            },
+            SAME_DERIVATIVE,
+        );
     }
 
     /// Far to the side, too, where the Jacobian is taken at the limit of the slopes.
@@ -593,6 +630,20 @@ fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
         join(&[&color.to_array(), &[transmittance.abs()]])
     };
     PIXELS.iter().flat_map(|&p| pixel(p)).collect()
+}
+
+/// Base, tint, roughness, normal and coverage of a pixel.
+fn blended<R: Number>(x: &[R]) -> Pixel<R> {
+    Pixel { base: take3(x), tint: take3(&x[3..]), roughness: x[6], normal: take3(&x[7..]), coverage: x[10] }
+}
+
+fn surface_of_pixel<R: Number>(x: &[R]) -> PixelSurface<R> {
+    PixelSurface { base: take3(x), tint: take3(&x[3..]), roughness: x[6], reflection_dir: take3(&x[7..]) }
+}
+
+fn numbers_of_surface<R: Number>(surface: &PixelSurface<R>) -> Vec<R> {
+    let [base, tint, reflection] = [surface.base, surface.tint, surface.reflection_dir].map(Vec3::to_array);
+    join(&[&base, &tint, &[surface.roughness], &reflection])
 }
 
 fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {

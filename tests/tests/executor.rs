@@ -39,8 +39,11 @@ fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
 }
 
-fn rules(channels: Channels) -> RenderRules {
-    RenderRules { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact, sh_degree: Some(3), channels }
+/// Light looked up by Gaussians, and by pixels.
+const BOTH: [ShadingRules; 2] = [ShadingRules::PAPER, ShadingRules::DEFERRED];
+
+fn rules(shading: ShadingRules, channels: Channels) -> RenderRules {
+    RenderRules { shading, scheme: PrefilterScheme::Exact, sh_degree: Some(3), channels }
 }
 
 fn weights() -> LossWeights {
@@ -64,18 +67,19 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
-    for (seed, activation) in [(1, RadianceActivation::Identity), (2, RadianceActivation::Exponential)] {
+    for (seed, shading) in [(1, ShadingRules::PAPER), (2, ShadingRules::DEFERRED)] {
+        let activation = [RadianceActivation::Identity, RadianceActivation::Exponential][seed as usize % 2];
         let (cloud, environment) =
             (random_cloud(80, Layout::shaded(Some(3)), seed), random_environment(RESOLUTION, activation, seed));
         let camera = camera(70, 45);
         let mut exec = CpuExecutor::new();
         let light = exec.prefilter(&environment, PrefilterScheme::Exact).expect("16 is a power of two");
-        let frame =
-            render(&mut exec, &cloud, Some(&light), &camera, &rules(Channels::Training)).expect("the CPU renders");
+        let rules = rules(shading, Channels::Layers);
+        let frame = render(&mut exec, &cloud, Some(&light), &camera, &rules).expect("the CPU renders");
 
         let operator = plain::Operator::new(RESOLUTION);
         let light = prefilter::<Double>(&lift_environment(&environment), &operator);
-        let exact = plain::render(&lift_gaussians(&cloud), Some(&light), &camera, &rules(Channels::Training));
+        let exact = plain::render(&lift_gaussians(&cloud), Some(&light), &camera, &rules);
         let exact: Vec<f64> = exact.values.iter().map(|x| x.0).collect();
         println!("seed {seed}: {:.1} dB", psnr(&wide(&frame.image.values), &exact));
         assert_psnr(&wide(&frame.image.values), &exact, SAME_FRAME);
@@ -84,9 +88,13 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
 
 #[test]
 fn gradients_are_those_of_the_plain_pipeline() {
+    BOTH.into_iter().for_each(gradients_agree);
+}
+
+fn gradients_agree(shading: ShadingRules) {
     let cloud = random_cloud(40, Layout::shaded(Some(3)), 5);
     let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, 5);
-    let (camera, rules, weights) = (camera(40, 33), rules(Channels::Training), weights());
+    let (camera, rules, weights) = (camera(40, 33), rules(shading, Channels::Training), weights());
     let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     let mut exec = CpuExecutor::new();
     let light = exec.prefilter(&environment, rules.scheme).expect("16 is a power of two");
@@ -95,12 +103,23 @@ fn gradients_are_those_of_the_plain_pipeline() {
     let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
     let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
-    let (_, frame_grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
+    let is_deferred = rules.is_deferred(cloud.layout);
+    let picture = if is_deferred {
+        exec.shade_pixels(&frame, Some(&light), &camera).expect("the CPU shades")
+    } else {
+        frame.clone()
+    };
+    let (_, mut frame_grad) = exec.loss(&picture, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
+    let mut light_grad = None;
+    if is_deferred {
+        (frame_grad, light_grad) =
+            exec.shade_pixels_vjp(&frame, Some(&light), &camera, frame_grad).expect("the CPU goes back");
+    }
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera).expect("the CPU goes back");
-    let (grad, light_grad) = exec
+    let (grad, of_gaussians) = exec
         .gaussians_vjp(&cloud, &camera, &splats, Some(&light), &rules, &weights, &grads)
         .expect("the CPU goes back");
-    let light_grad = light_grad.expect("there is a light");
+    let light_grad = light_grad.or(of_gaussians).expect("there is a light");
     let environment_grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the CPU goes back");
 
     let over = |c: usize| {
@@ -138,7 +157,8 @@ fn gradients_are_those_of_the_plain_pipeline() {
 /// The executor's picture of a plain cloud and the independent renderer's, red then green then blue.
 fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
     let mut exec = CpuExecutor::new();
-    let frame = render(&mut exec, cloud, None, camera, &rules(Channels::Color)).expect("the CPU renders");
+    let frame =
+        render(&mut exec, cloud, None, camera, &rules(ShadingRules::PAPER, Channels::Color)).expect("the CPU renders");
     let passed = frame.transmittance();
     let ours = (0..3)
         .flat_map(|c| frame.image.plane(c).iter().zip(passed).map(move |(x, t)| f64::from(x + t * BACKGROUND[c])))

@@ -215,6 +215,13 @@ fn gradients_under_the_first_row_and_unnegated_residuals_are_right() {
     gaussian_gradients_are_right(&scene, &SHADED);
 }
 
+#[test]
+fn gradients_of_light_added_pixel_by_pixel_are_right() {
+    let mut scene = Scene::new(6, Layout::shaded(Some(1)), RadianceActivation::Exponential, NormalForm::Cosine);
+    scene.rules.shading = ShadingRules::DEFERRED;
+    gaussian_gradients_are_right(&scene, &SHADED);
+}
+
 /// Plain Gaussians learn nothing from normals: their gradient is of colours and coverage alone.
 #[test]
 fn gradients_of_a_plain_cloud_are_those_of_its_loss() {
@@ -244,9 +251,10 @@ fn a_kink_is_left_out() {
     assert_eq!((tally.compared, tally.rough), (0, 1), "there is no slope to compare with");
 }
 
-fn light_gradients_are_right(activation: RadianceActivation, seed: u64) {
+fn light_gradients_are_right(activation: RadianceActivation, shading: ShadingRules, seed: u64) {
     const TEXELS: usize = 40;
-    let scene = Scene::new(seed, Layout::shaded(None), activation, NormalForm::Distance);
+    let mut scene = Scene::new(seed, Layout::shaded(None), activation, NormalForm::Distance);
+    scene.rules.shading = shading;
     let operator = Operator::new(BASE);
     let (_, gradient, frozen) =
         loss_and_gradient(&scene.gaussians, Some((&scene.environment, &operator)), &scene.view());
@@ -280,12 +288,17 @@ fn light_gradients_are_right(activation: RadianceActivation, seed: u64) {
 
 #[test]
 fn gradients_of_a_light_of_plain_numbers_are_those_of_the_loss() {
-    light_gradients_are_right(RadianceActivation::Identity, 6);
+    light_gradients_are_right(RadianceActivation::Identity, ShadingRules::PAPER, 6);
 }
 
 #[test]
 fn gradients_of_a_light_of_logarithms_are_those_of_the_loss() {
-    light_gradients_are_right(RadianceActivation::Exponential, 7);
+    light_gradients_are_right(RadianceActivation::Exponential, ShadingRules::PAPER, 7);
+}
+
+#[test]
+fn gradients_of_a_light_that_pixels_look_up_are_those_of_the_loss() {
+    light_gradients_are_right(RadianceActivation::Exponential, ShadingRules::DEFERRED, 8);
 }
 
 fn random_texels(count: usize, stream: u64) -> Vec<Vec3<Double>> {

@@ -58,7 +58,7 @@ pub fn render_view<E: Executor>(
 ) -> Result<Image<Vec<f32>>, E::Error> {
     let frame = render(exec, gaussians, light, camera, rules)?;
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let channels = rules.channels.count() + 1;
+    let channels = rules.blended(gaussians.layout).count() + 1;
     let mut values = vec![0.0; channels * width * height];
     exec.read_frame(&frame, &mut values)?;
     Ok(Image { width, height, channels, values })

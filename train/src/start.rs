@@ -95,7 +95,7 @@ pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Ve
 fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Point, profile: &Profile, seed: u64) {
     let GaussianStart { tint, roughness, diffuse_share, .. } = profile.start;
     let diffuse = match profile.shading.form {
-        ShadingForm::Paper => point.color.map(|c| logit(diffuse_share * linear_from_srgb(c))),
+        ShadingForm::Paper | ShadingForm::Deferred => point.color.map(|c| logit(diffuse_share * linear_from_srgb(c))),
         ShadingForm::Official => point.color,
     };
     gaussians.set(index, DIFFUSE, diffuse);

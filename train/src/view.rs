@@ -1,6 +1,6 @@
 //! A picture and where it was taken from.
 
-use specula_core::camera::Camera;
+use specula_core::{camera::Camera, color::over};
 
 /// True normals of a view.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,11 +56,8 @@ impl View {
 
     /// The picture over a background, as three planes in \[0, 1\].
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
-        let blend = |pixel: &[u8], channel: usize| {
-            let alpha = f32::from(pixel[3]) / 255.0;
-            f32::from(pixel[channel]) / 255.0 * alpha + (1.0 - alpha) * background[channel]
-        };
-        (0..3).flat_map(|channel| self.rgba.chunks_exact(4).map(move |pixel| blend(pixel, channel))).collect()
+        let plane = |c: usize| self.rgba.chunks_exact(4).map(move |pixel| over(pixel[c], pixel[3], background[c]));
+        (0..3).flat_map(plane).collect()
     }
 }
 

@@ -1,0 +1,115 @@
+//! Shading pixel by pixel: Gaussians blend their attributes, and the light is looked up once for what a pixel shows.
+//!
+//! With w_i = α_i T_i a pixel holds the premultiplied sums A = Σ w_i, B = Σ w_i (c_d + c_r)_i, N = Σ w_i n_i,
+//! S = Σ w_i s_i and P = Σ w_i ρ_i. Its colour is A · γ(B/A + S/A ⊙ L_s(r, P/A)), r the view direction mirrored at
+//! N/|N|: the paper's shading function of a mean surface (deferred shading; Ye et al. 2024, "3D Gaussian Splatting with
+//! Deferred Reflection"). Like [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
+
+use crate::{
+    color::{srgb_from_linear, srgb_from_linear_vjp},
+    real::Real,
+    shade::{reflect, reflect_vjp},
+    vector::{Vec3, normalize_or, normalize_or_vjp},
+};
+
+/// Coverage below which a pixel counts as this well covered; a splat that is drawn covers more.
+pub const COVERAGE_MIN: f32 = 1e-3;
+
+/// What was blended into a pixel, premultiplied.
+#[derive(Clone, Copy, Debug)]
+pub struct Pixel<R> {
+    /// Diffuse and residual colour, linear.
+    pub base: Vec3<R>,
+    /// Normal.
+    pub normal: Vec3<R>,
+    /// Specular tint.
+    pub tint: Vec3<R>,
+    /// Perceptual roughness.
+    pub roughness: R,
+    /// Coverage A, 1 − transmittance.
+    pub coverage: R,
+}
+
+/// The mean surface of a pixel. Also the shape of its gradient.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelSurface<R> {
+    /// Diffuse and residual colour, linear.
+    pub base: Vec3<R>,
+    /// Specular tint.
+    pub tint: Vec3<R>,
+    /// Perceptual roughness.
+    pub roughness: R,
+    /// The view direction, mirrored at the unit normal.
+    pub reflection_dir: Vec3<R>,
+}
+
+/// The mean surface of a pixel that is seen along −`view_dir`, a unit vector to the eye. A pixel whose normals cancel
+/// is taken to face the eye.
+#[inline(always)]
+pub fn pixel_surface<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> PixelSurface<R> {
+    let per_coverage = per_coverage(pixel);
+    PixelSurface {
+        base: pixel.base * per_coverage,
+        tint: pixel.tint * per_coverage,
+        roughness: pixel.roughness * per_coverage,
+        reflection_dir: reflect(view_dir, normalize_or(pixel.normal, view_dir)),
+    }
+}
+
+/// Gradient of [`pixel_surface`] with respect to the pixel.
+#[inline(always)]
+pub fn pixel_surface_vjp<R: Real>(
+    pixel: &Pixel<R>,
+    view_dir: Vec3<R>,
+    surface: &PixelSurface<R>,
+    grad: &PixelSurface<R>,
+) -> Pixel<R> {
+    let per_coverage = per_coverage(pixel);
+    let (_, grad_unit) = reflect_vjp(view_dir, normalize_or(pixel.normal, view_dir), grad.reflection_dir);
+    let by_means = grad.base.dot(surface.base) + grad.tint.dot(surface.tint) + grad.roughness * surface.roughness;
+    let is_free = pixel.coverage.constant(COVERAGE_MIN).less(pixel.coverage);
+    Pixel {
+        base: grad.base * per_coverage,
+        normal: normalize_or_vjp(pixel.normal, grad_unit),
+        tint: grad.tint * per_coverage,
+        roughness: grad.roughness * per_coverage,
+        coverage: (-(by_means * per_coverage)).keep(is_free),
+    }
+}
+
+#[inline(always)]
+fn per_coverage<R: Real>(pixel: &Pixel<R>) -> R {
+    pixel.coverage.max(pixel.coverage.constant(COVERAGE_MIN)).recip()
+}
+
+/// The colour of a pixel under `light`, the prefiltered radiance along its reflection: sRGB-encoded, premultiplied.
+#[inline(always)]
+pub fn pixel_color<R: Real>(surface: &PixelSurface<R>, light: Vec3<R>, coverage: R) -> Vec3<R> {
+    (surface.base + surface.tint.times(light)).map(srgb_from_linear) * coverage
+}
+
+/// Gradient of [`pixel_color`]: with respect to the surface, whose reflection it does not depend on; to the light; to
+/// the coverage.
+#[inline(always)]
+pub fn pixel_color_vjp<R: Real>(
+    surface: &PixelSurface<R>,
+    light: Vec3<R>,
+    coverage: R,
+    grad: Vec3<R>,
+) -> (PixelSurface<R>, Vec3<R>, R) {
+    let linear = surface.base + surface.tint.times(light);
+    let srgb = linear.map(srgb_from_linear);
+    let grad_srgb = grad * coverage;
+    let grad_linear = Vec3 {
+        x: srgb_from_linear_vjp(linear.x, srgb.x, grad_srgb.x),
+        y: srgb_from_linear_vjp(linear.y, srgb.y, grad_srgb.y),
+        z: srgb_from_linear_vjp(linear.z, srgb.z, grad_srgb.z),
+    };
+    let grad_surface = PixelSurface {
+        base: grad_linear,
+        tint: grad_linear.times(light),
+        roughness: coverage.zero(),
+        reflection_dir: Vec3::zero(coverage),
+    };
+    (grad_surface, grad_linear.times(surface.tint), grad.dot(srgb))
+}

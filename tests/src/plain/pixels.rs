@@ -1,0 +1,95 @@
+//! Light added pixel by pixel to a blended surface.
+
+use super::{
+    light::{Light, LightGrad, look_up, look_up_vjp},
+    picture::{Frame, vector_at},
+};
+use crate::number::Number;
+use specula_core::{
+    camera::Camera,
+    pixel::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    plan::{Channels, channel},
+    vector::Vec3,
+};
+
+/// One pixel under its light.
+struct Lit<R> {
+    pixel: Pixel<R>,
+    view_dir: Vec3<R>,
+    surface: PixelSurface<R>,
+    light: Vec3<R>,
+}
+
+impl<R: Number> Lit<R> {
+    fn new(frame: &Frame<R>, index: usize, light: Option<&Light<R>>, camera: &Camera) -> Self {
+        let size = frame.pixel_count();
+        let pixel = Pixel {
+            base: vector_at(frame, channel::COLOR, index),
+            normal: vector_at(frame, channel::NORMAL, index),
+            tint: vector_at(frame, channel::TINT, index),
+            roughness: frame.values[channel::ROUGHNESS * size + index],
+            coverage: -frame.values[(frame.channels - 1) * size + index] + 1.0,
+        };
+        let center = |place: usize| R::of(place as f64 + 0.5);
+        let (x, y) = (center(index % frame.width), center(index / frame.width));
+        let view_dir = camera.lift(R::of(0.0)).view_dir(x, y);
+        let surface = pixel_surface(&pixel, view_dir);
+        let none = Vec3::zero(R::of(0.0));
+        let light = light.map_or(none, |light| look_up(light, surface.reflection_dir, surface.roughness));
+        Self { pixel, view_dir, surface, light }
+    }
+}
+
+fn put<R: Number>(frame: &mut Frame<R>, plane: usize, index: usize, v: Vec3<R>) {
+    let size = frame.pixel_count();
+    for (k, number) in v.to_array().into_iter().enumerate() {
+        frame.values[(plane + k) * size + index] = number;
+    }
+}
+
+/// The picture of a blended surface under a light.
+pub fn shade_pixels<R: Number>(surface: &Frame<R>, light: Option<&Light<R>>, camera: &Camera) -> Frame<R> {
+    let mut picture = surface.clone();
+    for index in 0..surface.pixel_count() {
+        let lit = Lit::new(surface, index, light, camera);
+        put(&mut picture, channel::COLOR, index, pixel_color(&lit.surface, lit.light, lit.pixel.coverage));
+        if surface.channels > Channels::Layers.count() {
+            put(&mut picture, channel::SPECULAR, index, lit.pixel.tint.times(lit.light));
+            put(&mut picture, channel::LIGHT, index, lit.light * lit.pixel.coverage);
+        }
+    }
+    picture
+}
+
+/// Gradient of [`shade_pixels`]: that of the picture becomes that of the surface; adds to the light's.
+pub fn shade_pixels_vjp<R: Number>(
+    surface: &Frame<R>,
+    light: Option<&Light<R>>,
+    camera: &Camera,
+    grad: &mut Frame<R>,
+    mut light_grad: Option<&mut LightGrad<R>>,
+) {
+    let size = surface.pixel_count();
+    for index in 0..size {
+        let lit = Lit::new(surface, index, light, camera);
+        let grad_color = vector_at(grad, channel::COLOR, index);
+        let (mut grad_surface, grad_light, grad_coverage) =
+            pixel_color_vjp(&lit.surface, lit.light, lit.pixel.coverage, grad_color);
+        if let (Some(light), Some(light_grad)) = (light, light_grad.as_deref_mut()) {
+            let (direction, roughness) =
+                look_up_vjp(light, lit.surface.reflection_dir, lit.surface.roughness, grad_light, light_grad);
+            grad_surface.reflection_dir = direction;
+            grad_surface.roughness = roughness;
+        }
+        let own = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
+        put(grad, channel::COLOR, index, own.base);
+        for (plane, own) in [(channel::NORMAL, own.normal), (channel::TINT, own.tint)] {
+            let sum = vector_at(grad, plane, index) + own;
+            put(grad, plane, index, sum);
+        }
+        let roughness = &mut grad.values[channel::ROUGHNESS * size + index];
+        *roughness = *roughness + own.roughness;
+        let passed = &mut grad.values[(surface.channels - 1) * size + index];
+        *passed = *passed - own.coverage - grad_coverage;
+    }
+}
