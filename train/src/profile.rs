@@ -263,6 +263,7 @@ fn specula(iterations: u32) -> Profile {
     let paper = paper(iterations);
     Profile {
         name: "specula",
+        shading: ShadingRules::DEFERRED,
         light: Some(LightStart {
             resolution: 64,
             activation: RadianceActivation::Exponential,
@@ -273,7 +274,7 @@ fn specula(iterations: u32) -> Profile {
         weights: LossWeights {
             absolute: 0.8,
             dssim: 0.2,
-            normal: 0.05,
+            normal: 0.15,
             normal_form: NormalForm::Cosine,
             coverage: 0.1,
             residual: 1e-3,
@@ -283,10 +284,12 @@ fn specula(iterations: u32) -> Profile {
         harmonics_from: 0.3,
         harmonics_step: 0.05,
         rates: Rates {
-            diffuse: falling(2e-2),
+            log_scale: falling(1e-2),
+            quat: falling(4e-3),
+            diffuse: falling(1e-2),
             tint: falling(2e-2),
             roughness: falling(2e-2),
-            normal_residual: [falling(2e-3); 2],
+            normal_residual: [falling(2e-2); 2],
             environment: falling(2e-2),
             ..paper.rates
         },
