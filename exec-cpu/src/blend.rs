@@ -1,4 +1,4 @@
-//! Tiles to a picture and back, a row of sixteen pixels at a time.
+//! Tiles to a picture and back, a quad of four by four pixels at a time: most splats are small and round.
 
 use crate::{
     bin::Tiles,
@@ -14,11 +14,15 @@ use specula_core::{
     camera::Camera,
     project::SplatGrad,
     real::Real,
-    scene::Image,
+    scene::{BLOCK, Image},
 };
 
-/// Pixels along an edge of a tile, which is also the number of lanes.
+/// Pixels along an edge of a tile.
 const SIZE: usize = TILE_SIZE as usize;
+/// Pixels along an edge of a quad, which has a pixel for each lane.
+const QUAD: usize = 4;
+/// Quads along an edge of a tile.
+const QUADS: usize = SIZE / QUAD;
 /// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended.
 const SPLATS_AT_ONCE: usize = 16;
 
@@ -64,16 +68,22 @@ impl SplatGrads {
     }
 }
 
-/// Sixteen pixels of a tile.
+/// Four by four pixels of a tile, row by row.
 #[derive(Clone, Copy)]
-struct TileRow<const C: usize> {
-    channels: [[f32; SIZE]; C],
+struct Quad<const C: usize> {
+    channels: [[f32; BLOCK]; C],
     /// Transmittance; in a gradient, that of the transmittance.
-    last: [f32; SIZE],
+    last: [f32; BLOCK],
 }
 
-/// The pixels of one tile.
-type TilePixels<const C: usize> = [TileRow<C>; SIZE];
+impl<const C: usize> Quad<C> {
+    fn new(transmittance: f32) -> Self {
+        Self { channels: [[0.0; BLOCK]; C], last: [transmittance; BLOCK] }
+    }
+}
+
+/// The pixels of one tile, quads in the order of rows.
+type TilePixels<const C: usize> = [Quad<C>; QUADS * QUADS];
 
 /// Calls a function that is generic over the number of channels.
 macro_rules! with_channels {
@@ -104,7 +114,7 @@ fn blend_channels<const C: usize>(
     bands(&mut values, width * height, SIZE * width).into_par_iter().enumerate().for_each(|(row, mut band)| {
         let blend_one = |column: usize| {
             let list = &tiles.gaussians[tiles.of(row * columns + column)];
-            let mut pixels = Box::new([TileRow::<C> { channels: [[0.0; SIZE]; C], last: [1.0; SIZE] }; SIZE]);
+            let mut pixels = Box::new([Quad::<C>::new(1.0); QUADS * QUADS]);
             let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
             dispatch!(level, simd => blend_tile(simd, &splats.records, &colors.values, list, origin, &mut pixels));
             pixels
@@ -130,12 +140,13 @@ fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usiz
     let start = column * SIZE;
     let len = SIZE.min(width - start);
     for (channel, rows) in band.iter_mut().enumerate() {
-        for (row, pixels) in rows.chunks_exact_mut(width).zip(pixels) {
-            let to = &mut row[start..start + len];
-            if channel < C {
-                to.copy_from_slice(&pixels.channels[channel][..len]);
-            } else {
-                to.iter_mut().zip(&pixels.last).for_each(|(to, transmittance)| *to = transmittance.abs());
+        for (y, row) in rows.chunks_exact_mut(width).enumerate() {
+            for (column, to) in row[start..start + len].chunks_mut(QUAD).enumerate() {
+                let quad = &pixels[y / QUAD * QUADS + column];
+                let from = if channel < C { &quad.channels[channel] } else { &quad.last };
+                let from = &from[y % QUAD * QUAD..];
+                // An ended pixel keeps its transmittance with a minus sign; channels keep theirs.
+                to.iter_mut().zip(from).for_each(|(to, x)| *to = if channel < C { *x } else { x.abs() });
             }
         }
     }
@@ -143,7 +154,7 @@ fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usiz
 
 /// The pixels of a tile from a picture's planes; what lies outside the picture is zero.
 fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_row: usize) -> Box<TilePixels<C>> {
-    let mut pixels = Box::new([TileRow::<C> { channels: [[0.0; SIZE]; C], last: [0.0; SIZE] }; SIZE]);
+    let mut pixels = Box::new([Quad::<C>::new(0.0); QUADS * QUADS]);
     let start = tile_column * SIZE;
     let len = SIZE.min(image.width - start);
     let rows = SIZE.min(image.height - tile_row * SIZE);
@@ -151,25 +162,51 @@ fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_r
         let plane = image.plane(channel);
         for row in 0..rows {
             let from = (tile_row * SIZE + row) * image.width + start;
-            let to = if channel < C { &mut pixels[row].channels[channel] } else { &mut pixels[row].last };
-            to[..len].copy_from_slice(&plane[from..from + len]);
+            for (column, from) in plane[from..from + len].chunks(QUAD).enumerate() {
+                let quad = &mut pixels[row / QUAD * QUADS + column];
+                let to = if channel < C { &mut quad.channels[channel] } else { &mut quad.last };
+                to[row % QUAD * QUAD..][..from.len()].copy_from_slice(from);
+            }
         }
     }
     pixels
 }
 
-/// A splat as the rows of a tile see it.
+/// A splat as the quads of a tile see it.
 struct Stamped<S: Simd> {
     stamp: Stamp<f32>,
     lanes: Stamp<Lanes<S>>,
-    dx: Lanes<S>,
-    first_dy: f32,
-    rows: core::ops::Range<usize>,
+    /// From the splat's centre to the pixels of the tile's first quad.
+    offset: [Lanes<S>; 2],
+    /// Columns and rows of quads that it may touch.
+    quads: [core::ops::Range<usize>; 2],
+}
+
+impl<S: Simd> Stamped<S> {
+    /// The quads that the splat may touch, each with the offsets of its pixels.
+    #[inline(always)]
+    fn for_each_quad(&self, mut visit: impl FnMut(usize, [Lanes<S>; 2])) {
+        for row in self.quads[1].clone() {
+            let dy = self.offset[1] + (QUAD * row) as f32;
+            for column in self.quads[0].clone() {
+                visit(row * QUADS + column, [self.offset[0] + (QUAD * column) as f32, dy]);
+            }
+        }
+    }
+}
+
+/// Quads that reach into an interval, measured in pixels from the tile's edge.
+#[inline(always)]
+fn quads_between(from: f32, to: f32) -> core::ops::Range<usize> {
+    let first = (from - 0.5).ceil().clamp(0.0, SIZE as f32);
+    let end = ((to - 0.5).floor() + 1.0).clamp(first, SIZE as f32);
+    if first < end { first as usize / QUAD..(end as usize).div_ceil(QUAD) } else { 0..0 }
 }
 
 #[inline(always)]
 fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamped<S> {
-    const CENTERS: [f32; SIZE] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
+    const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+    const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
     let stamp = stamp(record.mean2d, record.root_conic, record.opacity);
     let splat = |value: f32| Lanes::splat(simd, value);
     let lanes = Stamp {
@@ -177,15 +214,16 @@ fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> St
         root: [splat(stamp.root[0]), splat(stamp.root[1]), splat(stamp.root[2])],
         log2_opacity: splat(stamp.log2_opacity),
     };
-    let from_top = record.mean2d[1] - origin[1];
-    let first = (from_top - record.half_extent[1] - 0.5).ceil().clamp(0.0, SIZE as f32);
-    let end = ((from_top + record.half_extent[1] - 0.5).floor() + 1.0).clamp(first, SIZE as f32);
+    let center = [record.mean2d[0] - origin[0], record.mean2d[1] - origin[1]];
+    let half = record.half_extent;
     Stamped {
         stamp,
         lanes,
-        dx: Lanes::from_array(simd, CENTERS) + (origin[0] - record.mean2d[0]),
-        first_dy: 0.5 - from_top,
-        rows: first as usize..end as usize,
+        offset: [Lanes::from_array(simd, X) - center[0], Lanes::from_array(simd, Y) - center[1]],
+        quads: [
+            quads_between(center[0] - half[0], center[0] + half[0]),
+            quads_between(center[1] - half[1], center[1] + half[1]),
+        ],
     }
 }
 
@@ -199,7 +237,7 @@ fn blend_tile<S: Simd, const C: usize>(
     pixels: &mut TilePixels<C>,
 ) {
     for list in list.chunks(SPLATS_AT_ONCE) {
-        if !pixels.iter().any(|row| Lanes::load(simd, &row.last).any_positive()) {
+        if !pixels.iter().any(|quad| Lanes::load(simd, &quad.last).any_positive()) {
             break;
         }
         let near = Near::<C>::new(records, colors, list);
@@ -219,23 +257,21 @@ fn blend_splat<S: Simd, const C: usize>(
 ) {
     let splat = stamp_on_tile(simd, record, origin);
     let color = color_lanes(simd, color);
-    let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
-    for row in &mut pixels[splat.rows.clone()] {
-        let dy = next_dy;
-        next_dy = next_dy + 1.0;
-        let strength = falloff(&splat.lanes, splat.dx, dy).strength;
-        let transmittance = Lanes::load(simd, &row.last);
+    splat.for_each_quad(|index, [dx, dy]| {
+        let quad = &mut pixels[index];
+        let strength = falloff(&splat.lanes, dx, dy).strength;
+        let transmittance = Lanes::load(simd, &quad.last);
         let alpha = alpha(strength, transmittance);
         if !alpha.any_positive() {
-            continue;
+            return;
         }
         let step = step(alpha, transmittance);
-        step.transmittance.store(&mut row.last);
+        step.transmittance.store(&mut quad.last);
         for c in 0..C {
-            let pixel = &mut row.channels[c];
+            let pixel = &mut quad.channels[c];
             step.weight.mul_add(color[c], Lanes::load(simd, pixel)).store(pixel);
         }
-    }
+    });
 }
 
 /// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
@@ -324,7 +360,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
 ) {
     let mut replays = replays_at_start(simd, frame, grad);
     for (list, out) in list.chunks(SPLATS_AT_ONCE).zip(out.chunks_mut(SPLATS_AT_ONCE * (GEOMETRY + C))) {
-        if !replays.iter().any(|row| Lanes::load(simd, &row.transmittance).any_positive()) {
+        if !replays.iter().any(|quad| Lanes::load(simd, &quad.transmittance).any_positive()) {
             break;
         }
         let near = Near::<C>::new(records, colors, list);
@@ -334,7 +370,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     }
 }
 
-/// Replays one splat over the rows of a tile and writes its gradient.
+/// Replays one splat over the quads of a tile and writes its gradient.
 #[inline(always)]
 fn splat_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -342,7 +378,7 @@ fn splat_vjp<S: Simd, const C: usize>(
     color: &[f32; C],
     origin: [f32; 2],
     grad: &TilePixels<C>,
-    replays: &mut [ReplayRow; SIZE],
+    replays: &mut [ReplayQuad; QUADS * QUADS],
     out: &mut [f32],
 ) {
     let splat = stamp_on_tile(simd, record, origin);
@@ -350,34 +386,32 @@ fn splat_vjp<S: Simd, const C: usize>(
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
     let mut grad_color = [zero; C];
-    let mut next_dy = Lanes::splat(simd, splat.first_dy + splat.rows.start as f32);
-    for (row, pixels) in replays[splat.rows.clone()].iter_mut().zip(&grad[splat.rows.clone()]) {
-        let dy = next_dy;
-        next_dy = next_dy + 1.0;
-        let falloff = falloff(&splat.lanes, splat.dx, dy);
-        let before = Lanes::load(simd, &row.transmittance);
+    splat.for_each_quad(|index, [dx, dy]| {
+        let (quad, pixels) = (&mut replays[index], &grad[index]);
+        let falloff = falloff(&splat.lanes, dx, dy);
+        let before = Lanes::load(simd, &quad.transmittance);
         if !alpha(falloff.strength, before).any_positive() {
-            continue;
+            return;
         }
         let mut along = zero;
         for c in 0..C {
             along = color[c].mul_add(Lanes::load(simd, &pixels.channels[c]), along);
         }
-        let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &row.remaining) };
+        let replay = Replay { transmittance: before, remaining: Lanes::load(simd, &quad.remaining) };
         let (h, step, replay) = step_vjp(falloff.strength, replay, along);
-        replay.transmittance.store(&mut row.transmittance);
-        replay.remaining.store(&mut row.remaining);
+        replay.transmittance.store(&mut quad.transmittance);
+        replay.remaining.store(&mut quad.remaining);
 
         let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
         moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
-        moments.root[0] = hu.mul_add(splat.dx, moments.root[0]);
-        moments.root[1] = hw.mul_add(splat.dx, moments.root[1]);
+        moments.root[0] = hu.mul_add(dx, moments.root[0]);
+        moments.root[1] = hw.mul_add(dx, moments.root[1]);
         moments.root[2] = hw.mul_add(dy, moments.root[2]);
         moments.strength = moments.strength + h;
         for c in 0..C {
             grad_color[c] = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), grad_color[c]);
         }
-    }
+    });
     let moments = Moments {
         offset: [moments.offset[0].sum(), moments.offset[1].sum()],
         root: [moments.root[0].sum(), moments.root[1].sum(), moments.root[2].sum()],
@@ -406,11 +440,11 @@ fn write_geometry(grad: &SplatGrad<f32>, out: &mut [f32]) {
     out[5] = grad.opacity;
 }
 
-/// What sixteen pixels know while their splats are replayed.
+/// What the pixels of a quad know while their splats are replayed.
 #[derive(Clone, Copy)]
-struct ReplayRow {
-    transmittance: [f32; SIZE],
-    remaining: [f32; SIZE],
+struct ReplayQuad {
+    transmittance: [f32; BLOCK],
+    remaining: [f32; BLOCK],
 }
 
 /// Pixels before their first splat: Σ g · C + g_T · T is what [`Replay::remaining`] starts with.
@@ -419,8 +453,8 @@ fn replays_at_start<S: Simd, const C: usize>(
     simd: S,
     frame: &TilePixels<C>,
     grad: &TilePixels<C>,
-) -> [ReplayRow; SIZE] {
-    let mut replays = [ReplayRow { transmittance: [1.0; SIZE], remaining: [0.0; SIZE] }; SIZE];
+) -> [ReplayQuad; QUADS * QUADS] {
+    let mut replays = [ReplayQuad { transmittance: [1.0; BLOCK], remaining: [0.0; BLOCK] }; QUADS * QUADS];
     for ((replay, frame), grad) in replays.iter_mut().zip(frame).zip(grad) {
         let mut sum = Lanes::load(simd, &frame.last) * Lanes::load(simd, &grad.last);
         for c in 0..C {
