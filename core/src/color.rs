@@ -1,6 +1,6 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
 
-use crate::real::Real;
+use crate::{real::Real, vector::Vec3};
 
 /// Linear values up to this one are encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
@@ -23,6 +23,16 @@ pub fn srgb_from_linear_vjp<R: Real>(linear: R, srgb: R, grad: R) -> R {
     let is_curved = linear.constant(LINEAR_LIMIT).less(linear);
     let slope = (srgb + OFFSET) * POWER / linear.max(linear.constant(LINEAR_LIMIT));
     grad * R::select(is_curved, slope, linear.constant(LINEAR_SLOPE))
+}
+
+/// Gradient of [`srgb_from_linear`] for a colour, from argument and value.
+#[inline(always)]
+pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
+    Vec3 {
+        x: srgb_from_linear_vjp(linear.x, srgb.x, grad.x),
+        y: srgb_from_linear_vjp(linear.y, srgb.y, grad.y),
+        z: srgb_from_linear_vjp(linear.z, srgb.z, grad.z),
+    }
 }
 
 /// Linear radiance of an sRGB value, the inverse of [`srgb_from_linear`], for hosts.

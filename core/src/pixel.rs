@@ -6,7 +6,7 @@
 //! Deferred Reflection"). Like [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
 
 use crate::{
-    color::{srgb_from_linear, srgb_from_linear_vjp},
+    color::{srgb_color_vjp, srgb_from_linear},
     real::Real,
     shade::{reflect, reflect_vjp},
     vector::{Vec3, normalize_or, normalize_or_vjp},
@@ -99,12 +99,7 @@ pub fn pixel_color_vjp<R: Real>(
 ) -> (PixelSurface<R>, Vec3<R>, R) {
     let linear = surface.base + surface.tint.times(light);
     let srgb = linear.map(srgb_from_linear);
-    let grad_srgb = grad * coverage;
-    let grad_linear = Vec3 {
-        x: srgb_from_linear_vjp(linear.x, srgb.x, grad_srgb.x),
-        y: srgb_from_linear_vjp(linear.y, srgb.y, grad_srgb.y),
-        z: srgb_from_linear_vjp(linear.z, srgb.z, grad_srgb.z),
-    };
+    let grad_linear = srgb_color_vjp(linear, srgb, grad * coverage);
     let grad_surface = PixelSurface {
         base: grad_linear,
         tint: grad_linear.times(light),

@@ -6,7 +6,7 @@
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
-    color::{srgb_from_linear, srgb_from_linear_vjp},
+    color::{srgb_color_vjp, srgb_from_linear},
     covariance::{Quat, rotation, rotation_vjp},
     normal::{AxisRule, Facing, axis, axis_vjp, facing, facing_vjp},
     real::Real,
@@ -227,11 +227,7 @@ pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) ->
     match form {
         ShadingForm::Paper => {
             let linear = terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual;
-            let grad_linear = Vec3 {
-                x: srgb_from_linear_vjp(linear.x, srgb_from_linear(linear.x), grad.x),
-                y: srgb_from_linear_vjp(linear.y, srgb_from_linear(linear.y), grad.y),
-                z: srgb_from_linear_vjp(linear.z, srgb_from_linear(linear.z), grad.z),
-            };
+            let grad_linear = srgb_color_vjp(linear, linear.map(srgb_from_linear), grad);
             Terms {
                 diffuse: grad_linear,
                 tint: grad_linear.times(terms.specular_light),

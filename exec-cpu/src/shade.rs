@@ -243,8 +243,8 @@ fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
     }
 }
 
-/// Parts into which Gaussians or pixels are divided while they add to the light's gradient: as many as keep the sum's order
-/// the same on any number of threads.
+/// Parts into which Gaussians or pixels are divided while they add to the light's gradient. The number is fixed, so the
+/// sum's order is the same on any number of threads.
 pub(crate) const LIGHT_PARTS: usize = 8;
 
 pub(crate) fn gaussians_vjp(
