@@ -174,6 +174,9 @@ pub(crate) struct Losses {
     /// Share of the run after which the loss on normals begins.
     #[arg(long, alias = "normal_from", value_name = "0..1", value_parser = share)]
     pub(crate) normal_from: Option<f32>,
+    /// Share of its weight that the loss on normals has at the end; it falls over the second half of the run.
+    #[arg(long, alias = "normal_last", value_name = "0..1", value_parser = share)]
+    pub(crate) normal_last: Option<f32>,
     /// Share of the run after which the residual colour is fitted.
     #[arg(long, alias = "residual_from", value_name = "0..1", value_parser = share)]
     pub(crate) residual_from: Option<f32>,

@@ -80,6 +80,7 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     put(if is_official { &mut weights.residual_image } else { &mut weights.residual }, args.lambda_reg);
     put(&mut weights.coverage, args.lambda_coverage);
     put(&mut profile.normal_from, args.normal_from);
+    put(&mut profile.normal_last, args.normal_last);
     put(&mut profile.harmonics_from, args.residual_from);
 }
 

@@ -106,6 +106,8 @@ pub struct Profile {
     pub coarse_until: f32,
     /// Share of the run after which the normal loss begins.
     pub normal_from: f32,
+    /// What is left of the normal loss's weight at the end of the run; over the second half it falls in a straight line.
+    pub normal_last: f32,
     /// Share of the run after which the residual harmonics begin; bands follow one by one.
     pub harmonics_from: f32,
     /// Share of the run between two bands of the harmonics.
@@ -156,6 +158,7 @@ fn plain(iterations: u32) -> Profile {
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
         coarse_until: 0.25,
         normal_from: 0.0,
+        normal_last: 1.0,
         harmonics_from: 0.0,
         harmonics_step: 1000.0 / 30_000.0,
         rates: Rates {
@@ -274,13 +277,15 @@ fn specula(iterations: u32) -> Profile {
         weights: LossWeights {
             absolute: 0.8,
             dssim: 0.2,
-            normal: 0.15,
+            normal: 0.1,
             normal_form: NormalForm::Cosine,
             coverage: 0.1,
+            sparse: 1e-4,
             residual: 1e-3,
             ..NO_LOSS
         },
         normal_from: 0.05,
+        normal_last: 0.1,
         harmonics_from: 0.3,
         harmonics_step: 0.05,
         rates: Rates {
@@ -311,6 +316,14 @@ pub struct Ablation {
 }
 
 impl Profile {
+    /// What is minimised when this share of the run is done. The loss on normals begins late and ends low: first there
+    /// must be surfaces, and last the colours say where they are to the pixel.
+    pub fn weights_at(&self, done: f32) -> LossWeights {
+        let fallen = (2.0 * done - 1.0).clamp(0.0, 1.0);
+        let share = if done < self.normal_from { 0.0 } else { 1.0 - fallen * (1.0 - self.normal_last) };
+        LossWeights { normal: share * self.weights.normal, ..self.weights }
+    }
+
     /// The profile without what the ablation names.
     pub fn without(mut self, ablation: Ablation) -> Self {
         if ablation.no_sparse {
@@ -329,5 +342,26 @@ impl Profile {
             self.weights.residual_image = 0.0;
         }
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_loss_on_normals_begins_late_and_ends_low() {
+        let profile = Profile { normal_from: 0.1, normal_last: 0.25, ..by_name("specula", 1000).expect("a profile") };
+        let share = |done: f32| profile.weights_at(done).normal / profile.weights.normal;
+        assert_eq!([0.0, 0.09, 0.1, 0.5, 0.75, 1.0].map(share), [0.0, 0.0, 1.0, 1.0, 0.625, 0.25]);
+        assert_eq!(profile.weights_at(0.0).coverage, profile.weights.coverage);
+    }
+
+    #[test]
+    fn every_name_has_its_profile() {
+        for name in NAMES {
+            assert_eq!(by_name(name, 7000).map(|profile| profile.name), Some(name));
+        }
+        assert!(by_name("another", 7000).is_none());
     }
 }

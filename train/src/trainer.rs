@@ -10,7 +10,6 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
-    loss::LossWeights,
     metrics::psnr,
     pipeline::{Fit, Step, StepReport, train_step},
     plan::Channels,
@@ -112,9 +111,9 @@ impl<E: Executor> Trainer<E> {
         self.iteration += 1;
         let view = self.next_view();
         let rules = self.rules_at(self.iteration, Channels::Training);
-        let weights = self.weights_at(self.iteration);
+        let weights = self.settings.profile.weights_at(self.done(self.iteration));
         let profile = &self.settings.profile;
-        let is_coarse = (self.iteration as f32) < profile.coarse_until * self.settings.iterations as f32;
+        let is_coarse = self.done(self.iteration) < profile.coarse_until;
         let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
         let (camera, target) = &pictures[view];
         let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.iteration);
@@ -162,7 +161,7 @@ impl<E: Executor> Trainer<E> {
     /// How the scene is rendered at an iteration: harmonics come in band by band.
     pub fn rules_at(&self, iteration: u32, channels: Channels) -> RenderRules {
         let profile = &self.settings.profile;
-        let done = iteration as f32 / self.settings.iterations.max(1) as f32;
+        let done = self.done(iteration);
         let is_plain = !profile.layout.is_shaded();
         let bands = if done < profile.harmonics_from {
             None
@@ -180,13 +179,9 @@ impl<E: Executor> Trainer<E> {
         }
     }
 
-    fn weights_at(&self, iteration: u32) -> LossWeights {
-        let profile = &self.settings.profile;
-        let mut weights = profile.weights;
-        if (iteration as f32) < profile.normal_from * self.settings.iterations as f32 {
-            weights.normal = 0.0;
-        }
-        weights
+    /// The share of the run that lies behind an iteration.
+    fn done(&self, iteration: u32) -> f32 {
+        iteration as f32 / self.settings.iterations.max(1) as f32
     }
 
     fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
