@@ -1,6 +1,6 @@
 //! One group for each stage, on the torus; throughput in what the stage works on.
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use specula_benches::{camera, environment, torus};
 use specula_core::{
     executor::{Executor, Moments, RenderRules},
@@ -9,6 +9,10 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_train::profile::{Profile, by_name};
+
+/// The program's allocator, so that the times are those of the program.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const GAUSSIANS: usize = 100_000;
 const SIZE: u32 = 400;
@@ -39,7 +43,18 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
     let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let grey = vec![128; (SIZE * SIZE * 4) as usize];
     let target = exec.target(SIZE as usize, SIZE as usize, &grey).expect("the bytes fit");
-    let (_, frame_grad) = exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]).expect("sizes agree");
+    let is_deferred = rules.is_deferred(cloud.layout);
+    let picture = if is_deferred {
+        exec.shade_pixels(&frame, light.as_ref(), &camera).expect("the CPU shades pixels")
+    } else {
+        frame.clone()
+    };
+    let (_, picture_grad) = exec.loss(&picture, &target, &camera, &profile.weights, [1.0; 3]).expect("sizes agree");
+    let (frame_grad, of_pixels) = if is_deferred {
+        exec.shade_pixels_vjp(&frame, light.as_ref(), &camera, picture_grad.clone()).expect("the CPU goes back")
+    } else {
+        (picture_grad.clone(), None)
+    };
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera).expect("the CPU goes back");
     let mut moments = Moments { mean: vec![0.0; cloud.values.len()], square: vec![0.0; cloud.values.len()] };
     let rates = vec![0.0; cloud.layout.plane_count()];
@@ -55,20 +70,32 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
             group.finish();
         };
     }
-    if let Some(light) = &light {
-        let (_, light_grad) = exec
-            .gaussians_vjp(&cloud, &camera, &splats, Some(light), &rules, &profile.weights, &grads)
-            .expect("the CPU goes back");
-        let light_grad = light_grad.expect("there is a light");
+    let (grad, of_gaussians) = exec
+        .gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
+        .expect("the CPU goes back");
+    if let (Some(light), Some(light_grad)) = (&light, &of_pixels.or(of_gaussians)) {
         let texels = Throughput::Elements(6 * 64 * 64);
         group!("prefilter", texels.clone(), exec.prefilter(&light_source, profile.scheme));
-        group!("prefilter_vjp", texels, exec.prefilter_vjp(&light_source, light, &light_grad));
+        group!("prefilter_vjp", texels, exec.prefilter_vjp(&light_source, light, light_grad));
     }
     group!("project", gaussians.clone(), exec.project(&cloud, &camera));
     group!("shade", gaussians.clone(), exec.shade(&cloud, &camera, &splats, light.as_ref(), &rules));
     group!("bin", gaussians.clone(), exec.bin(&splats, &camera));
     group!("blend", intersections.clone(), exec.blend(&splats, &colors, &tiles, &camera));
-    group!("loss", pixels.clone(), exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]));
+    if is_deferred {
+        group!("shade_pixels", pixels.clone(), exec.shade_pixels(&frame, light.as_ref(), &camera));
+        let mut group = criterion.benchmark_group("shade_pixels_vjp");
+        group.sample_size(20).throughput(pixels.clone());
+        group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
+            bench.iter_batched(
+                || picture_grad.clone(),
+                |grad| exec.shade_pixels_vjp(&frame, light.as_ref(), &camera, grad),
+                BatchSize::LargeInput,
+            );
+        });
+        group.finish();
+    }
+    group!("loss", pixels.clone(), exec.loss(&picture, &target, &camera, &profile.weights, [1.0; 3]));
     group!("blend_vjp", intersections, exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera));
     group!(
         "gaussians_vjp",
@@ -76,9 +103,6 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
         exec.gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
     );
     group!("frame", pixels, render(&mut exec, &cloud, light.as_ref(), &camera, &rules));
-    let (grad, _) = exec
-        .gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
-        .expect("the CPU goes back");
     group!("optimise", gaussians, exec.optimise(&mut cloud, &mut moments, &grad, &rates, 1));
 }
 
