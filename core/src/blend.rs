@@ -11,6 +11,8 @@ pub const MAX_ALPHA: f32 = 0.99;
 /// (1 − MAX_ALPHA)²: two opaque splats end a pixel.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
+/// Less than log₂ of [`ALPHA_MIN`], −7.9943, by more than rounding can make out.
+const LOG2_ALPHA_MARGIN: f32 = -8.0;
 /// √(½ log₂ e): scales the root of the conic so that the falloff is a power of two.
 const ROOT_SCALE: f32 = 0.849_321_8;
 
@@ -25,11 +27,11 @@ pub struct Stamp<R> {
     pub log2_opacity: R,
 }
 
-/// The stamp of a splat with this centre, root of the conic and opacity.
+/// The stamp of a splat with this centre, root of the conic and logarithm of the opacity to base two.
 #[inline(always)]
-pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], opacity: R) -> Stamp<R> {
+pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], log2_opacity: R) -> Stamp<R> {
     let [xx, yx, yy] = root_conic;
-    Stamp { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity: opacity.log2() }
+    Stamp { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity }
 }
 
 /// A splat at one pixel.
@@ -49,6 +51,24 @@ pub fn falloff<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> Falloff<R> {
     let w = yx.mul_add(dx, yy * dy);
     let power = (-w).mul_add(w, (-u).mul_add(u, stamp.log2_opacity));
     Falloff { offset: [u, w], strength: power.exp2() }
+}
+
+/// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
+/// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
+#[inline(always)]
+pub fn may_be_seen<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
+    let [xx, yx, yy] = stamp.root;
+    let slant = [yx * dx[0], yx * dx[1]];
+    let u = distance_to_zero(xx * dx[0], xx * dx[1]);
+    let w = distance_to_zero(yy.mul_add(dy[0], slant[0].min(slant[1])), yy.mul_add(dy[1], slant[0].max(slant[1])));
+    let power = (-w).mul_add(w, (-u).mul_add(u, stamp.log2_opacity));
+    power.constant(LOG2_ALPHA_MARGIN).less_or_equal(power)
+}
+
+/// Smallest |x| between two numbers.
+#[inline(always)]
+fn distance_to_zero<R: Real>(low: R, high: R) -> R {
+    low.max(-high).max(low.zero())
 }
 
 /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255 and in a finished pixel.

@@ -44,9 +44,8 @@ pub fn linear_from_srgb(srgb: f32) -> f32 {
     }
 }
 
-/// An 8-bit sRGB value of straight alpha over a background, in \[0, 1\].
+/// A value of straight alpha over a background, all in \[0, 1\].
 #[inline(always)]
-pub fn over(value: u8, alpha: u8, background: f32) -> f32 {
-    let alpha = f32::from(alpha) / 255.0;
-    f32::from(value) / 255.0 * alpha + (1.0 - alpha) * background
+pub fn over<R: Real>(value: R, alpha: R, background: R) -> R {
+    value * alpha + (-alpha + 1.0) * background
 }

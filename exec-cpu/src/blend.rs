@@ -2,7 +2,7 @@
 
 use crate::{
     bin::Tiles,
-    lanes::Lanes,
+    lanes::{Lanes, sum_each},
     project::{SplatRecord, Splats},
     shade::Colors,
 };
@@ -10,7 +10,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{Moments, Replay, Stamp, alpha, falloff, moments_vjp, stamp, step, step_vjp},
+    blend::{Moments, Replay, Stamp, alpha, falloff, may_be_seen, moments_vjp, stamp, step, step_vjp},
     camera::Camera,
     project::SplatGrad,
     real::Real,
@@ -85,6 +85,15 @@ impl<const C: usize> Quad<C> {
 /// The pixels of one tile, quads in the order of rows.
 type TilePixels<const C: usize> = [Quad<C>; QUADS * QUADS];
 
+/// What a tile is blended into, out of the stack.
+fn empty_tile<const C: usize>() -> Box<TilePixels<C>> {
+    let quads = vec![Quad::new(1.0); QUADS * QUADS].into_boxed_slice();
+    quads.try_into().unwrap_or_else(|_| unreachable!("there are as many"))
+}
+
+/// The most channels that a splat can have.
+const CHANNELS_MAX: usize = 24;
+
 /// Calls a function that is generic over the number of channels.
 macro_rules! with_channels {
     ($count:expr, $function:ident($($argument:expr),*)) => {
@@ -92,7 +101,7 @@ macro_rules! with_channels {
             3 => $function::<3>($($argument),*),
             8 => $function::<8>($($argument),*),
             12 => $function::<12>($($argument),*),
-            _ => $function::<24>($($argument),*),
+            _ => $function::<CHANNELS_MAX>($($argument),*),
         }
     };
 }
@@ -114,7 +123,7 @@ fn blend_channels<const C: usize>(
     bands(&mut values, width * height, SIZE * width).into_par_iter().enumerate().for_each(|(row, mut band)| {
         let blend_one = |column: usize| {
             let list = &tiles.gaussians[tiles.of(row * columns + column)];
-            let mut pixels = Box::new([Quad::<C>::new(1.0); QUADS * QUADS]);
+            let mut pixels = empty_tile::<C>();
             let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
             dispatch!(level, simd => blend_tile(simd, &splats.records, &colors.values, list, origin, &mut pixels));
             pixels
@@ -152,9 +161,8 @@ fn write_tile<const C: usize>(pixels: &TilePixels<C>, column: usize, width: usiz
     }
 }
 
-/// The pixels of a tile from a picture's planes; what lies outside the picture is zero.
-fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_row: usize) -> Box<TilePixels<C>> {
-    let mut pixels = Box::new([Quad::<C>::new(0.0); QUADS * QUADS]);
+/// The pixels of a tile from a picture's planes; what lies outside the picture stays as it is.
+fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_row: usize, pixels: &mut TilePixels<C>) {
     let start = tile_column * SIZE;
     let len = SIZE.min(image.width - start);
     let rows = SIZE.min(image.height - tile_row * SIZE);
@@ -169,7 +177,6 @@ fn read_tile<const C: usize>(image: &Image<Vec<f32>>, tile_column: usize, tile_r
             }
         }
     }
-    pixels
 }
 
 /// A splat as the quads of a tile see it.
@@ -178,36 +185,33 @@ struct Stamped<S: Simd> {
     lanes: Stamp<Lanes<S>>,
     /// From the splat's centre to the pixels of the tile's first quad.
     offset: [Lanes<S>; 2],
-    /// Columns and rows of quads that it may touch.
-    quads: [core::ops::Range<usize>; 2],
+    /// A bit for each quad that the splat may touch.
+    quads: u64,
 }
 
 impl<S: Simd> Stamped<S> {
     /// The quads that the splat may touch, each with the offsets of its pixels.
     #[inline(always)]
     fn for_each_quad(&self, mut visit: impl FnMut(usize, [Lanes<S>; 2])) {
-        for row in self.quads[1].clone() {
-            let dy = self.offset[1] + (QUAD * row) as f32;
-            for column in self.quads[0].clone() {
-                visit(row * QUADS + column, [self.offset[0] + (QUAD * column) as f32, dy]);
-            }
+        const OFFSETS: [f32; QUADS] = [0.0, QUAD as f32, 2.0 * QUAD as f32, 3.0 * QUAD as f32];
+        let mut quads = self.quads;
+        while quads != 0 {
+            let quad = quads.trailing_zeros() as usize % (QUADS * QUADS);
+            quads &= quads - 1;
+            visit(quad, [self.offset[0] + OFFSETS[quad % QUADS], self.offset[1] + OFFSETS[quad / QUADS]]);
         }
     }
 }
 
-/// Quads that reach into an interval, measured in pixels from the tile's edge.
-#[inline(always)]
-fn quads_between(from: f32, to: f32) -> core::ops::Range<usize> {
-    let first = (from - 0.5).ceil().clamp(0.0, SIZE as f32);
-    let end = ((to - 0.5).floor() + 1.0).clamp(first, SIZE as f32);
-    if first < end { first as usize / QUAD..(end as usize).div_ceil(QUAD) } else { 0..0 }
-}
-
 #[inline(always)]
 fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamped<S> {
+    // Centres of the pixels of a quad, and of the first pixel of each quad.
     const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
     const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
-    let stamp = stamp(record.mean2d, record.root_conic, record.opacity);
+    const FIRST_X: [f32; BLOCK] = [0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5];
+    const FIRST_Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 4.5, 4.5, 4.5, 4.5, 8.5, 8.5, 8.5, 8.5, 12.5, 12.5, 12.5, 12.5];
+    const ACROSS: f32 = (QUAD - 1) as f32;
+    let stamp = stamp(record.mean2d, record.root_conic, record.log2_opacity);
     let splat = |value: f32| Lanes::splat(simd, value);
     let lanes = Stamp {
         mean2d: [splat(stamp.mean2d[0]), splat(stamp.mean2d[1])],
@@ -215,15 +219,13 @@ fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> St
         log2_opacity: splat(stamp.log2_opacity),
     };
     let center = [record.mean2d[0] - origin[0], record.mean2d[1] - origin[1]];
-    let half = record.half_extent;
+    let first = [Lanes::from_array(simd, FIRST_X) - center[0], Lanes::from_array(simd, FIRST_Y) - center[1]];
+    let seen = may_be_seen(&lanes, [first[0], first[0] + ACROSS], [first[1], first[1] + ACROSS]);
     Stamped {
         stamp,
         lanes,
         offset: [Lanes::from_array(simd, X) - center[0], Lanes::from_array(simd, Y) - center[1]],
-        quads: [
-            quads_between(center[0] - half[0], center[0] + half[0]),
-            quads_between(center[1] - half[1], center[1] + half[1]),
-        ],
+        quads: seen.bits(),
     }
 }
 
@@ -236,13 +238,14 @@ fn blend_tile<S: Simd, const C: usize>(
     origin: [f32; 2],
     pixels: &mut TilePixels<C>,
 ) {
+    let mut near = Near::<C>::none();
     for list in list.chunks(SPLATS_AT_ONCE) {
         if !pixels.iter().any(|quad| Lanes::load(simd, &quad.last).any_positive()) {
             break;
         }
-        let near = Near::<C>::new(records, colors, list);
-        for number in 0..list.len() {
-            blend_splat(simd, &near.records[number], &near.colors[number], origin, pixels);
+        near.read(records, colors, list);
+        for (record, color) in near.records.iter().zip(&near.colors).take(list.len()) {
+            blend_splat(simd, record, color, origin, pixels);
         }
     }
 }
@@ -283,30 +286,35 @@ struct Near<const C: usize> {
 
 impl<const C: usize> Near<C> {
     #[inline(always)]
-    fn new(records: &[SplatRecord], colors: &[f32], list: &[u32]) -> Self {
-        let mut near = Self { records: [SplatRecord::default(); SPLATS_AT_ONCE], colors: [[0.0; C]; SPLATS_AT_ONCE] };
-        for (number, gaussian) in list.iter().enumerate() {
+    fn none() -> Self {
+        Self { records: [SplatRecord::default(); SPLATS_AT_ONCE], colors: [[0.0; C]; SPLATS_AT_ONCE] }
+    }
+    #[inline(always)]
+    fn read(&mut self, records: &[SplatRecord], colors: &[f32], list: &[u32]) {
+        for ((gaussian, record), color) in list.iter().zip(&mut self.records).zip(&mut self.colors) {
             let gaussian = *gaussian as usize;
-            near.records[number] = records[gaussian];
-            near.colors[number].copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
+            *record = records[gaussian];
+            color.copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
         }
-        near
     }
 }
 
+/// `slots` is memory to work in: a slot for each intersection. Whatever it holds before is overwritten.
 pub(crate) fn blend_all_vjp(
     level: Level,
+    slots: &mut Vec<f32>,
     splats: &Splats,
     colors: &Colors,
     tiles: &Tiles,
     frame: &Frame,
     grad: &FrameGrad,
 ) -> SplatGrads {
-    with_channels!(colors.channels, blend_channels_vjp(level, splats, colors, tiles, frame, grad))
+    with_channels!(colors.channels, blend_channels_vjp(level, slots, splats, colors, tiles, frame, grad))
 }
 
 fn blend_channels_vjp<const C: usize>(
     level: Level,
+    slots: &mut Vec<f32>,
     splats: &Splats,
     colors: &Colors,
     tiles: &Tiles,
@@ -315,7 +323,7 @@ fn blend_channels_vjp<const C: usize>(
 ) -> SplatGrads {
     let width = GEOMETRY + C;
     let columns = tiles.columns as usize;
-    let mut slots = vec![0.0; tiles.intersection_count() * width];
+    slots.resize(tiles.intersection_count() * width, 0.0);
     let mut by_tile: Vec<(usize, &mut [f32])> = Vec::with_capacity(tiles.starts.len() - 1);
     let mut rest = &mut slots[..];
     for tile in 0..tiles.starts.len() - 1 {
@@ -326,16 +334,19 @@ fn blend_channels_vjp<const C: usize>(
     by_tile.into_par_iter().filter(|(_, out)| !out.is_empty()).for_each(|(tile, out)| {
         let (column, row) = (tile % columns, tile / columns);
         let list = &tiles.gaussians[tiles.of(tile)];
-        let grad = read_tile::<C>(&grad.image, column, row);
-        let frame = read_tile::<C>(&frame.image, column, row);
+        let mut pixels = [[Quad::<C>::new(0.0); QUADS * QUADS]; 2];
+        let [frame_pixels, grad_pixels] = &mut pixels;
+        read_tile(&frame.image, column, row, frame_pixels);
+        read_tile(&grad.image, column, row, grad_pixels);
         let origin = [column * SIZE, row * SIZE].map(|x| x as f32);
-        dispatch!(level, simd => blend_tile_vjp(simd, &splats.records, &colors.values, list, origin, &frame, &grad, out));
+        dispatch!(level, simd => blend_tile_vjp(simd, &splats.records, &colors.values, list, origin, frame_pixels, grad_pixels, out));
     });
-    SplatGrads { channels: C, values: sum_slots(&slots, width, tiles) }
+    SplatGrads { channels: C, values: sum_slots::<C>(slots, tiles) }
 }
 
 /// Each Gaussian sums the slots of its own intersections, in the order of their emission.
-fn sum_slots(slots: &[f32], width: usize, tiles: &Tiles) -> Vec<f32> {
+fn sum_slots<const C: usize>(slots: &[f32], tiles: &Tiles) -> Vec<f32> {
+    let width = GEOMETRY + C;
     let mut sums = vec![0.0; (tiles.emissions.len() - 1) * width];
     sums.par_chunks_mut(width).enumerate().with_min_len(256).for_each(|(gaussian, sum)| {
         let own = tiles.emissions[gaussian] as usize..tiles.emissions[gaussian + 1] as usize;
@@ -359,13 +370,15 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     out: &mut [f32],
 ) {
     let mut replays = replays_at_start(simd, frame, grad);
+    let mut near = Near::<C>::none();
     for (list, out) in list.chunks(SPLATS_AT_ONCE).zip(out.chunks_mut(SPLATS_AT_ONCE * (GEOMETRY + C))) {
         if !replays.iter().any(|quad| Lanes::load(simd, &quad.transmittance).any_positive()) {
-            break;
+            out.fill(0.0);
+            continue;
         }
-        let near = Near::<C>::new(records, colors, list);
-        for (number, out) in out.chunks_exact_mut(GEOMETRY + C).enumerate() {
-            splat_vjp(simd, &near.records[number], &near.colors[number], origin, grad, &mut replays, out);
+        near.read(records, colors, list);
+        for ((record, color), out) in near.records.iter().zip(&near.colors).zip(out.chunks_exact_mut(GEOMETRY + C)) {
+            splat_vjp(simd, record, color, origin, grad, &mut replays, out);
         }
     }
 }
@@ -384,8 +397,8 @@ fn splat_vjp<S: Simd, const C: usize>(
     let splat = stamp_on_tile(simd, record, origin);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
-    let mut moments = Moments { offset: [zero; 2], root: [zero; 3], strength: zero };
-    let mut grad_color = [zero; C];
+    // Moments, then the gradients of the channels.
+    let mut sums = [zero; GEOMETRY + CHANNELS_MAX];
     splat.for_each_quad(|index, [dx, dy]| {
         let (quad, pixels) = (&mut replays[index], &grad[index]);
         let falloff = falloff(&splat.lanes, dx, dy);
@@ -403,24 +416,20 @@ fn splat_vjp<S: Simd, const C: usize>(
         replay.remaining.store(&mut quad.remaining);
 
         let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
-        moments.offset = [moments.offset[0] + hu, moments.offset[1] + hw];
-        moments.root[0] = hu.mul_add(dx, moments.root[0]);
-        moments.root[1] = hw.mul_add(dx, moments.root[1]);
-        moments.root[2] = hw.mul_add(dy, moments.root[2]);
-        moments.strength = moments.strength + h;
+        sums[0] = sums[0] + hu;
+        sums[1] = sums[1] + hw;
+        sums[2] = hu.mul_add(dx, sums[2]);
+        sums[3] = hw.mul_add(dx, sums[3]);
+        sums[4] = hw.mul_add(dy, sums[4]);
+        sums[5] = sums[5] + h;
         for c in 0..C {
-            grad_color[c] = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), grad_color[c]);
+            let sum = &mut sums[GEOMETRY + c];
+            *sum = step.weight.mul_add(Lanes::load(simd, &pixels.channels[c]), *sum);
         }
     });
-    let moments = Moments {
-        offset: [moments.offset[0].sum(), moments.offset[1].sum()],
-        root: [moments.root[0].sum(), moments.root[1].sum(), moments.root[2].sum()],
-        strength: moments.strength.sum(),
-    };
+    sum_each(&sums[..GEOMETRY + C], out);
+    let moments = Moments { offset: [out[0], out[1]], root: [out[2], out[3], out[4]], strength: out[5] };
     write_geometry(&moments_vjp(&splat.stamp, record.opacity, &moments), out);
-    for c in 0..C {
-        out[GEOMETRY + c] = grad_color[c].sum();
-    }
 }
 
 /// A splat's channels, each in every lane.

@@ -61,6 +61,8 @@ pub struct CpuExecutor {
     level: Level,
     /// The prefilter's operator of the last scheme and resolution.
     operator: Option<((PrefilterScheme, usize), Arc<Operator>)>,
+    /// Memory for the gradients of intersections, kept because a system clears what it gives.
+    slots: Vec<f32>,
 }
 
 impl Default for CpuExecutor {
@@ -72,7 +74,7 @@ impl Default for CpuExecutor {
 impl CpuExecutor {
     /// An executor with the widest vectors that this machine has.
     pub fn new() -> Self {
-        Self { level: Level::new(), operator: None }
+        Self { level: Level::new(), operator: None, slots: Vec::new() }
     }
 
     fn operator(&mut self, scheme: PrefilterScheme, resolution: usize) -> Result<Arc<Operator>, CpuError> {
@@ -196,7 +198,7 @@ impl Executor for CpuExecutor {
         grad: &FrameGrad,
         _camera: &Camera,
     ) -> Result<SplatGrads, CpuError> {
-        Ok(blend_all_vjp(self.level, splats, colors, tiles, frame, grad))
+        Ok(blend_all_vjp(self.level, &mut self.slots, splats, colors, tiles, frame, grad))
     }
 
     fn gaussians_vjp(

@@ -21,6 +21,8 @@ pub struct SplatRecord {
     pub root_conic: [f32; 3],
     /// Opacity.
     pub opacity: f32,
+    /// Its logarithm to base two.
+    pub log2_opacity: f32,
     /// Depth.
     pub depth: f32,
     /// How many standard deviations the splat reaches; negative if it is not drawn.
@@ -75,12 +77,14 @@ fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes
     let [x, y] = [splat.mean2d[0].to_array(), splat.mean2d[1].to_array()];
     let [xx, yx, yy] = [splat.root_conic[0].to_array(), splat.root_conic[1].to_array(), splat.root_conic[2].to_array()];
     let [half_x, half_y] = [half[0].to_array(), half[1].to_array()];
-    let (opacity, depth, reach) = (splat.opacity.to_array(), splat.depth.to_array(), reach.to_array());
+    let (opacity, log2_opacity) = (splat.opacity.to_array(), splat.opacity.log2().to_array());
+    let (depth, reach) = (splat.depth.to_array(), reach.to_array());
     for (lane, record) in records.iter_mut().enumerate() {
         *record = SplatRecord {
             mean2d: [x[lane], y[lane]],
             root_conic: [xx[lane], yx[lane], yy[lane]],
             opacity: opacity[lane],
+            log2_opacity: log2_opacity[lane],
             depth: depth[lane],
             reach: reach[lane],
             half_extent: [half_x[lane], half_y[lane]],

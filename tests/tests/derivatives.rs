@@ -613,7 +613,7 @@ const PIXELS: [[f32; 2]; 4] = [[0.0, 0.0], [1.0, 0.5], [-1.0, 0.5], [0.5, -2.0]]
 fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec3<R>) {
     let s = &x[6 * k..];
     let mean2d = [s[0], s[1]];
-    (mean2d, blend::stamp(mean2d, [s[2], s[3], s[4]], s[5]), s[5], take3(&x[6 * STACK + 3 * k..]))
+    (mean2d, blend::stamp(mean2d, [s[2], s[3], s[4]], s[5].log2()), s[5], take3(&x[6 * STACK + 3 * k..]))
 }
 
 /// Colour and final transmittance of every pixel.

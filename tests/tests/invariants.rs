@@ -3,7 +3,7 @@
 use core::f64::consts::{FRAC_PI_2, LN_2, PI, TAU};
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    activation, blend,
+    activation, bin, blend,
     camera::{Camera, CameraOf},
     color, covariance, cubemap,
     double::Double,
@@ -34,6 +34,14 @@ mod sums {
     use super::*;
 
     #[test]
+    fn a_box_that_a_splat_does_not_reach_is_told_from_one_that_it_does() {
+        let stamp = blend::stamp([0.0_f32; 2], [1.0, 0.0, 1.0], 0.0);
+        assert!(blend::may_be_seen(&stamp, [2.0, 5.0], [-1.5, 1.5]));
+        assert!(!blend::may_be_seen(&stamp, [4.0, 7.0], [-1.5, 1.5]));
+        assert!(!blend::may_be_seen(&stamp, [-7.0, -4.0], [3.0, 6.0]));
+    }
+
+    #[test]
     fn texels_cover_the_sphere() {
         for resolution in [1, 2, 3, 4, 16, 64, 128] {
             let face = |column| (0..resolution).map(move |row| cubemap::texel_solid_angle(column, row, resolution));
@@ -61,6 +69,21 @@ mod sums {
             assert_close(weights_and_transmittance::<f32>(&strengths), 1.0, ROUNDING_F32);
         }
 
+        #[test]
+        fn a_box_that_a_splat_is_said_to_miss_has_no_pixel_of_it(
+            corner in [-40.0..40.0_f32, -40.0..40.0_f32],
+            root in [0.01..2.0_f32, -2.0..2.0_f32, 0.01..2.0_f32],
+            opacity in 0.004..1.0_f32,
+        ) {
+            let stamp = blend::stamp([0.0; 2], root, opacity.log2());
+            let [dx, dy] = corner.map(|first| [first, first + 3.0]);
+            let strength_at = |pixel: u8| {
+                let [column, row] = [pixel % 4, pixel / 4].map(f32::from);
+                blend::falloff(&stamp, corner[0] + column, corner[1] + row).strength
+            };
+            let strongest = (0..16).map(strength_at).fold(0.0, f32::max);
+            prop_assert!(strongest < bin::ALPHA_MIN || blend::may_be_seen(&stamp, dx, dy));
+        }
         #[test]
         fn footprint_weights_sum_to_one_and_lie_inside_the_padded_map(d in any_vector(), log_resolution in 0..9_u32) {
             let resolution = 1 << log_resolution;

@@ -56,7 +56,9 @@ impl View {
 
     /// The picture over a background, as three planes in \[0, 1\].
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
-        let plane = |c: usize| self.rgba.chunks_exact(4).map(move |pixel| over(pixel[c], pixel[3], background[c]));
+        let share = |byte: u8| f32::from(byte) / 255.0;
+        let pixel = move |c: usize, pixel: &[u8]| over(share(pixel[c]), share(pixel[3]), background[c]);
+        let plane = |c: usize| self.rgba.chunks_exact(4).map(move |rgba| pixel(c, rgba));
         (0..3).flat_map(plane).collect()
     }
 }

@@ -11,6 +11,7 @@ use specula_core::{
     prefilter::{Levels, PrefilterScheme, level_of_roughness},
     project::{Shape, project},
     random,
+    real::Real,
     shade::{Material, ShadingRules, Terms, shade, surface},
     vector::{Vec3, vec3},
 };
@@ -30,7 +31,7 @@ pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
         opacity_logit,
     };
     let splat = project(&shape, &camera().lift(0.0));
-    let stamp = blend::stamp(splat.mean2d, splat.root_conic, splat.opacity);
+    let stamp = blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
     let falloff = blend::falloff(&stamp, 32.0 - splat.mean2d[0], 32.0 - splat.mean2d[1]);
     blend::alpha(falloff.strength, 1.0)
 }

@@ -28,7 +28,7 @@ fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
 }
 
 fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Stamp<R>> {
-    splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity)).collect()
+    splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
 /// Splats to a picture.
