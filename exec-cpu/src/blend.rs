@@ -12,6 +12,7 @@ use specula_core::{
     bin::TILE_SIZE,
     blend::{Moments, Replay, Stamp, alpha, falloff, may_be_seen, moments_vjp, stamp, step, step_vjp},
     camera::Camera,
+    plan::Channels,
     project::SplatGrad,
     real::Real,
     scene::{BLOCK, Image},
@@ -92,7 +93,7 @@ fn empty_tile<const C: usize>() -> Box<TilePixels<C>> {
 }
 
 /// The most channels that a splat can have.
-const CHANNELS_MAX: usize = 24;
+pub(crate) const CHANNELS_MAX: usize = Channels::Layers.count();
 
 /// Calls a function that is generic over the number of channels.
 macro_rules! with_channels {

@@ -1,7 +1,7 @@
 //! Splats to channels, and the gradients of Gaussians, sixteen at a time.
 
 use crate::{
-    blend::{GEOMETRY, SplatGrads},
+    blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
     lanes::{Lanes, store3},
     light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
     prefilter::{Light, LightGrad, Texel},
@@ -85,12 +85,12 @@ pub(crate) fn shade_all(
 }
 
 /// The channels of a block, as lanes.
-type BlockChannels<S> = [Lanes<S>; 24];
+type BlockChannels<S> = [Lanes<S>; CHANNELS_MAX];
 
 #[inline(always)]
 fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>, out: &mut [f32]) {
     let shape = load_shape(simd, block);
-    let mut channels = [Lanes::splat(simd, 0.0); 24];
+    let mut channels = [Lanes::splat(simd, 0.0); CHANNELS_MAX];
     channels[channel::DEPTH] = camera.to_camera(shape.mean).z;
     if scene.layout.is_shaded() {
         let shaded = Shaded::new(simd, block, camera, scene);
@@ -312,7 +312,7 @@ struct BlockGrads<S: Simd> {
 #[inline(always)]
 fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize) -> BlockGrads<S> {
     let width = grads.width();
-    let mut numbers = [[0.0; BLOCK]; GEOMETRY + 24];
+    let mut numbers = [[0.0; BLOCK]; GEOMETRY + CHANNELS_MAX];
     let mut touched = [0.0; BLOCK];
     for lane in 0..BLOCK.min(count - block * BLOCK) {
         let start = (block * BLOCK + lane) * width;
@@ -322,7 +322,7 @@ fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize
         }
     }
     let zero = Lanes::splat(simd, 0.0);
-    let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; 24]);
+    let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; CHANNELS_MAX]);
     for k in 0..GEOMETRY {
         geometry[k] = Lanes::from_array(simd, numbers[k]);
     }
