@@ -40,16 +40,15 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let colors = exec.shade(&cloud, &camera, &splats, light.as_ref(), &rules).expect("the CPU shades");
     let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-    let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
+    let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let grey = vec![128; (SIZE * SIZE * 4) as usize];
     let target = exec.target(SIZE as usize, SIZE as usize, &grey).expect("the bytes fit");
     let is_deferred = rules.is_deferred(cloud.layout);
-    let picture = if is_deferred {
-        exec.shade_pixels(&frame, light.as_ref(), &camera).expect("the CPU shades pixels")
-    } else {
-        frame.clone()
-    };
-    let (_, picture_grad) = exec.loss(&picture, &target, &camera, &profile.weights, [1.0; 3]).expect("sizes agree");
+    let blended = frame.clone();
+    if is_deferred {
+        frame = exec.shade_pixels(frame, light.as_ref(), &camera).expect("the CPU shades pixels");
+    }
+    let (_, picture_grad) = exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]).expect("sizes agree");
     let (frame_grad, of_pixels) = if is_deferred {
         exec.shade_pixels_vjp(&frame, light.as_ref(), &camera, picture_grad.clone()).expect("the CPU goes back")
     } else {
@@ -83,7 +82,16 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
     group!("bin", gaussians.clone(), exec.bin(&splats, &camera));
     group!("blend", intersections.clone(), exec.blend(&splats, &colors, &tiles, &camera));
     if is_deferred {
-        group!("shade_pixels", pixels.clone(), exec.shade_pixels(&frame, light.as_ref(), &camera));
+        let mut group = criterion.benchmark_group("shade_pixels");
+        group.sample_size(20).throughput(pixels.clone());
+        group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
+            bench.iter_batched(
+                || blended.clone(),
+                |frame| exec.shade_pixels(frame, light.as_ref(), &camera),
+                BatchSize::LargeInput,
+            );
+        });
+        group.finish();
         let mut group = criterion.benchmark_group("shade_pixels_vjp");
         group.sample_size(20).throughput(pixels.clone());
         group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
@@ -95,7 +103,7 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
         });
         group.finish();
     }
-    group!("loss", pixels.clone(), exec.loss(&picture, &target, &camera, &profile.weights, [1.0; 3]));
+    group!("loss", pixels.clone(), exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]));
     group!("blend_vjp", intersections, exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera));
     group!(
         "gaussians_vjp",
@@ -103,7 +111,16 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
         exec.gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
     );
     group!("frame", pixels, render(&mut exec, &cloud, light.as_ref(), &camera, &rules));
-    group!("optimise", gaussians, exec.optimise(&mut cloud, &mut moments, &grad, &rates, 1));
+    let mut group = criterion.benchmark_group("optimise");
+    group.sample_size(20).throughput(gaussians);
+    group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
+        bench.iter_batched(
+            || grad.clone(),
+            |grad| exec.optimise(&mut cloud, &mut moments, grad, &rates, 1),
+            BatchSize::LargeInput,
+        );
+    });
+    group.finish();
 }
 
 criterion_group!(benches, stages);

@@ -7,6 +7,7 @@ use specula_core::{
     random::uniform,
     scene::{Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, RadianceActivation},
 };
+use specula_cpu::order::sort_in_space;
 use specula_train::{
     profile::Profile,
     start::{Point, gaussians},
@@ -15,7 +16,8 @@ use specula_train::{
 const SEED: u64 = 7;
 const RADIUS: [f32; 2] = [1.0, 0.4];
 
-/// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in 0.3–0.98.
+/// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in 0.3–0.98; in the order
+/// that a training keeps them in.
 pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
     let points: Vec<Point> = (0..count).map(|k| Point { position: place(k).0, color: [0.6, 0.4, 0.3] }).collect();
     let mut cloud = gaussians(&points, profile, SEED);
@@ -28,6 +30,7 @@ pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
         cloud.set(index, QUAT, [turn.w, turn.x, turn.y, turn.z]);
         cloud.set(index, OPACITY, [logit(0.3 + 0.68 * uniform(SEED, 2, index as u64))]);
     }
+    sort_in_space(&mut cloud);
     cloud
 }
 

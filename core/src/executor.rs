@@ -140,10 +140,11 @@ pub trait Executor {
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
     /// The light of every pixel added to its blended surface ([`crate::pixel`]): the colour of the picture becomes
-    /// what it shows; where the layers of specular colour and light are asked for, they are filled in.
+    /// what it shows; where the layers of specular colour and light are asked for, they are filled in. The frame keeps
+    /// the surface, which the gradients of this stage and of blending read.
     fn shade_pixels(
         &mut self,
-        surface: &Self::Frame,
+        surface: Self::Frame,
         light: Option<&Self::Light>,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
@@ -202,7 +203,7 @@ pub trait Executor {
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
         moments: &mut Moments<Self::Array>,
-        grad: &Gaussians<Self::Array>,
+        grad: Gaussians<Self::Array>,
         rates: &[f32],
         step: u32,
     ) -> Result<usize, Self::Error>;
@@ -211,7 +212,7 @@ pub trait Executor {
         &mut self,
         environment: &mut Environment<Self::Array>,
         moments: &mut Moments<Self::Array>,
-        grad: &Self::Array,
+        grad: Self::Array,
         rate: f32,
         radiance_max: f32,
         step: u32,
@@ -225,7 +226,8 @@ pub trait Executor {
         grads: &Self::SplatGrads,
         camera: &Camera,
     ) -> Result<(), Self::Error>;
-    /// Clones, splits and prunes; new Gaussians start without momentum, and the statistics start again.
+    /// Clones, splits and prunes, and brings Gaussians into the order of space ([`crate::order`]); new Gaussians start
+    /// without momentum, and the statistics start again.
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,

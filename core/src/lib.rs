@@ -12,6 +12,7 @@
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
+//! * [`order`]: where Gaussians lie in memory
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
@@ -44,6 +45,7 @@ pub mod math;
 pub mod metrics;
 pub mod normal;
 pub mod optimise;
+pub mod order;
 pub mod pack;
 pub mod pipeline;
 pub mod pixel;

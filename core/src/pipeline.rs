@@ -19,7 +19,7 @@ pub fn render<E: Executor>(
     let colors = exec.shade(gaussians, camera, &splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
     let frame = exec.blend(&splats, &colors, &tiles, camera)?;
-    if rules.is_deferred(gaussians.layout) { exec.shade_pixels(&frame, light, camera) } else { Ok(frame) }
+    if rules.is_deferred(gaussians.layout) { exec.shade_pixels(frame, light, camera) } else { Ok(frame) }
 }
 
 /// A scene that is being fitted.
@@ -76,31 +76,30 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
     let splats = exec.project(fit.gaussians, step.camera)?;
     let colors = exec.shade(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules)?;
     let tiles = exec.bin(&splats, step.camera)?;
-    let frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
+    let mut frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
+    let is_deferred = step.rules.is_deferred(fit.gaussians.layout);
+    if is_deferred {
+        frame = exec.shade_pixels(frame, light.as_ref(), step.camera)?;
+    }
+    let (loss, mut frame_grad) = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
     let mut light_grad = None;
-    let (loss, frame_grad) = if step.rules.is_deferred(fit.gaussians.layout) {
-        let picture = exec.shade_pixels(&frame, light.as_ref(), step.camera)?;
-        let (loss, grad) = exec.loss(&picture, step.target, step.camera, step.weights, step.background)?;
-        let (grad, of_light) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, grad)?;
-        light_grad = of_light;
-        (loss, grad)
-    } else {
-        exec.loss(&frame, step.target, step.camera, step.weights, step.background)?
-    };
+    if is_deferred {
+        (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, frame_grad)?;
+    }
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
     exec.observe(fit.statistics, &splats, &grads, step.camera)?;
     let (grad, of_light) =
         exec.gaussians_vjp(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
 
-    let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, &grad, step.rates, step.number)?;
+    let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, grad, step.rates, step.number)?;
     let light_grad = light_grad.or(of_light);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
         nonfinite += exec.optimise_environment(
             environment,
             moments,
-            &grad,
+            grad,
             step.environment_rate,
             step.radiance_max,
             step.number,

@@ -1,6 +1,13 @@
 //! Which splats each tile holds, front to back.
 
-use crate::project::{SplatRecord, Splats};
+use crate::{
+    buffer::Buffer,
+    frame::Cover,
+    machine::Machine,
+    parts::{Pieces, each_part},
+    project::{SplatRecord, Splats},
+};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use rayon::prelude::*;
 use specula_core::{
     bin::{Footprint, TILE_SIZE, span_in_rows, tile_count, tile_range},
@@ -11,18 +18,19 @@ use specula_core::{
 ///
 /// An *intersection* is one splat in one tile. Intersections are emitted Gaussian by Gaussian, and lie in memory tile
 /// by tile, each tile sorted by depth and ties by the order of the Gaussians.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Tiles {
-    pub(crate) columns: u32,
-    pub(crate) rows: u32,
+    /// The tiles that hold any splat.
+    pub(crate) cover: Cover,
     /// First intersection of each tile, and one past the last.
-    pub(crate) starts: Vec<u32>,
-    /// Gaussian of each intersection.
-    pub(crate) gaussians: Vec<u32>,
+    starts: Buffer<u32>,
+    /// Gaussian of each intersection. Atomic because threads fill it at places that no slice divides; a load is a
+    /// plain load.
+    gaussians: Buffer<AtomicU32>,
     /// First emission of each Gaussian, and one past the last.
-    pub(crate) emissions: Vec<u32>,
+    pub(crate) emissions: Buffer<u32>,
     /// Where an emission lies among the intersections.
-    pub(crate) positions: Vec<u32>,
+    positions: Buffer<AtomicU32>,
 }
 
 impl Tiles {
@@ -30,105 +38,225 @@ impl Tiles {
     pub fn intersection_count(&self) -> usize {
         self.gaussians.len()
     }
-    /// Intersections of one tile.
-    pub(crate) fn of(&self, tile: usize) -> core::ops::Range<usize> {
-        self.starts[tile] as usize..self.starts[tile + 1] as usize
+    /// Columns and rows of tiles.
+    pub fn grid(&self) -> [usize; 2] {
+        [self.cover.columns, self.cover.rows]
+    }
+    /// Gaussians of a tile, front to back.
+    pub fn gaussians_of(&self, tile: usize) -> impl Iterator<Item = usize> + '_ {
+        self.of(tile).iter().map(|gaussian| gaussian.load(Relaxed) as usize)
+    }
+    fn of(&self, tile: usize) -> &[AtomicU32] {
+        &self.gaussians[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+    /// Gaussians of a covered tile.
+    pub(crate) fn of_covered(&self, slot: usize) -> &[AtomicU32] {
+        self.of(self.cover.tiles[slot] as usize)
+    }
+    /// First intersection of a covered tile, or one past the last of all.
+    pub(crate) fn start_of_covered(&self, slot: usize) -> usize {
+        self.cover.tiles.get(slot).map_or(self.intersection_count(), |tile| self.starts[*tile as usize] as usize)
+    }
+    /// Intersections of one Gaussian.
+    #[inline(always)]
+    pub(crate) fn positions_of(&self, gaussian: usize) -> impl Iterator<Item = usize> + '_ {
+        let own = self.emissions[gaussian] as usize..self.emissions[gaussian + 1] as usize;
+        self.positions[own].iter().map(|position| position.load(Relaxed) as usize)
     }
 }
 
-pub(crate) fn bin_all(splats: &Splats, camera: &Camera) -> Tiles {
-    const GAUSSIANS_AT_ONCE: usize = 2048;
-    let (columns, rows) = (tile_count(camera.width), tile_count(camera.height));
-    let emitted: Vec<(Vec<u32>, Vec<u32>)> =
-        splats.records.par_chunks(GAUSSIANS_AT_ONCE).map(|records| emit(records, columns, rows)).collect();
+/// Gaussians that one task takes.
+const GAUSSIANS_AT_ONCE: usize = 1024;
+/// Parts of the Gaussians that are sorted into tiles at once. A stable sort does not depend on it.
+const SORT_PARTS: usize = 16;
 
-    let mut emissions = Vec::with_capacity(splats.records.len() + 1);
-    let mut tiles = Vec::new();
-    emissions.push(0);
-    for (counts, chunk) in emitted {
-        for count in counts {
-            emissions.push(emissions[emissions.len() - 1] + count);
-        }
-        tiles.extend(chunk);
-    }
-    let order = depth_order(&splats.records, &emissions);
-    sort_into_tiles(columns, rows, &order, emissions, &tiles)
+pub(crate) fn bin_all(machine: &Machine, splats: &Splats, camera: &Camera) -> Tiles {
+    let grid = [tile_count(camera.width), tile_count(camera.height)];
+    let records = &splats.records;
+    let (order, (rows, emissions, spans)) =
+        rayon::join(|| depth_order(machine, records), || spread_all(machine, records, grid));
+    sort_into_tiles(machine, grid, &order, &Spread { rows, spans }, emissions)
 }
 
-/// Tiles that each of some splats touches: how many, and which.
-fn emit(records: &[SplatRecord], columns: u32, rows: u32) -> (Vec<u32>, Vec<u32>) {
-    let mut counts = Vec::with_capacity(records.len());
-    let mut tiles = Vec::new();
-    for record in records {
-        let before = tiles.len();
-        if record.reach > 0.0 {
-            emit_one(record, columns, rows, &mut tiles);
-        }
-        counts.push((tiles.len() - before) as u32);
-    }
-    (counts, tiles)
+/// The rows of tiles that a splat may touch.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct RowRange {
+    /// Where its spans lie, one for each row.
+    first_span: u32,
+    first: u16,
+    count: u16,
 }
 
-fn emit_one(record: &SplatRecord, columns: u32, rows: u32, tiles: &mut Vec<u32>) {
-    let [x, y] = record.mean2d;
-    let [half_width, half_height] = record.half_extent;
-    let [first_row, end_row] = tile_range(y - half_height, y + half_height, rows);
-    let [first, end] = tile_range(x - half_width, x + half_width, columns);
-    if end_row - first_row == 1 || end - first == 1 {
-        for row in first_row..end_row {
-            tiles.extend((first..end).map(|column| row * columns + column));
+/// First column and one past the last, of a splat in a row of tiles.
+type Span = [u16; 2];
+
+/// Which tiles splats touch.
+struct Spread {
+    /// For each splat, and one past the last.
+    rows: Buffer<RowRange>,
+    spans: Buffer<Span>,
+}
+
+impl Spread {
+    /// The tiles of a splat, in the order of its emissions.
+    #[inline(always)]
+    fn each_tile(&self, gaussian: usize, columns: usize, mut visit: impl FnMut(usize)) {
+        let rows = self.rows[gaussian];
+        let spans = &self.spans[rows.first_span as usize..][..usize::from(rows.count)];
+        let mut row_start = usize::from(rows.first) * columns;
+        for [first, end] in spans {
+            (row_start + usize::from(*first)..row_start + usize::from(*end)).for_each(&mut visit);
+            row_start += columns;
         }
-        return;
     }
+}
+
+fn spread_all(
+    machine: &Machine,
+    records: &[SplatRecord],
+    grid: [u32; 2],
+) -> (Buffer<RowRange>, Buffer<u32>, Buffer<Span>) {
+    let mut rows = machine.row_ranges.take(records.len() + 1);
+    rows.par_iter_mut().zip(records).with_min_len(GAUSSIANS_AT_ONCE).for_each(|(rows, record)| {
+        *rows = row_range(record, grid[1]);
+    });
+    let mut total = 0;
+    for range in &mut rows[..records.len()] {
+        range.first_span = total;
+        total += u32::from(range.count);
+    }
+    rows[records.len()] = RowRange { first_span: total, first: 0, count: 0 };
+
+    let mut spans = machine.spans.take(total as usize);
+    let mut counts = machine.indices.take(records.len() + 1);
+    let count = records.len().div_ceil(GAUSSIANS_AT_ONCE);
+    let place = |part: usize| (part * GAUSSIANS_AT_ONCE).min(records.len());
+    let spans_of = |part: usize| rows[place(part)].first_span as usize;
+    let parts = (Pieces::new(&mut spans, &spans_of), Pieces::new(&mut counts[..records.len()], &place));
+    each_part(count, parts, &|part, (spans, counts): (Pieces<'_, Span>, Pieces<'_, u32>)| {
+        let mut spans = spans.only();
+        for (gaussian, count) in (place(part)..).zip(counts.only()) {
+            let (own, rest) = spans.split_at_mut(usize::from(rows[gaussian].count));
+            *count = spread(&records[gaussian], rows[gaussian], grid[0], own);
+            spans = rest;
+        }
+    });
+    let mut total = 0;
+    for count in &mut counts[..records.len()] {
+        (*count, total) = (total, total + *count);
+    }
+    counts[records.len()] = total;
+    (rows, counts, spans)
+}
+
+fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
+    if !(record.reach > 0.0) {
+        return RowRange::default();
+    }
+    let (y, half) = (record.mean2d[1], record.half_extent[1]);
+    let [first, end] = tile_range(y - half, y + half, rows);
+    RowRange { first_span: 0, first: first as u16, count: end.saturating_sub(first) as u16 }
+}
+
+/// The columns that a splat touches in each of its rows; returns how many tiles those are.
+fn spread(record: &SplatRecord, rows: RowRange, columns: u32, spans: &mut [Span]) -> u32 {
+    let (x, half) = (record.mean2d[0], record.half_extent[0]);
+    let whole = tile_range(x - half, x + half, columns);
     let footprint = Footprint { mean2d: record.mean2d, root_conic: record.root_conic, reach: record.reach };
-    for row in first_row..end_row {
-        let [left, right] = span_in_rows(&footprint, (row * TILE_SIZE) as f32, ((row + 1) * TILE_SIZE) as f32);
-        let [first, end] = tile_range(left, right, columns);
-        tiles.extend((first..end).map(|column| row * columns + column));
+    let is_box = spans.len() == 1 || whole[1] <= whole[0] + 1;
+    let mut count = 0;
+    for (row, span) in (u32::from(rows.first)..).zip(spans) {
+        let [first, end] = if is_box {
+            whole
+        } else {
+            let [left, right] = span_in_rows(&footprint, (row * TILE_SIZE) as f32, ((row + 1) * TILE_SIZE) as f32);
+            tile_range(left, right, columns)
+        };
+        *span = [first as u16, end.max(first) as u16];
+        count += u32::from(span[1] - span[0]);
     }
+    count
 }
 
 /// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for positive numbers are in
 /// the order of the numbers.
-fn depth_order(records: &[SplatRecord], emissions: &[u32]) -> Vec<u32> {
+fn depth_order(machine: &Machine, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
     const DIGIT_BITS: u32 = 11;
     const DIGITS: usize = 1 << DIGIT_BITS;
-    let drawn = (0..records.len()).filter(|index| emissions[index + 1] > emissions[*index]);
-    let mut keyed: Vec<(u32, u32)> = drawn.map(|index| (records[index].depth.to_bits(), index as u32)).collect();
-    let mut scratch = vec![(0, 0); keyed.len()];
-    for shift in [0, DIGIT_BITS, 2 * DIGIT_BITS] {
-        let digit = |key: u32| (key >> shift) as usize % DIGITS;
-        let mut starts = vec![0_usize; DIGITS + 1];
-        keyed.iter().for_each(|(key, _)| starts[digit(*key) + 1] += 1);
-        (0..DIGITS).for_each(|d| starts[d + 1] += starts[d]);
-        for entry in &keyed {
-            let place = &mut starts[digit(entry.0)];
-            scratch[*place] = *entry;
+    const SHIFTS: [u32; 3] = [0, DIGIT_BITS, 2 * DIGIT_BITS];
+    let digit = |key: u32, shift: u32| (key >> shift) as usize % DIGITS;
+    let mut starts = [[0_u32; DIGITS]; SHIFTS.len()];
+    let drawn = || records.iter().enumerate().filter(|(_, record)| record.reach > 0.0);
+    let mut count = 0;
+    for (_, record) in drawn() {
+        count += 1;
+        for (starts, shift) in starts.iter_mut().zip(SHIFTS) {
+            starts[digit(record.depth.to_bits(), shift)] += 1;
+        }
+    }
+    let (mut keyed, mut scratch) = (machine.keyed.take(count), machine.keyed.take(count));
+    for (entry, (index, record)) in keyed.iter_mut().zip(drawn()) {
+        *entry = (record.depth.to_bits(), index as u32);
+    }
+    for (starts, shift) in starts.iter_mut().zip(SHIFTS) {
+        let mut total = 0;
+        for start in starts.iter_mut() {
+            (*start, total) = (total, total + *start);
+        }
+        for entry in keyed.iter() {
+            let place = &mut starts[digit(entry.0, shift)];
+            scratch[*place as usize] = *entry;
             *place += 1;
         }
         core::mem::swap(&mut keyed, &mut scratch);
     }
-    keyed.into_iter().map(|(_, index)| index).collect()
+    keyed
 }
 
 /// A counting sort by tile, which keeps the order of depth within each tile.
-fn sort_into_tiles(columns: u32, rows: u32, order: &[u32], emissions: Vec<u32>, tiles: &[u32]) -> Tiles {
-    let tile_count = (columns * rows) as usize;
-    let mut starts = vec![0_u32; tile_count + 1];
-    tiles.iter().for_each(|tile| starts[*tile as usize + 1] += 1);
-    (0..tile_count).for_each(|tile| starts[tile + 1] += starts[tile]);
+fn sort_into_tiles(
+    machine: &Machine,
+    [columns, rows]: [u32; 2],
+    order: &[(u32, u32)],
+    spread: &Spread,
+    emissions: Buffer<u32>,
+) -> Tiles {
+    let (columns, rows) = (columns as usize, rows as usize);
+    let tile_count = columns * rows;
+    let part_len = order.len().div_ceil(SORT_PARTS).max(1);
+    let mut next = machine.indices.take_cleared(SORT_PARTS * tile_count);
+    let parts = order.par_chunks(part_len);
+    parts.clone().zip(next.par_chunks_mut(tile_count.max(1))).for_each(|(order, counts)| {
+        for (_, gaussian) in order {
+            spread.each_tile(*gaussian as usize, columns, |tile| counts[tile] += 1);
+        }
+    });
 
-    let mut next = starts.clone();
-    let mut gaussians = vec![0; tiles.len()];
-    let mut positions = vec![0; tiles.len()];
-    for gaussian in order {
-        let own = emissions[*gaussian as usize] as usize..emissions[*gaussian as usize + 1] as usize;
-        for emission in own {
-            let place = &mut next[tiles[emission] as usize];
-            gaussians[*place as usize] = *gaussian;
-            positions[emission] = *place;
-            *place += 1;
+    let mut starts = machine.indices.take(tile_count + 1);
+    let mut total = 0;
+    for tile in 0..tile_count {
+        starts[tile] = total;
+        for part in 0..SORT_PARTS {
+            let place = &mut next[part * tile_count + tile];
+            (*place, total) = (total, total + *place);
         }
     }
-    Tiles { columns, rows, starts, gaussians, emissions, positions }
+    starts[tile_count] = total;
+
+    let gaussians = machine.shared.take(total as usize);
+    let positions = machine.shared.take(total as usize);
+    parts.zip(next.par_chunks_mut(tile_count.max(1))).for_each(|(order, next)| {
+        for (_, gaussian) in order {
+            let mut emission = emissions[*gaussian as usize] as usize;
+            spread.each_tile(*gaussian as usize, columns, |tile| {
+                let place = &mut next[tile];
+                gaussians[*place as usize].store(*gaussian, Relaxed);
+                positions[emission].store(*place, Relaxed);
+                *place += 1;
+                emission += 1;
+            });
+        }
+    });
+    let cover = Cover::new(&machine.indices, columns, rows, |tile| starts[tile + 1] > starts[tile]);
+    Tiles { cover, starts, gaussians, emissions, positions }
 }

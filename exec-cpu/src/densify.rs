@@ -1,6 +1,10 @@
 //! Cloning, splitting and pruning.
 
-use crate::{blend::SplatGrads, project::Splats};
+use crate::{
+    blend::SplatGrads,
+    order::{codes, gather},
+    project::Splats,
+};
 use rayon::prelude::*;
 use specula_core::{
     activation::sigmoid,
@@ -8,13 +12,13 @@ use specula_core::{
     covariance::scales,
     densify::{Action, DensifyRules, SPLIT_SHRINK, decide, split_mean},
     executor::{DensifyReport, Moments, RandomKey, Statistics},
-    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, len_of_values},
+    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     vector::{Vec3, vec3},
 };
 
 pub(crate) fn observe(statistics: &mut Statistics<Vec<f32>>, splats: &Splats, grads: &SplatGrads, camera: &Camera) {
     let (half_width, half_height) = (camera.width as f32 / 2.0, camera.height as f32 / 2.0);
-    let seen = statistics.grad_sum.iter_mut().zip(&mut statistics.view_count).zip(&splats.records);
+    let seen = statistics.grad_sum.iter_mut().zip(&mut statistics.view_count).zip(splats.records.iter());
     for (((sum, count), record), grad) in seen.zip(grads.values.chunks_exact(grads.width())) {
         let length = (grad[0] * half_width).hypot(grad[1] * half_height);
         if record.reach > 0.0 && length.is_finite() {
@@ -47,18 +51,15 @@ pub(crate) fn densify(
     key: RandomKey,
 ) -> DensifyReport {
     let actions = decide_all(gaussians, statistics, rules, count_max);
-    let (heirs, report) = heirs(&actions);
+    let (mut heirs, report) = heirs(&actions);
+    let codes = codes(gaussians);
+    heirs.sort_by_key(|heir| codes[heir.parent]);
     let from_parent = |old: &[f32], keep_new: bool| {
-        let mut new = vec![0.0; len_of_values(heirs.len(), gaussians.layout)];
-        let target = Gaussians { count: heirs.len(), layout: gaussians.layout, values: () };
-        for (index, heir) in heirs.iter().enumerate() {
-            if keep_new || heir.origin == Origin::Kept {
-                for plane in 0..gaussians.layout.plane_count() {
-                    new[target.index_of(index, plane)] = old[gaussians.index_of(heir.parent, plane)];
-                }
-            }
-        }
-        new
+        let source = |place: usize| {
+            let heir: &Heir = &heirs[place];
+            (keep_new || heir.origin == Origin::Kept).then_some(heir.parent)
+        };
+        gather(gaussians, old, heirs.len(), source)
     };
     let (mean, square) = (from_parent(&moments.mean, false), from_parent(&moments.square, false));
     let values = from_parent(&gaussians.values, true);

@@ -2,16 +2,17 @@
 
 use crate::{
     bin::{Tiles, bin_all},
-    blend::{Frame, FrameGrad, SplatGrads, blend_all, blend_all_vjp},
+    blend::{SplatGrads, blend_all, blend_all_vjp},
     densify,
+    frame::{Frame, FrameGrad},
     loss::{Target, loss_all},
+    machine::Machine,
     optimise::{adam_all, adam_blocks},
     pixel::{shade_pixels, shade_pixels_vjp},
     prefilter::{Light, LightGrad, Operator},
     project::{Splats, project_all},
     shade::{Colors, Scene, gaussians_vjp, shade_all},
 };
-use fearless_simd::Level;
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
@@ -58,11 +59,9 @@ pub enum CpuError {
 /// Runs the stages on the threads of rayon's current pool.
 #[derive(Debug)]
 pub struct CpuExecutor {
-    level: Level,
+    machine: Machine,
     /// The prefilter's operator of the last scheme and resolution.
     operator: Option<((PrefilterScheme, usize), Arc<Operator>)>,
-    /// Memory for the gradients of intersections, kept because a system clears what it gives.
-    slots: Vec<f32>,
 }
 
 impl Default for CpuExecutor {
@@ -74,7 +73,7 @@ impl Default for CpuExecutor {
 impl CpuExecutor {
     /// An executor with the widest vectors that this machine has.
     pub fn new() -> Self {
-        Self { level: Level::new(), operator: None, slots: Vec::new() }
+        Self { machine: Machine::new(), operator: None }
     }
 
     fn operator(&mut self, scheme: PrefilterScheme, resolution: usize) -> Result<Arc<Operator>, CpuError> {
@@ -88,7 +87,7 @@ impl CpuExecutor {
         match &self.operator {
             Some((key, operator)) if *key == (scheme, resolution) => Ok(operator.clone()),
             _ => {
-                let operator = Arc::new(Operator::new(self.level, scheme, resolution));
+                let operator = Arc::new(Operator::new(self.machine.level, scheme, resolution));
                 self.operator = Some(((scheme, resolution), operator.clone()));
                 Ok(operator)
             }
@@ -119,7 +118,7 @@ impl Executor for CpuExecutor {
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
-        values.copy_from_slice(&frame.image.values);
+        frame.read(values);
         Ok(())
     }
 
@@ -133,11 +132,11 @@ impl Executor for CpuExecutor {
 
     fn prefilter(&mut self, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Result<Light, CpuError> {
         let operator = self.operator(scheme, environment.resolution)?;
-        Ok(Light::new(operator, environment))
+        Ok(Light::new(&self.machine, operator, environment))
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        Ok(project_all(self.level, gaussians, camera))
+        Ok(project_all(&self.machine, gaussians, camera))
     }
 
     fn shade(
@@ -149,19 +148,19 @@ impl Executor for CpuExecutor {
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {
         let scene = Scene { layout: gaussians.layout, light, rules };
-        Ok(shade_all(self.level, gaussians, camera, splats, scene))
+        Ok(shade_all(&self.machine, gaussians, camera, splats, scene))
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
-        Ok(bin_all(splats, camera))
+        Ok(bin_all(&self.machine, splats, camera))
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(self.level, splats, colors, tiles, camera))
+        Ok(blend_all(&self.machine, splats, colors, tiles, camera))
     }
 
-    fn shade_pixels(&mut self, surface: &Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(shade_pixels(self.level, surface, light, camera))
+    fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
+        Ok(shade_pixels(&self.machine, surface, light, camera))
     }
 
     fn loss(
@@ -172,11 +171,11 @@ impl Executor for CpuExecutor {
         weights: &LossWeights,
         background: [f32; 3],
     ) -> Result<(LossReport, FrameGrad), CpuError> {
-        let (expected, found) = ([target.width, target.height], [frame.image.width, frame.image.height]);
+        let (expected, found) = ([target.width, target.height], frame.size());
         if expected != found {
             return Err(CpuError::FrameSize { expected, found });
         }
-        Ok(loss_all(self.level, frame, target, camera, weights, background))
+        Ok(loss_all(&self.machine, frame, target, camera, weights, background))
     }
 
     fn shade_pixels_vjp(
@@ -186,7 +185,7 @@ impl Executor for CpuExecutor {
         camera: &Camera,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), CpuError> {
-        Ok(shade_pixels_vjp(self.level, surface, light, camera, grad))
+        Ok(shade_pixels_vjp(&self.machine, surface, light, camera, grad))
     }
 
     fn blend_vjp(
@@ -198,7 +197,7 @@ impl Executor for CpuExecutor {
         grad: &FrameGrad,
         _camera: &Camera,
     ) -> Result<SplatGrads, CpuError> {
-        Ok(blend_all_vjp(self.level, &mut self.slots, splats, colors, tiles, frame, grad))
+        Ok(blend_all_vjp(&self.machine, splats, colors, tiles, frame, grad))
     }
 
     fn gaussians_vjp(
@@ -212,7 +211,7 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
     ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>), CpuError> {
         let scene = Scene { layout: gaussians.layout, light, rules };
-        Ok(gaussians_vjp(self.level, gaussians, camera, splats, scene, weights, grads))
+        Ok(gaussians_vjp(&self.machine, gaussians, camera, splats, scene, weights, grads))
     }
 
     fn prefilter_vjp(
@@ -221,32 +220,36 @@ impl Executor for CpuExecutor {
         light: &Light,
         grad: &LightGrad,
     ) -> Result<Vec<f32>, CpuError> {
-        Ok(light.vjp(environment.activation, grad))
+        Ok(light.vjp(&self.machine, environment.activation, grad))
     }
 
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Vec<f32>>,
         moments: &mut Moments<Vec<f32>>,
-        grad: &Gaussians<Vec<f32>>,
+        grad: Gaussians<Vec<f32>>,
         rates: &[f32],
         step: u32,
     ) -> Result<usize, CpuError> {
         let Moments { mean, square } = moments;
-        Ok(adam_blocks(self.level, &mut gaussians.values, mean, square, &grad.values, rates, step))
+        let level = self.machine.level;
+        let nonfinite = adam_blocks(level, &mut gaussians.values, mean, square, &grad.values, rates, step);
+        self.machine.numbers.give(grad.values);
+        Ok(nonfinite)
     }
 
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Vec<f32>>,
         moments: &mut Moments<Vec<f32>>,
-        grad: &Vec<f32>,
+        grad: Vec<f32>,
         rate: f32,
         radiance_max: f32,
         step: u32,
     ) -> Result<usize, CpuError> {
         let Moments { mean, square } = moments;
-        let nonfinite = adam_all(self.level, &mut environment.values, mean, square, grad, rate, step);
+        let nonfinite = adam_all(self.machine.level, &mut environment.values, mean, square, &grad, rate, step);
+        self.machine.numbers.give(grad);
         if environment.activation == RadianceActivation::Identity {
             environment.values.iter_mut().for_each(|radiance| *radiance = radiance.clamp(0.0, radiance_max));
         }

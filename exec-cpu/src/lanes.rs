@@ -105,27 +105,6 @@ pub(crate) fn sum_each<S: Simd>(all: &[Lanes<S>], out: &mut [f32]) {
     }
 }
 
-/// Lanes into the first `count` numbers of a slice; into sixteen if there are as many.
-#[inline(always)]
-pub(crate) fn store_some<S: Simd>(lanes: Lanes<S>, values: &mut [f32], count: usize) {
-    if values.len() >= BLOCK {
-        lanes.store(values);
-    } else {
-        values[..count].copy_from_slice(&lanes.to_array()[..count]);
-    }
-}
-
-/// The first `count` numbers of a slice, or sixteen if there are as many.
-#[inline(always)]
-pub(crate) fn load_some<S: Simd>(simd: S, values: &[f32], count: usize) -> Lanes<S> {
-    if values.len() >= BLOCK {
-        return Lanes::load(simd, values);
-    }
-    let mut lanes = [0.0; BLOCK];
-    lanes[..count].copy_from_slice(&values[..count]);
-    Lanes::from_array(simd, lanes)
-}
-
 impl<S: Simd> fmt::Debug for Lanes<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.to_array().fmt(f)

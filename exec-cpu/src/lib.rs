@@ -6,13 +6,19 @@
 
 pub mod bin;
 pub mod blend;
+mod buffer;
 mod densify;
 mod executor;
+pub mod frame;
 pub mod lanes;
 mod light;
 pub mod loss;
+mod machine;
 mod optimise;
+pub mod order;
+mod parts;
 mod pixel;
+mod planes;
 pub mod prefilter;
 pub mod project;
 pub mod shade;

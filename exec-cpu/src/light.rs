@@ -1,13 +1,16 @@
 //! Looking light up: footprints from core, texels from memory.
+//!
+//! A texel is read as one small vector, and its colours are mixed there; sixteen mixtures then become lanes. So a texel
+//! is one load, where gathering each colour into lanes would take three.
 
 use crate::{
     lanes::Lanes,
     prefilter::{Light, Texel},
 };
-use fearless_simd::Simd;
+use fearless_simd::{Simd, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FacePoint, Footprint, bilinear, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
+    cubemap::{FacePoint, Footprint, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
     prefilter::{level_of_roughness, level_of_roughness_vjp},
     real::Real,
     scene::BLOCK,
@@ -16,130 +19,244 @@ use specula_core::{
 };
 use std::sync::LazyLock;
 
-/// Light from one direction at one roughness, between two levels, with what its gradient needs.
-pub(crate) struct Lookup<S: Simd> {
+/// Where light is to be read: between two levels, at the same point of the cube.
+struct Place<S: Simd> {
     point: FacePoint<Lanes<S>>,
-    sharp: Fetch<S>,
-    blurred: Fetch<S>,
+    sharp: Corners<S>,
+    blurred: Corners<S>,
     /// Share of the blurred level.
     share: Lanes<S>,
 }
 
-/// Four texels of one level.
-struct Fetch<S: Simd> {
+impl<S: Simd> Place<S> {
+    #[inline(always)]
+    fn new(simd: S, light: &Light, direction: Vec3<Lanes<S>>, roughness: Lanes<S>) -> Self {
+        let point = project(direction);
+        let position = level_of_roughness(roughness, light.levels());
+        let lower = position.floor().clamp(0.0, (light.levels().len() - 2) as f32);
+        Self {
+            sharp: Corners::new(simd, light, &point, lower),
+            blurred: Corners::new(simd, light, &point, lower + 1.0),
+            share: position - lower,
+            point,
+        }
+    }
+}
+
+/// Four neighbouring texels of one level for each lane.
+struct Corners<S: Simd> {
     resolution: Lanes<S>,
     footprint: Footprint<Lanes<S>>,
-    first: [usize; BLOCK],
-    width: [usize; BLOCK],
-    texels: [Vec3<Lanes<S>>; 4],
+    /// Upper left texel, and how many texels a row has.
+    first: [u32; BLOCK],
+    width: [u32; BLOCK],
 }
 
-impl<S: Simd> Fetch<S> {
+impl<S: Simd> Corners<S> {
     #[inline(always)]
-    fn new(simd: S, light: &Light, point: &FacePoint<Lanes<S>>, levels: [usize; BLOCK]) -> Self {
-        let sizes = levels.map(|level| light.resolution(level));
-        let resolution = Lanes::from_array(simd, sizes.map(|size| size as f32));
+    fn new(simd: S, light: &Light, point: &FacePoint<Lanes<S>>, levels: Lanes<S>) -> Self {
+        let levels = levels.to_array();
+        let (mut sizes, mut first, mut width) = ([0.0; BLOCK], [0; BLOCK], [0; BLOCK]);
+        for lane in 0..BLOCK {
+            let level = levels[lane] as usize;
+            let resolution = light.resolution(level) as u32;
+            sizes[lane] = resolution as f32;
+            width[lane] = resolution + 2;
+            first[lane] = light.offsets()[level] as u32;
+        }
+        let resolution = Lanes::from_array(simd, sizes);
         let footprint = footprint(point, resolution);
         let texel = footprint.texel.to_array();
-        let first = core::array::from_fn(|lane| light.offsets()[levels[lane]] + texel[lane] as usize);
-        let width = sizes.map(|size| size + 2);
-        let corner = |right: usize, lower: usize| {
-            gather(simd, &light.texels, core::array::from_fn(|lane| first[lane] + right + lower * width[lane]))
-        };
-        let texels = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
-        Self { resolution, footprint, first, width, texels }
-    }
-
-    #[inline(always)]
-    fn radiance(&self) -> Vec3<Lanes<S>> {
-        bilinear(self.texels, self.footprint.right, self.footprint.lower)
-    }
-
-    /// Gradient of u and v; adds to the light's.
-    #[inline(always)]
-    fn vjp(&self, grad: Vec3<Lanes<S>>, light_grad: &mut [Texel]) -> (Lanes<S>, Lanes<S>) {
-        let [a, b, c, d] = bilinear_weights(self.footprint.right, self.footprint.lower);
-        let weights = [a.to_array(), b.to_array(), c.to_array(), d.to_array()];
-        let (red, green, blue) = (grad.x.to_array(), grad.y.to_array(), grad.z.to_array());
         for lane in 0..BLOCK {
-            if red[lane] == 0.0 && green[lane] == 0.0 && blue[lane] == 0.0 {
-                continue;
-            }
-            let offsets = [0, 1, self.width[lane], self.width[lane] + 1];
-            for (offset, weight) in offsets.into_iter().zip(&weights) {
-                let texel = &mut light_grad[self.first[lane] + offset];
-                let grad = [red[lane], green[lane], blue[lane]];
-                texel.iter_mut().zip(grad).for_each(|(sum, grad)| *sum += weight[lane] * grad);
-            }
+            first[lane] = first[lane].saturating_add(texel[lane] as u32);
         }
-        let (right, lower) = bilinear_vjp(self.texels, self.footprint.right, self.footprint.lower, grad);
-        let half = self.resolution * 0.5;
-        (right * half, lower * half)
+        Self { resolution, footprint, first, width }
+    }
+
+    /// The four texels of a lane. What is not a number ends at the last texel.
+    #[inline(always)]
+    fn places(&self, lane: usize, count: usize) -> [usize; 4] {
+        let (first, width) = (self.first[lane] as usize, self.width[lane] as usize);
+        let last = count - 1;
+        [first.min(last), (first + 1).min(last), (first + width).min(last), (first + width + 1).min(last)]
+    }
+
+    #[inline(always)]
+    fn read(&self, simd: S, texels: &[Texel], lane: usize) -> [f32x4<S>; 4] {
+        let [a, b, c, d] = self.places(lane, texels.len());
+        let at = |place: usize| f32x4::simd_from(simd, texels[place]);
+        [at(a), at(b), at(c), at(d)]
     }
 }
 
-#[inline(always)]
-fn gather<S: Simd>(simd: S, texels: &[Texel], indices: [usize; BLOCK]) -> Vec3<Lanes<S>> {
-    let mut planes = [[0.0; BLOCK]; 3];
-    for (lane, index) in indices.into_iter().enumerate() {
-        let texel = texels[index.min(texels.len() - 1)];
-        planes.iter_mut().zip(texel).for_each(|(plane, value)| plane[lane] = value);
+/// Radiance of sixteen footprints in one level, and how it changes to the right and downwards.
+struct Sampled<S: Simd> {
+    radiance: Vec3<Lanes<S>>,
+    to_right: Vec3<Lanes<S>>,
+    downwards: Vec3<Lanes<S>>,
+}
+
+impl<S: Simd> Sampled<S> {
+    /// [`specula_core::cubemap::bilinear`] and its slopes, a texel at a time.
+    #[inline(always)]
+    fn new(simd: S, light: &Light, corners: &Corners<S>) -> Self {
+        let (right, lower) = (corners.footprint.right.to_array(), corners.footprint.lower.to_array());
+        let (mut radiance, mut to_right, mut downwards) = ([[0.0; 4]; BLOCK], [[0.0; 4]; BLOCK], [[0.0; 4]; BLOCK]);
+        for lane in 0..BLOCK {
+            let [a, b, c, d] = corners.read(simd, &light.texels, lane);
+            let (right, lower) = (f32x4::splat(simd, right[lane]), f32x4::splat(simd, lower[lane]));
+            let (top, bottom) = (b - a, d - c);
+            let upper = top.mul_add(right, a);
+            let down = bottom.mul_add(right, c) - upper;
+            radiance[lane] = down.mul_add(lower, upper).into();
+            to_right[lane] = (bottom - top).mul_add(lower, top).into();
+            downwards[lane] = down.into();
+        }
+        Self {
+            radiance: colors_to_lanes(simd, &radiance),
+            to_right: colors_to_lanes(simd, &to_right),
+            downwards: colors_to_lanes(simd, &downwards),
+        }
     }
-    let [x, y, z] = planes;
-    vec3(Lanes::from_array(simd, x), Lanes::from_array(simd, y), Lanes::from_array(simd, z))
+}
+
+/// The colours of sixteen texels, each colour in the lanes of one number.
+#[inline(always)]
+fn colors_to_lanes<S: Simd>(simd: S, texels: &[Texel; BLOCK]) -> Vec3<Lanes<S>> {
+    let flat = texels.as_flattened();
+    let at = |k: usize| Lanes::load(simd, &flat[k * BLOCK..]).0;
+    let (a, b, c, d) = (at(0), at(1), at(2), at(3));
+    let (red_blue, red_blue_rest) = (a.unzip_low(b), c.unzip_low(d));
+    let (green, green_rest) = (a.unzip_high(b), c.unzip_high(d));
+    vec3(
+        Lanes(red_blue.unzip_low(red_blue_rest)),
+        Lanes(green.unzip_low(green_rest)),
+        Lanes(red_blue.unzip_high(red_blue_rest)),
+    )
+}
+
+/// The way back: lanes to sixteen texels.
+#[inline(always)]
+fn lanes_to_colors<S: Simd>(color: Vec3<Lanes<S>>) -> [Texel; BLOCK] {
+    let (red, green, blue, none) = (color.x.0, color.y.0, color.z.0, color.x.zero().0);
+    let (red_blue, red_blue_rest) = (red.zip_low(blue), red.zip_high(blue));
+    let (green, green_rest) = (green.zip_low(none), green.zip_high(none));
+    let mut texels = [[0.0; 4]; BLOCK];
+    let flat = texels.as_flattened_mut();
+    Lanes(red_blue.zip_low(green)).store(flat);
+    Lanes(red_blue.zip_high(green)).store(&mut flat[BLOCK..]);
+    Lanes(red_blue_rest.zip_low(green_rest)).store(&mut flat[2 * BLOCK..]);
+    Lanes(red_blue_rest.zip_high(green_rest)).store(&mut flat[3 * BLOCK..]);
+    texels
+}
+
+/// Light along a direction at a roughness, where no gradient will be asked for.
+#[inline(always)]
+pub(crate) fn radiance<S: Simd>(
+    simd: S,
+    light: &Light,
+    direction: Vec3<Lanes<S>>,
+    roughness: Lanes<S>,
+) -> Vec3<Lanes<S>> {
+    let place = Place::new(simd, light, direction, roughness);
+    let weights = |corners: &Corners<S>, share: Lanes<S>| {
+        let [a, b, c, d] = bilinear_weights(corners.footprint.right, corners.footprint.lower);
+        [(a * share).to_array(), (b * share).to_array(), (c * share).to_array(), (d * share).to_array()]
+    };
+    let sharp = weights(&place.sharp, -place.share + 1.0);
+    let blurred = weights(&place.blurred, place.share);
+    let mut mixed = [[0.0; 4]; BLOCK];
+    for lane in 0..BLOCK {
+        let (near, far) = (place.sharp.read(simd, &light.texels, lane), place.blurred.read(simd, &light.texels, lane));
+        let mut sum = f32x4::splat(simd, 0.0);
+        for k in 0..4 {
+            sum = near[k].mul_add(f32x4::splat(simd, sharp[k][lane]), sum);
+            sum = far[k].mul_add(f32x4::splat(simd, blurred[k][lane]), sum);
+        }
+        mixed[lane] = sum.into();
+    }
+    colors_to_lanes(simd, &mixed)
+}
+
+/// Light from one direction at one roughness, with what its gradient needs.
+pub(crate) struct Lookup<S: Simd> {
+    place: Place<S>,
+    sharp: Sampled<S>,
+    blurred: Sampled<S>,
 }
 
 impl<S: Simd> Lookup<S> {
     #[inline(always)]
+    fn at(simd: S, light: &Light, place: Place<S>) -> Self {
+        let sharp = Sampled::new(simd, light, &place.sharp);
+        let blurred = Sampled::new(simd, light, &place.blurred);
+        Self { place, sharp, blurred }
+    }
+    #[inline(always)]
     pub(crate) fn radiance(&self) -> Vec3<Lanes<S>> {
-        let sharp = self.sharp.radiance();
-        sharp.add_scaled(self.share, self.blurred.radiance() - sharp)
+        self.sharp.radiance.add_scaled(self.place.share, self.blurred.radiance - self.sharp.radiance)
     }
 }
 
 /// Light along a direction at a roughness.
 #[inline(always)]
 pub(crate) fn look_up<S: Simd>(simd: S, light: &Light, direction: Vec3<Lanes<S>>, roughness: Lanes<S>) -> Lookup<S> {
-    let point = project(direction);
-    let position = level_of_roughness(roughness, light.levels());
-    let last_pair = (light.levels().len() - 2) as f32;
-    let lower = position.floor().clamp(0.0, last_pair);
-    let sharp = lower.to_array().map(|level| level as usize);
-    Lookup {
-        sharp: Fetch::new(simd, light, &point, sharp),
-        blurred: Fetch::new(simd, light, &point, sharp.map(|level| level + 1)),
-        share: position - lower,
-        point,
-    }
+    Lookup::at(simd, light, Place::new(simd, light, direction, roughness))
 }
 
 /// Irradiance along a normal, from the map behind the last level.
 #[inline(always)]
 pub(crate) fn look_up_irradiance<S: Simd>(simd: S, light: &Light, normal: Vec3<Lanes<S>>) -> Lookup<S> {
     let point = project(normal);
-    let map = [light.levels().len(); BLOCK];
-    Lookup {
-        sharp: Fetch::new(simd, light, &point, map),
-        blurred: Fetch::new(simd, light, &point, map),
+    let map = Lanes::splat(simd, light.levels().len() as f32);
+    let place = Place {
+        sharp: Corners::new(simd, light, &point, map),
+        blurred: Corners::new(simd, light, &point, map),
         share: normal.x.zero(),
         point,
-    }
+    };
+    Lookup::at(simd, light, place)
 }
 
 /// Gradient of [`look_up`], or of [`look_up_irradiance`], which has none in the roughness: with respect to direction
 /// and roughness; adds to the light's.
 #[inline(always)]
 pub(crate) fn look_up_vjp<S: Simd>(
+    simd: S,
     light: &Light,
     lookup: &Lookup<S>,
     roughness: Lanes<S>,
     grad: Vec3<Lanes<S>>,
     light_grad: &mut [Texel],
 ) -> (Vec3<Lanes<S>>, Lanes<S>) {
-    let (u, v) = lookup.sharp.vjp(grad * (-lookup.share + 1.0), light_grad);
-    let (u2, v2) = lookup.blurred.vjp(grad * lookup.share, light_grad);
-    let grad_position = grad.dot(lookup.blurred.radiance() - lookup.sharp.radiance());
-    (project_vjp(&lookup.point, u + u2, v + v2), level_of_roughness_vjp(roughness, light.levels(), grad_position))
+    let Lookup { place, sharp, blurred } = lookup;
+    let (of_sharp, of_blurred) = (grad * (-place.share + 1.0), grad * place.share);
+    add_to_texels(simd, &place.sharp, of_sharp, light_grad);
+    add_to_texels(simd, &place.blurred, of_blurred, light_grad);
+    let (half, half_blurred) = (place.sharp.resolution * 0.5, place.blurred.resolution * 0.5);
+    let u = sharp.to_right.dot(of_sharp) * half + blurred.to_right.dot(of_blurred) * half_blurred;
+    let v = sharp.downwards.dot(of_sharp) * half + blurred.downwards.dot(of_blurred) * half_blurred;
+    let grad_position = grad.dot(blurred.radiance - sharp.radiance);
+    (project_vjp(&place.point, u, v), level_of_roughness_vjp(roughness, light.levels(), grad_position))
+}
+
+/// Gives each of a footprint's texels its share of the gradient, lane after lane.
+#[inline(always)]
+fn add_to_texels<S: Simd>(simd: S, corners: &Corners<S>, grad: Vec3<Lanes<S>>, light_grad: &mut [Texel]) {
+    let [a, b, c, d] = bilinear_weights(corners.footprint.right, corners.footprint.lower);
+    let weights = [a.to_array(), b.to_array(), c.to_array(), d.to_array()];
+    let grads = lanes_to_colors(grad);
+    for lane in 0..BLOCK {
+        if grads[lane] == [0.0; 4] {
+            continue;
+        }
+        let grad = f32x4::simd_from(simd, grads[lane]);
+        let places = corners.places(lane, light_grad.len());
+        for k in 0..4 {
+            let texel = &mut light_grad[places[k]];
+            *texel = grad.mul_add(f32x4::splat(simd, weights[k][lane]), f32x4::simd_from(simd, *texel)).into();
+        }
+    }
 }
 
 /// The table of the authors' shading, made at its first use.

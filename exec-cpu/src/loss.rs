@@ -4,18 +4,25 @@ mod normals;
 mod structure;
 
 use crate::{
-    blend::{Frame, FrameGrad, bands},
-    lanes::{Lanes, load_some, store_some},
+    buffer::Buffer,
+    frame::{Cover, Frame, FrameGrad, QUAD, QUADS, Quad, SIZE, at, quad_origin, tile_len},
+    lanes::Lanes,
+    machine::Machine,
+    parts::{Parts, Pieces, each_part},
+    planes::{Planes, Row, put_quad},
 };
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 use normals::normal_loss;
 use rayon::prelude::*;
 use specula_core::{
+    bin::tile_count,
     camera::Camera,
     color::over,
+    depth_normal::expected_depth,
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
     plan::channel,
-    scene::{BLOCK, Image},
+    real::Real,
+    scene::BLOCK,
 };
 use structure::structure_loss;
 
@@ -24,184 +31,322 @@ use structure::structure_loss;
 pub struct Target {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    pub(crate) rgba: Vec<u8>,
+    columns: usize,
+    /// Tile by tile and quad by quad: the reds of a quad, its greens, its blues, its alphas.
+    quads: Vec<[[u8; BLOCK]; 4]>,
+    /// Whether a tile is transparent everywhere.
+    is_empty: Vec<bool>,
     /// Whether any pixel is not opaque.
     has_alpha: bool,
 }
 
 impl Target {
     pub(crate) fn new(width: usize, height: usize, rgba: &[u8]) -> Self {
-        let has_alpha = rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX);
-        Self { width, height, rgba: rgba.to_vec(), has_alpha }
+        let [columns, rows] = [width, height].map(|pixels| tile_count(pixels as u32) as usize);
+        let mut quads = vec![[[0; BLOCK]; 4]; columns * rows * QUADS];
+        for (pixel, rgba) in rgba.chunks_exact(4).enumerate() {
+            let (x, y) = (pixel % width, pixel / width);
+            let tile = y / SIZE * columns + x / SIZE;
+            let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + x % SIZE / QUAD];
+            let lane = y % QUAD * QUAD + x % QUAD;
+            quad.iter_mut().zip(rgba).for_each(|(channel, value)| channel[lane] = *value);
+        }
+        let is_transparent = |quads: &[[[u8; BLOCK]; 4]]| quads.iter().all(|quad| quad[3] == [0; BLOCK]);
+        Self {
+            width,
+            height,
+            columns,
+            is_empty: quads.chunks_exact(QUADS).map(is_transparent).collect(),
+            has_alpha: rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX),
+            quads,
+        }
     }
 }
 
-/// Size of a plane.
-#[derive(Clone, Copy)]
-struct Plane {
-    width: usize,
-    height: usize,
+/// What is compared, and how.
+struct Comparison<'a> {
+    machine: &'a Machine,
+    frame: &'a Frame,
+    target: &'a Target,
+    camera: &'a Camera,
+    weights: LossWeights,
+    background: [f32; 3],
+    /// How many tiles each tile is away from one that shows anything but the background, up to [`FAR`].
+    distance: Buffer<u32>,
 }
 
-/// Pixels that one task takes.
-const PIXELS_AT_ONCE: usize = 4096;
+/// Farther than any window reaches.
+const FAR: u32 = 3;
+
+/// Planes that windows look at.
+mod plane {
+    /// The rendered colour over the background.
+    pub(super) const RENDERED: usize = 0;
+    /// The true colour over the background.
+    pub(super) const TRUTH: usize = 3;
+    /// Coverage of the rendered picture.
+    pub(super) const COVERAGE: usize = 6;
+    /// Its expected depth, zero where there is no surface.
+    pub(super) const DEPTH: usize = 7;
+}
+
+/// Coverage below which a pixel has no surface.
+const SURFACE_COVERAGE: f32 = 0.5;
 
 pub(crate) fn loss_all(
-    level: Level,
+    machine: &Machine,
     frame: &Frame,
     target: &Target,
     camera: &Camera,
     weights: &LossWeights,
     background: [f32; 3],
 ) -> (LossReport, FrameGrad) {
-    let (width, height) = (frame.image.width, frame.image.height);
-    let size = width * height;
-    let mut grad = vec![0.0; frame.image.values.len()];
-    // The rendered colours over the background, then the true ones.
-    let mut colors = vec![0.0; 6 * size];
-    let mut report = pixel_losses(level, frame, target, weights, background, &mut colors, &mut grad);
-    if weights.dssim != 0.0 {
-        let (rendered, truth) = colors.split_at(3 * size);
-        let plane = Plane { width, height };
-        report.ssim = structure_loss(level, plane, rendered, truth, weights.dssim, &mut grad[..3 * size]);
+    let mut weights = *weights;
+    if !target.has_alpha {
+        weights.coverage = 0.0;
     }
-    background_vjp(&mut grad, size, background);
-    if frame.channel_count() > 3 {
-        attribute_losses(frame, weights, &mut grad);
-        if weights.normal != 0.0 && width > 2 && height > 2 {
-            report.normal = normal_loss(level, frame, camera, weights, &mut grad);
-        }
+    if frame.channels == 3 {
+        (weights.normal, weights.residual_image) = (0.0, 0.0);
+    }
+    let distance = distances(machine, frame, target);
+    let comparison = Comparison { machine, frame, target, camera, weights, background, distance };
+    let mut grad = machine.quads.take(frame.cover.tiles.len() * tile_len(frame.channels));
+    let (mut report, planes) = comparison.pixel_losses(&mut grad);
+    if weights.dssim != 0.0 {
+        report.ssim = structure_loss(&comparison, &planes, &mut grad);
+    }
+    comparison.background_vjp(&mut grad);
+    if weights.normal != 0.0 {
+        report.normal = normal_loss(&comparison, &planes, &mut grad);
     }
     report.total = f64::from(weights.absolute) * report.absolute
         + f64::from(weights.squared) * report.squared
         + f64::from(weights.dssim) * (1.0 - report.ssim)
         + f64::from(weights.normal) * report.normal
         + f64::from(weights.coverage) * report.coverage;
-    (report, FrameGrad { image: Image { values: grad, ..frame.image } })
+    (report, FrameGrad { channels: frame.channels, values: grad })
 }
 
-/// What pixels add to the losses that look at one pixel at a time.
-#[derive(Clone, Copy, Default)]
-struct PixelSums {
-    absolute: f64,
-    squared: f64,
-    coverage: f64,
-}
-
-/// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes both pictures as well.
-fn pixel_losses(
-    level: Level,
-    frame: &Frame,
-    target: &Target,
-    weights: &LossWeights,
-    background: [f32; 3],
-    colors: &mut [f32],
-    grad: &mut [f32],
-) -> LossReport {
-    let size = frame.image.pixel_count();
-    let mut weights = *weights;
-    if !target.has_alpha {
-        weights.coverage = 0.0;
+impl Comparison<'_> {
+    fn pixel_count(&self) -> usize {
+        self.target.width * self.target.height
     }
-    let bands = bands(colors, size, PIXELS_AT_ONCE).into_par_iter().zip(bands(grad, size, PIXELS_AT_ONCE));
-    let sums: Vec<PixelSums> = bands
-        .enumerate()
-        .map(|(band, (mut colors, mut grad))| {
-            let first = band * PIXELS_AT_ONCE;
-            dispatch!(level, simd => {
-                pixel_losses_in_band(simd, frame, target, &weights, background, first, &mut colors, &mut grad)
-            })
-        })
-        .collect();
-    let mean = |of: fn(&PixelSums) -> f64, count: usize| sums.iter().map(of).sum::<f64>() / count as f64;
-    LossReport {
-        absolute: mean(|sums| sums.absolute, 3 * size),
-        squared: mean(|sums| sums.squared, 3 * size),
-        coverage: mean(|sums| sums.coverage, size),
-        ..LossReport::default()
+    /// Where the gradient of each row of tiles begins.
+    fn grad_starts(&self) -> impl Fn(usize) -> usize + Sync + '_ {
+        |row| self.frame.cover.before_row(row) * tile_len(self.frame.channels)
     }
-}
+    /// Visits the rows of tiles with their share of something, and adds up what they find, in their order.
+    fn each_tile_row<P: Parts>(&self, parts: P, visit: impl Fn(usize, P) -> [f64; 4] + Sync) -> [f64; 4] {
+        let rows = self.frame.cover.rows;
+        let mut sums = self.machine.sums.take(rows);
+        let one_by_one = |row: usize| row;
+        let parts = (parts, Pieces::new(&mut sums, &one_by_one));
+        each_part(rows, parts, &|row, (part, sum): (P, Pieces<'_, [f64; 4]>)| sum.only()[0] = visit(row, part));
+        sums.iter().fold([0.0; 4], |sum, row| core::array::from_fn(|k| sum[k] + row[k]))
+    }
 
-#[inline(always)]
-fn pixel_losses_in_band<S: Simd>(
-    simd: S,
-    frame: &Frame,
-    target: &Target,
-    weights: &LossWeights,
-    background: [f32; 3],
-    first: usize,
-    colors: &mut [&mut [f32]],
-    grad: &mut [&mut [f32]],
-) -> PixelSums {
-    let size = frame.image.pixel_count();
-    let share = |weight: f32, count: usize| Lanes::splat(simd, weight / count as f32);
-    let (of_absolute, of_squared) = (share(weights.absolute, 3 * size), share(weights.squared, 3 * size));
-    let of_coverage = share(weights.coverage, size);
-    let mut sums = [Lanes::splat(simd, 0.0); 3];
-    let len = colors[0].len();
-    for start in (0..len).step_by(BLOCK) {
-        let count = BLOCK.min(len - start);
-        let at = |plane: &[f32]| load_some(simd, &plane[first + start..], count);
-        let [truth @ .., alpha] = read_pixels(simd, &target.rgba[4 * (first + start)..], count);
-        let passed = at(frame.transmittance());
+    /// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes what windows will
+    /// look at as well.
+    fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
+        let cover = &self.frame.cover;
+        let count = if self.weights.normal != 0.0 {
+            plane::DEPTH + 1
+        } else if self.weights.dssim != 0.0 {
+            plane::COVERAGE
+        } else {
+            0
+        };
+        let mut planes = Planes::new(self.machine, [cover.columns, cover.rows], count);
+        let (values, values_of) = planes.parts();
+        let grad_of = self.grad_starts();
+        let parts = (Pieces::new(grad, &grad_of), Pieces::new(values, &values_of));
+        let sums = self.each_tile_row(parts, |row, (grad, values)| {
+            let (grad, values) = (grad.only(), values.only());
+            dispatch!(self.machine.level, simd => self.pixel_losses_in_row(simd, row, grad, values))
+        });
+        let pixels = self.pixel_count() as f64;
+        let report = LossReport {
+            absolute: sums[0] / (3.0 * pixels),
+            squared: sums[1] / (3.0 * pixels),
+            coverage: sums[2] / pixels,
+            ..LossReport::default()
+        };
+        (report, planes)
+    }
+
+    #[inline(always)]
+    fn pixel_losses_in_row<S: Simd>(&self, simd: S, row: usize, grad: &mut [Quad], values: &mut [Row]) -> [f64; 4] {
+        let cover = &self.frame.cover;
+        let grad_len = tile_len(self.frame.channels);
+        let mut sums = [Lanes::splat(simd, 0.0); 3];
+        for column in 0..cover.columns {
+            let tile = row * cover.columns + column;
+            if self.distance[tile] >= FAR {
+                continue;
+            }
+            let slot = cover.slot(tile);
+            let mut grad = slot.map(|slot| &mut grad[(slot - cover.before_row(row)) * grad_len..][..grad_len]);
+            for quad in 0..QUADS {
+                let pixels = self.quad_losses(simd, [column, row], quad, slot, grad.as_deref_mut(), &mut sums);
+                for (plane, pixels) in values.chunks_exact_mut(cover.columns * SIZE).zip(pixels) {
+                    put_quad(&mut plane[column * SIZE..], quad, &pixels.to_array());
+                }
+            }
+        }
+        [f64::from(sums[0].sum()), f64::from(sums[1].sum()), f64::from(sums[2].sum()), 0.0]
+    }
+
+    /// Losses of a quad; returns what its planes hold, zero outside the picture.
+    #[inline(always)]
+    fn quad_losses<S: Simd>(
+        &self,
+        simd: S,
+        place: [usize; 2],
+        quad: usize,
+        slot: Option<usize>,
+        mut grad: Option<&mut [Quad]>,
+        sums: &mut [Lanes<S>; 3],
+    ) -> [Lanes<S>; 8] {
+        let Self { frame, target, weights, background, .. } = self;
+        let channels = frame.channels;
+        let inside = self.inside(simd, place, quad);
+        let [truth @ .., alpha] =
+            read_target(simd, &target.quads[(place[1] * target.columns + place[0]) * QUADS + quad]);
+        let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
+        let (of_absolute, of_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
+        let of_channel =
+            |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);
+        let passed = match slot {
+            Some(slot) => of_channel(slot, channels),
+            None => inside.constant(1.0),
+        };
+        let mut pixels = [inside.zero(); 8];
         for c in 0..3 {
-            let rendered = at(frame.image.plane(c)) + passed * background[c];
-            let truth = over(truth[c], alpha, Lanes::splat(simd, background[c])).keep_first(count);
+            let behind = Lanes::splat(simd, background[c]);
+            let rendered = match slot {
+                Some(slot) => passed.mul_add(behind, Lanes::load(simd, frame.color(slot, quad, c))),
+                None => behind,
+            } * inside;
+            let truth = over(truth[c], alpha, behind) * inside;
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
-            let own = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
-            store_some(own, &mut grad[c][start..], count);
-            store_some(rendered, &mut colors[c][start..], count);
-            store_some(truth, &mut colors[3 + c][start..], count);
+            if let Some(grad) = &mut grad {
+                let own = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
+                own.store(&mut grad[at(channels, quad, c)]);
+            }
+            (pixels[plane::RENDERED + c], pixels[plane::TRUTH + c]) = (rendered, truth);
         }
+        let coverage = (-passed + 1.0) * inside;
         if weights.coverage != 0.0 {
-            let coverage = (-passed + 1.0).keep_first(count);
             sums[2] = sums[2] + absolute(coverage, alpha);
-            let last = grad.len() - 1;
-            store_some(-absolute_vjp(coverage, alpha, of_coverage), &mut grad[last][start..], count);
         }
+        if let (Some(grad), Some(slot)) = (grad, slot) {
+            grad[at(channels, quad, 3)..at(channels, quad, 3) + channels - 3].fill([0.0; BLOCK]);
+            let of_coverage = absolute_vjp(coverage, alpha, share(weights.coverage, 1))
+                + sparse_coverage_vjp(coverage, share(weights.sparse_coverage, 1));
+            (-of_coverage).store(&mut grad[at(channels, quad, channels)]);
+            if weights.residual_image != 0.0 {
+                let of_residual = coverage * share(weights.residual_image, 1);
+                of_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
+            }
+            if weights.normal != 0.0 {
+                let is_surface = coverage.constant(SURFACE_COVERAGE).less(coverage);
+                let depth = expected_depth(of_channel(slot, channel::DEPTH), coverage);
+                (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface));
+            }
+        }
+        pixels
     }
-    let [absolute, squared, coverage] = sums;
-    let number = |sum: Lanes<S>| f64::from(sum.sum());
-    PixelSums { absolute: number(absolute), squared: number(squared), coverage: number(coverage) }
+
+    /// Gradient of the transmittance through the background.
+    fn background_vjp(&self, grad: &mut [Quad]) {
+        let channels = self.frame.channels;
+        grad.par_chunks_mut(tile_len(channels)).for_each(|tile| {
+            dispatch!(self.machine.level, simd => {
+                for quad in 0..QUADS {
+                    let mut sum = Lanes::load(simd, &tile[at(channels, quad, channels)]);
+                    for c in 0..3 {
+                        let behind = Lanes::splat(simd, self.background[c]);
+                        sum = Lanes::load(simd, &tile[at(channels, quad, c)]).mul_add(behind, sum);
+                    }
+                    sum.store(&mut tile[at(channels, quad, channels)]);
+                }
+            });
+        });
+    }
+
+    /// One for the pixels of a quad that lie in the picture, zero for others.
+    #[inline(always)]
+    fn inside<S: Simd>(&self, simd: S, place: [usize; 2], quad: usize) -> Lanes<S> {
+        const X: Quad = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+        const Y: Quad = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+        let [x, y] = quad_origin(quad);
+        let x = Lanes::from_array(simd, X) + (place[0] * SIZE + x) as f32;
+        let y = Lanes::from_array(simd, Y) + (place[1] * SIZE + y) as f32;
+        let end = |pixels: usize| Lanes::splat(simd, pixels as f32);
+        let is_inside = x.less(end(self.target.width)) & y.less(end(self.target.height));
+        x.constant(1.0).keep(is_inside)
+    }
 }
 
-/// Red, green, blue and alpha of up to sixteen pixels, in \[0, 1\]; zeros where there are none.
+/// How far each tile is from one that a splat touches or that the true picture covers.
+fn distances(machine: &Machine, frame: &Frame, target: &Target) -> Buffer<u32> {
+    let Cover { columns, rows, .. } = frame.cover;
+    let mut distance = machine.indices.take(columns * rows);
+    for (tile, distance) in distance.iter_mut().enumerate() {
+        let is_active = frame.cover.slot(tile).is_some() || !target.is_empty[tile];
+        *distance = if is_active { 0 } else { FAR };
+    }
+    // The larger of two distances along rows and columns: rows first, then columns of what that gives.
+    for row in distance.chunks_exact_mut(columns) {
+        spread_distance(row, columns, 1);
+    }
+    for column in 0..columns {
+        let len = (rows - 1) * columns + 1;
+        spread_distance(&mut distance[column..column + len], rows, columns);
+    }
+    distance
+}
+
+/// Lets every distance be at most one more than its neighbour's, forwards and backwards.
+fn spread_distance(distance: &mut [u32], count: usize, step: usize) {
+    for k in 1..count {
+        distance[k * step] = distance[k * step].min(distance[(k - 1) * step] + 1);
+    }
+    for k in (1..count).rev() {
+        distance[(k - 1) * step] = distance[(k - 1) * step].min(distance[k * step] + 1);
+    }
+}
+
+/// Red, green, blue and alpha of a quad, in \[0, 1\].
 #[inline(always)]
-fn read_pixels<S: Simd>(simd: S, rgba: &[u8], count: usize) -> [Lanes<S>; 4] {
-    let mut channels = [[0.0; BLOCK]; 4];
-    for (lane, pixel) in rgba.chunks_exact(4).take(count).enumerate() {
-        for (channel, value) in channels.iter_mut().zip(pixel) {
-            channel[lane] = f32::from(*value);
+fn read_target<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S>; 4] {
+    let mut numbers = [[0.0; BLOCK]; 4];
+    for (numbers, bytes) in numbers.iter_mut().zip(quad) {
+        for lane in 0..BLOCK {
+            numbers[lane] = f32::from(bytes[lane]);
         }
     }
-    let share = |channel: [f32; BLOCK]| Lanes::from_array(simd, channel) * (1.0 / 255.0);
-    let [red, green, blue, alpha] = channels;
-    [share(red), share(green), share(blue), share(alpha)]
+    let channel = |k: usize| Lanes::from_array(simd, numbers[k]) * (1.0 / 255.0);
+    [channel(0), channel(1), channel(2), channel(3)]
 }
 
-/// Gradient of the transmittance through the background.
-fn background_vjp(grad: &mut [f32], size: usize, background: [f32; 3]) {
-    let (channels, last) = grad.split_at_mut(grad.len() - size);
-    for (plane, background) in channels.chunks(size.max(1)).zip(background) {
-        last.iter_mut().zip(plane).for_each(|(sum, grad)| *sum += grad * background);
+/// A row of a tile's channel, from its four quads.
+#[inline(always)]
+fn row_of_tile(tile: &[Quad], channels: usize, channel: usize, y: usize) -> [f32; SIZE] {
+    let mut row = [0.0; SIZE];
+    for (k, to) in row.chunks_exact_mut(QUAD).enumerate() {
+        let quad = &tile[at(channels, y / QUAD * QUAD + k, channel)];
+        to.copy_from_slice(&quad[y % QUAD * QUAD..][..QUAD]);
     }
+    row
 }
 
-/// Gradients of the authors' losses on what was blended: sparse coverage, small residuals.
-fn attribute_losses(frame: &Frame, weights: &LossWeights, grad: &mut [f32]) {
-    let size = frame.image.pixel_count();
-    let share = 1.0 / size as f32;
-    if weights.sparse_coverage != 0.0 {
-        let start = grad.len() - size;
-        for (grad, passed) in grad[start..].iter_mut().zip(frame.transmittance()) {
-            *grad -= sparse_coverage_vjp(1.0 - passed, weights.sparse_coverage * share);
-        }
-    }
-    if weights.residual_image != 0.0 {
-        let plane = &mut grad[channel::RESIDUAL_SIZE * size..(channel::RESIDUAL_SIZE + 1) * size];
-        for (grad, passed) in plane.iter_mut().zip(frame.transmittance()) {
-            *grad += weights.residual_image * share * (1.0 - passed);
-        }
+/// Adds to a row of a tile's channel.
+#[inline(always)]
+fn add_to_row(tile: &mut [Quad], channels: usize, channel: usize, y: usize, row: &[f32; SIZE]) {
+    for (k, from) in row.chunks_exact(QUAD).enumerate() {
+        let quad = &mut tile[at(channels, y / QUAD * QUAD + k, channel)];
+        quad[y % QUAD * QUAD..][..QUAD].iter_mut().zip(from).for_each(|(sum, x)| *sum += x);
     }
 }

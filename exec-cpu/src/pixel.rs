@@ -1,185 +1,180 @@
 //! Blended surfaces to pictures and back: light, pixel by pixel, sixteen at a time.
 
 use crate::{
-    blend::{Frame, FrameGrad, bands},
-    lanes::{Lanes, load_some, store_some},
-    light::{Lookup, look_up, look_up_vjp},
-    prefilter::{Light, LightGrad},
+    frame::{Cover, Frame, FrameGrad, QUADS, Quad, RGB, SIZE, at, quad_origin, tile_len},
+    lanes::Lanes,
+    light::{look_up, look_up_vjp, radiance},
+    machine::Machine,
+    prefilter::{Light, LightGrad, Texel},
     shade::{LIGHT_PARTS, sum_parts},
 };
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    pixel::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     plan::{Channels, channel},
-    scene::{BLOCK, Image},
+    scene::BLOCK,
     vector::{Vec3, vec3},
 };
 
-/// Pixels of a part; parts do not depend on the number of threads, so neither does the sum of their gradients.
-fn part_len(size: usize) -> usize {
-    size.div_ceil(LIGHT_PARTS).next_multiple_of(BLOCK).max(BLOCK)
-}
-
-pub(crate) fn shade_pixels(level: Level, surface: &Frame, light: Option<&Light>, camera: &Camera) -> Frame {
-    let image = &surface.image;
-    let mut values = image.values.clone();
-    let part_len = part_len(image.pixel_count());
-    bands(&mut values, image.pixel_count(), part_len).into_par_iter().enumerate().for_each(|(part, mut out)| {
-        dispatch!(level, simd => {
+pub(crate) fn shade_pixels(machine: &Machine, mut surface: Frame, light: Option<&Light>, camera: &Camera) -> Frame {
+    let (channels, cover) = (surface.channels, &surface.cover);
+    let mut shaded = machine.quads.take(cover.tiles.len() * QUADS * RGB);
+    let tiles = surface.blended.par_chunks_mut(tile_len(channels)).zip(shaded.par_chunks_mut(QUADS * RGB));
+    tiles.enumerate().for_each(|(slot, (tile, shaded))| {
+        dispatch!(machine.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
-            shade_part(simd, image, light, &lifted, part * part_len, &mut out);
+            shade_tile(simd, origin_of(cover, slot), light, &lifted, channels, tile, shaded);
         });
     });
-    Frame { image: Image { values, ..*image } }
+    surface.shaded = Some(shaded);
+    surface
+}
+
+fn origin_of(cover: &Cover, slot: usize) -> [f32; 2] {
+    cover.place(slot).map(|tile| (tile * SIZE) as f32)
 }
 
 pub(crate) fn shade_pixels_vjp(
-    level: Level,
+    machine: &Machine,
     surface: &Frame,
     light: Option<&Light>,
     camera: &Camera,
     mut grad: FrameGrad,
 ) -> (FrameGrad, Option<LightGrad>) {
-    let image = &surface.image;
-    let part_len = part_len(image.pixel_count());
+    let tile_len = tile_len(surface.channels);
+    let count = surface.cover.tiles.len();
+    // Parts do not depend on the number of threads, so neither does the sum of their gradients.
+    let part_len = count.div_ceil(LIGHT_PARTS).max(1);
     let texel_count = light.map_or(0, |light| light.texels.len());
-    let parts: Vec<_> = bands(&mut grad.image.values, image.pixel_count(), part_len)
-        .into_par_iter()
-        .enumerate()
-        .map(|(part, mut grad)| {
-            let mut light_grad = vec![[0.0; 4]; texel_count];
-            dispatch!(level, simd => {
+    let mut texels = machine.texels.take(LIGHT_PARTS * texel_count.max(1));
+    let parts = grad.values.par_chunks_mut(part_len * tile_len).zip(texels.par_chunks_mut(texel_count.max(1)));
+    parts.enumerate().for_each(|(part, (grad, light_grad))| {
+        light_grad.fill([0.0; 4]);
+        for (slot, grad) in (part * part_len..).zip(grad.chunks_exact_mut(tile_len)) {
+            let origin = origin_of(&surface.cover, slot);
+            dispatch!(machine.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
-                part_vjp(simd, image, light, &lifted, part * part_len, &mut grad, &mut light_grad);
+                tile_vjp(simd, origin, surface.tile(slot), light, &lifted, grad, light_grad);
             });
-            light_grad
-        })
-        .collect();
-    (grad, light.map(|_| LightGrad { texels: sum_parts(&parts) }))
+        }
+    });
+    (grad, light.map(|_| sum_parts(texels, texel_count, count.div_ceil(part_len))))
 }
 
-/// Sixteen pixels under their light.
-struct Lit<S: Simd> {
+/// What was blended into a quad, and from where it is seen.
+struct Seen<S: Simd> {
     pixel: Pixel<Lanes<S>>,
     view_dir: Vec3<Lanes<S>>,
-    surface: PixelSurface<Lanes<S>>,
-    lookup: Option<Lookup<S>>,
-    light: Vec3<Lanes<S>>,
 }
 
-impl<S: Simd> Lit<S> {
-    /// Up to sixteen pixels from `first` on; none if nothing covers them.
+impl<S: Simd> Seen<S> {
+    /// A quad of a tile; none if nothing covers it.
     #[inline(always)]
-    fn new(
-        simd: S,
-        image: &Image<Vec<f32>>,
-        light: Option<&Light>,
-        camera: &CameraOf<Lanes<S>>,
-        first: usize,
-        count: usize,
-    ) -> Option<Self> {
-        let at = |plane: usize| load_some(simd, &image.plane(plane)[first..], count);
-        let at3 = |plane: usize| vec3(at(plane), at(plane + 1), at(plane + 2));
-        let coverage = -at(image.channels - 1) + 1.0;
+    fn new(simd: S, tile: &[Quad], quad: usize, origin: [f32; 2], camera: &CameraOf<Lanes<S>>) -> Option<Self> {
+        const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+        const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
+        let channels = tile.len() / QUADS - 1;
+        let load = |channel: usize| Lanes::load(simd, &tile[at(channels, quad, channel)]);
+        let load3 = |channel: usize| vec3(load(channel), load(channel + 1), load(channel + 2));
+        let coverage = -load(channels) + 1.0;
         if !coverage.any_positive() {
             return None;
         }
         let pixel = Pixel {
-            base: at3(channel::COLOR),
-            normal: at3(channel::NORMAL),
-            tint: at3(channel::TINT),
-            roughness: at(channel::ROUGHNESS),
+            base: load3(channel::COLOR),
+            normal: load3(channel::NORMAL),
+            tint: load3(channel::TINT),
+            roughness: load(channel::ROUGHNESS),
             coverage,
         };
-        let (x, y) = centers(simd, first, image.width);
-        let view_dir = camera.view_dir(x, y);
+        let [x, y] = quad_origin(quad);
+        let x = Lanes::from_array(simd, X) + (origin[0] + x as f32);
+        let y = Lanes::from_array(simd, Y) + (origin[1] + y as f32);
+        Some(Self { pixel, view_dir: camera.view_dir(x, y) })
+    }
+}
+
+#[inline(always)]
+fn shade_tile<S: Simd>(
+    simd: S,
+    origin: [f32; 2],
+    light: Option<&Light>,
+    camera: &CameraOf<Lanes<S>>,
+    channels: usize,
+    tile: &mut [Quad],
+    shaded: &mut [Quad],
+) {
+    for quad in 0..QUADS {
+        let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
+        let Some(seen) = Seen::new(simd, tile, quad, origin, camera) else {
+            out.as_flattened_mut().fill(0.0);
+            continue;
+        };
+        let surface = pixel_surface(&seen.pixel, seen.view_dir);
+        let coverage = seen.pixel.coverage;
+        let light = match light {
+            Some(light) => radiance(simd, light, surface.reflection_dir, surface.roughness),
+            None => Vec3::zero(coverage),
+        };
+        put(pixel_color(&surface, light, coverage), out);
+        if channels >= Channels::Layers.count() {
+            put(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            put(seen.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
+        }
+    }
+}
+
+#[inline(always)]
+fn put<S: Simd>(v: Vec3<Lanes<S>>, quads: &mut [Quad]) {
+    v.x.store(&mut quads[0]);
+    v.y.store(&mut quads[1]);
+    v.z.store(&mut quads[2]);
+}
+
+/// The gradient of a tile of the picture becomes that of the blended surface; adds to the light's.
+#[inline(always)]
+fn tile_vjp<S: Simd>(
+    simd: S,
+    origin: [f32; 2],
+    tile: &[Quad],
+    light: Option<&Light>,
+    camera: &CameraOf<Lanes<S>>,
+    grad: &mut [Quad],
+    light_grad: &mut [Texel],
+) {
+    let channels = tile.len() / QUADS - 1;
+    for quad in 0..QUADS {
+        let Some(Seen { pixel, view_dir }) = Seen::new(simd, tile, quad, origin, camera) else { continue };
         let surface = pixel_surface(&pixel, view_dir);
-        let lookup = light.map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
-        let light = lookup.as_ref().map_or(Vec3::zero(coverage), Lookup::radiance);
-        Some(Self { pixel, view_dir, surface, lookup, light })
-    }
-}
+        let (lookup, radiance) = match light {
+            Some(light) => {
+                let lookup = look_up(simd, light, surface.reflection_dir, surface.roughness);
+                let radiance = lookup.radiance();
+                (Some((light, lookup)), radiance)
+            }
+            None => (None, Vec3::zero(pixel.coverage)),
+        };
 
-/// Centres of sixteen pixels in the order of rows.
-#[inline(always)]
-fn centers<S: Simd>(simd: S, first: usize, width: usize) -> (Lanes<S>, Lanes<S>) {
-    let (mut x, mut y) = ([0.0; BLOCK], [0.0; BLOCK]);
-    let (mut column, mut row) = (first % width, first / width);
-    for lane in 0..BLOCK {
-        x[lane] = column as f32 + 0.5;
-        y[lane] = row as f32 + 0.5;
-        column += 1;
-        if column == width {
-            (column, row) = (0, row + 1);
-        }
-    }
-    (Lanes::from_array(simd, x), Lanes::from_array(simd, y))
-}
-
-#[inline(always)]
-fn shade_part<S: Simd>(
-    simd: S,
-    image: &Image<Vec<f32>>,
-    light: Option<&Light>,
-    camera: &CameraOf<Lanes<S>>,
-    first: usize,
-    out: &mut [&mut [f32]],
-) {
-    let len = out[0].len();
-    let has_layers = image.channels > Channels::Layers.count();
-    for start in (0..len).step_by(BLOCK) {
-        let count = BLOCK.min(len - start);
-        let Some(lit) = Lit::new(simd, image, light, camera, first + start, count) else { continue };
-        let coverage = lit.pixel.coverage;
-        put(pixel_color(&lit.surface, lit.light, coverage), out, channel::COLOR, start, count);
-        if has_layers {
-            put(lit.light * coverage, out, channel::LIGHT, start, count);
-            put(lit.pixel.tint.times(lit.light), out, channel::SPECULAR, start, count);
-        }
-    }
-}
-
-#[inline(always)]
-fn put<S: Simd>(v: Vec3<Lanes<S>>, planes: &mut [&mut [f32]], plane: usize, start: usize, count: usize) {
-    for (k, lanes) in [v.x, v.y, v.z].into_iter().enumerate() {
-        store_some(lanes, &mut planes[plane + k][start..], count);
-    }
-}
-
-#[inline(always)]
-fn part_vjp<S: Simd>(
-    simd: S,
-    image: &Image<Vec<f32>>,
-    light: Option<&Light>,
-    camera: &CameraOf<Lanes<S>>,
-    first: usize,
-    grad: &mut [&mut [f32]],
-    light_grad: &mut [[f32; 4]],
-) {
-    let len = grad[0].len();
-    for start in (0..len).step_by(BLOCK) {
-        let count = BLOCK.min(len - start);
-        let Some(lit) = Lit::new(simd, image, light, camera, first + start, count) else { continue };
-        let at = |plane: usize| load_some(simd, &grad[plane][start..], count);
-        let at3 = |plane: usize| vec3(at(plane), at(plane + 1), at(plane + 2));
+        let load = |channel: usize| Lanes::load(simd, &grad[at(channels, quad, channel)]);
+        let load3 = |channel: usize| vec3(load(channel), load(channel + 1), load(channel + 2));
         let (mut grad_surface, grad_light, grad_coverage) =
-            pixel_color_vjp(&lit.surface, lit.light, lit.pixel.coverage, at3(channel::COLOR));
-        if let (Some(lookup), Some(light)) = (&lit.lookup, light) {
-            let (direction, roughness) = look_up_vjp(light, lookup, lit.surface.roughness, grad_light, light_grad);
+            pixel_color_vjp(&surface, radiance, pixel.coverage, load3(channel::COLOR));
+        if let Some((light, lookup)) = &lookup {
+            let (direction, roughness) = look_up_vjp(simd, light, lookup, surface.roughness, grad_light, light_grad);
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
         }
-        let own = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
-        let normal = at3(channel::NORMAL) + own.normal;
-        let tint = at3(channel::TINT) + own.tint;
-        let roughness = at(channel::ROUGHNESS) + own.roughness;
-        let passed = at(image.channels - 1) - (own.coverage + grad_coverage);
-        put(own.base, grad, channel::COLOR, start, count);
-        put(normal, grad, channel::NORMAL, start, count);
-        put(tint, grad, channel::TINT, start, count);
-        store_some(roughness, &mut grad[channel::ROUGHNESS][start..], count);
-        store_some(passed, &mut grad[image.channels - 1][start..], count);
+        let own = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
+        let normal = load3(channel::NORMAL) + own.normal;
+        let tint = load3(channel::TINT) + own.tint;
+        let roughness = load(channel::ROUGHNESS) + own.roughness;
+        let passed = load(channels) - (own.coverage + grad_coverage);
+        put(own.base, &mut grad[at(channels, quad, channel::COLOR)..]);
+        put(normal, &mut grad[at(channels, quad, channel::NORMAL)..]);
+        put(tint, &mut grad[at(channels, quad, channel::TINT)..]);
+        roughness.store(&mut grad[at(channels, quad, channel::ROUGHNESS)]);
+        passed.store(&mut grad[at(channels, quad, channels)]);
     }
 }

@@ -1,9 +1,10 @@
 //! Light into roughness levels: a sparse linear operator, built once for a resolution and applied at every step.
 
+use crate::{buffer::Buffer, machine::Machine};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FACE_COUNT, apron_sources, padded_index, padded_len, texel_direction, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, apron_sources, padded_len, texel_direction, texel_index, texel_solid_angle},
     double::Double,
     prefilter::{
         IRRADIANCE_RESOLUTION, Level, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
@@ -27,15 +28,15 @@ const STORED_WEIGHTS_MAX: usize = 1 << 26;
 pub struct Light {
     operator: Arc<Operator>,
     /// All levels, one after the other; then the irradiance map, if there is one.
-    pub(crate) texels: Vec<Texel>,
-    /// Radiance of the base, kept for the gradient of its activation.
-    base: Vec<Texel>,
+    pub(crate) texels: Buffer<Texel>,
+    /// What they were made of: the radiance of the base, coarser and coarser, then the filtered rows.
+    nodes: Buffer<Texel>,
 }
 
 /// Gradient of a [`Light`], texel by texel.
 #[derive(Clone, Debug)]
 pub struct LightGrad {
-    pub(crate) texels: Vec<Texel>,
+    pub(crate) texels: Buffer<Texel>,
 }
 
 impl Light {
@@ -44,28 +45,37 @@ impl Light {
         self.operator.levels.as_slice()
     }
     /// Texels along an edge of a level; the irradiance map comes after the last level.
+    #[inline(always)]
     pub(crate) fn resolution(&self, level: usize) -> usize {
         self.operator.blocks[level].resolution
     }
     /// First texel of each level, and of the irradiance map behind them.
+    #[inline(always)]
     pub(crate) fn offsets(&self) -> &[usize] {
         &self.operator.padded_offsets
     }
     /// Filters an environment. The operator fits its resolution.
-    pub(crate) fn new(operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
-        let base: Vec<Texel> =
-            environment.values.chunks_exact(3).map(|rgb| activate(environment.activation, rgb)).collect();
-        let pyramid = operator.pyramid(&base);
-        let filtered = operator.apply(&pyramid);
-        let texels = operator.pad(&filtered, &base);
-        Self { operator, texels, base }
+    pub(crate) fn new(machine: &Machine, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
+        let mut nodes = machine.texels.take(operator.node_count() + operator.row_count());
+        for (node, rgb) in nodes.iter_mut().zip(environment.values.chunks_exact(3)) {
+            *node = activate(environment.activation, rgb);
+        }
+        operator.filter(&mut nodes);
+        let mut texels = machine.texels.take(operator.padded_count());
+        operator.aprons.forward.apply(operator.level, &nodes, &mut texels, false);
+        Self { operator, texels, nodes }
     }
     /// Gradient with respect to the environment's numbers.
-    pub(crate) fn vjp(&self, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
-        let (filtered, mut base) = self.operator.pad_vjp(&grad.texels);
-        let pyramid = self.operator.apply_vjp(&filtered);
-        self.operator.pyramid_vjp(pyramid, &mut base);
-        base.iter().zip(&self.base).flat_map(|(grad, radiance)| activate_vjp(activation, grad, radiance)).collect()
+    pub(crate) fn vjp(&self, machine: &Machine, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
+        let mut nodes = machine.texels.take(self.nodes.len());
+        self.operator.aprons.transposed.apply(self.operator.level, &grad.texels, &mut nodes, false);
+        self.operator.filter_vjp(&mut nodes);
+        let resolution = self.operator.resolution;
+        let mut out = machine.numbers.take(3 * FACE_COUNT * resolution * resolution);
+        for ((out, grad), radiance) in out.chunks_exact_mut(3).zip(nodes.iter()).zip(self.nodes.iter()) {
+            out.copy_from_slice(&activate_vjp(activation, grad, radiance));
+        }
+        out.into_vec()
     }
 }
 
@@ -99,7 +109,12 @@ pub(crate) struct Operator {
     nodes: NodeTable,
     /// The official scheme's weights of one face's texels, level by level.
     official_weights: Vec<f64>,
+    /// From each level of the pyramid to the next coarser one.
+    reductions: Vec<Stored>,
+    /// From the pyramid to the rows.
     stored: Option<Stored>,
+    /// From the pyramid and the rows to levels with aprons.
+    aprons: Stored,
 }
 
 /// Rows of one level of the result.
@@ -141,7 +156,7 @@ struct Cone {
 const MAX_HALVINGS: usize = 12;
 
 /// Weights by row, and the same by column.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Stored {
     forward: Sparse,
     transposed: Sparse,
@@ -222,9 +237,14 @@ impl Operator {
             padded_offsets,
             nodes,
             official_weights,
+            reductions: Vec::new(),
             stored: None,
+            aprons: Stored::default(),
         };
         operator.stored = operator.store();
+        operator.reductions =
+            operator.pyramid.windows(2).map(|pair| operator.reduction(pair[0].0, pair[1].0)).collect();
+        operator.aprons = operator.aprons();
         operator
     }
 
@@ -258,6 +278,9 @@ impl Operator {
     fn row_count(&self) -> usize {
         let last = self.blocks[self.blocks.len() - 1];
         last.first_row + FACE_COUNT * last.resolution * last.resolution
+    }
+    fn padded_count(&self) -> usize {
+        self.padded_offsets[self.blocks.len()]
     }
     fn node_count(&self) -> usize {
         let (size, offset) = self.pyramid[self.pyramid.len() - 1];
@@ -356,9 +379,7 @@ impl Operator {
             return None;
         }
         let parts: Vec<Sparse> = rows.par_chunks(ROWS_AT_ONCE).map(|rows| self.sparse_rows(rows)).collect();
-        let forward = Sparse::join(&parts);
-        let transposed = forward.transpose(self.node_count());
-        Some(Stored { forward, transposed })
+        Some(Stored::new(Sparse::join(&parts), self.node_count()))
     }
 
     fn tap_count(&self, row: usize) -> usize {
@@ -379,129 +400,90 @@ impl Operator {
         sparse
     }
 
-    /// Means over 2×2 texels, level upon level: weighted by solid angle, or plain in the official scheme.
-    fn pyramid(&self, base: &[Texel]) -> Vec<Texel> {
-        let mut nodes = base.to_vec();
-        nodes.resize(self.node_count(), [0.0; 4]);
-        for pair in self.pyramid.windows(2) {
-            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
-            self.each_parent(pair[1].0, |parent, children| {
-                for (child, weight) in children {
-                    add_scaled(&mut coarse[parent], weight, &fine[pair[0].1 + child]);
-                }
-            });
-        }
-        nodes
-    }
-
-    fn pyramid_vjp(&self, mut nodes: Vec<Texel>, base: &mut [Texel]) {
-        for pair in self.pyramid.windows(2).rev() {
-            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
-            self.each_parent(pair[1].0, |parent, children| {
-                for (child, weight) in children {
-                    add_scaled(&mut fine[pair[0].1 + child], weight, &coarse[parent]);
-                }
-            });
-        }
-        base.iter_mut().zip(&nodes).for_each(|(base, node)| add_scaled(base, 1.0, node));
-    }
-
-    /// Calls `visit` with every texel of a pyramid level and its four children and their weights.
-    fn each_parent(&self, resolution: usize, mut visit: impl FnMut(usize, [(usize, f32); 4])) {
-        for (face, column, row) in each_texel(resolution) {
-            let children = Node { face, column, row, resolution }.children();
+    /// Means over 2×2 texels: weighted by solid angle, or plain in the official scheme.
+    fn reduction(&self, fine: usize, coarse: usize) -> Stored {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        for (face, column, row) in each_texel(coarse) {
+            let children = Node { face, column, row, resolution: coarse }.children();
             let shares = match self.scheme {
                 PrefilterScheme::Exact => children.map(|c| self.nodes.get(&c).1),
                 PrefilterScheme::Official => [1.0; 4],
             };
             let sum: f64 = shares.iter().sum();
-            let weighted = core::array::from_fn(|k| {
-                let child = &children[k];
-                let index = texel_index(child.face, child.column, child.row, child.resolution);
-                (index, (shares[k] / sum) as f32)
-            });
-            visit(texel_index(face, column, row, resolution), weighted);
+            for (child, share) in children.iter().zip(shares) {
+                let index = texel_index(child.face, child.column, child.row, fine);
+                sparse.push(index, (share / sum) as f32);
+            }
+            sparse.end_row();
         }
-    }
-
-    fn apply(&self, pyramid: &[Texel]) -> Vec<Texel> {
-        match &self.stored {
-            Some(stored) => stored.forward.apply(self.level, pyramid),
-            None => (0..self.row_count())
-                .into_par_iter()
-                .map_init(Vec::new, |taps, row| {
-                    self.row(row, taps);
-                    let mut sum = [0.0; 4];
-                    taps.iter()
-                        .for_each(|(node, weight)| add_scaled(&mut sum, *weight as f32, &pyramid[*node as usize]));
-                    sum
-                })
-                .collect(),
-        }
-    }
-
-    fn apply_vjp(&self, filtered: &[Texel]) -> Vec<Texel> {
-        if let Some(stored) = &self.stored {
-            return stored.transposed.apply(self.level, filtered);
-        }
-        let mut nodes = vec![[0.0; 4]; self.node_count()];
-        let mut taps = Vec::new();
-        for (row, grad) in filtered.iter().enumerate() {
-            self.row(row, &mut taps);
-            taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
-        }
-        nodes
+        Stored::new(sparse, FACE_COUNT * fine * fine)
     }
 
     /// Levels with their aprons. A level that is the base takes its texels from there.
-    fn pad(&self, filtered: &[Texel], base: &[Texel]) -> Vec<Texel> {
-        let total = self.padded_offsets[self.blocks.len()];
-        let mut padded = vec![[0.0; 4]; total];
-        for (block, offset) in self.blocks.iter().zip(&self.padded_offsets) {
-            let source = self.source_of(block, filtered, base);
-            each_padded(block.resolution, |index, texels, weight| {
-                texels.iter().for_each(|texel| add_scaled(&mut padded[offset + index], weight, &source[*texel]));
-            });
-        }
-        padded
-    }
-
-    fn source_of<'a>(&self, block: &RowBlock, filtered: &'a [Texel], base: &'a [Texel]) -> &'a [Texel] {
-        match block.kind {
-            RowKind::Base => base,
-            _ => &filtered[block.first_row..block.first_row + FACE_COUNT * block.resolution * block.resolution],
-        }
-    }
-
-    /// Gradients of the filtered rows and of the base.
-    fn pad_vjp(&self, padded: &[Texel]) -> (Vec<Texel>, Vec<Texel>) {
-        let mut filtered = vec![[0.0; 4]; self.row_count()];
-        let mut base = vec![[0.0; 4]; FACE_COUNT * self.resolution * self.resolution];
-        for (block, offset) in self.blocks.iter().zip(&self.padded_offsets) {
-            let (grads, first) = match block.kind {
-                RowKind::Base => (&mut base, 0),
-                _ => (&mut filtered, block.first_row),
+    fn aprons(&self) -> Stored {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        for block in &self.blocks {
+            let first = match block.kind {
+                RowKind::Base => 0,
+                _ => self.node_count() + block.first_row,
             };
-            each_padded(block.resolution, |index, texels, weight| {
-                texels.iter().for_each(|texel| add_scaled(&mut grads[first + texel], weight, &padded[offset + index]));
+            each_padded(block.resolution, |texels, weight| {
+                texels.iter().for_each(|texel| sparse.push(first + texel, weight));
+                sparse.end_row();
             });
         }
-        (filtered, base)
+        Stored::new(sparse, self.node_count() + self.row_count())
+    }
+
+    /// From the radiance of the base, at the front, to the pyramid and the rows behind it.
+    fn filter(&self, nodes: &mut [Texel]) {
+        let (nodes, rows) = nodes.split_at_mut(self.node_count());
+        for (pair, reduction) in self.pyramid.windows(2).zip(&self.reductions) {
+            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
+            let count = reduction.forward.starts.len() - 1;
+            reduction.forward.apply(self.level, &fine[pair[0].1..], &mut coarse[..count], false);
+        }
+        match &self.stored {
+            Some(stored) => stored.forward.apply(self.level, nodes, rows, false),
+            None => rows.par_iter_mut().enumerate().for_each_init(Vec::new, |taps, (row, sum)| {
+                self.row(row, taps);
+                *sum = [0.0; 4];
+                taps.iter().for_each(|(node, weight)| add_scaled(sum, *weight as f32, &nodes[*node as usize]));
+            }),
+        }
+    }
+
+    /// From the gradients of pyramid and rows to that of the base, at the front.
+    fn filter_vjp(&self, nodes: &mut [Texel]) {
+        let (nodes, rows) = nodes.split_at_mut(self.node_count());
+        if let Some(stored) = &self.stored {
+            stored.transposed.apply(self.level, rows, nodes, true);
+        } else {
+            let mut taps = Vec::new();
+            for (row, grad) in rows.iter().enumerate() {
+                self.row(row, &mut taps);
+                taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
+            }
+        }
+        for (pair, reduction) in self.pyramid.windows(2).zip(&self.reductions).rev() {
+            let (fine, coarse) = nodes.split_at_mut(pair[1].1);
+            let count = reduction.forward.starts.len() - 1;
+            reduction.transposed.apply(self.level, &coarse[..count], &mut fine[pair[0].1..], true);
+        }
     }
 }
 
-/// Calls `visit` with every texel of a padded map, the texels that it shows and the weight of each.
-fn each_padded(resolution: usize, mut visit: impl FnMut(usize, &[usize], f32)) {
+/// Calls `visit` for every texel of a padded map in order, with the texels that it shows and the weight of each.
+fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
     let last = resolution as isize;
     for face in 0..FACE_COUNT {
         for row in -1..=last {
             for column in -1..=last {
-                let index = padded_index(face, column, row, resolution);
                 if (0..last).contains(&column) && (0..last).contains(&row) {
-                    visit(index, &[texel_index(face, column as usize, row as usize, resolution)], 1.0);
+                    visit(&[texel_index(face, column as usize, row as usize, resolution)], 1.0);
                 } else {
                     let apron = apron_sources(face, column, row, resolution);
-                    visit(index, &apron.texels[..apron.count], 1.0 / apron.count as f32);
+                    visit(&apron.texels[..apron.count], 1.0 / apron.count as f32);
                 }
             }
         }
@@ -515,7 +497,21 @@ fn add_scaled(sum: &mut Texel, factor: f32, texel: &Texel) {
     }
 }
 
+impl Stored {
+    fn new(forward: Sparse, column_count: usize) -> Self {
+        let transposed = forward.transpose(column_count);
+        Self { forward, transposed }
+    }
+}
+
 impl Sparse {
+    fn push(&mut self, column: usize, weight: f32) {
+        self.columns.push(column as u32);
+        self.weights.push(weight);
+    }
+    fn end_row(&mut self) {
+        self.starts.push(self.columns.len());
+    }
     fn join(parts: &[Self]) -> Self {
         let mut whole = Self { starts: vec![0], ..Self::default() };
         for part in parts {
@@ -544,28 +540,40 @@ impl Sparse {
         Self { starts, columns, weights }
     }
 
-    fn apply(&self, level: SimdLevel, source: &[Texel]) -> Vec<Texel> {
+    /// The matrix times `source`; added to what is there, if that is wanted.
+    fn apply(&self, level: SimdLevel, source: &[Texel], out: &mut [Texel], adds: bool) {
         const ROWS_AT_ONCE: usize = 256;
-        let mut out = vec![[0.0; 4]; self.starts.len() - 1];
         out.par_chunks_mut(ROWS_AT_ONCE).enumerate().for_each(|(chunk, out)| {
-            for (row, sum) in out.iter_mut().enumerate() {
-                let row = chunk * ROWS_AT_ONCE + row;
-                let taps = self.starts[row]..self.starts[row + 1];
-                let (columns, weights) = (&self.columns[taps.clone()], &self.weights[taps]);
-                *sum = dispatch!(level, simd => weighted_sum(simd, columns, weights, source));
-            }
+            dispatch!(level, simd => self.apply_rows(simd, chunk * ROWS_AT_ONCE, source, out, adds));
         });
-        out
+    }
+
+    #[inline(always)]
+    fn apply_rows<S: Simd>(&self, simd: S, first: usize, source: &[Texel], out: &mut [Texel], adds: bool) {
+        for (row, out) in (first..).zip(out) {
+            let taps = self.starts[row]..self.starts[row + 1];
+            let before = if adds { *out } else { [0.0; 4] };
+            *out = weighted_sum(simd, before, &self.columns[taps.clone()], &self.weights[taps], source);
+        }
     }
 }
 
-/// Σ weight · source\[column\], in the order of the columns.
+/// `before` + Σ weight · source\[column\], four sums side by side that are added at the end.
 #[inline(always)]
-fn weighted_sum<S: Simd>(simd: S, columns: &[u32], weights: &[f32], source: &[Texel]) -> Texel {
-    let mut sum = f32x4::splat(simd, 0.0);
-    for (column, weight) in columns.iter().zip(weights) {
-        let texel = f32x4::simd_from(simd, source[*column as usize]);
-        sum = texel.mul_add(f32x4::splat(simd, *weight), sum);
+fn weighted_sum<S: Simd>(simd: S, before: Texel, columns: &[u32], weights: &[f32], source: &[Texel]) -> Texel {
+    let at = |column: u32| f32x4::simd_from(simd, source[column as usize]);
+    let zero = f32x4::splat(simd, 0.0);
+    let (mut a, mut b, mut c, mut d) = (f32x4::simd_from(simd, before), zero, zero, zero);
+    let (columns, columns_rest) = columns.as_chunks::<4>();
+    let (weights, weights_rest) = weights.as_chunks::<4>();
+    for (columns, weights) in columns.iter().zip(weights) {
+        a = at(columns[0]).mul_add(f32x4::splat(simd, weights[0]), a);
+        b = at(columns[1]).mul_add(f32x4::splat(simd, weights[1]), b);
+        c = at(columns[2]).mul_add(f32x4::splat(simd, weights[2]), c);
+        d = at(columns[3]).mul_add(f32x4::splat(simd, weights[3]), d);
     }
-    sum.into()
+    for (column, weight) in columns_rest.iter().zip(weights_rest) {
+        a = at(*column).mul_add(f32x4::splat(simd, *weight), a);
+    }
+    ((a + b) + (c + d)).into()
 }

@@ -1,7 +1,11 @@
 //! Gaussians to splats, sixteen at a time.
 
-use crate::lanes::{Lanes, store3};
-use fearless_simd::{Level, Simd, dispatch};
+use crate::{
+    buffer::Buffer,
+    lanes::{Lanes, store3},
+    machine::Machine,
+};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     bin::{footprint, half_extent},
@@ -34,7 +38,7 @@ pub struct SplatRecord {
 /// All Gaussians on the screen, in their order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
-    pub(crate) records: Vec<SplatRecord>,
+    pub(crate) records: Buffer<SplatRecord>,
 }
 
 impl Splats {
@@ -52,12 +56,12 @@ impl Splats {
 /// Blocks that one task takes.
 pub(crate) const BLOCKS_AT_ONCE: usize = 16;
 
-pub(crate) fn project_all(level: Level, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Splats {
-    let mut records = vec![SplatRecord::default(); gaussians.count];
+pub(crate) fn project_all(machine: &Machine, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Splats {
+    let mut records = machine.records.take(gaussians.count);
     let chunk_len = BLOCKS_AT_ONCE * gaussians.block_len();
     let chunks = gaussians.values.par_chunks(chunk_len).zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK));
     chunks.for_each(|(blocks, records)| {
-        dispatch!(level, simd => project_blocks(simd, blocks, gaussians.block_len(), camera, records));
+        dispatch!(machine.level, simd => project_blocks(simd, blocks, gaussians.block_len(), camera, records));
     });
     Splats { records }
 }

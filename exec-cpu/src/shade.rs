@@ -2,12 +2,14 @@
 
 use crate::{
     blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
+    buffer::Buffer,
     lanes::{Lanes, store3},
     light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
+    machine::Machine,
     prefilter::{Light, LightGrad, Texel},
     project::{BLOCKS_AT_ONCE, Splats, load_shape, project_block_vjp},
 };
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
@@ -31,7 +33,7 @@ pub struct Colors {
     /// How many numbers a Gaussian has.
     pub channels: usize,
     /// The numbers.
-    pub values: Vec<f32>,
+    pub(crate) values: Buffer<f32>,
 }
 
 /// What shading needs beside the Gaussians.
@@ -61,18 +63,18 @@ impl Scene<'_> {
 }
 
 pub(crate) fn shade_all(
-    level: Level,
+    machine: &Machine,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
     splats: &Splats,
     scene: Scene<'_>,
 ) -> Colors {
     let channels = scene.channels();
-    let mut values = vec![0.0; gaussians.count * channels];
+    let mut values = machine.numbers.take(gaussians.count * channels);
     let block_len = gaussians.block_len();
     let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
     chunks.zip(values.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK * channels)).enumerate().for_each(|(chunk, (blocks, out))| {
-        dispatch!(level, simd => {
+        dispatch!(machine.level, simd => {
             let camera = camera.lift(Lanes::splat(simd, 0.0));
             for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_mut(BLOCK * channels)).enumerate() {
                 if splats.block_is_drawn(chunk * BLOCKS_AT_ONCE + index) {
@@ -248,7 +250,7 @@ fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
 pub(crate) const LIGHT_PARTS: usize = 8;
 
 pub(crate) fn gaussians_vjp(
-    level: Level,
+    machine: &Machine,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
     splats: &Splats,
@@ -257,48 +259,54 @@ pub(crate) fn gaussians_vjp(
     grads: &SplatGrads,
 ) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
     let block_len = gaussians.block_len();
-    let mut out = vec![0.0; gaussians.values.len()];
+    let mut out = machine.numbers.take(gaussians.values.len());
     let block_count = gaussians.values.len() / block_len;
     let part_blocks = block_count.div_ceil(LIGHT_PARTS).max(1);
     let texel_count = scene.own_light().map_or(0, |light| light.texels.len());
-    let parts: Vec<Vec<Texel>> = gaussians
+    let mut texels = machine.texels.take(LIGHT_PARTS * texel_count.max(1));
+    gaussians
         .values
         .par_chunks(part_blocks * block_len)
         .zip(out.par_chunks_mut(part_blocks * block_len))
+        .zip(texels.par_chunks_mut(texel_count.max(1)))
         .enumerate()
-        .map(|(part, (blocks, out))| {
-            let mut light_grad = vec![[0.0; 4]; texel_count];
-            dispatch!(level, simd => {
+        .for_each(|(part, ((blocks, out), light_grad))| {
+            light_grad.fill([0.0; 4]);
+            dispatch!(machine.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
                 for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len)).enumerate() {
                     let number = part * part_blocks + index;
-                    let grads = deinterleave(simd, grads, number, gaussians.count);
+                    out.fill(0.0);
                     if splats.block_is_drawn(number) {
-                        block_vjp(simd, block, &lifted, scene, &grads, out, &mut light_grad);
+                        let grads = deinterleave(simd, grads, number, gaussians.count);
+                        block_vjp(simd, block, &lifted, scene, &grads, out, light_grad);
                     }
                     attribute_losses_vjp(simd, block, scene, weights, gaussians.count, out);
                 }
             });
-            light_grad
-        })
-        .collect();
-    let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out };
-    (grad, scene.own_light().map(|_| LightGrad { texels: sum_parts(&parts) }))
+        });
+    let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out.into_vec() };
+    (grad, scene.own_light().map(|_| sum_parts(texels, texel_count, block_count.div_ceil(part_blocks))))
 }
 
 /// The sum of lights' gradients, in the order of the parts.
-pub(crate) fn sum_parts(parts: &[Vec<Texel>]) -> Vec<Texel> {
+pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_count: usize) -> LightGrad {
     const TEXELS_AT_ONCE: usize = 4096;
-    let mut sum = parts[0].clone();
+    let (sum, others) = texels.split_at_mut(texel_count);
+    if part_count == 0 {
+        sum.fill([0.0; 4]);
+    }
+    let others = &others[..part_count.saturating_sub(1) * texel_count];
     sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
-        for part in &parts[1..] {
+        for part in others.chunks_exact(texel_count) {
             let own = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
             sum.iter_mut().zip(own).for_each(|(sum, texel)| {
                 sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
             });
         }
     });
-    sum
+    texels.truncate(texel_count);
+    LightGrad { texels }
 }
 
 /// Gradients of a block's splats as lanes; zero for what is not there or not drawn.
@@ -401,13 +409,13 @@ fn shaded_vjp<S: Simd>(
     };
     if let (Some(lookup), Some(light)) = (&shaded.specular, scene.own_light()) {
         let (direction, roughness) =
-            look_up_vjp(light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
+            look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
         grad_surface.reflection_dir = direction;
         grad_surface.roughness = grad_surface.roughness + roughness;
     }
     if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
         let ambient = grad.ambient_light.map(|g| g.keep(is_touched));
-        let (direction, _) = look_up_vjp(light, lookup, shaded.surface.roughness, ambient, light_grad);
+        let (direction, _) = look_up_vjp(simd, light, lookup, shaded.surface.roughness, ambient, light_grad);
         grad_surface.normal = grad_surface.normal + direction;
         let [n_dot_v, roughness] =
             split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);

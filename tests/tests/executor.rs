@@ -11,7 +11,7 @@ use specula_core::{
     scene::{Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuExecutor, frame::Frame};
 use specula_tests::{
     brute,
     compare::{assert_psnr, psnr, relative_difference},
@@ -81,8 +81,9 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
         let light = prefilter::<Double>(&lift_environment(&environment), &operator);
         let exact = plain::render(&lift_gaussians(&cloud), Some(&light), &camera, &rules);
         let exact: Vec<f64> = exact.values.iter().map(|x| x.0).collect();
-        println!("seed {seed}: {:.1} dB", psnr(&wide(&frame.image.values), &exact));
-        assert_psnr(&wide(&frame.image.values), &exact, SAME_FRAME);
+        let ours = wide(&numbers_of(&frame));
+        println!("seed {seed}: {:.1} dB", psnr(&ours, &exact));
+        assert_psnr(&ours, &exact, SAME_FRAME);
     }
 }
 
@@ -101,15 +102,13 @@ fn gradients_agree(shading: ShadingRules) {
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
     let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-    let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
+    let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
     let is_deferred = rules.is_deferred(cloud.layout);
-    let picture = if is_deferred {
-        exec.shade_pixels(&frame, Some(&light), &camera).expect("the CPU shades")
-    } else {
-        frame.clone()
-    };
-    let (_, mut frame_grad) = exec.loss(&picture, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
+    if is_deferred {
+        frame = exec.shade_pixels(frame, Some(&light), &camera).expect("the CPU shades");
+    }
+    let (_, mut frame_grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
     let mut light_grad = None;
     if is_deferred {
         (frame_grad, light_grad) =
@@ -154,16 +153,26 @@ fn gradients_agree(shading: ShadingRules) {
     assert!(difference < SAME_GRADIENT, "the light's gradient differs by {difference:e}");
 }
 
+/// Channels and transmittance of a frame, plane by plane.
+fn numbers_of(frame: &Frame) -> Vec<f32> {
+    let [width, height] = frame.size();
+    let mut numbers = vec![0.0; (frame.channel_count() + 1) * width * height];
+    frame.read(&mut numbers);
+    numbers
+}
+
 /// The executor's picture of a plain cloud and the independent renderer's, red then green then blue.
 fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
     let mut exec = CpuExecutor::new();
     let frame =
         render(&mut exec, cloud, None, camera, &rules(ShadingRules::PAPER, Channels::Color)).expect("the CPU renders");
-    let passed = frame.transmittance();
-    let ours = (0..3)
-        .flat_map(|c| frame.image.plane(c).iter().zip(passed).map(move |(x, t)| f64::from(x + t * BACKGROUND[c])))
-        .collect();
     let (width, height) = (camera.width as usize, camera.height as usize);
+    let numbers = numbers_of(&frame);
+    let (colors, passed) = numbers.split_at(3 * width * height);
+    let planes = colors.chunks(width * height).zip(BACKGROUND);
+    let ours = planes
+        .flat_map(|(plane, behind)| plane.iter().zip(passed).map(move |(x, t)| f64::from(x + t * behind)))
+        .collect();
     let picture =
         brute::render(&brute::gaussians(cloud), &brute::camera(camera), width, height, BACKGROUND.map(f64::from));
     [ours, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]

@@ -1,121 +1,115 @@
 //! Rendered normals against those of the depth.
 
+use super::{Comparison, SURFACE_COVERAGE, add_to_row, plane, row_of_tile};
 use crate::{
-    blend::{Frame, bands},
-    lanes::{Lanes, load_some, store_some},
+    frame::{Frame, Quad, SIZE, tile_len},
+    lanes::Lanes,
+    parts::Pieces,
+    planes::{CENTER, Planes, Row, WideRow, place_in_row},
 };
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
-    depth_normal::{Cross, expected_depth, expected_depth_vjp, normal, normal_vjp},
-    loss::{LossWeights, NormalForm, normal_cosine, normal_cosine_vjp, normal_distance, normal_distance_vjp},
+    depth_normal::{Cross, expected_depth_vjp, normal, normal_vjp},
+    loss::{NormalForm, normal_cosine, normal_cosine_vjp, normal_distance, normal_distance_vjp},
     plan::channel,
     real::Real,
     scene::BLOCK,
     vector::{Mat3, Vec3, vec3},
 };
 
-/// Coverage below which a pixel has no surface.
-const SURFACE_COVERAGE: f32 = 0.5;
+/// Rows that the pixels of a tile and their neighbours lie in.
+const ROWS: usize = SIZE + 2;
 
 /// Mean normal loss of a picture; adds its gradient.
-pub(super) fn normal_loss(
-    level: Level,
-    frame: &Frame,
-    camera: &Camera,
-    weights: &LossWeights,
-    grad: &mut [f32],
-) -> f64 {
-    let (width, height) = (frame.image.width, frame.image.height);
-    let geometry = Geometry::new(frame);
-    // Gradients of the rendered normal, then of the depths to the left, right, above and below of each pixel, with a
-    // row of zeros before the first and one behind the last.
-    let padded_size = (height + 2) * width;
-    let mut own = vec![0.0; 7 * padded_size];
-    let sums: Vec<f64> = bands(&mut own, padded_size, width)
-        .par_iter_mut()
-        .enumerate()
-        .filter(|(row, _)| *row > 1 && *row < height)
-        .map(|(row, out)| dispatch!(level, simd => normal_row(simd, frame, camera, weights, &geometry, row - 1, out)))
-        .collect();
-    bands(grad, width * height, width).par_iter_mut().enumerate().for_each(|(row, grad)| {
-        dispatch!(level, simd => gather_row(simd, &own, padded_size, &geometry, row, grad));
+pub(super) fn normal_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
+    let Comparison { machine, frame, .. } = comparison;
+    let cover = &frame.cover;
+    let len = tile_len(frame.channels);
+    // Gradients of the depths to the left, right, above and below of each pixel.
+    let mut of_neighbours = Planes::new(machine, [cover.columns, cover.rows], 4);
+    let (rows, rows_of) = of_neighbours.parts();
+    let grad_of = comparison.grad_starts();
+    let parts = (Pieces::new(grad, &grad_of), Pieces::new(rows, &rows_of));
+    let [sum, ..] = comparison.each_tile_row(parts, |row, (grad, rows)| {
+        let rows = rows.only();
+        let slots = cover.before_row(row)..;
+        let sums = slots.zip(grad.only().chunks_exact_mut(len)).map(
+            |(slot, grad)| dispatch!(machine.level, simd => compare_tile(simd, comparison, planes, slot, grad, rows)),
+        );
+        [sums.sum(), 0.0, 0.0, 0.0]
     });
-    sums.iter().sum::<f64>() / (width * height) as f64
+    grad.par_chunks_mut(len).enumerate().for_each(|(slot, tile)| {
+        dispatch!(machine.level, simd => gather(simd, comparison, planes, &of_neighbours, slot, tile));
+    });
+    sum / comparison.pixel_count() as f64
 }
 
-/// Where a picture has surfaces, and how far they are.
-struct Geometry {
-    coverage: Vec<f32>,
-    /// Zero where nothing is.
-    depth: Vec<f32>,
-}
-
-impl Geometry {
-    fn new(frame: &Frame) -> Self {
-        let coverage: Vec<f32> = frame.transmittance().iter().map(|passed| 1.0 - passed).collect();
-        let depth = |(blended, a): (&f32, &f32)| if *a > SURFACE_COVERAGE { expected_depth(*blended, *a) } else { 0.0 };
-        let depth = frame.image.plane(channel::DEPTH).iter().zip(&coverage).map(depth).collect();
-        Self { coverage, depth }
+/// The neighbours of the pixels of a row.
+#[inline(always)]
+fn cross<S: Simd>(simd: S, window: &[WideRow; ROWS], row: usize) -> Cross<Lanes<S>> {
+    let at = |row: usize, start: usize| Lanes::load(simd, &window[row][start..]);
+    Cross {
+        left: at(row + 1, CENTER - 1),
+        right: at(row + 1, CENTER + 1),
+        above: at(row, CENTER),
+        below: at(row + 2, CENTER),
     }
 }
 
+/// Sum of the normal loss over a tile; adds the gradients of its normals, and leaves those of its neighbours' depths.
 #[inline(always)]
-fn normal_row<S: Simd>(
+fn compare_tile<S: Simd>(
     simd: S,
-    frame: &Frame,
-    camera: &Camera,
-    weights: &LossWeights,
-    geometry: &Geometry,
-    row: usize,
-    out: &mut [&mut [f32]],
+    comparison: &Comparison<'_>,
+    planes: &Planes,
+    slot: usize,
+    grad: &mut [Quad],
+    out: &mut [Row],
 ) -> f64 {
-    let width = frame.image.width;
+    let Comparison { frame, camera, weights, .. } = comparison;
     let rotation = Mat3::constant(Lanes::splat(simd, 0.0), camera.camera_from_world);
-    let mut sum = 0.0;
-    let mut start = 1;
-    while start < width - 1 {
-        let count = BLOCK.min(width - 1 - start);
-        let at = |plane: &[f32], index: usize| load_some(simd, &plane[index..], count);
-        let index = row * width + start;
-        let cross = |plane: &[f32]| Cross {
-            left: at(plane, index - 1),
-            right: at(plane, index + 1),
-            above: at(plane, index - width),
-            below: at(plane, index + width),
-        };
-        let (a, around) = (at(&geometry.coverage, index), cross(&geometry.coverage));
+    let place = frame.cover.place(slot);
+    let is_covered = |tile: usize| frame.cover.slot(tile).is_some();
+    let coverages = planes.window::<ROWS>(place, plane::COVERAGE, is_covered);
+    let all_depths = planes.window::<ROWS>(place, plane::DEPTH, is_covered);
+    let mut sum = Lanes::splat(simd, 0.0);
+    for row in 0..SIZE {
+        let a = Lanes::load(simd, &coverages[row + 1][CENTER..]);
+        let around = cross(simd, &coverages, row);
         let least = a.min(around.left.min(around.right)).min(around.above.min(around.below));
         let weight = a.keep(a.constant(SURFACE_COVERAGE).less(least));
+        let mut grad_depths = [a.zero(); 4];
         if weight.any_positive() {
-            let rays = rays_around(simd, camera, start, row);
-            let depths = cross(&geometry.depth);
+            let is_on = weight.zero().less(weight);
+            let rays = rays_around(simd, camera, place[0] * SIZE, place[1] * SIZE + row);
+            let depths = cross(simd, &all_depths, row);
             let geometric = rotation.transform_transposed(normal(&rays, &depths));
-            let plane = |c: usize| at(frame.image.plane(channel::NORMAL + c), index);
+            let plane = |c: usize| {
+                Lanes::from_array(simd, row_of_tile(frame.tile(slot), frame.channels, channel::NORMAL + c, row))
+            };
             let rendered = vec3(plane(0), plane(1), plane(2));
-            let weight_grad = weight * (weights.normal / geometry.coverage.len() as f32);
+            let weight_grad = weight * (weights.normal / comparison.pixel_count() as f32);
             let (value, grad_rendered, grad_geometric) =
                 compare_normals(weights.normal_form, rendered, geometric * a, a, weight_grad);
-            let is_on = weight.zero().less(weight);
-            sum += f64::from((value * weight).keep(is_on).sum());
-            let grad_depths = normal_vjp(&rays, &depths, rotation.transform(grad_geometric * a));
-            let all = [
-                grad_rendered.x,
-                grad_rendered.y,
-                grad_rendered.z,
-                grad_depths.left,
-                grad_depths.right,
-                grad_depths.above,
-                grad_depths.below,
+            sum = sum + (value * weight).keep(is_on);
+            let of_depths = normal_vjp(&rays, &depths, rotation.transform(grad_geometric * a));
+            grad_depths = [
+                of_depths.left.keep(is_on),
+                of_depths.right.keep(is_on),
+                of_depths.above.keep(is_on),
+                of_depths.below.keep(is_on),
             ];
-            for (plane, value) in out.iter_mut().zip(all) {
-                plane[start..start + count].copy_from_slice(&value.keep(is_on).to_array()[..count]);
+            for (c, lanes) in [grad_rendered.x, grad_rendered.y, grad_rendered.z].into_iter().enumerate() {
+                add_to_row(grad, frame.channels, channel::NORMAL + c, row, &lanes.keep(is_on).to_array());
             }
         }
-        start += count;
+        for (plane, lanes) in grad_depths.into_iter().enumerate() {
+            lanes.store(&mut out[place_in_row(frame.cover.columns, plane, place[0]) + row]);
+        }
     }
-    sum
+    f64::from(sum.sum())
 }
 
 /// Value of the normal loss and its gradients with respect to the rendered normal and the geometric one, both
@@ -145,8 +139,9 @@ fn compare_normals<R: Real>(
 /// Camera-space rays through the neighbours of sixteen pixels of a row.
 #[inline(always)]
 fn rays_around<S: Simd>(simd: S, camera: &Camera, column: usize, row: usize) -> Cross<Vec3<Lanes<S>>> {
+    const LANES: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
     let one = Lanes::splat(simd, 1.0);
-    let x = Lanes::from_array(simd, core::array::from_fn(|lane| (column + lane) as f32 + 0.5));
+    let x = Lanes::from_array(simd, LANES) + column as f32;
     let y = one * (row as f32 + 0.5);
     let ray = |x: Lanes<S>, y: Lanes<S>| {
         vec3((x - camera.principal_px[0]) / camera.focal_px[0], (y - camera.principal_px[1]) / camera.focal_px[1], one)
@@ -154,35 +149,30 @@ fn rays_around<S: Simd>(simd: S, camera: &Camera, column: usize, row: usize) -> 
     Cross { left: ray(x - 1.0, y), right: ray(x + 1.0, y), above: ray(x, y - 1.0), below: ray(x, y + 1.0) }
 }
 
-/// The pixels of a row gather what their neighbours left for their depths, and pass it on to blended depth and coverage.
+/// The pixels of a tile gather what their neighbours left for their depths, and pass it on to blended depth and
+/// coverage.
 #[inline(always)]
-fn gather_row<S: Simd>(
+fn gather<S: Simd>(
     simd: S,
-    own: &[f32],
-    padded_size: usize,
-    geometry: &Geometry,
-    row: usize,
-    grad: &mut [&mut [f32]],
+    comparison: &Comparison<'_>,
+    planes: &Planes,
+    of_neighbours: &Planes,
+    slot: usize,
+    grad: &mut [Quad],
 ) {
-    let width = grad[0].len();
-    let last = grad.len() - 1;
-    for start in (0..width).step_by(BLOCK) {
-        let count = BLOCK.min(width - start);
-        let (index, padded) = (row * width + start, (row + 1) * width + start);
-        let left_by = |plane: usize, pixel: usize| load_some(simd, &own[plane * padded_size + pixel..], count);
-        for k in 0..3 {
-            let plane = &mut grad[channel::NORMAL + k][start..];
-            store_some(load_some(simd, plane, count) + left_by(k, padded), plane, count);
-        }
-        let grad_depth = (left_by(3, padded + 1) + left_by(4, padded - 1))
-            + (left_by(5, padded + width) + left_by(6, padded - width));
-        let at = |values: &[f32]| load_some(simd, &values[index..], count);
-        let (depth, coverage) = (at(&geometry.depth), at(&geometry.coverage));
+    let Frame { cover, channels, .. } = comparison.frame;
+    let place = cover.place(slot);
+    let left_for = |plane: usize| of_neighbours.window::<ROWS>(place, plane, |tile| cover.slot(tile).is_some());
+    let (left, right, above, below) = (left_for(0), left_for(1), left_for(2), left_for(3));
+    let (coverage, depth) = (planes.plane(place, plane::COVERAGE), planes.plane(place, plane::DEPTH));
+    for row in 0..SIZE {
+        // What a pixel left for its left neighbour lies one to the right of that neighbour, and so on.
+        let grad_depth = (cross(simd, &left, row).right + cross(simd, &right, row).left)
+            + (cross(simd, &above, row).below + cross(simd, &below, row).above);
+        let (depth, coverage) = (Lanes::load(simd, &depth[row]), Lanes::load(simd, &coverage[row]));
         let is_surface = coverage.constant(SURFACE_COVERAGE).less(coverage);
         let (blended, covered) = expected_depth_vjp(depth, coverage, grad_depth);
-        let plane = &mut grad[channel::DEPTH][start..];
-        store_some(load_some(simd, plane, count) + blended.keep(is_surface), plane, count);
-        let plane = &mut grad[last][start..];
-        store_some(load_some(simd, plane, count) - covered.keep(is_surface), plane, count);
+        add_to_row(grad, *channels, channel::DEPTH, row, &blended.keep(is_surface).to_array());
+        add_to_row(grad, *channels, *channels, row, &(-covered).keep(is_surface).to_array());
     }
 }

@@ -1,195 +1,187 @@
-//! SSIM of two pictures and its gradient, a band of rows at a time.
+//! SSIM of two pictures and its gradient, a tile at a time.
 
-use super::Plane;
-use crate::lanes::{Lanes, load_some, store_some};
-use fearless_simd::{Level, Simd, dispatch};
-use rayon::prelude::*;
+use super::{Comparison, FAR, add_to_row, plane};
+use crate::{
+    frame::{Frame, Quad, SIZE, tile_len},
+    lanes::Lanes,
+    parts::Pieces,
+    planes::{CENTER, Planes, Row, WideRow, place_in_row},
+};
+use fearless_simd::{Simd, dispatch};
 use specula_core::{
     loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_vjp, ssim_window},
     real::Real,
-    scene::BLOCK,
 };
 
 /// Half of SSIM's window.
 const REACH: usize = SSIM_WINDOW / 2;
-/// Rows that one task takes. Those above and below that the window needs are worked on twice.
-const ROWS_AT_ONCE: usize = 32;
+/// Rows that the windows of a tile look at.
+const ROWS: usize = SIZE + 2 * REACH;
+/// Where the first window of a tile begins in a wide row.
+const FIRST: usize = CENTER - REACH;
 
-/// Mean SSIM of three planes; adds the gradient of `weight` · (1 − SSIM).
-pub(super) fn structure_loss(
-    level: Level,
-    plane: Plane,
-    rendered: &[f32],
-    truth: &[f32],
-    weight: f32,
-    grad: &mut [f32],
-) -> f64 {
-    let size = plane.width * plane.height;
-    let share = weight / rendered.len() as f32;
-    let mut partials = vec![0.0; 3 * rendered.len()];
-    let pictures = || rendered.par_chunks(size).zip(truth.par_chunks(size));
-    let sums: Vec<f64> = partials
-        .par_chunks_mut(3 * size)
-        .zip(pictures())
-        .map(|(partials, (x, y))| compare(level, plane, x, y, partials, -share))
-        .collect();
-    grad.par_chunks_mut(size)
-        .zip(partials.par_chunks(3 * size))
-        .zip(pictures())
-        .for_each(|((grad, partials), (x, y))| add_grads(level, plane, x, y, partials, grad));
-    sums.iter().sum::<f64>() / rendered.len() as f64
-}
-
-/// Sum of SSIM over a plane, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a factor.
-fn compare(level: Level, plane: Plane, x: &[f32], y: &[f32], partials: &mut [f32], factor: f32) -> f64 {
-    let maps = [Map::Plain(x), Map::Plain(y), Map::Product(x, x), Map::Product(y, y), Map::Product(x, y)];
-    let band_len = ROWS_AT_ONCE * plane.width;
-    let [first, second, third] = planes_of(partials);
-    let bands = first.par_chunks_mut(band_len).zip(second.par_chunks_mut(band_len));
-    let sums: Vec<f64> = bands
-        .zip(third.par_chunks_mut(band_len))
-        .enumerate()
-        .map(|(band, ((a, b), c))| {
-            let blurred = blur_maps(level, plane, band * ROWS_AT_ONCE, maps);
-            dispatch!(level, simd => compare_band(simd, &blurred, [a, b, c], factor))
-        })
-        .collect();
-    sums.iter().sum()
-}
-
-fn planes_of(values: &mut [f32]) -> [&mut [f32]; 3] {
-    let size = values.len() / 3;
-    let (first, rest) = values.split_at_mut(size);
-    let (second, third) = rest.split_at_mut(size);
-    [first, second, third]
-}
-
-#[inline(always)]
-fn compare_band<S: Simd>(simd: S, blurred: &[Vec<f32>; 5], mut partials: [&mut [f32]; 3], factor: f32) -> f64 {
-    let factor = Lanes::splat(simd, factor);
-    let mut sum = 0.0;
-    let len = blurred[0].len();
-    for start in (0..len).step_by(BLOCK) {
-        let count = BLOCK.min(len - start);
-        let at = |k: usize| load_some(simd, &blurred[k][start..], count);
-        let moments = SsimMoments { x: at(0), y: at(1), xx: at(2), yy: at(3), xy: at(4) };
-        // Where there are no more pixels all moments are zero, and windows of zeros are equal: SSIM is one.
-        sum += f64::from(ssim(&moments).sum()) - (BLOCK - count) as f64;
-        for (lanes, partials) in ssim_vjp(&moments, factor).into_iter().zip(&mut partials) {
-            store_some(lanes, &mut partials[start..], count);
-        }
-    }
-    sum
-}
-
-/// Every window passes its gradients on to its pixels.
-fn add_grads(level: Level, plane: Plane, x: &[f32], y: &[f32], partials: &[f32], grad: &mut [f32]) {
-    let size = plane.width * plane.height;
-    let band_len = ROWS_AT_ONCE * plane.width;
-    let pictures = x.par_chunks(band_len).zip(y.par_chunks(band_len));
-    grad.par_chunks_mut(band_len).zip(pictures).enumerate().for_each(|(band, (grad, (x, y)))| {
-        let maps = [0, 1, 2].map(|k| Map::Plain(&partials[k * size..(k + 1) * size]));
-        let blurred = blur_maps(level, plane, band * ROWS_AT_ONCE, maps);
-        dispatch!(level, simd => add_grads_of_band(simd, x, y, &blurred, grad));
-    });
-}
-
-#[inline(always)]
-fn add_grads_of_band<S: Simd>(simd: S, x: &[f32], y: &[f32], blurred: &[Vec<f32>; 3], grad: &mut [f32]) {
-    let [of_x, of_xx, of_xy] = blurred;
-    for start in (0..grad.len()).step_by(BLOCK) {
-        let count = BLOCK.min(grad.len() - start);
-        let at = |values: &[f32]| load_some(simd, &values[start..], count);
-        let through_squares = at(x) * 2.0 * at(of_xx) + at(y) * at(of_xy);
-        store_some(at(grad) + at(of_x) + through_squares, &mut grad[start..], count);
-    }
-}
-
-/// Numbers of pixels: those of a plane, or products of two.
-#[derive(Clone, Copy)]
-enum Map<'a> {
-    Plain(&'a [f32]),
-    Product(&'a [f32], &'a [f32]),
-}
-
-impl Map<'_> {
-    #[inline(always)]
-    fn read(self, start: usize, out: &mut [f32]) {
-        let end = start + out.len();
-        match self {
-            Map::Plain(values) => out.copy_from_slice(&values[start..end]),
-            Map::Product(a, b) => {
-                let factors = a[start..end].iter().zip(&b[start..end]);
-                out.iter_mut().zip(factors).for_each(|(out, (a, b))| *out = a * b);
+/// Mean SSIM; adds its gradient.
+///
+/// Where both pictures show the background alone, SSIM is one and its gradient zero: such tiles are left out.
+pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
+    let Comparison { machine, frame, weights, distance, .. } = comparison;
+    let cover = &frame.cover;
+    let values = 3 * comparison.pixel_count();
+    let mut partials = Planes::new(machine, [cover.columns, cover.rows], 9);
+    let (rows, rows_of) = partials.parts();
+    let factor = -weights.dssim / values as f32;
+    let [sum, ..] = comparison.each_tile_row(Pieces::new(rows, &rows_of), |row, partials| {
+        let partials = partials.only();
+        let mut sum = 0.0;
+        // A colour after the other: so what neighbouring tiles share is still near.
+        for (c, partials) in partials.chunks_exact_mut(3 * cover.columns * SIZE).enumerate() {
+            for column in 0..cover.columns {
+                let size = inside(frame, [column, row]);
+                sum += if distance[row * cover.columns + column] <= 1 {
+                    dispatch!(machine.level, simd => {
+                        compare_tile(simd, planes, distance, [column, row], c, size, factor, partials)
+                    })
+                } else {
+                    (size[0] * size[1]) as f64
+                };
             }
         }
-    }
+        [sum, 0.0, 0.0, 0.0]
+    });
+    let grad_of = comparison.grad_starts();
+    comparison.each_tile_row(Pieces::new(grad, &grad_of), |row, grad| {
+        let grad = grad.only();
+        for c in 0..3 {
+            let tiles = grad.chunks_exact_mut(tile_len(frame.channels));
+            for (slot, tile) in (cover.before_row(row)..).zip(tiles) {
+                let place = cover.place(slot);
+                dispatch!(machine.level, simd => {
+                    add_grads(simd, planes, &partials, distance, place, c, frame, tile);
+                });
+            }
+        }
+        [0.0; 4]
+    });
+    sum / values as f64
 }
 
-/// Some rows of each map, blurred by SSIM's window.
-fn blur_maps<const N: usize>(level: Level, plane: Plane, first_row: usize, maps: [Map<'_>; N]) -> [Vec<f32>; N] {
-    maps.map(|map| dispatch!(level, simd => blur_band(simd, plane, first_row, map)))
-}
-
-/// Some rows of a map, blurred by SSIM's window; beyond the border everything is zero.
-#[inline(always)]
-fn blur_band<S: Simd>(simd: S, plane: Plane, first_row: usize, map: Map<'_>) -> Vec<f32> {
-    let window = window_lanes(simd);
-    let rows = ROWS_AT_ONCE.min(plane.height - first_row);
-    let padded_width = plane.width.next_multiple_of(BLOCK);
-    let above = REACH.min(first_row);
-    let below = REACH.min(plane.height - first_row - rows);
-
-    let mut line = vec![0.0; padded_width + 2 * REACH];
-    let mut across = vec![0.0; (above + rows + below) * padded_width];
-    for (row, out) in across.chunks_exact_mut(padded_width).enumerate() {
-        map.read((first_row - above + row) * plane.width, &mut line[REACH..REACH + plane.width]);
-        blur_line(simd, &line, &window, out);
-    }
-    let mut out = vec![0.0; rows * plane.width];
-    for (row, out) in out.chunks_exact_mut(plane.width).enumerate() {
-        blur_down(simd, &across, padded_width, row + above, &window, out);
-    }
-    out
+/// Columns and rows of a tile that lie in the picture.
+fn inside(frame: &Frame, [column, row]: [usize; 2]) -> [usize; 2] {
+    [SIZE.min(frame.width - column * SIZE), SIZE.min(frame.height - row * SIZE)]
 }
 
 /// A row of SSIM's window, each weight in every lane.
 #[inline(always)]
 fn window_lanes<S: Simd>(simd: S) -> [Lanes<S>; SSIM_WINDOW] {
+    let weights = ssim_window();
     let mut lanes = [Lanes::splat(simd, 0.0); SSIM_WINDOW];
-    for (lanes, weight) in lanes.iter_mut().zip(ssim_window()) {
-        *lanes = Lanes::splat(simd, weight);
+    for k in 0..SSIM_WINDOW {
+        lanes[k] = Lanes::splat(simd, weights[k]);
     }
     lanes
 }
 
+/// Sum of SSIM of one colour over a tile, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a factor.
 #[inline(always)]
-fn blur_line<S: Simd>(simd: S, line: &[f32], window: &[Lanes<S>; SSIM_WINDOW], out: &mut [f32]) {
-    for (k, out) in out.chunks_exact_mut(BLOCK).enumerate() {
-        let mut sum = Lanes::splat(simd, 0.0);
-        for (tap, weight) in window.iter().enumerate() {
-            sum = Lanes::load(simd, &line[k * BLOCK + tap..]).mul_add(*weight, sum);
+fn compare_tile<S: Simd>(
+    simd: S,
+    planes: &Planes,
+    distance: &[u32],
+    place: [usize; 2],
+    c: usize,
+    [columns, rows]: [usize; 2],
+    factor: f32,
+    partials: &mut [Row],
+) -> f64 {
+    let window = window_lanes(simd);
+    let zero = Lanes::splat(simd, 0.0);
+    let factor = Lanes::splat(simd, factor);
+    let is_written = |tile: usize| distance[tile] < FAR;
+    let rendered = planes.window::<ROWS>(place, plane::RENDERED + c, is_written);
+    let truth = planes.window::<ROWS>(place, plane::TRUTH + c, is_written);
+    let mut across = [[zero; 4]; ROWS];
+    for row in 0..ROWS {
+        across[row] = blur_moments(simd, &rendered[row], &truth[row], &window);
+    }
+    let all_columns = partials.len() / (3 * SIZE);
+    let mut sum = zero;
+    for row in 0..SIZE {
+        let mut blurred = [zero; 4];
+        for tap in 0..SSIM_WINDOW {
+            for k in 0..4 {
+                blurred[k] = across[row + tap][k].mul_add(window[tap], blurred[k]);
+            }
         }
-        sum.store(out);
+        // Only the sum of the two mean squares counts.
+        let moments = SsimMoments { x: blurred[0], y: blurred[1], xx: blurred[2], yy: zero, xy: blurred[3] };
+        let count = if row < rows { columns } else { 0 };
+        sum = sum + ssim(&moments).keep_first(count);
+        let own = ssim_vjp(&moments, factor);
+        for k in 0..3 {
+            own[k].keep_first(count).store(&mut partials[place_in_row(all_columns, k, place[0]) + row]);
+        }
+    }
+    f64::from(sum.sum())
+}
+
+/// E\[x\], E\[y\], E\[x² + y²\] and E\[xy\] of sixteen windows of a row.
+#[inline(always)]
+fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &[Lanes<S>; SSIM_WINDOW]) -> [Lanes<S>; 4] {
+    let mut sums = [Lanes::splat(simd, 0.0); 4];
+    for tap in 0..SSIM_WINDOW {
+        let (x, y) = (Lanes::load(simd, &x[FIRST + tap..]), Lanes::load(simd, &y[FIRST + tap..]));
+        let weight = window[tap];
+        sums[0] = x.mul_add(weight, sums[0]);
+        sums[1] = y.mul_add(weight, sums[1]);
+        sums[2] = x.mul_add(x, y * y).mul_add(weight, sums[2]);
+        sums[3] = (x * y).mul_add(weight, sums[3]);
+    }
+    sums
+}
+
+/// Every window passes its gradients on to a colour of the pixels of a tile.
+#[inline(always)]
+fn add_grads<S: Simd>(
+    simd: S,
+    planes: &Planes,
+    partials: &Planes,
+    distance: &[u32],
+    place: [usize; 2],
+    c: usize,
+    frame: &Frame,
+    tile: &mut [Quad],
+) {
+    let window = window_lanes(simd);
+    let blur = |k: usize| {
+        let partial = partials.window::<ROWS>(place, 3 * c + k, |tile| distance[tile] <= 1);
+        blur_plane(simd, &partial, &window)
+    };
+    let (of_x, of_xx, of_xy) = (blur(0), blur(1), blur(2));
+    let (rendered, truth) = (planes.plane(place, plane::RENDERED + c), planes.plane(place, plane::TRUTH + c));
+    let [columns, rows] = inside(frame, place);
+    for row in 0..rows {
+        let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
+        let through_squares = x * 2.0 * of_xx[row] + y * of_xy[row];
+        let own = (of_x[row] + through_squares).keep_first(columns);
+        add_to_row(tile, frame.channels, c, row, &own.to_array());
     }
 }
 
+/// SSIM's window over a plane of a tile.
 #[inline(always)]
-fn blur_down<S: Simd>(
-    simd: S,
-    lines: &[f32],
-    width: usize,
-    row: usize,
-    window: &[Lanes<S>; SSIM_WINDOW],
-    out: &mut [f32],
-) {
-    let first = row.saturating_sub(REACH);
-    let last = (row + REACH).min(lines.len() / width - 1);
-    for (k, out) in out.chunks_mut(BLOCK).enumerate() {
-        let mut sum = Lanes::splat(simd, 0.0);
-        for line in first..=last {
-            sum = Lanes::load(simd, &lines[line * width + k * BLOCK..]).mul_add(window[line + REACH - row], sum);
+fn blur_plane<S: Simd>(simd: S, plane: &[WideRow; ROWS], window: &[Lanes<S>; SSIM_WINDOW]) -> [Lanes<S>; SIZE] {
+    let zero = Lanes::splat(simd, 0.0);
+    let mut across = [zero; ROWS];
+    for row in 0..ROWS {
+        for tap in 0..SSIM_WINDOW {
+            across[row] = Lanes::load(simd, &plane[row][FIRST + tap..]).mul_add(window[tap], across[row]);
         }
-        store_some(sum, out, out.len());
     }
+    let mut blurred = [zero; SIZE];
+    for row in 0..SIZE {
+        for tap in 0..SSIM_WINDOW {
+            blurred[row] = across[row + tap].mul_add(window[tap], blurred[row]);
+        }
+    }
+    blurred
 }

@@ -1,0 +1,71 @@
+//! Where Gaussians lie in memory: what is near in space is near in memory, so that tiles read what lies together.
+
+/// Bits of a cell's number along each axis.
+const BITS: u32 = 10;
+
+/// The box around some points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Bounds {
+    /// The box around nothing.
+    pub const NOTHING: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+
+    /// The box that also holds `point`; coordinates that are not finite count for nothing.
+    pub fn with(mut self, point: [f32; 3]) -> Self {
+        for axis in 0..3 {
+            if point[axis].is_finite() {
+                self.low[axis] = self.low[axis].min(point[axis]);
+                self.high[axis] = self.high[axis].max(point[axis]);
+            }
+        }
+        self
+    }
+
+    /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of the box. Points
+    /// outside, and what is not a number, count to the nearest cell or to the first.
+    pub fn code(&self, point: [f32; 3]) -> u32 {
+        let cells = (1 << BITS) as f32;
+        let mut code = 0;
+        for axis in 0..3 {
+            let share = (point[axis] - self.low[axis]) / (self.high[axis] - self.low[axis]);
+            // A cast takes what is not a number, as in a flat box, to zero.
+            let cell = (share * cells).clamp(0.0, cells - 1.0) as u32;
+            code |= spread(cell) << axis;
+        }
+        code
+    }
+}
+
+/// Ten bits, each with two zeros before the next.
+fn spread(cell: u32) -> u32 {
+    let mut bits = cell & 0x3ff;
+    bits = (bits | bits << 16) & 0x0300_00ff;
+    bits = (bits | bits << 8) & 0x0300_f00f;
+    bits = (bits | bits << 4) & 0x030c_30c3;
+    (bits | bits << 2) & 0x0924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Bounds;
+
+    #[test]
+    fn codes_interleave_the_bits_of_cells() {
+        let bounds = Bounds::NOTHING.with([0.0; 3]).with([1024.0; 3]);
+        assert_eq!(bounds.code([1.5, 0.5, 0.5]), 0b001, "x is the lowest bit");
+        assert_eq!(bounds.code([0.5, 1.5, 0.5]), 0b010, "then y");
+        assert_eq!(bounds.code([3.5, 2.5, 1.5]), 0b011_101, "bit by bit");
+        assert_eq!(bounds.code([1024.0; 3]), (1 << 30) - 1, "the far corner belongs to the last cell");
+    }
+
+    #[test]
+    fn what_is_no_place_has_a_code_too() {
+        let bounds = Bounds::NOTHING.with([2.0, f32::NAN, 0.0]).with([2.0, 5.0, f32::INFINITY]);
+        assert_eq!(bounds.code([2.0, 5.0, 0.0]), 0, "a flat box has one cell");
+        assert_eq!(bounds.code([f32::NAN; 3]), 0, "not a number comes first");
+    }
+}

@@ -1,0 +1,142 @@
+//! Memory that is used again: what a stage returns gives its memory back when it is dropped, so that a training takes
+//! none from the system once it has met its largest pictures.
+
+use core::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Memory for values of one type that nobody uses at the moment.
+#[derive(Debug)]
+pub(crate) struct Pool<T>(Arc<Mutex<Vec<Vec<T>>>>);
+
+impl<T> Clone for Pool<T> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl<T> Default for Pool<T> {
+    fn default() -> Self {
+        Self(Arc::default())
+    }
+}
+
+impl<T> Pool<T> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Vec<T>>> {
+        // What is in the list is memory, whatever its user was doing.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+    /// Memory that will be used again.
+    pub(crate) fn give(&self, values: Vec<T>) {
+        if values.capacity() > 0 {
+            self.lock().push(values);
+        }
+    }
+}
+
+impl<T: Default> Pool<T> {
+    /// `len` values, which are whatever their last user left.
+    pub(crate) fn take(&self, len: usize) -> Buffer<T> {
+        let mut values = self.nearest(len).unwrap_or_default();
+        if values.len() < len {
+            // Room to grow: pictures and clouds differ a little from step to step.
+            values.resize_with(len + len / 4, T::default);
+        }
+        Buffer { values, len, home: self.clone() }
+    }
+
+    /// The smallest free memory that is large enough, unless it is far too large; else the largest that is too small.
+    fn nearest(&self, len: usize) -> Option<Vec<T>> {
+        const WASTE_MAX: usize = 4;
+        let mut free = self.lock();
+        let sizes = || free.iter().enumerate().map(|(place, values)| (values.len(), place));
+        let fits = sizes().filter(|(size, _)| (len..=WASTE_MAX * len.max(1024)).contains(size)).min();
+        let (_, place) = fits.or_else(|| sizes().filter(|(size, _)| *size < len).max())?;
+        Some(free.swap_remove(place))
+    }
+}
+
+impl<T: Copy + Default> Pool<T> {
+    /// `len` defaults.
+    pub(crate) fn take_cleared(&self, len: usize) -> Buffer<T> {
+        let mut buffer = self.take(len);
+        buffer.fill(T::default());
+        buffer
+    }
+}
+
+/// Values in memory that goes back to its pool.
+#[derive(Debug)]
+pub(crate) struct Buffer<T> {
+    values: Vec<T>,
+    len: usize,
+    home: Pool<T>,
+}
+
+impl<T> Buffer<T> {
+    /// Keeps the first `len` values.
+    pub(crate) fn truncate(&mut self, len: usize) {
+        self.len = self.len.min(len);
+    }
+    /// The values, in memory that comes back only if [`Pool::give`] gets it.
+    pub(crate) fn into_vec(mut self) -> Vec<T> {
+        let mut values = core::mem::take(&mut self.values);
+        values.truncate(self.len);
+        values
+    }
+}
+
+impl<T> Drop for Buffer<T> {
+    fn drop(&mut self) {
+        self.home.give(core::mem::take(&mut self.values));
+    }
+}
+
+impl<T> Deref for Buffer<T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        &self.values[..self.len]
+    }
+}
+
+impl<T> DerefMut for Buffer<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.values[..self.len]
+    }
+}
+
+impl<T: Copy + Default> Clone for Buffer<T> {
+    fn clone(&self) -> Self {
+        let mut copy = self.home.take(self.len);
+        copy.copy_from_slice(self);
+        copy
+    }
+}
+
+impl<T: PartialEq> PartialEq for Buffer<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Pool;
+
+    #[test]
+    fn memory_comes_back() {
+        let pool = Pool::<f32>::default();
+        let first = pool.take(1000);
+        let place = first.as_ptr();
+        drop(first);
+        let again = pool.take(900);
+        assert_eq!((again.as_ptr(), again.len()), (place, 900), "the same memory, a little shorter");
+        assert_ne!(pool.take(900).as_ptr(), place, "it is in use");
+    }
+
+    #[test]
+    fn memory_is_cleared_where_it_is_asked_for() {
+        let pool = Pool::<f32>::default();
+        pool.take(10).fill(1.0);
+        assert!(pool.take_cleared(10).iter().all(|x| *x == 0.0), "what the last user left is gone");
+    }
+}

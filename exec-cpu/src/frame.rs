@@ -1,0 +1,152 @@
+//! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat touches.
+
+use crate::buffer::{Buffer, Pool};
+use rayon::prelude::*;
+use specula_core::{bin::TILE_SIZE, scene::BLOCK};
+
+/// Pixels along an edge of a tile.
+pub(crate) const SIZE: usize = TILE_SIZE as usize;
+/// Pixels along an edge of a quad, which has a pixel for each lane.
+pub(crate) const QUAD: usize = 4;
+/// Quads along an edge of a tile.
+pub(crate) const QUADS_ACROSS: usize = SIZE / QUAD;
+/// Quads of a tile, in the order of rows.
+pub(crate) const QUADS: usize = QUADS_ACROSS * QUADS_ACROSS;
+/// Channels of a colour.
+pub(crate) const RGB: usize = 3;
+
+/// A number of each pixel of a quad, row by row.
+pub(crate) type Quad = [f32; BLOCK];
+
+/// Which tiles of a picture hold something.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Cover {
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
+    /// Covered tiles, in the order of rows.
+    pub(crate) tiles: Buffer<u32>,
+    /// How many covered tiles there are before each tile, and in all.
+    before: Buffer<u32>,
+}
+
+impl Cover {
+    /// The tiles of a grid that `is_covered` names.
+    pub(crate) fn new(pool: &Pool<u32>, columns: usize, rows: usize, is_covered: impl Fn(usize) -> bool) -> Self {
+        let mut before = pool.take(columns * rows + 1);
+        before[0] = 0;
+        for tile in 0..columns * rows {
+            before[tile + 1] = before[tile] + u32::from(is_covered(tile));
+        }
+        let mut tiles = pool.take(before[columns * rows] as usize);
+        for tile in 0..columns * rows {
+            if before[tile + 1] > before[tile] {
+                tiles[before[tile] as usize] = tile as u32;
+            }
+        }
+        Self { columns, rows, tiles, before }
+    }
+    /// The number of a tile among those that are covered, if it is.
+    pub(crate) fn slot(&self, tile: usize) -> Option<usize> {
+        (self.before[tile + 1] > self.before[tile]).then_some(self.before[tile] as usize)
+    }
+    /// Covered tiles before a row of tiles.
+    pub(crate) fn before_row(&self, row: usize) -> usize {
+        self.before[row * self.columns] as usize
+    }
+    /// Column and row of a covered tile.
+    pub(crate) fn place(&self, slot: usize) -> [usize; 2] {
+        let tile = self.tiles[slot] as usize;
+        [tile % self.columns, tile / self.columns]
+    }
+}
+
+/// Column and row of a quad's first pixel within its tile.
+pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
+    [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
+}
+
+/// Quads that a tile of so many channels takes: those of the channels, quad after quad, then the transmittances.
+pub(crate) const fn tile_len(channels: usize) -> usize {
+    (channels + 1) * QUADS
+}
+
+/// Where a channel of a quad lies in a tile.
+#[inline(always)]
+pub(crate) const fn at(channels: usize, quad: usize, channel: usize) -> usize {
+    if channel < channels { quad * channels + channel } else { QUADS * channels + quad }
+}
+
+/// A blended picture: its channels, premultiplied, and the transmittance behind them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) channels: usize,
+    pub(crate) cover: Cover,
+    /// What was blended: [`tile_len`] quads for each covered tile.
+    pub(crate) blended: Buffer<Quad>,
+    /// The colour of the picture, quad after quad, where it is not what was blended.
+    pub(crate) shaded: Option<Buffer<Quad>>,
+    /// For each intersection a bit for each quad in which the splat was seen.
+    pub(crate) seen: Buffer<u16>,
+}
+
+impl Frame {
+    /// Width and height, in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+    /// Blended channels, without the transmittance.
+    pub fn channel_count(&self) -> usize {
+        self.channels
+    }
+    /// A covered tile as it was blended.
+    pub(crate) fn tile(&self, slot: usize) -> &[Quad] {
+        &self.blended[slot * tile_len(self.channels)..][..tile_len(self.channels)]
+    }
+    /// A colour of the picture in a quad of a covered tile.
+    #[inline(always)]
+    pub(crate) fn color(&self, slot: usize, quad: usize, c: usize) -> &Quad {
+        match &self.shaded {
+            Some(shaded) => &shaded[(slot * QUADS + quad) * RGB + c],
+            None => &self.tile(slot)[at(self.channels, quad, c)],
+        }
+    }
+    fn shown(&self, slot: usize, quad: usize, channel: usize) -> &Quad {
+        if channel < RGB { self.color(slot, quad, channel) } else { &self.tile(slot)[at(self.channels, quad, channel)] }
+    }
+    /// The picture plane by plane and row by row: its channels, then the transmittance, which is one where nothing is.
+    pub fn read(&self, values: &mut [f32]) {
+        let planes = values.par_chunks_mut((self.width * self.height).max(1)).enumerate();
+        planes.for_each(|(channel, plane)| {
+            plane.par_chunks_mut(SIZE * self.width).enumerate().for_each(|(row, rows)| {
+                rows.fill(if channel < self.channels { 0.0 } else { 1.0 });
+                self.read_rows(channel, row, rows);
+            });
+        });
+    }
+
+    fn read_rows(&self, channel: usize, tile_row: usize, rows: &mut [f32]) {
+        for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
+            let [column, _] = self.cover.place(slot);
+            for quad in 0..QUADS {
+                let values = self.shown(slot, quad, channel);
+                let [x, y] = quad_origin(quad);
+                let x = column * SIZE + x;
+                for (k, row) in rows.chunks_exact_mut(self.width).skip(y).take(QUAD).enumerate() {
+                    let len = QUAD.min(self.width.saturating_sub(x));
+                    if len > 0 {
+                        row[x..x + len].copy_from_slice(&values[k * QUAD..k * QUAD + len]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Gradient of a [`Frame`]: [`tile_len`] quads for each covered tile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameGrad {
+    pub(crate) channels: usize,
+    pub(crate) values: Buffer<Quad>,
+}
