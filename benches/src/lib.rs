@@ -1,4 +1,6 @@
-//! A generated scene for the benches: Gaussians on a torus, the same on every machine.
+//! A generated scene for the benches: Gaussians on a torus, the same on every machine; and what there is to do in it.
+
+pub mod work;
 
 use core::f32::consts::TAU;
 use specula_core::{

@@ -1,8 +1,8 @@
 //! One step of compositing: a splat over what is already in a pixel (paper, eq. C).
 //!
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that would bring its
-//! transmittance below [`TRANSMITTANCE_MIN`]; it then keeps its transmittance with a minus sign, so that one number
-//! holds both.
+//! transmittance below [`TRANSMITTANCE_MIN`]: for the splats behind, its transmittance is zero, and what it had is kept
+//! apart, for the background.
 
 use crate::{bin::ALPHA_MIN, project::SplatGrad, real::Real};
 
@@ -46,11 +46,21 @@ pub struct Falloff<R> {
 /// A splat's strength at the offset δ = pixel centre − mean.
 #[inline(always)]
 pub fn falloff<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> Falloff<R> {
+    let offset = scaled_offset(stamp, dx, dy);
+    Falloff { offset, strength: strength(stamp.log2_opacity, offset) }
+}
+
+/// Scaled W δ. It is linear in δ, so the offset of one pixel and the step to another add up.
+#[inline(always)]
+pub fn scaled_offset<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> [R; 2] {
     let [xx, yx, yy] = stamp.root;
-    let u = xx * dx;
-    let w = yx.mul_add(dx, yy * dy);
-    let power = (-w).mul_add(w, (-u).mul_add(u, stamp.log2_opacity));
-    Falloff { offset: [u, w], strength: power.exp2() }
+    [xx * dx, yx.mul_add(dx, yy * dy)]
+}
+
+/// opacity · 2^(−|W δ|²) at a scaled offset; opacities are at most one.
+#[inline(always)]
+pub fn strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
+    (-w).mul_add(w, (-u).mul_add(u, log2_opacity)).exp2_of_negative()
 }
 
 /// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
@@ -71,20 +81,22 @@ fn distance_to_zero<R: Real>(low: R, high: R) -> R {
     low.max(-high).max(low.zero())
 }
 
-/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255 and in a finished pixel.
+/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255.
 #[inline(always)]
-pub fn alpha<R: Real>(strength: R, transmittance: R) -> R {
-    let is_seen = strength.constant(ALPHA_MIN).less_or_equal(strength) & strength.zero().less(transmittance);
+pub fn alpha<R: Real>(strength: R) -> R {
+    let is_seen = strength.constant(ALPHA_MIN).less_or_equal(strength);
     strength.min(strength.constant(MAX_ALPHA)).keep(is_seen)
 }
 
-/// Weight of a splat in a pixel, and the pixel's transmittance behind it.
+/// What one splat does to a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<R> {
-    /// α T; zero if the pixel ends here.
+    /// α T: the splat's weight; zero if the pixel ends here or has ended.
     pub weight: R,
-    /// Transmittance for the next splat; negative once the pixel has ended.
+    /// Transmittance for the next splat; zero if there is none.
     pub transmittance: R,
+    /// Transmittance of a pixel that ends here; else zero.
+    pub ended: R,
 }
 
 /// One splat over a pixel.
@@ -92,14 +104,18 @@ pub struct Step<R> {
 pub fn step<R: Real>(alpha: R, transmittance: R) -> Step<R> {
     let weight = alpha * transmittance;
     let behind = transmittance - weight;
-    let ends = behind.less(behind.constant(TRANSMITTANCE_MIN)) & behind.zero().less(alpha);
-    Step { weight: R::select(ends, behind.zero(), weight), transmittance: R::select(ends, -transmittance, behind) }
+    let goes_on = behind.constant(TRANSMITTANCE_MIN).less_or_equal(behind);
+    Step {
+        weight: weight.keep(goes_on),
+        transmittance: behind.keep(goes_on),
+        ended: R::select(goes_on, behind.zero(), transmittance),
+    }
 }
 
 /// What a pixel knows while its splats are replayed front to back.
 #[derive(Clone, Copy, Debug)]
 pub struct Replay<R> {
-    /// Transmittance in front of the splat; negative once the pixel has ended.
+    /// Transmittance in front of the splat; zero once the pixel has ended.
     pub transmittance: R,
     /// Σ_{k ≥ i} wₖ (cₖ · g) + T_final g_T: the gradient's product with all that is still to come.
     pub remaining: R,
@@ -112,7 +128,7 @@ pub struct Replay<R> {
 /// has no influence, and the gradient is zero.
 #[inline(always)]
 pub fn step_vjp<R: Real>(strength: R, replay: Replay<R>, color_dot_grad: R) -> (R, Step<R>, Replay<R>) {
-    let alpha = alpha(strength, replay.transmittance);
+    let alpha = alpha(strength);
     let step = step(alpha, replay.transmittance);
     let remaining = replay.remaining - step.weight * color_dot_grad;
     let grad_alpha = replay.transmittance * color_dot_grad - remaining / (-alpha + 1.0);
@@ -120,27 +136,50 @@ pub fn step_vjp<R: Real>(strength: R, replay: Replay<R>, color_dot_grad: R) -> (
     ((grad_alpha * alpha).keep(is_free), step, Replay { transmittance: step.transmittance, remaining })
 }
 
-/// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln strength.
+/// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln strength, (u, w) the
+/// scaled offset.
 #[derive(Clone, Copy, Debug)]
 pub struct Moments<R> {
-    /// Σ h u, Σ h w, with (u, w) the scaled offset.
-    pub offset: [R; 2],
-    /// Σ h u δx, Σ h w δx, Σ h w δy.
-    pub root: [R; 3],
+    /// Σ h u, Σ h w.
+    pub first: [R; 2],
+    /// Σ h u², Σ h u w, Σ h w².
+    pub second: [R; 3],
     /// Σ h.
-    pub strength: R,
+    pub sum: R,
 }
 
-/// The gradient of a splat from its moments. The depth gets none: compositing does not read it.
+impl<R: Real> Moments<R> {
+    /// No pixels.
+    #[inline(always)]
+    pub fn zero(like: R) -> Self {
+        let zero = like.zero();
+        Self { first: [zero; 2], second: [zero; 3], sum: zero }
+    }
+    /// With one more pixel.
+    #[inline(always)]
+    pub fn with(self, h: R, [u, w]: [R; 2]) -> Self {
+        let (hu, hw) = (h * u, h * w);
+        Self {
+            first: [self.first[0] + hu, self.first[1] + hw],
+            second: [hu.mul_add(u, self.second[0]), hw.mul_add(u, self.second[1]), hw.mul_add(w, self.second[2])],
+            sum: self.sum + h,
+        }
+    }
+}
+
+/// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx δx) / W_yy. The depth
+/// gets none: compositing does not read it.
 #[inline(always)]
 pub fn moments_vjp<R: Real>(stamp: &Stamp<R>, opacity: R, moments: &Moments<R>) -> SplatGrad<R> {
     let [xx, yx, yy] = stamp.root;
-    let [u, w] = moments.offset;
+    let ([u, w], [uu, uw, ww]) = (moments.first, moments.second);
     let twice_ln_2 = u.constant(4.0).ln();
+    let w_dx = uw / xx;
+    let scale = twice_ln_2 * -ROOT_SCALE;
     SplatGrad {
         mean2d: [(xx * u + yx * w) * twice_ln_2, yy * w * twice_ln_2],
-        root_conic: moments.root.map(|sum| sum * -ROOT_SCALE * twice_ln_2),
+        root_conic: [uu / xx * scale, w_dx * scale, (ww - yx * w_dx) / yy * scale],
         depth: u.zero(),
-        opacity: moments.strength / opacity,
+        opacity: moments.sum / opacity,
     }
 }

@@ -3,7 +3,7 @@
 use crate::{
     bin::Tiles,
     buffer::Buffer,
-    frame::{Frame, FrameGrad, QUAD, QUADS, QUADS_ACROSS, Quad, SIZE, tile_len},
+    frame::{Frame, FrameGrad, QUAD, QUADS, Quad, SIZE, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
     parts::{Pieces, each_part},
@@ -11,10 +11,10 @@ use crate::{
     shade::Colors,
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
-    blend::{Moments, Replay, Stamp, alpha, falloff, may_be_seen, moments_vjp, stamp, step, step_vjp},
+    blend::{Moments, Replay, Stamp, alpha, may_be_seen, moments_vjp, scaled_offset, stamp, step, step_vjp, strength},
     camera::Camera,
     plan::Channels,
     project::SplatGrad,
@@ -23,7 +23,7 @@ use specula_core::{
 };
 
 /// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended.
-const SPLATS_AT_ONCE: usize = 16;
+const SPLATS_AT_ONCE: usize = 32;
 
 /// Gradient of each splat and of its channels.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,56 +86,80 @@ fn blend_channels<const C: usize>(
     Frame { width, height, channels: C, cover, blended, shaded: None, seen }
 }
 
-/// A splat as the quads of a tile see it.
-struct Stamped<S: Simd> {
-    stamp: Stamp<f32>,
-    lanes: Stamp<Lanes<S>>,
-    /// From the splat's centre to the pixels of the tile's first quad.
-    offset: [Lanes<S>; 2],
-    /// From there to the first pixel of each quad.
-    first: [Lanes<S>; 2],
-}
+// Centres of the pixels of a quad.
+const X: Quad = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+const Y: Quad = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
+// From a tile's first quad to each of its quads.
+const QUAD_X: Quad = [0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0];
+const QUAD_Y: Quad = [0.0, 0.0, 0.0, 0.0, 4.0, 4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 8.0, 12.0, 12.0, 12.0, 12.0];
 
-impl<S: Simd> Stamped<S> {
-    /// A bit for each quad that the splat may touch.
-    #[inline(always)]
-    fn quads_to_try(&self) -> u16 {
-        const ACROSS: f32 = (QUAD - 1) as f32;
-        let [x, y] = self.first;
-        may_be_seen(&self.lanes, [x, x + ACROSS], [y, y + ACROSS]).bits() as u16
-    }
-    /// Visits some quads, each with the offsets of its pixels.
-    #[inline(always)]
-    fn for_each_quad(&self, mut quads: u16, mut visit: impl FnMut(usize, [Lanes<S>; 2])) {
-        const OFFSETS: [f32; QUADS_ACROSS] = [0.0, QUAD as f32, 2.0 * QUAD as f32, 3.0 * QUAD as f32];
-        while quads != 0 {
-            let quad = quads.trailing_zeros() as usize % QUADS;
-            quads &= quads - 1;
-            visit(quad, [self.offset[0] + OFFSETS[quad % QUADS_ACROSS], self.offset[1] + OFFSETS[quad / QUADS_ACROSS]]);
-        }
-    }
+/// A splat's stamp in every lane, and the tile's corner from its centre.
+#[inline(always)]
+fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> (Stamp<Lanes<S>>, [f32; 2]) {
+    let Stamp { mean2d, root, log2_opacity } = stamp_of(record);
+    let splat = |value: f32| Lanes::splat(simd, value);
+    let lanes = Stamp {
+        mean2d: [splat(mean2d[0]), splat(mean2d[1])],
+        root: [splat(root[0]), splat(root[1]), splat(root[2])],
+        log2_opacity: splat(log2_opacity),
+    };
+    (lanes, [origin[0] - mean2d[0], origin[1] - mean2d[1]])
 }
 
 #[inline(always)]
-fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamped<S> {
-    // Centres of the pixels of a quad, and of the first pixel of each quad.
-    const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
-    const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
-    const FIRST_X: [f32; BLOCK] = [0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5, 0.5, 4.5, 8.5, 12.5];
-    const FIRST_Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 4.5, 4.5, 4.5, 4.5, 8.5, 8.5, 8.5, 8.5, 12.5, 12.5, 12.5, 12.5];
-    let stamp = stamp(record.mean2d, record.root_conic, record.log2_opacity);
-    let splat = |value: f32| Lanes::splat(simd, value);
-    let lanes = Stamp {
-        mean2d: [splat(stamp.mean2d[0]), splat(stamp.mean2d[1])],
-        root: [splat(stamp.root[0]), splat(stamp.root[1]), splat(stamp.root[2])],
-        log2_opacity: splat(stamp.log2_opacity),
-    };
-    let center = [record.mean2d[0] - origin[0], record.mean2d[1] - origin[1]];
-    Stamped {
-        stamp,
-        lanes,
-        offset: [Lanes::from_array(simd, X) - center[0], Lanes::from_array(simd, Y) - center[1]],
-        first: [Lanes::from_array(simd, FIRST_X) - center[0], Lanes::from_array(simd, FIRST_Y) - center[1]],
+fn stamp_of(record: &SplatRecord) -> Stamp<f32> {
+    stamp(record.mean2d, record.root_conic, record.log2_opacity)
+}
+
+/// A bit for each quad of a tile that a splat may touch.
+#[inline(always)]
+fn quads_to_try<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> u32 {
+    const FIRST: f32 = 0.5;
+    const LAST: f32 = FIRST + (QUAD - 1) as f32;
+    let (stamp, [x, y]) = stamp_on_tile(simd, record, origin);
+    let (quad_x, quad_y) = (Lanes::from_array(simd, QUAD_X), Lanes::from_array(simd, QUAD_Y));
+    let (dx, dy) = ([quad_x + (x + FIRST), quad_x + (x + LAST)], [quad_y + (y + FIRST), quad_y + (y + LAST)]);
+    may_be_seen(&stamp, dx, dy).bits() as u32
+}
+
+/// A splat as the quads of a tile see it: scaled offsets of the pixels of the first quad, and steps to the others.
+struct Stamped<S: Simd> {
+    first: [Lanes<S>; 2],
+    steps: [Quad; 2],
+    log2_opacity: Lanes<S>,
+}
+
+impl<S: Simd> Stamped<S> {
+    #[inline(always)]
+    fn new(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Self {
+        let (stamp, [x, y]) = stamp_on_tile(simd, record, origin);
+        let [u, w] = scaled_offset(&stamp, Lanes::from_array(simd, QUAD_X), Lanes::from_array(simd, QUAD_Y));
+        Self {
+            first: scaled_offset(&stamp, Lanes::from_array(simd, X) + x, Lanes::from_array(simd, Y) + y),
+            steps: [u.to_array(), w.to_array()],
+            log2_opacity: stamp.log2_opacity,
+        }
+    }
+    /// Scaled offsets of the first quad, then steps to the others.
+    #[inline(always)]
+    fn to_arrays(&self) -> [Quad; 4] {
+        [self.first[0].to_array(), self.first[1].to_array(), self.steps[0], self.steps[1]]
+    }
+    /// Visits some quads, each with the scaled offsets of its pixels.
+    #[inline(always)]
+    fn for_each_quad(&self, quads: u16, mut visit: impl FnMut(usize, [Lanes<S>; 2])) {
+        for_each_bit(quads, |quad| {
+            visit(quad, [self.first[0] + self.steps[0][quad], self.first[1] + self.steps[1][quad]]);
+        });
+    }
+}
+
+/// Visits the quads whose bits are set.
+#[inline(always)]
+fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
+    while quads != 0 {
+        visit(quads.trailing_zeros() as usize % QUADS);
+        quads &= quads - 1;
     }
 }
 
@@ -153,6 +177,7 @@ fn blend_tile<S: Simd, const C: usize>(
     channels.as_flattened_mut().fill(0.0);
     passed.as_flattened_mut().fill(1.0);
     let (channels, passed) = (channels.as_chunks_mut::<C>().0, &mut passed[..QUADS]);
+    let mut ended = [[0.0; BLOCK]; QUADS];
     let mut near = Near::<C>::none();
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
         if !passed.iter().any(|quad| Lanes::load(simd, quad).any_positive()) {
@@ -160,43 +185,87 @@ fn blend_tile<S: Simd, const C: usize>(
             continue;
         }
         near.read(records, colors, list);
-        for ((record, color), seen) in near.records.iter().zip(&near.colors).zip(seen) {
-            *seen = blend_splat(simd, record, color, origin, channels, passed);
+        let (mut touched, mut stamped) = ([0; SPLATS_AT_ONCE], [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
+        for k in 0..list.len() {
+            touched[k] = quads_to_try(simd, &near.records[k], origin);
+            stamped[k] = Stamped::new(simd, &near.records[k], origin).to_arrays();
         }
+        let mut seen_by_quad = [0; QUADS];
+        for (quad, splats) in transpose(simd, &touched).into_iter().enumerate() {
+            let light = [&mut passed[quad], &mut ended[quad]];
+            seen_by_quad[quad] = blend_quad(simd, &near, &stamped, quad, splats, &mut channels[quad], light);
+        }
+        transpose_back(simd, &seen_by_quad, seen);
     }
-    // An ended pixel kept its transmittance with a minus sign.
-    passed.as_flattened_mut().iter_mut().for_each(|passed| *passed = passed.abs());
+    passed.as_flattened_mut().iter_mut().zip(ended.as_flattened()).for_each(|(passed, ended)| *passed += ended);
 }
 
-/// Blends a splat into a tile; returns a bit for each quad in which it was seen.
+/// Blends some splats into a quad, one after the other; returns a bit for each that was seen. The quad stays in
+/// registers meanwhile.
 #[inline(always)]
-fn blend_splat<S: Simd, const C: usize>(
+fn blend_quad<S: Simd, const C: usize>(
     simd: S,
-    record: &SplatRecord,
-    color: &[f32; C],
-    origin: [f32; 2],
-    channels: &mut [[Quad; C]],
-    passed: &mut [Quad],
-) -> u16 {
-    let splat = stamp_on_tile(simd, record, origin);
-    let color = color_lanes(simd, color);
+    near: &Near<C>,
+    stamped: &[[Quad; 4]; SPLATS_AT_ONCE],
+    quad: usize,
+    mut splats: u32,
+    channels: &mut [Quad; C],
+    [passed, ended]: [&mut Quad; 2],
+) -> u32 {
+    let mut transmittance = Lanes::load(simd, passed);
+    if splats == 0 || !transmittance.any_positive() {
+        return 0;
+    }
+    let mut sums = [transmittance; C];
+    for c in 0..C {
+        sums[c] = Lanes::load(simd, &channels[c]);
+    }
+    let mut left = Lanes::load(simd, ended);
     let mut seen = 0;
-    splat.for_each_quad(splat.quads_to_try(), |quad, [dx, dy]| {
-        let (pixels, passed) = (&mut channels[quad], &mut passed[quad]);
-        let strength = falloff(&splat.lanes, dx, dy).strength;
-        let transmittance = Lanes::load(simd, passed);
-        let alpha = alpha(strength, transmittance);
-        if !alpha.any_positive() {
-            return;
-        }
-        seen |= 1 << quad;
-        let step = step(alpha, transmittance);
-        step.transmittance.store(passed);
+    while splats != 0 {
+        let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
+        splats &= splats - 1;
+        let [u, w, u_steps, w_steps] = &stamped[k];
+        let offset = [Lanes::load(simd, u) + u_steps[quad], Lanes::load(simd, w) + w_steps[quad]];
+        let strength = strength(Lanes::splat(simd, near.records[k].log2_opacity), offset);
+        let step = step(alpha(strength), transmittance);
+        transmittance = step.transmittance;
+        left = left + step.ended;
+        // Without a branch: whether a quad is touched is hard to foretell.
+        seen |= u32::from((step.weight + step.ended).any_positive()) << k;
         for c in 0..C {
-            step.weight.mul_add(color[c], Lanes::load(simd, &pixels[c])).store(&mut pixels[c]);
+            sums[c] = step.weight.mul_add(Lanes::splat(simd, near.colors[k][c]), sums[c]);
         }
-    });
+    }
+    transmittance.store(passed);
+    left.store(ended);
+    for c in 0..C {
+        sums[c].store(&mut channels[c]);
+    }
     seen
+}
+
+/// For each quad a bit for each splat, from a bit for each quad of each splat.
+#[inline(always)]
+fn transpose<S: Simd>(simd: S, quads: &[u32; SPLATS_AT_ONCE]) -> [u32; QUADS] {
+    let (low, high) = (u32x16::from_slice(simd, &quads[..BLOCK]), u32x16::from_slice(simd, &quads[BLOCK..]));
+    let zero = u32x16::splat(simd, 0);
+    let mut splats = [0; QUADS];
+    for quad in 0..QUADS {
+        let bit = u32x16::splat(simd, 1 << quad);
+        let of = |quads: u32x16<S>| (quads & bit).simd_gt(zero).to_bitmask() as u32;
+        splats[quad] = of(low) | of(high) << BLOCK;
+    }
+    splats
+}
+
+/// For each splat a bit for each quad, from a bit for each splat of each quad.
+#[inline(always)]
+fn transpose_back<S: Simd>(simd: S, splats: &[u32; QUADS], quads: &mut [u16]) {
+    let (splats, zero) = (u32x16::from_slice(simd, splats), u32x16::splat(simd, 0));
+    for (k, quads) in quads.iter_mut().enumerate() {
+        *quads = (splats & u32x16::splat(simd, 1 << k)).simd_gt(zero).to_bitmask() as u16;
+    }
 }
 
 /// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
@@ -314,41 +383,49 @@ fn splat_vjp<S: Simd, const C: usize>(
     replays: &mut [ReplayQuad; QUADS],
     out: &mut [f32],
 ) {
-    let splat = stamp_on_tile(simd, record, origin);
+    let splat = Stamped::new(simd, record, origin);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
-    // Moments, then the gradients of the channels.
-    let mut sums = [zero; GEOMETRY + CHANNELS_MAX];
-    splat.for_each_quad(seen, |index, [dx, dy]| {
-        let (quad, pixels) = (&mut replays[index], &grad[index]);
-        let falloff = falloff(&splat.lanes, dx, dy);
-        let mut along = zero;
-        for c in 0..C {
-            along = color[c].mul_add(Lanes::load(simd, &pixels[c]), along);
-        }
+    let mut moments = Moments::zero(zero);
+    let mut weights = [[0.0; BLOCK]; QUADS];
+    splat.for_each_quad(seen, |index, offset| {
+        let quad = &mut replays[index];
+        let along = dot_channels(simd, &color, &grad[index]);
         let replay = Replay {
             transmittance: Lanes::load(simd, &quad.transmittance),
             remaining: Lanes::load(simd, &quad.remaining),
         };
-        let (h, step, replay) = step_vjp(falloff.strength, replay, along);
+        let (h, step, replay) = step_vjp(strength(splat.log2_opacity, offset), replay, along);
         replay.transmittance.store(&mut quad.transmittance);
         replay.remaining.store(&mut quad.remaining);
-
-        let (hu, hw) = (h * falloff.offset[0], h * falloff.offset[1]);
-        sums[0] = sums[0] + hu;
-        sums[1] = sums[1] + hw;
-        sums[2] = hu.mul_add(dx, sums[2]);
-        sums[3] = hw.mul_add(dx, sums[3]);
-        sums[4] = hw.mul_add(dy, sums[4]);
-        sums[5] = sums[5] + h;
+        step.weight.store(&mut weights[index]);
+        moments = moments.with(h, offset);
+    });
+    // Channels in a loop of their own: there are too many sums to keep all of them in registers at once.
+    let mut grad_colors = [zero; C];
+    for_each_bit(seen, |index| {
+        let weight = Lanes::load(simd, &weights[index]);
         for c in 0..C {
-            let sum = &mut sums[GEOMETRY + c];
-            *sum = step.weight.mul_add(Lanes::load(simd, &pixels[c]), *sum);
+            grad_colors[c] = weight.mul_add(Lanes::load(simd, &grad[index][c]), grad_colors[c]);
         }
     });
+    let Moments { first, second, sum } = moments;
+    let mut sums = [zero; GEOMETRY + CHANNELS_MAX];
+    sums[..GEOMETRY].copy_from_slice(&[first[0], first[1], second[0], second[1], second[2], sum]);
+    sums[GEOMETRY..GEOMETRY + C].copy_from_slice(&grad_colors);
     sum_each(&sums[..GEOMETRY + C], out);
-    let moments = Moments { offset: [out[0], out[1]], root: [out[2], out[3], out[4]], strength: out[5] };
-    write_geometry(&moments_vjp(&splat.stamp, record.opacity, &moments), out);
+    let moments = Moments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
+    write_geometry(&moments_vjp(&stamp_of(record), record.opacity, &moments), out);
+}
+
+/// Σ color · grad over the channels of a quad, as two sums side by side.
+#[inline(always)]
+fn dot_channels<S: Simd, const C: usize>(simd: S, color: &[Lanes<S>; C], grad: &[Quad; C]) -> Lanes<S> {
+    let mut sums = [Lanes::splat(simd, 0.0); 2];
+    for c in 0..C {
+        sums[c % 2] = color[c].mul_add(Lanes::load(simd, &grad[c]), sums[c % 2]);
+    }
+    sums[0] + sums[1]
 }
 
 /// A splat's channels, each in every lane.

@@ -191,7 +191,11 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn exp2(self) -> Self {
-        let x = self.max(self.constant(EXP2_MIN)).min(self.constant(EXP2_MAX));
+        self.min(self.constant(EXP2_MAX)).exp2_of_negative()
+    }
+    #[inline(always)]
+    fn exp2_of_negative(self) -> Self {
+        let x = self.max(self.constant(EXP2_MIN));
         let shifted = x + ROUND_MAGIC;
         let whole = shifted - ROUND_MAGIC;
         let bits: u32x16<S> = shifted.0.bitcast();

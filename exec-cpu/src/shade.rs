@@ -36,6 +36,13 @@ pub struct Colors {
     pub(crate) values: Buffer<f32>,
 }
 
+impl Colors {
+    /// The channels of one Gaussian; whatever, if it is not drawn.
+    pub fn of(&self, gaussian: usize) -> &[f32] {
+        &self.values[gaussian * self.channels..(gaussian + 1) * self.channels]
+    }
+}
+
 /// What shading needs beside the Gaussians.
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {

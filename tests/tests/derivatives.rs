@@ -619,15 +619,16 @@ fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec
 /// Colour and final transmittance of every pixel.
 fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
     let pixel = |[px, py]: [f32; 2]| {
-        let (mut color, mut transmittance) = (Vec3::zero(x[0]), x[0].constant(1.0));
+        let (mut color, mut transmittance, mut ended) = (Vec3::zero(x[0]), x[0].constant(1.0), x[0].zero());
         for k in 0..STACK {
             let (mean2d, stamp, _, splat_color) = stack_entry(x, k);
             let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
-            let step = blend::step(blend::alpha(falloff.strength, transmittance), transmittance);
+            let step = blend::step(blend::alpha(falloff.strength), transmittance);
             color = color.add_scaled(step.weight, splat_color);
             transmittance = step.transmittance;
+            ended = ended + step.ended;
         }
-        join(&[&color.to_array(), &[transmittance.abs()]])
+        join(&[&color.to_array(), &[transmittance + ended]])
     };
     PIXELS.iter().flat_map(|&p| pixel(p)).collect()
 }
@@ -648,7 +649,7 @@ fn numbers_of_surface<R: Number>(surface: &PixelSurface<R>) -> Vec<R> {
 
 fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
     let zero = x[0].zero();
-    let mut moments = [blend::Moments { offset: [zero; 2], root: [zero; 3], strength: zero }; STACK];
+    let mut moments = [blend::Moments::zero(zero); STACK];
     let mut grad_colors = [Vec3::zero(zero); STACK];
     let image = blend_stack(x);
     for (p, &[px, py]) in PIXELS.iter().enumerate() {
@@ -657,15 +658,10 @@ fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
         let mut replay = blend::Replay { transmittance: zero.constant(1.0), remaining: total };
         for k in 0..STACK {
             let (mean2d, stamp, _, color) = stack_entry(x, k);
-            let (dx, dy) = (-mean2d[0] + px, -mean2d[1] + py);
-            let falloff = blend::falloff(&stamp, dx, dy);
+            let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
             let (h, step, behind) = blend::step_vjp(falloff.strength, replay, color.dot(grad_color));
             grad_colors[k] = grad_colors[k].add_scaled(step.weight, grad_color);
-            let [u, w] = falloff.offset.map(|offset| offset * h);
-            let sum = &mut moments[k];
-            sum.offset = [sum.offset[0] + u, sum.offset[1] + w];
-            sum.root = [sum.root[0] + u * dx, sum.root[1] + w * dx, sum.root[2] + w * dy];
-            sum.strength = sum.strength + h;
+            moments[k] = moments[k].with(h, falloff.offset);
             replay = behind;
         }
     }

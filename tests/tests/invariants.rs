@@ -97,13 +97,14 @@ mod sums {
     }
 
     fn weights_and_transmittance<R: Number>(strengths: &[f64]) -> f64 {
-        let (mut weights, mut transmittance) = (R::of(0.0), R::of(1.0));
+        let (mut weights, mut transmittance, mut ended) = (R::of(0.0), R::of(1.0), R::of(0.0));
         for &strength in strengths {
-            let step = blend::step(blend::alpha(R::of(strength), transmittance), transmittance);
+            let step = blend::step(blend::alpha(R::of(strength)), transmittance);
             weights = weights + step.weight;
             transmittance = step.transmittance;
+            ended = ended + step.ended;
         }
-        (weights + transmittance.abs()).value()
+        (weights + transmittance + ended).value()
     }
 
     #[test]
@@ -559,12 +560,12 @@ mod numbers {
 
         #[test]
         fn logarithms_and_powers_of_f32_keep_their_digits(exponent in -126.0..127.0_f32, x in 1e-37..1e37_f32, near_one in 0.9..1.1_f32) {
-            const TWO_ROUNDINGS: f64 = 2e-7;
+            const THREE_ROUNDINGS: f64 = 3e-7;
             let exact = f64::from(exponent).exp2();
-            assert_close(f64::from(Real::exp2(exponent)) / exact, 1.0, TWO_ROUNDINGS);
+            assert_close(f64::from(Real::exp2(exponent)) / exact, 1.0, THREE_ROUNDINGS);
             for x in [x, x.recip(), near_one] {
                 let exact = f64::from(x).log2();
-                assert_close(f64::from(Real::log2(x)), exact, TWO_ROUNDINGS * exact.abs());
+                assert_close(f64::from(Real::log2(x)), exact, THREE_ROUNDINGS * exact.abs());
             }
         }
 

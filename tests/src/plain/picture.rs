@@ -39,18 +39,19 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
     let stamps = stamps(splats);
     let mut values = vec![R::of(0.0); (channels + 1) * size];
     for pixel in 0..size {
-        let mut transmittance = R::of(1.0);
+        let (mut transmittance, mut ended) = (R::of(1.0), R::of(0.0));
         for &k in order {
             let [dx, dy] = offset(&splats[k], pixel % width, pixel / width);
             let strength = blend::falloff(&stamps[k], dx, dy).strength;
-            let step = blend::step(blend::alpha(strength, transmittance), transmittance);
+            let step = blend::step(blend::alpha(strength), transmittance);
             for (channel, color) in colors[k].iter().enumerate() {
                 let value = &mut values[channel * size + pixel];
                 *value = *value + step.weight * *color;
             }
             transmittance = step.transmittance;
+            ended = ended + step.ended;
         }
-        values[channels * size + pixel] = transmittance.abs();
+        values[channels * size + pixel] = transmittance + ended;
     }
     Image { width, height, channels: channels + 1, values }
 }
@@ -66,7 +67,7 @@ pub fn blend_vjp<R: Number>(
     let zero = R::of(0.0);
     let (size, channels) = (frame.pixel_count(), frame.channels - 1);
     let stamps = stamps(splats);
-    let mut moments = vec![Moments { offset: [zero; 2], root: [zero; 3], strength: zero }; splats.len()];
+    let mut moments = vec![Moments::zero(zero); splats.len()];
     let mut grad_colors = vec![vec![zero; channels]; splats.len()];
     for pixel in 0..size {
         let pixel_grad: Vec<R> = (0..channels).map(|channel| grad.values[channel * size + pixel]).collect();
@@ -80,11 +81,7 @@ pub fn blend_vjp<R: Number>(
             for (sum, grad) in grad_colors[k].iter_mut().zip(&pixel_grad) {
                 *sum = *sum + step.weight * *grad;
             }
-            let [u, w] = falloff.offset.map(|offset| offset * h);
-            let sum = &mut moments[k];
-            sum.offset = [sum.offset[0] + u, sum.offset[1] + w];
-            sum.root = [sum.root[0] + u * dx, sum.root[1] + w * dx, sum.root[2] + w * dy];
-            sum.strength = sum.strength + h;
+            moments[k] = moments[k].with(h, falloff.offset);
             replay = behind;
         }
     }

@@ -1,0 +1,141 @@
+//! What blending has to do, counted with core's formulas one pixel at a time: the counts do not depend on the machine,
+//! and the loop that makes them is the scalar path that the executors are compared with.
+
+use specula_core::{
+    bin::TILE_SIZE,
+    blend::{Stamp, alpha, falloff, may_be_seen, stamp, step},
+    camera::Camera,
+};
+use specula_cpu::{
+    bin::Tiles,
+    project::{SplatRecord, Splats},
+    shade::Colors,
+};
+
+const TILE: usize = TILE_SIZE as usize;
+/// Pixels along an edge of a quad, the least that the CPU's kernels work on.
+const QUAD: usize = 4;
+
+/// How much there is to blend in a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Splats in tiles.
+    pub intersections: usize,
+    /// Pixels of quads that a splat may touch, for all splats before their tile has ended: what kernels evaluate.
+    pub processed: usize,
+    /// Pixels that a splat is seen in.
+    pub significant: usize,
+}
+
+/// Counts the pairs of pixels and splats.
+pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
+    let [columns, rows] = tiles.grid();
+    let mut work = Work { intersections: tiles.intersection_count(), ..Work::default() };
+    for tile in 0..columns * rows {
+        let origin = [tile % columns * TILE, tile / columns * TILE];
+        let mut passed = [1.0_f32; TILE * TILE];
+        for gaussian in tiles.gaussians_of(tile) {
+            if passed.iter().all(|t| *t == 0.0) {
+                break;
+            }
+            let stamp = stamp_of(&splats.records()[gaussian]);
+            for quad in (0..TILE * TILE).step_by(QUAD * QUAD).map(|k| k / (QUAD * QUAD)) {
+                let first = [quad % QUAD * QUAD, quad / QUAD * QUAD];
+                count_quad(&stamp, origin, first, &mut passed, &mut work);
+            }
+        }
+    }
+    work
+}
+
+fn stamp_of(record: &SplatRecord) -> Stamp<f32> {
+    stamp(record.mean2d, record.root_conic, record.log2_opacity)
+}
+
+/// From a splat's centre to that of a pixel.
+fn offset(stamp: &Stamp<f32>, x: usize, y: usize) -> [f32; 2] {
+    [x as f32 + 0.5 - stamp.mean2d[0], y as f32 + 0.5 - stamp.mean2d[1]]
+}
+
+fn count_quad(stamp: &Stamp<f32>, origin: [usize; 2], first: [usize; 2], passed: &mut [f32], work: &mut Work) {
+    const ACROSS: f32 = (QUAD - 1) as f32;
+    let [x, y] = offset(stamp, origin[0] + first[0], origin[1] + first[1]);
+    if !may_be_seen(stamp, [x, x + ACROSS], [y, y + ACROSS]) {
+        return;
+    }
+    work.processed += QUAD * QUAD;
+    for pixel in 0..QUAD * QUAD {
+        let (column, row) = (first[0] + pixel % QUAD, first[1] + pixel / QUAD);
+        let [dx, dy] = offset(stamp, origin[0] + column, origin[1] + row);
+        let passed = &mut passed[row * TILE + column];
+        let alpha = alpha(falloff(stamp, dx, dy).strength);
+        work.significant += usize::from(alpha * *passed > 0.0);
+        *passed = step(alpha, *passed).transmittance;
+    }
+}
+
+/// The straightforward loop: every pixel of a tile walks through the tile's splats until it ends. Channels, then the
+/// transmittance, plane by plane.
+pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Vec<f32> {
+    let [width, height] = [camera.width as usize, camera.height as usize];
+    let channels = colors.channels;
+    let mut values = vec![0.0; (channels + 1) * width * height];
+    let mut pixel = vec![0.0; channels];
+    for y in 0..height {
+        for x in 0..width {
+            let (mut passed, mut ended) = (1.0, 0.0);
+            pixel.fill(0.0);
+            for gaussian in tiles.gaussians_of(y / TILE * tiles.grid()[0] + x / TILE) {
+                let stamp = stamp_of(&splats.records()[gaussian]);
+                let [dx, dy] = offset(&stamp, x, y);
+                let alpha = alpha(falloff(&stamp, dx, dy).strength);
+                if alpha > 0.0 {
+                    let step = step(alpha, passed);
+                    passed = step.transmittance;
+                    ended += step.ended;
+                    let color = colors.of(gaussian);
+                    pixel.iter_mut().zip(color).for_each(|(sum, c)| *sum += step.weight * c);
+                }
+                if passed == 0.0 {
+                    break;
+                }
+            }
+            for (channel, value) in pixel.iter().chain([&(passed + ended)]).enumerate() {
+                values[(channel * height + y) * width + x] = *value;
+            }
+        }
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{blend_plainly, count};
+    use crate::{camera, torus};
+    use specula_core::executor::{Executor, RenderRules};
+    use specula_cpu::CpuExecutor;
+    use specula_train::profile::by_name;
+
+    /// Kernels and loop differ by rounding alone: α of the same formula, summed in the same order.
+    const ROUNDING: f32 = 2e-5;
+
+    #[test]
+    fn the_loop_and_the_kernels_give_the_same_picture() {
+        let profile = by_name("3dgs", 100).expect("a profile of that name");
+        let (cloud, camera) = (torus(2000, &profile), camera(90));
+        let channels = specula_core::plan::Channels::Color;
+        let rules = RenderRules { shading: profile.shading, scheme: profile.scheme, sh_degree: Some(3), channels };
+        let mut exec = CpuExecutor::new();
+        let splats = exec.project(&cloud, &camera).expect("the CPU projects");
+        let colors = exec.shade(&cloud, &camera, &splats, None, &rules).expect("the CPU shades");
+        let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
+        let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
+        let plain = blend_plainly(&splats, &colors, &tiles, &camera);
+        let mut ours = vec![0.0; plain.len()];
+        frame.read(&mut ours);
+        let largest = ours.iter().zip(&plain).fold(0.0_f32, |max, (a, b)| max.max((a - b).abs()));
+        assert!(largest < ROUNDING, "pictures differ by {largest}");
+        let work = count(&splats, &tiles);
+        assert!(work.significant <= work.processed && work.significant > work.intersections, "counts: {work:?}");
+    }
+}
