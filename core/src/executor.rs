@@ -4,6 +4,7 @@ use crate::{
     camera::Camera,
     densify::DensifyRules,
     loss::{LossReport, LossWeights},
+    pipeline::Step,
     plan::Channels,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians, Layout},
@@ -207,6 +208,24 @@ pub trait Executor {
         rates: &[f32],
         step: u32,
     ) -> Result<usize, Self::Error>;
+    /// [`Executor::gaussians_vjp`] and [`Executor::optimise`], one after the other. An executor may do both at once, so
+    /// that the gradient never goes through memory; the result is the same to the last bit.
+    fn update(
+        &mut self,
+        gaussians: &mut Gaussians<Self::Array>,
+        moments: &mut Moments<Self::Array>,
+        splats: &Self::Splats,
+        light: Option<&Self::Light>,
+        grads: &Self::SplatGrads,
+        step: &Step<'_, Self>,
+    ) -> Result<(usize, Option<Self::LightGrad>), Self::Error>
+    where
+        Self: Sized,
+    {
+        let (grad, of_light) =
+            self.gaussians_vjp(gaussians, step.camera, splats, light, step.rules, step.weights, grads)?;
+        Ok((self.optimise(gaussians, moments, grad, step.rates, step.number)?, of_light))
+    }
     /// One step of Adam for the light; radiance that is kept as it is stays between zero and `radiance_max`.
     fn optimise_environment(
         &mut self,

@@ -89,10 +89,7 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
     exec.observe(fit.statistics, &splats, &grads, step.camera)?;
-    let (grad, of_light) =
-        exec.gaussians_vjp(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
-
-    let mut nonfinite = exec.optimise(fit.gaussians, fit.moments, grad, step.rates, step.number)?;
+    let (mut nonfinite, of_light) = exec.update(fit.gaussians, fit.moments, &splats, light.as_ref(), &grads, step)?;
     let light_grad = light_grad.or(of_light);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;

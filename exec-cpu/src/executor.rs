@@ -7,17 +7,18 @@ use crate::{
     frame::{Frame, FrameGrad},
     loss::{Target, loss_all},
     machine::Machine,
-    optimise::{adam_all, adam_blocks},
+    optimise::{StepSize, adam_all, adam_blocks},
     pixel::{shade_pixels, shade_pixels_vjp},
     prefilter::{Light, LightGrad, Operator},
     project::{Splats, project_all},
-    shade::{Colors, Scene, gaussians_vjp, shade_all},
+    shade::{Colors, Scene, gaussians_vjp, shade_all, update},
 };
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
     loss::{LossReport, LossWeights},
+    pipeline::Step,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians, RadianceActivation},
 };
@@ -232,10 +233,24 @@ impl Executor for CpuExecutor {
         step: u32,
     ) -> Result<usize, CpuError> {
         let Moments { mean, square } = moments;
-        let level = self.machine.level;
-        let nonfinite = adam_blocks(level, &mut gaussians.values, mean, square, &grad.values, rates, step);
+        let size = StepSize::new(&self.machine, rates, step);
+        let nonfinite = adam_blocks(&self.machine, &mut gaussians.values, mean, square, &grad.values, &size);
         self.machine.numbers.give(grad.values);
         Ok(nonfinite)
+    }
+
+    fn update(
+        &mut self,
+        gaussians: &mut Gaussians<Vec<f32>>,
+        moments: &mut Moments<Vec<f32>>,
+        splats: &Splats,
+        light: Option<&Light>,
+        grads: &SplatGrads,
+        step: &Step<'_, Self>,
+    ) -> Result<(usize, Option<LightGrad>), CpuError> {
+        let scene = Scene { layout: gaussians.layout, light, rules: step.rules };
+        let size = StepSize::new(&self.machine, step.rates, step.number);
+        Ok(update(&self.machine, gaussians, moments, step, splats, scene, grads, &size))
     }
 
     fn optimise_environment(
@@ -248,7 +263,7 @@ impl Executor for CpuExecutor {
         step: u32,
     ) -> Result<usize, CpuError> {
         let Moments { mean, square } = moments;
-        let nonfinite = adam_all(self.machine.level, &mut environment.values, mean, square, &grad, rate, step);
+        let nonfinite = adam_all(&self.machine, &mut environment.values, mean, square, &grad, rate, step);
         self.machine.numbers.give(grad);
         if environment.activation == RadianceActivation::Identity {
             environment.values.iter_mut().for_each(|radiance| *radiance = radiance.clamp(0.0, radiance_max));

@@ -1,7 +1,7 @@
 //! Adam over all planes of all Gaussians, and over a light.
 
-use crate::lanes::Lanes;
-use fearless_simd::{Level, Simd, dispatch};
+use crate::{buffer::Buffer, lanes::Lanes, machine::Machine};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     optimise::{Moment, adam, corrected_epsilon, corrected_rate},
@@ -9,47 +9,62 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// One step for numbers in blocks of `rates.len()` planes; counts gradients that were not finite and were left out.
+/// What a step of Adam needs to know beside its numbers.
+#[derive(Clone, Debug)]
+pub(crate) struct StepSize {
+    /// Learning rate of every plane, corrected for the start of a run.
+    rates: Buffer<f32>,
+    epsilon: f32,
+}
+
+impl StepSize {
+    /// For the step of this number, from 1.
+    pub(crate) fn new(machine: &Machine, rates: &[f32], step: u32) -> Self {
+        let mut corrected = machine.numbers.take(rates.len());
+        corrected.iter_mut().zip(rates).for_each(|(to, rate)| *to = corrected_rate(*rate, step));
+        Self { rates: corrected, epsilon: corrected_epsilon(step) }
+    }
+}
+
+/// One step for numbers in blocks of as many planes as there are rates; counts gradients that were not finite and were
+/// left out.
 pub(crate) fn adam_blocks(
-    level: Level,
+    machine: &Machine,
     values: &mut [f32],
     mean: &mut [f32],
     square: &mut [f32],
     grad: &[f32],
-    rates: &[f32],
-    step: u32,
+    size: &StepSize,
 ) -> usize {
     const BLOCKS_AT_ONCE: usize = 16;
-    let rates: Vec<f32> = rates.iter().map(|rate| corrected_rate(*rate, step)).collect();
-    let epsilon = corrected_epsilon(step);
-    let chunk = BLOCKS_AT_ONCE * BLOCK * rates.len();
+    let chunk = BLOCKS_AT_ONCE * BLOCK * size.rates.len();
     values
         .par_chunks_mut(chunk)
         .zip(mean.par_chunks_mut(chunk).zip(square.par_chunks_mut(chunk)))
         .zip(grad.par_chunks(chunk))
         .map(|((values, (mean, square)), grad)| {
-            dispatch!(level, simd => adam_chunk(simd, values, mean, square, grad, &rates, epsilon))
+            dispatch!(machine.level, simd => adam_chunk(simd, values, mean, square, grad, size))
         })
         .sum()
 }
 
 #[inline(always)]
-fn adam_chunk<S: Simd>(
+pub(crate) fn adam_chunk<S: Simd>(
     simd: S,
     values: &mut [f32],
     mean: &mut [f32],
     square: &mut [f32],
     grad: &[f32],
-    rates: &[f32],
-    epsilon: f32,
+    size: &StepSize,
 ) -> usize {
     let mut nonfinite = 0;
-    let epsilon = Lanes::splat(simd, epsilon);
+    let epsilon = Lanes::splat(simd, size.epsilon);
     let vectors = values.chunks_exact_mut(BLOCK).zip(mean.chunks_exact_mut(BLOCK)).zip(square.chunks_exact_mut(BLOCK));
-    for ((((value, mean), square), grad), rate) in vectors.zip(grad.chunks_exact(BLOCK)).zip(rates.iter().cycle()) {
+    for ((((value, mean), square), grad), rate) in vectors.zip(grad.chunks_exact(BLOCK)).zip(size.rates.iter().cycle())
+    {
         let grad = Lanes::load(simd, grad);
         let is_finite = grad.abs().less_or_equal(grad.constant(f32::MAX));
-        nonfinite += BLOCK - grad.constant(1.0).keep(is_finite).sum() as usize;
+        nonfinite += BLOCK - is_finite.bits().count_ones() as usize;
         let moment = Moment {
             value: Lanes::load(simd, value),
             mean: Lanes::load(simd, mean),
@@ -65,7 +80,7 @@ fn adam_chunk<S: Simd>(
 
 /// One step for numbers that all have the same rate, however many there are.
 pub(crate) fn adam_all(
-    level: Level,
+    machine: &Machine,
     values: &mut [f32],
     mean: &mut [f32],
     square: &mut [f32],
@@ -84,14 +99,8 @@ pub(crate) fn adam_all(
         let next = adam(Moment { value: values[k], mean: mean[k], square: square[k] }, grad[k], rate_now, epsilon);
         (values[k], mean[k], square[k]) = (next.value, next.mean, next.square);
     }
-    let rest = adam_blocks(
-        level,
-        &mut values[..whole],
-        &mut mean[..whole],
-        &mut square[..whole],
-        &grad[..whole],
-        &[rate],
-        step,
-    );
+    let size = StepSize::new(machine, &[rate], step);
+    let rest =
+        adam_blocks(machine, &mut values[..whole], &mut mean[..whole], &mut square[..whole], &grad[..whole], &size);
     nonfinite + rest
 }

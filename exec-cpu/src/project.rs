@@ -39,6 +39,8 @@ pub struct SplatRecord {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
     pub(crate) records: Buffer<SplatRecord>,
+    /// For each block a bit for each Gaussian that is drawn.
+    drawn: Buffer<u16>,
 }
 
 impl Splats {
@@ -48,8 +50,7 @@ impl Splats {
     }
     /// Whether any Gaussian of a block is drawn.
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
-        let end = ((block + 1) * BLOCK).min(self.records.len());
-        self.records[block * BLOCK..end].iter().any(|record| record.reach > 0.0)
+        self.drawn[block] != 0
     }
 }
 
@@ -58,20 +59,34 @@ pub(crate) const BLOCKS_AT_ONCE: usize = 16;
 
 pub(crate) fn project_all(machine: &Machine, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Splats {
     let mut records = machine.records.take(gaussians.count);
-    let chunk_len = BLOCKS_AT_ONCE * gaussians.block_len();
-    let chunks = gaussians.values.par_chunks(chunk_len).zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK));
-    chunks.for_each(|(blocks, records)| {
-        dispatch!(machine.level, simd => project_blocks(simd, blocks, gaussians.block_len(), camera, records));
-    });
-    Splats { records }
+    let mut drawn = machine.bits.take(gaussians.count.div_ceil(BLOCK));
+    let block_len = gaussians.block_len();
+    gaussians
+        .values
+        .par_chunks(BLOCKS_AT_ONCE * block_len)
+        .zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)))
+        .for_each(|(blocks, (records, drawn))| {
+            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, records, drawn));
+        });
+    Splats { records, drawn }
 }
 
 #[inline(always)]
-fn project_blocks<S: Simd>(simd: S, blocks: &[f32], block_len: usize, camera: &Camera, records: &mut [SplatRecord]) {
+fn project_blocks<S: Simd>(
+    simd: S,
+    blocks: &[f32],
+    block_len: usize,
+    camera: &Camera,
+    records: &mut [SplatRecord],
+    drawn: &mut [u16],
+) {
     let camera = camera.lift(Lanes::splat(simd, 0.0));
-    for (block, records) in blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK)) {
+    let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
+    for ((block, records), drawn) in blocks.zip(drawn) {
         let splat = project(&load_shape(simd, block), &camera);
         let reach = footprint(&splat).reach;
+        let own = u16::MAX >> (BLOCK - records.len());
+        *drawn = reach.zero().less(reach).bits() as u16 & own;
         store_records(&splat, reach, half_extent(&splat, reach), records);
     }
 }

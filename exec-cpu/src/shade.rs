@@ -1,11 +1,13 @@
 //! Splats to channels, and the gradients of Gaussians, sixteen at a time.
 
 use crate::{
+    CpuExecutor,
     blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
     buffer::Buffer,
     lanes::{Lanes, store3},
     light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
     machine::Machine,
+    optimise::{StepSize, adam_chunk},
     prefilter::{Light, LightGrad, Texel},
     project::{BLOCKS_AT_ONCE, Splats, load_shape, project_block_vjp},
 };
@@ -13,8 +15,9 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    executor::RenderRules,
+    executor::{Moments, RenderRules},
     loss::{LossWeights, sparse_vjp},
+    pipeline::Step,
     plan::{Channels, channel},
     project::SplatGrad,
     real::Real,
@@ -265,35 +268,129 @@ pub(crate) fn gaussians_vjp(
     weights: &LossWeights,
     grads: &SplatGrads,
 ) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
-    let block_len = gaussians.block_len();
     let mut out = machine.numbers.take(gaussians.values.len());
-    let block_count = gaussians.values.len() / block_len;
-    let part_blocks = block_count.div_ceil(LIGHT_PARTS).max(1);
-    let texel_count = scene.own_light().map_or(0, |light| light.texels.len());
-    let mut texels = machine.texels.take(LIGHT_PARTS * texel_count.max(1));
+    let from = Backwards { splats, scene, weights, grads, count: gaussians.count };
+    let block_len = gaussians.block_len();
+    let parts = from.parts(gaussians.values.len() / block_len);
+    let mut texels = from.texels(machine);
     gaussians
         .values
-        .par_chunks(part_blocks * block_len)
-        .zip(out.par_chunks_mut(part_blocks * block_len))
-        .zip(texels.par_chunks_mut(texel_count.max(1)))
+        .par_chunks(parts.blocks * block_len)
+        .zip(out.par_chunks_mut(parts.blocks * block_len))
+        .zip(texels.par_chunks_mut(from.texel_count().max(1)))
         .enumerate()
         .for_each(|(part, ((blocks, out), light_grad))| {
             light_grad.fill([0.0; 4]);
             dispatch!(machine.level, simd => {
-                let lifted = camera.lift(Lanes::splat(simd, 0.0));
-                for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len)).enumerate() {
-                    let number = part * part_blocks + index;
-                    out.fill(0.0);
-                    if splats.block_is_drawn(number) {
-                        let grads = deinterleave(simd, grads, number, gaussians.count);
-                        block_vjp(simd, block, &lifted, scene, &grads, out, light_grad);
-                    }
-                    attribute_losses_vjp(simd, block, scene, weights, gaussians.count, out);
+                let camera = camera.lift(Lanes::splat(simd, 0.0));
+                let blocks = blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len));
+                for (number, (block, out)) in (part * parts.blocks..).zip(blocks) {
+                    from.block(simd, &camera, number, block, out, light_grad);
                 }
             });
         });
     let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out.into_vec() };
-    (grad, scene.own_light().map(|_| sum_parts(texels, texel_count, block_count.div_ceil(part_blocks))))
+    (grad, scene.own_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
+}
+
+/// [`gaussians_vjp`] and Adam's step, block by block: a gradient is used where it was made.
+pub(crate) fn update(
+    machine: &Machine,
+    gaussians: &mut Gaussians<Vec<f32>>,
+    moments: &mut Moments<Vec<f32>>,
+    step: &Step<'_, CpuExecutor>,
+    splats: &Splats,
+    scene: Scene<'_>,
+    grads: &SplatGrads,
+    size: &StepSize,
+) -> (usize, Option<LightGrad>) {
+    let count = gaussians.count;
+    let from = Backwards { splats, scene, weights: step.weights, grads, count };
+    let block_len = gaussians.block_len();
+    let parts = from.parts(gaussians.values.len() / block_len);
+    let mut texels = from.texels(machine);
+    let chunk = parts.blocks * block_len;
+    let nonfinite = gaussians
+        .values
+        .par_chunks_mut(chunk)
+        .zip(moments.mean.par_chunks_mut(chunk).zip(moments.square.par_chunks_mut(chunk)))
+        .zip(texels.par_chunks_mut(from.texel_count().max(1)))
+        .enumerate()
+        .map(|(part, ((blocks, (mean, square)), light_grad))| {
+            light_grad.fill([0.0; 4]);
+            dispatch!(machine.level, simd => {
+                let camera = step.camera.lift(Lanes::splat(simd, 0.0));
+                let mut grad = [0.0; BLOCK * PLANES_MAX];
+                let grad = &mut grad[..block_len];
+                let moments = mean.chunks_exact_mut(block_len).zip(square.chunks_exact_mut(block_len));
+                let mut nonfinite = 0;
+                for (number, (block, (mean, square))) in (part * parts.blocks..).zip(blocks.chunks_exact_mut(block_len).zip(moments)) {
+                    from.block(simd, &camera, number, block, grad, light_grad);
+                    nonfinite += adam_chunk(simd, block, mean, square, grad, size);
+                }
+                nonfinite
+            })
+        })
+        .sum();
+    (nonfinite, scene.own_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
+}
+
+/// The most planes that a cloud can have.
+const PLANES_MAX: usize = Layout::shaded(Some(3)).plane_count();
+
+/// How blocks are divided among tasks.
+struct BlockParts {
+    /// Blocks of a part.
+    blocks: usize,
+    /// Parts that have any.
+    count: usize,
+}
+
+/// What the way back through shading and projection reads.
+struct Backwards<'a> {
+    splats: &'a Splats,
+    scene: Scene<'a>,
+    weights: &'a LossWeights,
+    grads: &'a SplatGrads,
+    /// Gaussians.
+    count: usize,
+}
+
+impl Backwards<'_> {
+    /// As many parts as add to the light's gradient, or more if none do.
+    fn part_count(&self) -> usize {
+        const MANY: usize = 64;
+        if self.scene.own_light().is_some() { LIGHT_PARTS } else { MANY }
+    }
+    fn parts(&self, block_count: usize) -> BlockParts {
+        let blocks = block_count.div_ceil(self.part_count()).max(1);
+        BlockParts { blocks, count: block_count.div_ceil(blocks) }
+    }
+    fn texel_count(&self) -> usize {
+        self.scene.own_light().map_or(0, |light| light.texels.len())
+    }
+    /// Memory for the light's gradients of all parts.
+    fn texels(&self, machine: &Machine) -> Buffer<Texel> {
+        machine.texels.take(self.part_count() * self.texel_count().max(1))
+    }
+    /// The gradient of one block; adds to the light's.
+    #[inline(always)]
+    fn block<S: Simd>(
+        &self,
+        simd: S,
+        camera: &CameraOf<Lanes<S>>,
+        number: usize,
+        block: &[f32],
+        out: &mut [f32],
+        light_grad: &mut [Texel],
+    ) {
+        out.fill(0.0);
+        if self.splats.block_is_drawn(number) {
+            let grads = deinterleave(simd, self.grads, number, self.count);
+            block_vjp(simd, block, camera, self.scene, &grads, out, light_grad);
+        }
+        attribute_losses_vjp(simd, block, self.scene, self.weights, self.count, out);
+    }
 }
 
 /// The sum of lights' gradients, in the order of the parts.

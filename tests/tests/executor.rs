@@ -3,9 +3,9 @@
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{Executor, RenderRules},
+    executor::{Executor, Moments, RenderRules},
     loss::{LossWeights, NormalForm},
-    pipeline::render,
+    pipeline::{Step, render},
     plan::Channels,
     prefilter::PrefilterScheme,
     scene::{Gaussians, Layout, RadianceActivation},
@@ -151,6 +151,58 @@ fn gradients_agree(shading: ShadingRules) {
     let difference = relative_difference(&wide(&environment_grad), &theirs);
     println!("light: {difference:.1e}");
     assert!(difference < SAME_GRADIENT, "the light's gradient differs by {difference:e}");
+}
+
+#[test]
+fn an_update_at_once_is_that_of_two_stages() {
+    for shading in BOTH {
+        let cloud = random_cloud(90, Layout::shaded(Some(3)), 7);
+        let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, 7);
+        let (camera, rules, weights) = (camera(64, 48), rules(shading, Channels::Training), weights());
+        let mut exec = CpuExecutor::new();
+        let target = exec.target(64, 48, &[120; 64 * 48 * 4]).expect("the bytes fit");
+        let light = exec.prefilter(&environment, rules.scheme).expect("16 is a power of two");
+        let splats = exec.project(&cloud, &camera).expect("the CPU projects");
+        let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
+        let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
+        let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
+        if rules.is_deferred(cloud.layout) {
+            frame = exec.shade_pixels(frame, Some(&light), &camera).expect("the CPU shades");
+        }
+        let (_, grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
+        let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &camera).expect("the CPU goes back");
+        let rates: Vec<f32> = (0..cloud.layout.plane_count()).map(|plane| 1e-3 * plane as f32).collect();
+        let step = Step {
+            camera: &camera,
+            target: &target,
+            background: BACKGROUND,
+            rules: &rules,
+            weights: &weights,
+            rates: &rates,
+            environment_rate: 0.0,
+            radiance_max: 1.0,
+            number: 3,
+        };
+        let moments = Moments { mean: vec![1e-4; cloud.values.len()], square: vec![1e-6; cloud.values.len()] };
+        let (mut at_once, mut moments_at_once) = (cloud.clone(), moments.clone());
+        let (nonfinite, light_grad) = exec
+            .update(&mut at_once, &mut moments_at_once, &splats, Some(&light), &grads, &step)
+            .expect("the CPU updates");
+        let (mut in_two, mut moments_in_two) = (cloud, moments);
+        let (grad, light_grad_in_two) = exec
+            .gaussians_vjp(&in_two, &camera, &splats, Some(&light), &rules, &weights, &grads)
+            .expect("the CPU goes back");
+        let nonfinite_in_two =
+            exec.optimise(&mut in_two, &mut moments_in_two, grad, &rates, 3).expect("the CPU optimises");
+        assert_eq!(at_once.values, in_two.values, "Gaussians");
+        assert_eq!(moments_at_once.mean, moments_in_two.mean, "means");
+        assert_eq!(moments_at_once.square, moments_in_two.square, "squares");
+        assert_eq!(nonfinite, nonfinite_in_two, "what was left out");
+        let mut environment_grad = |light_grad: Option<_>| {
+            light_grad.map(|grad| exec.prefilter_vjp(&environment, &light, &grad).expect("the CPU goes back"))
+        };
+        assert_eq!(environment_grad(light_grad), environment_grad(light_grad_in_two), "the light's gradient");
+    }
 }
 
 /// Channels and transmittance of a frame, plane by plane.
