@@ -46,43 +46,56 @@ pub fn half_extent<R: Real>(splat: &Splat<R>, reach: R) -> [R; 2] {
     [splat.variance[0].sqrt() * reach, splat.variance[1].sqrt() * reach]
 }
 
-/// Leftmost and rightmost x, in pixels, of a footprint within the band of y from `top` to `bottom`; the second is
-/// smaller than the first where the footprint misses the band.
-#[inline(always)]
-pub fn span_in_rows(footprint: &Footprint<f32>, top: f32, bottom: f32) -> [f32; 2] {
-    let [xx, yx, yy] = footprint.root_conic;
-    let (a, b, c) = (xx * xx + yx * yx, yx * yy, yy * yy);
-    let [center_x, center_y] = footprint.mean2d;
-    span([a, b, c], footprint.reach, top - center_y, bottom - center_y).map(|x| x + center_x)
+/// The outline of a footprint, a x² + 2 b x y + c y² = reach² around its centre, prepared for many bands of y.
+#[derive(Clone, Copy, Debug)]
+pub struct Outline {
+    center: [f32; 2],
+    /// −b / a: how the middle of the outline moves along x with y.
+    slope: f32,
+    /// reach² / a and (a c − b²) / a²: the half width at y is √(first − second · y²).
+    half_width: [f32; 2],
+    /// y of the rightmost point; that of the leftmost is its negative.
+    extreme_y: f32,
+    /// Largest y; NaN or infinite where the outline is no ellipse in `f32`.
+    reach_y: f32,
 }
 
-/// Topmost and lowest y of a footprint within the band of x from `left` to `right`; like [`span_in_rows`].
+/// The outline of a footprint that is drawn.
 #[inline(always)]
-pub fn span_in_columns(footprint: &Footprint<f32>, left: f32, right: f32) -> [f32; 2] {
+pub fn outline(footprint: &Footprint<f32>) -> Outline {
     let [xx, yx, yy] = footprint.root_conic;
     let (a, b, c) = (xx * xx + yx * yx, yx * yy, yy * yy);
-    let [center_x, center_y] = footprint.mean2d;
-    span([c, b, a], footprint.reach, left - center_x, right - center_x).map(|y| y + center_y)
-}
-
-/// Extent along s of the ellipse a s² + 2 b s t + c t² ≤ reach², for t between `low` and `high`.
-#[inline(always)]
-fn span([a, b, c]: [f32; 3], reach: f32, low: f32, high: f32) -> [f32; 2] {
-    const NOTHING: [f32; 2] = [1.0, -1.0];
-    let determinant = a * c - b * b;
-    let reach_squared = reach * reach;
-    // The ellipse's own extreme points lie at t = ∓ (b / c) s; the band moves them to its nearer edge.
-    let extreme_s = crate::math::sqrt(reach_squared * c / determinant);
-    let extreme_t = b / c * extreme_s;
-    let reach_t = crate::math::sqrt(reach_squared * a / determinant);
-    if !(low <= reach_t && high >= -reach_t) {
-        return if determinant > 0.0 { NOTHING } else { [f32::NEG_INFINITY, f32::INFINITY] };
+    let per_a = a.recip();
+    // a c − b² without its cancellation.
+    let determinant = xx * xx * c;
+    let reach_squared = footprint.reach * footprint.reach;
+    let reach_y = crate::math::sqrt(reach_squared * a / determinant);
+    Outline {
+        center: footprint.mean2d,
+        slope: -b * per_a,
+        half_width: [reach_squared * per_a, determinant * per_a * per_a],
+        extreme_y: -b / c * crate::math::sqrt(reach_squared * c / determinant),
+        reach_y,
     }
-    let at = |t: f32| {
-        let root = crate::math::sqrt((reach_squared * a - determinant * t * t).max(0.0));
-        [(-b * t - root) / a, (-b * t + root) / a]
-    };
-    [at(extreme_t.clamp(low, high))[0], at((-extreme_t).clamp(low, high))[1]]
+}
+
+/// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`; the second is
+/// smaller than the first where the outline misses the band.
+#[inline(always)]
+pub fn span_in_rows(outline: &Outline, top: f32, bottom: f32) -> [f32; 2] {
+    const NOTHING: [f32; 2] = [1.0, -1.0];
+    let [x, y] = outline.center;
+    let (low, high) = (top - y, bottom - y);
+    if !(outline.reach_y < f32::INFINITY) {
+        return [f32::NEG_INFINITY, f32::INFINITY];
+    }
+    if low > outline.reach_y || high < -outline.reach_y {
+        return NOTHING;
+    }
+    // Where an extreme point lies outside the band, its nearer edge has the extreme.
+    let half_width = |y: f32| crate::math::sqrt((outline.half_width[0] - outline.half_width[1] * y * y).max(0.0));
+    let (leftmost, rightmost) = ((-outline.extreme_y).clamp(low, high), outline.extreme_y.clamp(low, high));
+    [x + outline.slope * leftmost - half_width(leftmost), x + outline.slope * rightmost + half_width(rightmost)]
 }
 
 /// First and past-the-last tile along an axis that the interval from `low` to `high`, in pixels, touches.

@@ -10,7 +10,7 @@ use crate::{
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use rayon::prelude::*;
 use specula_core::{
-    bin::{Footprint, TILE_SIZE, span_in_rows, tile_count, tile_range},
+    bin::{Footprint, TILE_SIZE, outline, span_in_rows, tile_count, tile_range},
     camera::Camera,
 };
 
@@ -162,14 +162,14 @@ fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
 fn spread(record: &SplatRecord, rows: RowRange, columns: u32, spans: &mut [Span]) -> u32 {
     let (x, half) = (record.mean2d[0], record.half_extent[0]);
     let whole = tile_range(x - half, x + half, columns);
-    let footprint = Footprint { mean2d: record.mean2d, root_conic: record.root_conic, reach: record.reach };
     let is_box = spans.len() == 1 || whole[1] <= whole[0] + 1;
+    let outline = outline(&Footprint { mean2d: record.mean2d, root_conic: record.root_conic, reach: record.reach });
     let mut count = 0;
     for (row, span) in (u32::from(rows.first)..).zip(spans) {
         let [first, end] = if is_box {
             whole
         } else {
-            let [left, right] = span_in_rows(&footprint, (row * TILE_SIZE) as f32, ((row + 1) * TILE_SIZE) as f32);
+            let [left, right] = span_in_rows(&outline, (row * TILE_SIZE) as f32, ((row + 1) * TILE_SIZE) as f32);
             tile_range(left, right, columns)
         };
         *span = [first as u16, end.max(first) as u16];

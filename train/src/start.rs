@@ -11,6 +11,7 @@ use specula_core::{
     camera::Camera,
     color::linear_from_srgb,
     normal::AxisRule,
+    order::Bounds,
     random,
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
@@ -72,8 +73,9 @@ fn position_vec([x, y, z]: [f32; 3]) -> glam::Vec3 {
     glam::Vec3::new(x, y, z)
 }
 
-/// Gaussians at the points, as large as the distance to their neighbours.
+/// Gaussians at the points, as large as the distance to their neighbours; in the order of space.
 pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Vec<f32>> {
+    let points = &in_space(points);
     let layout = profile.layout;
     let values = vec![0.0; len_of_values(points.len(), layout)];
     let mut gaussians = Gaussians { count: points.len(), layout, values };
@@ -90,6 +92,14 @@ pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Ve
         }
     }
     gaussians
+}
+
+/// Points in the order of space, in which densification keeps their Gaussians.
+fn in_space(points: &[Point]) -> Vec<Point> {
+    let bounds = points.iter().fold(Bounds::NOTHING, |bounds, point| bounds.with(point.position));
+    let mut sorted = points.to_vec();
+    sorted.sort_by_key(|point| bounds.code(point.position));
+    sorted
 }
 
 fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Point, profile: &Profile, seed: u64) {
