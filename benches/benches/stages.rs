@@ -20,7 +20,14 @@ const PROFILES: [&str; 2] = ["3dgs", "specula"];
 
 fn rules_of(profile: &Profile) -> RenderRules {
     let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
-    RenderRules { shading: profile.shading, scheme: profile.scheme, sh_degree: Some(3), channels }
+    RenderRules {
+        shading: profile.shading,
+        scheme: profile.scheme,
+        sh_degree: Some(3),
+        normal_residuals: true,
+        is_lit: true,
+        channels,
+    }
 }
 
 fn stages(criterion: &mut Criterion) {

@@ -6,7 +6,7 @@ use crate::{
     loss::{LossReport, LossWeights},
     plan::Channels,
     prefilter::PrefilterScheme,
-    scene::{Environment, Gaussians, Layout},
+    scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
     shade::{ShadingForm, ShadingRules},
 };
 
@@ -19,7 +19,11 @@ pub struct RenderRules {
     pub scheme: PrefilterScheme,
     /// Highest band of the spherical harmonics that is used; `None` leaves them out.
     pub sh_degree: Option<u8>,
-    /// What is blended.
+    /// Whether residuals are added to normals.
+    pub normal_residuals: bool,
+    /// Whether light is looked up.
+    pub is_lit: bool,
+    /// What the picture is asked to have: colour, what training reads, or all layers.
     pub channels: Channels,
 }
 
@@ -30,10 +34,27 @@ impl RenderRules {
     }
     /// What is blended so that the picture has the channels that were asked for.
     pub fn blended(&self, layout: Layout) -> Channels {
+        let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
-            Channels::Color | Channels::Training if self.is_deferred(layout) => Channels::Surface,
+            Channels::Color if is_lit_by_pixel => Channels::Lit,
+            Channels::Training if is_lit_by_pixel => Channels::Surface,
             channels => channels,
         }
+    }
+    /// Whether nothing of a surface but its own colour is asked for or lit.
+    pub fn is_color_alone(&self, layout: Layout) -> bool {
+        !self.is_lit && self.blended(layout) == Channels::Color
+    }
+    /// How many numbers of each Gaussian are read.
+    pub fn numbers_read(&self, layout: Layout) -> usize {
+        let shading_end = match layout.is_shaded() {
+            false => DIFFUSE,
+            true if self.is_color_alone(layout) => TINT,
+            true if self.normal_residuals => layout.sh_start(),
+            true => NORMAL_RESIDUAL_1,
+        };
+        let harmonics = Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout };
+        shading_end + 3 * harmonics.sh_count()
     }
 }
 

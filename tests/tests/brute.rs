@@ -26,6 +26,8 @@ fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
         shading: ShadingRules::PAPER,
         scheme: PrefilterScheme::Exact,
         sh_degree: Some(degree),
+        normal_residuals: true,
+        is_lit: true,
         channels: Channels::Color,
     };
     let frame = render::<Double>(&lift_gaussians(&cloud), None, &camera, &rules);

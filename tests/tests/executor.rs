@@ -43,7 +43,14 @@ fn camera(width: u32, height: u32) -> Camera {
 const BOTH: [ShadingRules; 2] = [ShadingRules::PAPER, ShadingRules::DEFERRED];
 
 fn rules(shading: ShadingRules, channels: Channels) -> RenderRules {
-    RenderRules { shading, scheme: PrefilterScheme::Exact, sh_degree: Some(3), channels }
+    RenderRules {
+        shading,
+        scheme: PrefilterScheme::Exact,
+        sh_degree: Some(3),
+        normal_residuals: true,
+        is_lit: true,
+        channels,
+    }
 }
 
 fn weights() -> LossWeights {

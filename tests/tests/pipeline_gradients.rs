@@ -54,6 +54,8 @@ const RULES: RenderRules = RenderRules {
     shading: ShadingRules::PAPER,
     scheme: PrefilterScheme::Exact,
     sh_degree: Some(3),
+    normal_residuals: true,
+    is_lit: true,
     channels: Channels::Training,
 };
 

@@ -175,6 +175,8 @@ impl<E: Executor> Trainer<E> {
             shading: profile.shading,
             scheme: profile.scheme,
             sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
+            normal_residuals: true,
+            is_lit: true,
             channels,
         }
     }
