@@ -166,11 +166,6 @@ impl Plan {
         };
         Self { rules, full: in_full(asked), unlit }
     }
-
-    /// The plan that leaves nothing out.
-    pub fn in_full(asked: &RenderRules) -> Self {
-        Self { rules: in_full(asked), full: in_full(asked), unlit: None }
-    }
 }
 
 /// All that a training blends, at least.
