@@ -7,14 +7,14 @@ use crate::{
     fit::thousands,
     output,
     progress::Talk,
-    scene::{Opened, Scene, fitting_resolution},
+    scene::{Opened, Scene},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
     cubemap::FACE_COUNT,
+    executor::RenderRules,
     plan::{Channels, Plan, Unlit, channel},
-    prefilter::Levels,
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
 };
 use specula_io::{
@@ -191,22 +191,17 @@ fn add_plan(report: &mut Report, scene: &Scene) {
     add_filtered(report, scene, &plan);
 }
 
-/// Texels of light that are filtered, and the levels that are looked up.
+/// Texels of light that are filtered, level by level.
 fn add_filtered(report: &mut Report, scene: &Scene, plan: &Plan) {
-    let Some(light) = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded()) else { return };
-    let scheme = scene.reading.scheme;
-    let levels = Levels::new(scheme, fitting_resolution(light.resolution, scheme));
-    let in_full: usize = levels.as_slice().iter().map(|level| FACE_COUNT * level.resolution.pow(2)).sum();
-    let (filtered, reached) = if plan.rules.is_lit { (in_full, scene.needs().levels(&levels)) } else { (0, 0..0) };
-    let count = levels.as_slice().len();
-    let words = format!(
-        "{} of {} texels of light; lookups reach {} of {count} levels",
-        thousands(filtered),
-        thousands(in_full),
-        reached.len()
-    );
-    let json = json!({"texels": filtered, "in_full": in_full, "levels_reached": [reached.start, reached.end]});
-    report.add("filters", words, json);
+    let Some(levels) = scene.levels() else { return };
+    let of_rules = |rules: RenderRules| {
+        let numbered = levels.as_slice().iter().enumerate();
+        let kept = numbered.filter(move |(number, _)| rules.is_lit && rules.levels.contains(*number));
+        kept.fold((0, 0), |(count, texels), (_, level)| (count + 1, texels + FACE_COUNT * level.resolution.pow(2)))
+    };
+    let [(kept, filtered), (count, in_full)] = [plan.rules, plan.full].map(of_rules);
+    let words = format!("{} of {} texels of light, {kept} of {count} levels", thousands(filtered), thousands(in_full));
+    report.add("filters", words, json!({"texels": filtered, "in_full": in_full, "levels": kept}));
 }
 
 /// Names of what a plan leaves out.

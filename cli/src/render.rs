@@ -197,3 +197,36 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
     let tests = data.test.into_iter().filter(|_| test);
     Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{convention::Reading, progress::Talk};
+    use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
+
+    /// A Gaussian in front of the camera, grey from everywhere.
+    fn scene() -> Scene {
+        let layout = Layout::radiance(0);
+        let values = vec![0.0; len_of_values(1, layout)];
+        let mut gaussians = Gaussians { count: 1, layout, values };
+        gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        Scene { gaussians, light: None, reading: Reading::PAPER }
+    }
+
+    #[test]
+    fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
+        let talk = Talk { quiet: true };
+        let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
+        let mut planned = Renderer::new(scene(), Channels::Color, talk).unwrap().view(&camera).unwrap();
+        let mut verification = Verification::new(scene(), Channels::Color, talk).unwrap();
+        verification.compare(&camera, &planned).unwrap();
+        assert_eq!(verification.largest, 0.0);
+
+        planned.plane_mut(1)[70] += 0.25;
+        verification.compare(&camera, &planned).unwrap();
+        assert_eq!(verification.largest, 0.25);
+        let failure = verification.report().unwrap_err();
+        assert_eq!(failure.exit_code(), 1);
+        assert!(failure.to_string().contains("0.25"), "{failure}");
+    }
+}

@@ -11,7 +11,7 @@ use specula_core::{
     camera::Camera,
     executor::{Executor, RenderRules},
     plan::{Channels, Needs, Plan},
-    prefilter::PrefilterScheme,
+    prefilter::{LevelRange, Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, RadianceActivation},
 };
 use specula_cpu::CpuExecutor;
@@ -91,14 +91,18 @@ impl Scene {
             sh_degree: layout.sh_degree,
             normal_residuals: true,
             is_lit: true,
+            levels: LevelRange::ALL,
             channels,
         };
-        Plan::new(layout, &self.needs(), &asked)
+        let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
+        Plan::new(layout, &needs, self.levels().as_ref(), &asked)
     }
 
-    /// What the Gaussians and the light make use of.
-    pub(crate) fn needs(&self) -> Needs {
-        Needs::of(&self.gaussians).under(self.light.as_ref())
+    /// The levels that the light is filtered into, if there is one and it can be looked up.
+    pub(crate) fn levels(&self) -> Option<Levels> {
+        let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
+        let Reading { scheme, .. } = self.reading;
+        Some(Levels::new(scheme, fitting_resolution(light.resolution, scheme)))
     }
 
     /// Puts in another light.
@@ -176,7 +180,7 @@ impl Renderer {
                 "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
             ));
         }
-        let light = light.map(|light| exec.prefilter(&light, rules.scheme)).transpose()?;
+        let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
         Ok(Self { exec, light, rules, scene })
     }
 
@@ -211,7 +215,7 @@ pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f3
 }
 
 /// The least resolution that the prefilter takes and that holds a light of this one.
-pub(crate) fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
+fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
     let least = match scheme {
         PrefilterScheme::Exact => 16,
         PrefilterScheme::Official => 64,

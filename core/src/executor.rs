@@ -5,7 +5,7 @@ use crate::{
     densify::DensifyRules,
     loss::{LossReport, LossWeights},
     plan::Channels,
-    prefilter::PrefilterScheme,
+    prefilter::{LevelRange, PrefilterScheme},
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
     shade::{ShadingForm, ShadingRules},
 };
@@ -23,6 +23,8 @@ pub struct RenderRules {
     pub normal_residuals: bool,
     /// Whether light is looked up.
     pub is_lit: bool,
+    /// The levels of the light that are looked up.
+    pub levels: LevelRange,
     /// What the picture is asked to have: colour, what training reads, or all layers.
     pub channels: Channels,
 }
@@ -133,11 +135,12 @@ pub trait Executor {
     /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
 
-    /// Light into roughness levels.
+    /// Light into those roughness levels that are looked up; others are zero, or filtered as well.
     fn prefilter(
         &mut self,
         environment: &Environment<Self::Array>,
         scheme: PrefilterScheme,
+        levels: LevelRange,
     ) -> Result<Self::Light, Self::Error>;
     /// Gaussians to splats.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;

@@ -70,8 +70,9 @@ pub struct StepReport {
 
 /// One step of training: forward, backward, update.
 pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<StepReport, E::Error> {
+    let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
     let light = match &fit.environment {
-        Some((environment, _)) if step.rules.is_lit => Some(exec.prefilter(environment, step.rules.scheme)?),
+        Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
         _ => None,
     };
     let splats = exec.project(fit.gaussians, step.camera)?;

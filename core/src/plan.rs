@@ -4,12 +4,11 @@ use crate::{
     activation::sigmoid,
     bin::ALPHA_MIN,
     executor::RenderRules,
-    prefilter::{Levels, level_of_roughness},
+    prefilter::{LevelRange, Levels, level_of_roughness},
     real::Real,
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::ShadingForm,
 };
-use core::ops::Range;
 
 /// What the Gaussians of a scene and their light make use of. Gaussians that are too faint to be drawn do not count;
 /// what is not a number counts as infinite, so it is never left out.
@@ -66,16 +65,15 @@ impl Needs {
         (0..4_u8).rev().find(|band| self.harmonics[usize::from(*band)] != 0.0)
     }
 
-    /// The levels of a light that lookups of this roughness touch. With light per pixel the roughness is a mean, which
-    /// rounding may carry over the border of a level.
-    pub fn levels(&self, levels: &Levels) -> Range<usize> {
+    /// The levels of a light that lookups of this roughness touch, apart from roundings.
+    pub fn levels(&self, levels: &Levels) -> LevelRange {
         let [smoothest, roughest] = self.roughness;
         if smoothest > roughest {
-            return 0..0;
+            return LevelRange::NONE;
         }
         let last_pair = levels.as_slice().len() - 2;
         let pair = |roughness: f32| (level_of_roughness(roughness, levels.as_slice()) as usize).min(last_pair);
-        pair(smoothest)..pair(roughest) + 2
+        LevelRange { first: pair(smoothest), end: pair(roughest) + 2 }
     }
 
     fn and<A: AsRef<[f32]>>(mut self, gaussians: &Gaussians<A>, index: usize) -> Self {
@@ -103,7 +101,9 @@ impl Needs {
             self.tint_to_diffuse = larger(self.tint_to_diffuse, ratio);
         }
         let [roughness] = gaussians.get::<1>(index, ROUGHNESS).map(sigmoid);
-        self.roughness = [self.roughness[0].min(roughness), self.roughness[1].max(roughness)];
+        // What is not a number may be looked up anywhere.
+        let [least, most] = if roughness.is_nan() { [0.0, 1.0] } else { [roughness; 2] };
+        self.roughness = [self.roughness[0].min(least), self.roughness[1].max(most)];
         let residuals = gaussians.get::<6>(index, NORMAL_RESIDUAL_1);
         self.normal_residual = larger(self.normal_residual, largest(&residuals));
         self
@@ -154,14 +154,18 @@ pub struct Plan {
 const LOST_IN_ROUNDING: f32 = 1.490_116_1e-8; // 2^-26
 
 impl Plan {
-    /// The plan for a scene of this layout that is to be rendered as `asked`.
-    pub fn new(layout: Layout, needs: &Needs, asked: &RenderRules) -> Self {
+    /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered into `levels`.
+    ///
+    /// Levels that no roughness of the scene comes near are left out. One more is kept on either side: the roughness of
+    /// a pixel is a mean, which rounding may carry over the border of a level.
+    pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
         let sh_degree = needs.sh_degree().min(asked.sh_degree);
         let unlit = unlit(layout, needs, &RenderRules { sh_degree, ..*asked });
         let rules = RenderRules {
             sh_degree,
             normal_residuals: asked.normal_residuals && needs.normal_residual != 0.0,
             is_lit: asked.is_lit && unlit.is_none(),
+            levels: levels.map_or(asked.levels, |levels| needs.levels(levels).and_neighbours()),
             ..*asked
         };
         Self { rules, full: in_full(asked), unlit }

@@ -1,7 +1,12 @@
 //! The plain pipeline, made of core's formulas, against a renderer that has none of them.
 
 use specula_core::{
-    camera::Camera, double::Double, executor::RenderRules, plan::Channels, prefilter::PrefilterScheme, scene::Layout,
+    camera::Camera,
+    double::Double,
+    executor::RenderRules,
+    plan::Channels,
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::Layout,
     shade::ShadingRules,
 };
 use specula_tests::{
@@ -28,6 +33,7 @@ fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
         sh_degree: Some(degree),
         normal_residuals: true,
         is_lit: true,
+        levels: LevelRange::ALL,
         channels: Channels::Color,
     };
     let frame = render::<Double>(&lift_gaussians(&cloud), None, &camera, &rules);

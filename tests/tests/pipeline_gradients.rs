@@ -8,7 +8,7 @@ use specula_core::{
     ggx,
     loss::{LossWeights, NormalForm},
     plan::Channels,
-    prefilter::PrefilterScheme,
+    prefilter::{LevelRange, PrefilterScheme},
     random,
     real::Real,
     scene::{
@@ -56,6 +56,7 @@ const RULES: RenderRules = RenderRules {
     sh_degree: Some(3),
     normal_residuals: true,
     is_lit: true,
+    levels: LevelRange::ALL,
     channels: Channels::Training,
 };
 

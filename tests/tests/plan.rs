@@ -6,25 +6,26 @@ use specula_core::{
     executor::{Executor, RenderRules},
     loss::{LossWeights, NormalForm},
     plan::{Channels, Needs, Plan, Unlit, channel},
-    prefilter::{Levels, PrefilterScheme},
+    prefilter::{LevelRange, Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::{ShadingForm, ShadingRules},
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuError, CpuExecutor};
 use specula_tests::strategies::{camera, random_cloud, random_environment, same_every_time};
 use specula_train::evaluate::{largest_difference, render_view};
-use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::{
+    collections::HashMap,
+    sync::{LazyLock, Mutex, PoisonError},
+};
 
-/// An executor for each prefilter, so that its operator is built once.
-static EXACT: LazyLock<Mutex<CpuExecutor>> = LazyLock::new(|| Mutex::new(CpuExecutor::new()));
-static OFFICIAL: LazyLock<Mutex<CpuExecutor>> = LazyLock::new(|| Mutex::new(CpuExecutor::new()));
+/// Executors by what they filter light into, so that no operator of the prefilter is built twice.
+type Executors = HashMap<(PrefilterScheme, LevelRange), CpuExecutor>;
 
-fn executor(scheme: PrefilterScheme) -> MutexGuard<'static, CpuExecutor> {
-    let executor = match scheme {
-        PrefilterScheme::Exact => &EXACT,
-        PrefilterScheme::Official => &OFFICIAL,
-    };
-    executor.lock().unwrap_or_else(PoisonError::into_inner)
+/// Runs `work` on the executor for these rules.
+fn on_executor<T>(rules: &RenderRules, work: impl FnOnce(&mut CpuExecutor) -> Result<T, CpuError>) -> T {
+    static EXECUTORS: LazyLock<Mutex<Executors>> = LazyLock::new(Mutex::default);
+    let mut executors = EXECUTORS.lock().unwrap_or_else(PoisonError::into_inner);
+    work(executors.entry((rules.scheme, rules.levels)).or_default()).expect("the CPU renders")
 }
 
 /// A raw tint that activates to 1e-13: it reflects less than the last bit of a diffuse colour holds.
@@ -55,6 +56,7 @@ impl Scene {
                 sh_degree: layout.sh_degree,
                 normal_residuals: true,
                 is_lit: true,
+                levels: LevelRange::ALL,
                 channels,
             },
         }
@@ -90,14 +92,16 @@ impl Scene {
     }
 
     fn plan(&self) -> Plan {
-        Plan::new(self.gaussians.layout, &self.needs(), &self.asked)
+        let levels = self.light.as_ref().map(|light| Levels::new(self.asked.scheme, light.resolution));
+        Plan::new(self.gaussians.layout, &self.needs(), levels.as_ref(), &self.asked)
     }
 
     fn picture(&self, rules: &RenderRules, camera: &Camera) -> Image<Vec<f32>> {
-        let exec = &mut *executor(rules.scheme);
-        let light = self.light.as_ref().filter(|_| rules.is_lit);
-        let light = light.map(|light| exec.prefilter(light, rules.scheme).expect("the resolution can be filtered"));
-        render_view(exec, &self.gaussians, light.as_ref(), camera, rules).expect("the CPU renders")
+        on_executor(rules, |exec| {
+            let light = self.light.as_ref().filter(|_| rules.is_lit);
+            let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels)).transpose()?;
+            render_view(exec, &self.gaussians, light.as_ref(), camera, rules)
+        })
     }
 
     /// Of the picture by these rules from the full one.
@@ -107,9 +111,10 @@ impl Scene {
     }
 }
 
-/// What is taken out of a scene.
+/// What is taken out of a scene; a roughness is the same for all Gaussians.
 #[derive(Clone, Debug)]
 struct Cleared {
+    roughness: Option<f32>,
     bands: [bool; 4],
     residuals: Option<f32>,
     tints: bool,
@@ -124,12 +129,9 @@ fn cleared() -> impl Strategy<Value = Cleared> {
         Just(Some(Some(RadianceActivation::Exponential)))
     ];
     let residuals = prop_oneof![Just(None), Just(Some(0.0)), Just(Some(-0.0))];
-    (any::<[bool; 4]>(), residuals, any::<bool>(), light).prop_map(|(bands, residuals, tints, light)| Cleared {
-        bands,
-        residuals,
-        tints,
-        light,
-    })
+    let roughness = prop_oneof![Just(None), Just(Some(-8.0)), Just(Some(-0.5)), Just(Some(3.0))];
+    (roughness, any::<[bool; 4]>(), residuals, any::<bool>(), light)
+        .prop_map(|(roughness, bands, residuals, tints, light)| Cleared { roughness, bands, residuals, tints, light })
 }
 
 impl Cleared {
@@ -140,6 +142,9 @@ impl Cleared {
         }
         if let Some(zero) = self.residuals {
             scene.fill(NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_1 + 6, zero);
+        }
+        if let Some(raw) = self.roughness {
+            scene.fill(ROUGHNESS..ROUGHNESS + 1, raw);
         }
         if self.tints {
             scene.fill(TINT..ROUGHNESS, NO_TINT);
@@ -206,6 +211,11 @@ mod the_comparison_fails_where_something_needed_is_left_out {
     #[test]
     fn a_band() {
         is_found_out(&Scene::deferred(Channels::Color), |rules| rules.sh_degree = Some(2));
+    }
+
+    #[test]
+    fn a_level() {
+        is_found_out(&Scene::deferred(Channels::Color), |rules| rules.levels.first = rules.levels.end - 3);
     }
 
     #[test]
@@ -287,11 +297,12 @@ fn levels_are_those_around_the_roughness() {
     let mut scene = Scene::deferred(Channels::Color);
     let levels = Levels::new(PrefilterScheme::Exact, 64);
     // Levels have the roughness 0, 0.16, 0.23, 0.32, 0.44, 0.58, 0.77, 1.
-    for (raw, expected) in [(-20.0, 0..2), (0.0, 4..6), (20.0, 6..8)] {
+    for (raw, first, end) in [(-20.0, 0, 2), (0.0, 4, 6), (20.0, 6, 8)] {
         scene.fill(ROUGHNESS..ROUGHNESS + 1, raw);
-        assert_eq!(scene.needs().levels(&levels), expected);
+        assert_eq!(scene.needs().levels(&levels), LevelRange { first, end });
     }
-    assert_eq!(Needs::NOTHING.levels(&levels), 0..0);
+    assert_eq!(Needs::NOTHING.levels(&levels), LevelRange::NONE);
+    assert_eq!(scene.plan().rules.levels, LevelRange { first: 5, end: 9 }, "a level more on either side");
 }
 
 #[test]
@@ -331,9 +342,9 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         sparse: 0.0,
         residual: 0.0,
     };
-    let run = |exec: &mut CpuExecutor| {
+    on_executor(rules, |exec| {
         let environment = scene.light.as_ref().expect("there is a light");
-        let light = exec.prefilter(environment, rules.scheme)?;
+        let light = exec.prefilter(environment, rules.scheme, rules.levels)?;
         let splats = exec.project(&scene.gaussians, camera)?;
         let colors = exec.shade(&scene.gaussians, camera, &splats, Some(&light), rules)?;
         let tiles = exec.bin(&splats, camera)?;
@@ -345,7 +356,6 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, camera)?;
         let (grad, _) = exec.gaussians_vjp(&scene.gaussians, camera, &splats, Some(&light), rules, &WEIGHTS, &grads)?;
         let of_light = exec.prefilter_vjp(environment, &light, &of_light.expect("there is a light"))?;
-        Ok::<_, specula_cpu::CpuError>([grad.values, of_light].concat())
-    };
-    run(&mut executor(rules.scheme)).expect("the CPU trains")
+        Ok([grad.values, of_light].concat())
+    })
 }

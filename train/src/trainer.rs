@@ -13,6 +13,7 @@ use specula_core::{
     metrics::psnr,
     pipeline::{Fit, Step, StepReport, train_step},
     plan::Channels,
+    prefilter::LevelRange,
     random,
     scene::{Environment, Gaussians, OPACITY, RadianceActivation},
 };
@@ -177,6 +178,7 @@ impl<E: Executor> Trainer<E> {
             sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
             normal_residuals: true,
             is_lit: true,
+            levels: LevelRange::ALL,
             channels,
         }
     }
