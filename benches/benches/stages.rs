@@ -6,6 +6,7 @@ use specula_core::{
     executor::{Executor, Moments, RenderRules},
     pipeline::render,
     plan::Channels,
+    prefilter::LevelRange,
 };
 use specula_cpu::CpuExecutor;
 use specula_train::profile::{Profile, by_name};
@@ -20,7 +21,7 @@ const PROFILES: [&str; 2] = ["3dgs", "specula"];
 
 fn rules_of(profile: &Profile) -> RenderRules {
     let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
-    RenderRules { shading: profile.shading, scheme: profile.scheme, sh_degree: Some(3), channels }
+    RenderRules::full(profile.shading, profile.scheme, channels)
 }
 
 fn stages(criterion: &mut Criterion) {
@@ -35,7 +36,7 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
     let (camera, rules) = (camera(SIZE), rules_of(profile));
     let mut cloud = torus(GAUSSIANS, profile);
     let light_source = environment(64);
-    let light = exec.prefilter(&light_source, profile.scheme).expect("64 is a power of two");
+    let light = exec.prefilter(&light_source, profile.scheme, LevelRange::ALL).expect("64 is a power of two");
     let light = profile.light.map(|_| light);
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let colors = exec.shade(&cloud, &camera, &splats, light.as_ref(), &rules).expect("the CPU shades");
@@ -74,7 +75,7 @@ fn stages_of(criterion: &mut Criterion, profile: &Profile) {
         .expect("the CPU goes back");
     if let (Some(light), Some(light_grad)) = (&light, &of_pixels.or(of_gaussians)) {
         let texels = Throughput::Elements(6 * 64 * 64);
-        group!("prefilter", texels.clone(), exec.prefilter(&light_source, profile.scheme));
+        group!("prefilter", texels.clone(), exec.prefilter(&light_source, profile.scheme, LevelRange::ALL));
         group!("prefilter_vjp", texels, exec.prefilter_vjp(&light_source, light, light_grad));
     }
     group!("project", gaussians.clone(), exec.project(&cloud, &camera));

@@ -124,7 +124,7 @@ mod tests {
         let profile = by_name("3dgs", 100).expect("a profile of that name");
         let (cloud, camera) = (torus(2000, &profile), camera(90));
         let channels = specula_core::plan::Channels::Color;
-        let rules = RenderRules { shading: profile.shading, scheme: profile.scheme, sh_degree: Some(3), channels };
+        let rules = RenderRules::full(profile.shading, profile.scheme, channels);
         let mut exec = CpuExecutor::new();
         let splats = exec.project(&cloud, &camera).expect("the CPU projects");
         let colors = exec.shade(&cloud, &camera, &splats, None, &rules).expect("the CPU shades");

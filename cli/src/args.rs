@@ -232,10 +232,14 @@ pub(crate) struct Densify {
 /// SCENE is the folder of a model, or any PLY file of Gaussians. Cameras are those of the model's test views, unless
 /// --cameras or --turntable say otherwise. Without -o pictures go to MODEL/test/ours_N/renders/00000.png and so on,
 /// with the true pictures in gt where the data set is still there; with -o to OUT/LAYER/00000.png.
+///
+/// What the scene and the layers do not need is left out, which changes no bit of the pictures: harmonics and normal
+/// residuals that are zero, light that nothing reflects, layers that are not shown. specula info says what.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula render out/chair
+  specula render out/chair --layers rgb --verify-omissions
   specula render out/chair --layers all -o pictures
   specula render scene.ply --turntable 36 --size 640,480 -o turn
   specula render scene.ply --cameras cameras.json -o pictures")]
@@ -256,6 +260,10 @@ pub(crate) struct Render {
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
+    /// Render each view a second time with nothing left out and print the largest difference of a number, which is 0;
+    /// if it is not, the exit code is 1.
+    #[arg(long, alias = "verify_omissions")]
+    pub(crate) verify_omissions: bool,
 }
 
 /// From where, and how, a scene is looked at.
@@ -359,6 +367,10 @@ pub(crate) struct Eval {
 }
 
 /// Say what is in a model, a PLY file or a data set.
+///
+/// Of a scene it also says what pictures of its colours are rendered without, because the scene does not need it, and
+/// what that saves: bytes of a Gaussian that are read, numbers that a splat blends into a pixel, texels of light that
+/// are filtered. specula render --verify-omissions shows that no bit of a picture depends on it.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"

@@ -16,6 +16,7 @@ use crate::{
     scene::Renderer,
 };
 use serde_json::{Map, Value, json};
+use specula_core::plan::Channels;
 use specula_io::{
     cameras::NamedCamera,
     dataset::LoadOptions,
@@ -99,7 +100,7 @@ fn contest(
     model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
 
-    let mut renderer = Renderer::new(scene, talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, talk)?;
     let work = talk.work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
     work.finish();

@@ -9,6 +9,7 @@ use crate::{
     quality,
     scene::{Opened, Renderer},
 };
+use specula_core::plan::Channels;
 use specula_io::{dataset::LoadOptions, model_folder};
 use specula_train::{evaluate::mean_quality, view::View};
 use std::path::PathBuf;
@@ -20,7 +21,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.background);
     let place = opened.folder.clone().zip(opened.iteration);
 
-    let mut renderer = Renderer::new(opened.scene, talk)?;
+    let mut renderer = Renderer::new(opened.scene, Channels::Training, talk)?;
     let work = talk.work("measuring", views.len() as u64);
     let measured = renderer.measure(&views, background, &work)?;
     work.finish();

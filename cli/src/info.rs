@@ -12,8 +12,10 @@ use crate::{
 use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
-    plan::Needs,
-    scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
+    cubemap::FACE_COUNT,
+    executor::RenderRules,
+    plan::{Channels, Plan, Unlit, channel},
+    scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
 };
 use specula_io::{
     Error,
@@ -23,9 +25,6 @@ use specula_io::{
 };
 use specula_train::view::View;
 use std::path::Path;
-
-/// Coefficients below this change no pixel.
-const NOTHING: f32 = 1e-6;
 
 /// Looks, and says.
 pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
@@ -93,7 +92,7 @@ fn of_scene(path: &Path, opened: &Opened) -> Report {
     add_light(&mut report, scene);
     let nonfinite = scene.gaussians.values.iter().filter(|number| !number.is_finite()).count();
     report.add("not finite", if nonfinite == 0 { "none".into() } else { thousands(nonfinite) }, nonfinite.into());
-    add_needs(&mut report, scene);
+    add_plan(&mut report, scene);
     report
 }
 
@@ -175,31 +174,70 @@ fn add_light(report: &mut Report, scene: &Scene) {
     report.add("light", words, json!({"resolution": resolution, "radiance": range.json()}));
 }
 
-/// What can be left out without a difference, and what cannot.
-fn add_needs(report: &mut Report, scene: &Scene) {
-    let needs = Needs::of(&scene.gaussians);
-    let mut words = Vec::new();
-    if scene.gaussians.layout.is_shaded() {
-        words.push(match needs.specular {
-            specular if specular > NOTHING => format!("specular light, weighted by up to {}", number(specular)),
-            _ => "no specular light".into(),
-        });
-        let [smoothest, roughest] = needs.roughness;
-        words.push(format!("roughness from {} to {}", number(smoothest), number(roughest)));
-        words.push(match needs.normal_residual {
-            residual if residual > NOTHING => format!("normal residuals up to {}", number(residual)),
-            _ => "no normal residuals".into(),
-        });
+/// What pictures of colours alone do without, and what that saves; no bit of them depends on it.
+fn add_plan(report: &mut Report, scene: &Scene) {
+    let plan = scene.plan(Channels::Color);
+    let layout = scene.gaussians.layout;
+    let left_out = left_out(&plan, layout);
+    let words = if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") };
+    report.add("left out", words, json!(left_out));
+
+    let [read, read_in_full] = [plan.rules, plan.full].map(|rules| size_of::<f32>() * rules.numbers_read(layout));
+    let words = format!("{read} of {read_in_full} bytes of each Gaussian");
+    report.add("reads", words, json!({"bytes": read, "in_full": read_in_full}));
+    let [blended, blended_in_full] = [plan.rules, plan.full].map(|rules| rules.blended(layout).count());
+    let words = format!("{blended} of {blended_in_full} numbers for each pixel of a splat");
+    report.add("blends", words, json!({"numbers": blended, "in_full": blended_in_full}));
+    add_filtered(report, scene, &plan);
+}
+
+/// Texels of light that are filtered, level by level.
+fn add_filtered(report: &mut Report, scene: &Scene, plan: &Plan) {
+    let Some(levels) = scene.levels() else { return };
+    let of_rules = |rules: RenderRules| {
+        let numbered = levels.as_slice().iter().enumerate();
+        let kept = numbered.filter(move |(number, _)| rules.is_lit && rules.levels.contains(*number));
+        kept.fold((0, 0), |(count, texels), (_, level)| (count + 1, texels + FACE_COUNT * level.resolution.pow(2)))
+    };
+    let [(kept, filtered), (count, in_full)] = [plan.rules, plan.full].map(of_rules);
+    let words = format!("{} of {} texels of light, {kept} of {count} levels", thousands(filtered), thousands(in_full));
+    report.add("filters", words, json!({"texels": filtered, "in_full": in_full, "levels": kept}));
+}
+
+/// Names of what a plan leaves out.
+fn left_out(plan: &Plan, layout: Layout) -> Vec<String> {
+    const LAYERS: [(usize, &str); 5] = [
+        (channel::NORMAL, "blended normals"),
+        (channel::DEPTH, "depth"),
+        (channel::RESIDUAL_SIZE, "size of normal residuals"),
+        (channel::TINT, "blended tint"),
+        (channel::ROUGHNESS, "blended roughness"),
+    ];
+    let Plan { rules, full, unlit } = plan;
+    let mut names = Vec::new();
+    if let Some(unlit) = unlit.filter(|_| layout.is_shaded()) {
+        names.push(format!("light, as {}", because(unlit)));
     }
-    words.push(match needs.sh_degree(NOTHING) {
-        Some(degree) => format!("harmonics up to degree {degree}"),
-        None => "no harmonics".into(),
-    });
-    let json = json!({
-        "specular": needs.specular, "roughness": needs.roughness, "normal_residual": needs.normal_residual,
-        "sh_degree": needs.sh_degree(NOTHING),
-    });
-    report.add("needs", words.join("; "), json);
+    match rules.sh_degree {
+        None if full.sh_degree.is_some() => names.push("harmonics, which are zero".into()),
+        Some(degree) if rules.sh_degree < full.sh_degree => names.push(format!("harmonics above degree {degree}")),
+        _ => {}
+    }
+    if layout.is_shaded() && !rules.normal_residuals {
+        names.push("normal residuals, which are zero".into());
+    }
+    let [lean, whole] = [rules, full].map(|rules| rules.blended(layout));
+    let is_missing = |channel: usize| whole.index_of(channel).is_some() && lean.index_of(channel).is_none();
+    names.extend(LAYERS.iter().filter(|(channel, _)| is_missing(*channel)).map(|(_, name)| (*name).to_owned()));
+    names
+}
+
+fn because(unlit: Unlit) -> &'static str {
+    match unlit {
+        Unlit::NothingShaded => "no shaded Gaussian is drawn",
+        Unlit::Dark => "there is none",
+        Unlit::LostInRounding => "what is reflected is lost in rounding",
+    }
 }
 
 fn of_points(path: &Path, points: &PointCloud) -> Report {

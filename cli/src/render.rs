@@ -11,14 +11,15 @@ use crate::{
     progress::Talk,
     quality::picture_name,
     relight::write_light,
-    scene::{Opened, Renderer},
+    scene::{Opened, Renderer, Scene},
 };
+use specula_core::{camera::Camera, plan::Channels, scene::Image};
 use specula_io::{
     dataset::LoadOptions,
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
-use specula_train::view::View;
+use specula_train::{evaluate::largest_difference, view::View};
 use std::path::{Path, PathBuf};
 
 /// Each frame of an animation, in milliseconds.
@@ -44,8 +45,45 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
     let background = opened.background(args.look.background);
     job.write_truths(&truths, background)?;
-    job.run(opened, talk, |_, _| Ok(()))?;
-    output::say(&place.folder.display().to_string())
+    let mut verification = match args.verify_omissions {
+        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), talk)?),
+        false => None,
+    };
+    job.run(opened, talk, |index, image| match &mut verification {
+        Some(verification) => verification.compare(&tour.cameras[index].1, image),
+        None => Ok(()),
+    })?;
+    output::say(&place.folder.display().to_string())?;
+    verification.map_or(Ok(()), Verification::report)
+}
+
+/// Whether what the plan leaves out is missed anywhere.
+#[derive(Debug)]
+struct Verification {
+    in_full: Renderer,
+    channels: Channels,
+    largest: f32,
+}
+
+impl Verification {
+    fn new(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
+        Ok(Self { in_full: Renderer::in_full(scene, channels, talk)?, channels, largest: 0.0 })
+    }
+
+    /// Renders a view again with nothing left out.
+    fn compare(&mut self, camera: &Camera, planned: &Image<Vec<f32>>) -> Result<(), Failure> {
+        let full = self.in_full.view(camera)?;
+        self.largest = self.largest.max(largest_difference(planned, &full, self.channels));
+        Ok(())
+    }
+
+    fn report(self) -> Result<(), Failure> {
+        output::say(&format!("largest difference: {}", self.largest))?;
+        if self.largest == 0.0 {
+            return Ok(());
+        }
+        Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {}", self.largest)))
+    }
 }
 
 /// The layers that the scene has, of those that were asked for.
@@ -101,15 +139,15 @@ impl Job<'_> {
         &self,
         opened: Opened,
         talk: Talk,
-        mut each: impl FnMut(usize, &specula_core::scene::Image<Vec<f32>>) -> Result<(), Failure>,
+        mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let background = opened.background(self.look.background);
         let form = opened.scene.reading.shading.form;
-        let mut renderer = Renderer::new(opened.scene, talk)?;
+        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), talk)?;
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
         let mut frames = Vec::new();
         for (index, (_, camera)) in self.tour.cameras.iter().enumerate() {
-            let image = renderer.view(camera, Layer::channels(self.layers))?;
+            let image = renderer.view(camera)?;
             for layer in self.layers {
                 let picture = layer.picture(&image, form, background);
                 picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
@@ -158,4 +196,37 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
     let data = dataset::load(Path::new(&info.source_path), &options, talk)?;
     let tests = data.test.into_iter().filter(|_| test);
     Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{convention::Reading, progress::Talk};
+    use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
+
+    /// A Gaussian in front of the camera, grey from everywhere.
+    fn scene() -> Scene {
+        let layout = Layout::radiance(0);
+        let values = vec![0.0; len_of_values(1, layout)];
+        let mut gaussians = Gaussians { count: 1, layout, values };
+        gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        Scene { gaussians, light: None, reading: Reading::PAPER }
+    }
+
+    #[test]
+    fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
+        let talk = Talk { quiet: true };
+        let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
+        let mut planned = Renderer::new(scene(), Channels::Color, talk).unwrap().view(&camera).unwrap();
+        let mut verification = Verification::new(scene(), Channels::Color, talk).unwrap();
+        verification.compare(&camera, &planned).unwrap();
+        assert_eq!(verification.largest, 0.0);
+
+        planned.plane_mut(1)[70] += 0.25;
+        verification.compare(&camera, &planned).unwrap();
+        assert_eq!(verification.largest, 0.25);
+        let failure = verification.report().unwrap_err();
+        assert_eq!(failure.exit_code(), 1);
+        assert!(failure.to_string().contains("0.25"), "{failure}");
+    }
 }

@@ -10,8 +10,8 @@ use crate::{
 use specula_core::{
     camera::Camera,
     executor::{Executor, RenderRules},
-    plan::Channels,
-    prefilter::PrefilterScheme,
+    plan::{Channels, Needs, Plan},
+    prefilter::{Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, RadianceActivation},
 };
 use specula_cpu::CpuExecutor;
@@ -81,6 +81,22 @@ impl Scene {
         Self { gaussians: host.gaussians, light: host.environment, reading }
     }
 
+    /// How pictures with these channels are rendered: the one place where it is decided what they can do without.
+    pub(crate) fn plan(&self, channels: Channels) -> Plan {
+        let Reading { shading, scheme } = self.reading;
+        let layout = self.gaussians.layout;
+        let asked = RenderRules { sh_degree: layout.sh_degree, ..RenderRules::full(shading, scheme, channels) };
+        let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
+        Plan::new(layout, &needs, self.levels().as_ref(), &asked)
+    }
+
+    /// The levels that the light is filtered into, if there is one and it can be looked up.
+    pub(crate) fn levels(&self) -> Option<Levels> {
+        let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
+        let Reading { scheme, .. } = self.reading;
+        Some(Levels::new(scheme, fitting_resolution(light.resolution, scheme)))
+    }
+
     /// Puts in another light.
     pub(crate) fn relight(
         &mut self,
@@ -129,34 +145,40 @@ impl Scene {
 pub(crate) struct Renderer {
     exec: CpuExecutor,
     light: Option<<CpuExecutor as Executor>::Light>,
+    rules: RenderRules,
     pub(crate) scene: Scene,
 }
 
 impl Renderer {
-    /// Filters the light.
-    pub(crate) fn new(scene: Scene, talk: Talk) -> Result<Self, Failure> {
+    /// Renders with nothing but what these channels need.
+    pub(crate) fn new(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
+        let Plan { rules, .. } = scene.plan(channels);
+        Self::with_rules(scene, rules, talk)
+    }
+
+    /// Renders the same with nothing left out.
+    pub(crate) fn in_full(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
+        let Plan { full, .. } = scene.plan(channels);
+        Self::with_rules(scene, full, talk)
+    }
+
+    /// Filters the light, if it is looked up.
+    fn with_rules(scene: Scene, rules: RenderRules, talk: Talk) -> Result<Self, Failure> {
         let mut exec = CpuExecutor::new();
-        let Reading { scheme, .. } = scene.reading;
-        let light = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded());
-        let light = light.map(|light| fitting(light, scheme));
+        let light = scene.light.as_ref().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
+        let light = light.map(|light| fitting(light, rules.scheme));
         if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
             talk.note(&format!(
                 "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
             ));
         }
-        let light = light.map(|light| exec.prefilter(&light, scheme)).transpose()?;
-        Ok(Self { exec, light, scene })
-    }
-
-    fn rules(&self, channels: Channels) -> RenderRules {
-        let Reading { shading, scheme } = self.scene.reading;
-        RenderRules { shading, scheme, sh_degree: self.scene.gaussians.layout.sh_degree, channels }
+        let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
+        Ok(Self { exec, light, rules, scene })
     }
 
     /// A view: the channels, then transmittance.
-    pub(crate) fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, Failure> {
-        let rules = self.rules(channels);
-        Ok(render_view(&mut self.exec, &self.scene.gaussians, self.light.as_ref(), camera, &rules)?)
+    pub(crate) fn view(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, Failure> {
+        Ok(render_view(&mut self.exec, &self.scene.gaussians, self.light.as_ref(), camera, &self.rules)?)
     }
 
     /// Measures every view.
@@ -166,12 +188,10 @@ impl Renderer {
         background: Background,
         work: &Work,
     ) -> Result<Vec<ViewQuality>, Failure> {
-        let rules = self.rules(Channels::Training);
         let mut measured = Vec::with_capacity(views.len());
         for view in views {
-            let Scene { gaussians, .. } = &self.scene;
-            let quality = evaluate_view(&mut self.exec, gaussians, self.light.as_ref(), view, &rules, background.0)?;
-            measured.push(quality);
+            let Self { exec, light, rules, scene } = self;
+            measured.push(evaluate_view(exec, &scene.gaussians, light.as_ref(), view, rules, background.0)?);
             work.done(measured.len() as u64, String::new);
         }
         Ok(measured)
@@ -186,13 +206,18 @@ pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f3
     }
 }
 
-/// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.
-fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
+/// The least resolution that the prefilter takes and that holds a light of this one.
+fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
     let least = match scheme {
         PrefilterScheme::Exact => 16,
         PrefilterScheme::Official => 64,
     };
-    let resolution = light.resolution.next_power_of_two().max(least);
+    resolution.next_power_of_two().max(least)
+}
+
+/// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.
+fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
+    let resolution = fitting_resolution(light.resolution, scheme);
     if resolution == light.resolution {
         return light.clone();
     }

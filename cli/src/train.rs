@@ -13,6 +13,7 @@ use crate::{
     settings,
 };
 use serde_json::{Map, Value, json};
+use specula_core::plan::Channels;
 use specula_io::{
     cameras::NamedCamera,
     dataset::LoadOptions,
@@ -149,7 +150,8 @@ fn pause(
         work.note(&format!("saved iteration {iteration}"));
     }
     if args.test_iterations.contains(&iteration) {
-        let measured = Renderer::new(scene, QUIET)?.measure(test, background, &QUIET.work("", 0))?;
+        let measured =
+            Renderer::new(scene, Channels::Training, QUIET)?.measure(test, background, &QUIET.work("", 0))?;
         model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
     }
@@ -183,7 +185,7 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, talk)?;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();

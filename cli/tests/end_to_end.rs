@@ -84,6 +84,33 @@ fn a_plain_scene_is_trained_and_turned() {
 }
 
 #[test]
+fn what_is_left_out_is_said_and_not_missed() {
+    let tiny = Tiny::new();
+    let small_light = ["--light-resolution", "16"];
+    for (profile, blended, words) in [("3dgs", 3, &[][..]), ("paper", 3, &small_light), ("specula", 10, &small_light)] {
+        let model = tiny.path(profile);
+        let mut command = specula();
+        command.arg("train").arg(tiny.data()).arg("-m").arg(&model).args(["--profile", profile]).args(words);
+        printed(command.args(["--iterations", "10", "--random-points", "100", "--quiet"]));
+
+        let info: Value = serde_json::from_str(&printed(specula().arg("info").arg(&model).arg("--json"))).unwrap();
+        assert_eq!(info["blends"]["numbers"], blended, "{profile}: {info}");
+        assert_ne!(info["left_out"], serde_json::json!([]), "{profile}: {info}");
+        let [read, all] = ["bytes", "in_full"].map(|key| info["reads"][key].as_u64().unwrap());
+        assert!(read <= all, "{profile}: {read} of {all} bytes");
+        let text = printed(specula().arg("info").arg(&model));
+        assert!(text.contains("\n  left out         ") && text.contains("numbers for each pixel of a splat"), "{text}");
+
+        for layers in ["rgb", "normal", "all"] {
+            let mut command = specula();
+            command.arg("render").arg(&model).args(["--split", "all", "--quiet", "--verify-omissions"]);
+            let text = printed(command.args(["--layers", layers]).arg("-o").arg(tiny.path("out")));
+            assert!(text.ends_with("\nlargest difference: 0\n"), "{profile}, {layers}: {text}");
+        }
+    }
+}
+
+#[test]
 fn the_number_of_threads_changes_no_byte() {
     let tiny = Tiny::new();
     let saved = |model: &str, threads: &str| {

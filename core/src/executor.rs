@@ -6,8 +6,8 @@ use crate::{
     loss::{LossReport, LossWeights},
     pipeline::Step,
     plan::Channels,
-    prefilter::PrefilterScheme,
-    scene::{Environment, Gaussians, Layout},
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
     shade::{ShadingForm, ShadingRules},
 };
 
@@ -20,21 +20,56 @@ pub struct RenderRules {
     pub scheme: PrefilterScheme,
     /// Highest band of the spherical harmonics that is used; `None` leaves them out.
     pub sh_degree: Option<u8>,
-    /// What is blended.
+    /// Whether residuals are added to normals.
+    pub normal_residuals: bool,
+    /// Whether light is looked up.
+    pub is_lit: bool,
+    /// The levels of the light that are looked up.
+    pub levels: LevelRange,
+    /// What the picture is asked to have: colour, what training reads, or all layers.
     pub channels: Channels,
 }
 
 impl RenderRules {
+    /// With everything that there is.
+    pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
+        Self {
+            shading,
+            scheme,
+            sh_degree: Some(3),
+            normal_residuals: true,
+            is_lit: true,
+            levels: LevelRange::ALL,
+            channels,
+        }
+    }
     /// Whether the light of such a scene is added pixel by pixel, after blending.
     pub fn is_deferred(&self, layout: Layout) -> bool {
         layout.is_shaded() && self.shading.form == ShadingForm::Deferred
     }
     /// What is blended so that the picture has the channels that were asked for.
     pub fn blended(&self, layout: Layout) -> Channels {
+        let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
-            Channels::Color | Channels::Training if self.is_deferred(layout) => Channels::Surface,
+            Channels::Color if is_lit_by_pixel => Channels::Lit,
+            Channels::Training if is_lit_by_pixel => Channels::Surface,
             channels => channels,
         }
+    }
+    /// Whether nothing of a surface but its own colour is asked for or lit.
+    pub fn is_color_alone(&self, layout: Layout) -> bool {
+        !self.is_lit && self.blended(layout) == Channels::Color
+    }
+    /// How many numbers of each Gaussian are read.
+    pub fn numbers_read(&self, layout: Layout) -> usize {
+        let shading_end = match layout.is_shaded() {
+            false => DIFFUSE,
+            true if self.is_color_alone(layout) => TINT,
+            true if self.normal_residuals => layout.sh_start(),
+            true => NORMAL_RESIDUAL_1,
+        };
+        let harmonics = Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout };
+        shading_end + 3 * harmonics.sh_count()
     }
 }
 
@@ -113,11 +148,12 @@ pub trait Executor {
     /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
 
-    /// Light into roughness levels.
+    /// Light into those roughness levels that are looked up; others are zero, or filtered as well.
     fn prefilter(
         &mut self,
         environment: &Environment<Self::Array>,
         scheme: PrefilterScheme,
+        levels: LevelRange,
     ) -> Result<Self::Light, Self::Error>;
     /// Gaussians to splats.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;

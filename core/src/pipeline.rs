@@ -15,6 +15,7 @@ pub fn render<E: Executor>(
     camera: &Camera,
     rules: &RenderRules,
 ) -> Result<E::Frame, E::Error> {
+    let light = light.filter(|_| rules.is_lit);
     let splats = exec.project(gaussians, camera)?;
     let colors = exec.shade(gaussians, camera, &splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
@@ -69,9 +70,10 @@ pub struct StepReport {
 
 /// One step of training: forward, backward, update.
 pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<StepReport, E::Error> {
+    let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
     let light = match &fit.environment {
-        Some((environment, _)) => Some(exec.prefilter(environment, step.rules.scheme)?),
-        None => None,
+        Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
+        _ => None,
     };
     let splats = exec.project(fit.gaussians, step.camera)?;
     let colors = exec.shade(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules)?;

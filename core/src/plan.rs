@@ -1,55 +1,207 @@
-//! What a scene needs, and so what a run can do without.
+//! What a scene and a request need, and so what a run can do without. Whatever is left out changes no bit of a picture.
 
 use crate::{
     activation::sigmoid,
-    scene::{Gaussians, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
+    bin::ALPHA_MIN,
+    executor::RenderRules,
+    prefilter::{LevelRange, Levels, level_of_roughness},
+    real::Real,
+    scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
+    shade::ShadingForm,
 };
 
-/// What the Gaussians of a scene make use of.
+/// What the Gaussians of a scene and their light make use of. Gaussians that are too faint to be drawn do not count;
+/// what is not a number counts as infinite, so it is never left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Largest opacity · tint of any Gaussian: how much specular light can matter.
     pub specular: f32,
+    /// Largest tint of any Gaussian as a multiple of its diffuse colour, red, green or blue.
+    pub tint_to_diffuse: f32,
     /// Smallest and largest roughness; the first exceeds the second if there are no shaded Gaussians.
     pub roughness: [f32; 2],
     /// Largest component of any normal residual.
     pub normal_residual: f32,
     /// Largest coefficient in each band of the spherical harmonics.
     pub harmonics: [f32; 4],
+    /// Largest radiance of any texel of the light; zero without a light.
+    pub radiance: f32,
 }
 
-impl Needs {
-    /// What a scene without Gaussians needs.
-    pub const NOTHING: Self = Self { specular: 0.0, roughness: [1.0, 0.0], normal_residual: 0.0, harmonics: [0.0; 4] };
+/// Gaussians of less opacity are never drawn, however their opacity is rounded on the way.
+const FAINT: f32 = 0.5 * ALPHA_MIN;
+/// Diffuse colours below this count as black: their products with blending weights, at least 4e-7, stay normal numbers.
+const DIFFUSE_MIN: f32 = 1e-30;
+/// Numbers below this have an e-function of exactly zero in `f32`, wherever it comes from: e^−104 is half of the
+/// smallest number.
+const EXPONENT_OF_ZERO: f32 = -110.0;
 
-    /// Looks at every Gaussian once.
+impl Needs {
+    /// What a scene without Gaussians and light needs.
+    pub const NOTHING: Self = Self {
+        specular: 0.0,
+        tint_to_diffuse: 0.0,
+        roughness: [1.0, 0.0],
+        normal_residual: 0.0,
+        harmonics: [0.0; 4],
+        radiance: 0.0,
+    };
+
+    /// Looks at every Gaussian once; without a light.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>) -> Self {
         (0..gaussians.count).fold(Self::NOTHING, |needs, index| needs.and(gaussians, index))
     }
 
-    /// Highest band with a coefficient above `threshold`, if any.
-    pub fn sh_degree(&self, threshold: f32) -> Option<u8> {
-        (0..4_u8).rev().find(|band| self.harmonics[usize::from(*band)] > threshold)
+    /// The same Gaussians under a light, if there is one.
+    pub fn under<A: AsRef<[f32]>>(self, light: Option<&Environment<A>>) -> Self {
+        let radiance = light.map_or(0.0, |light| {
+            light.values.as_ref().iter().fold(0.0, |max, x| larger(max, radiance(light.activation, *x)))
+        });
+        Self { radiance, ..self }
+    }
+
+    /// Highest band with a coefficient that is not zero, if any.
+    pub fn sh_degree(&self) -> Option<u8> {
+        (0..4_u8).rev().find(|band| self.harmonics[usize::from(*band)] != 0.0)
+    }
+
+    /// The levels of a light that lookups of this roughness touch, apart from roundings.
+    pub fn levels(&self, levels: &Levels) -> LevelRange {
+        let [smoothest, roughest] = self.roughness;
+        if smoothest > roughest {
+            return LevelRange::NONE;
+        }
+        let last_pair = levels.as_slice().len() - 2;
+        let pair = |roughness: f32| (level_of_roughness(roughness, levels.as_slice()) as usize).min(last_pair);
+        LevelRange { first: pair(smoothest), end: pair(roughest) + 2 }
     }
 
     fn and<A: AsRef<[f32]>>(mut self, gaussians: &Gaussians<A>, index: usize) -> Self {
-        let largest = |numbers: &[f32]| numbers.iter().fold(0.0_f32, |max, x| max.max(x.abs()));
+        let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
+        if opacity < FAINT {
+            return self;
+        }
         if gaussians.layout.is_shaded() {
-            let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
-            let tint = gaussians.get::<3>(index, TINT).map(sigmoid);
-            let [roughness] = gaussians.get::<1>(index, ROUGHNESS).map(sigmoid);
-            self.specular = self.specular.max(opacity * largest(&tint));
-            self.roughness = [self.roughness[0].min(roughness), self.roughness[1].max(roughness)];
-            let residuals = gaussians.get::<6>(index, NORMAL_RESIDUAL_1);
-            self.normal_residual = self.normal_residual.max(largest(&residuals));
+            self = self.and_surface(gaussians, index, opacity);
         }
         for k in 0..gaussians.layout.sh_count() {
             let band = crate::math::sqrt(k as f32) as usize;
             let coefficients = gaussians.get::<3>(index, gaussians.layout.sh_start() + 3 * k);
-            self.harmonics[band] = self.harmonics[band].max(largest(&coefficients));
+            self.harmonics[band] = larger(self.harmonics[band], largest(&coefficients));
         }
         self
     }
+
+    fn and_surface<A: AsRef<[f32]>>(mut self, gaussians: &Gaussians<A>, index: usize, opacity: f32) -> Self {
+        let diffuse = gaussians.get::<3>(index, DIFFUSE).map(sigmoid);
+        let tint = gaussians.get::<3>(index, TINT).map(sigmoid);
+        self.specular = larger(self.specular, opacity * largest(&tint));
+        for (tint, diffuse) in tint.into_iter().zip(diffuse) {
+            let ratio = if diffuse > DIFFUSE_MIN { tint / diffuse } else { f32::INFINITY };
+            self.tint_to_diffuse = larger(self.tint_to_diffuse, ratio);
+        }
+        let [roughness] = gaussians.get::<1>(index, ROUGHNESS).map(sigmoid);
+        // What is not a number may be looked up anywhere.
+        let [least, most] = if roughness.is_nan() { [0.0, 1.0] } else { [roughness; 2] };
+        self.roughness = [self.roughness[0].min(least), self.roughness[1].max(most)];
+        let residuals = gaussians.get::<6>(index, NORMAL_RESIDUAL_1);
+        self.normal_residual = larger(self.normal_residual, largest(&residuals));
+        self
+    }
+}
+
+fn radiance(activation: RadianceActivation, number: f32) -> f32 {
+    match activation {
+        RadianceActivation::Exponential if number < EXPONENT_OF_ZERO => 0.0,
+        RadianceActivation::Exponential => Real::exp(number),
+        RadianceActivation::Identity => number,
+    }
+}
+
+/// The larger of `max` and |x|; infinite if `x` is not a number.
+fn larger(max: f32, x: f32) -> f32 {
+    if x.is_nan() { f32::INFINITY } else { max.max(x.abs()) }
+}
+
+fn largest(numbers: &[f32]) -> f32 {
+    numbers.iter().fold(0.0, |max, x| larger(max, *x))
+}
+
+/// Why a run does without light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Unlit {
+    /// No shaded Gaussian is drawn.
+    NothingShaded,
+    /// There is no light, or it is black.
+    Dark,
+    /// What is reflected is too little to change the last bit of a colour.
+    LostInRounding,
+}
+
+/// How a scene is rendered with nothing but what it needs, beside how it would be rendered in full.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// With nothing but what is needed.
+    pub rules: RenderRules,
+    /// With everything: the same picture, bit by bit.
+    pub full: RenderRules,
+    /// Why there is no light, if there is none.
+    pub unlit: Option<Unlit>,
+}
+
+/// Light that adds less than this share of the diffuse colour is lost when it is added: half a unit in the last place
+/// is 2⁻²⁵ of a number at least, and half of that is left for the roundings of sums and of the light.
+const LOST_IN_ROUNDING: f32 = 1.490_116_1e-8; // 2^-26
+
+impl Plan {
+    /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered into `levels`.
+    ///
+    /// Levels that no roughness of the scene comes near are left out. One more is kept on either side: the roughness of
+    /// a pixel is a mean, which rounding may carry over the border of a level.
+    pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
+        let sh_degree = needs.sh_degree().min(asked.sh_degree);
+        let unlit = unlit(layout, needs, &RenderRules { sh_degree, ..*asked });
+        let rules = RenderRules {
+            sh_degree,
+            normal_residuals: asked.normal_residuals && needs.normal_residual != 0.0,
+            is_lit: asked.is_lit && unlit.is_none(),
+            levels: levels.map_or(asked.levels, |levels| needs.levels(levels).and_neighbours()),
+            ..*asked
+        };
+        Self { rules, full: in_full(asked), unlit }
+    }
+}
+
+/// All that a training blends, at least.
+fn in_full(asked: &RenderRules) -> RenderRules {
+    let channels = match asked.channels {
+        Channels::Color => Channels::Training,
+        channels => channels,
+    };
+    RenderRules { channels, ..*asked }
+}
+
+fn unlit(layout: Layout, needs: &Needs, rules: &RenderRules) -> Option<Unlit> {
+    if !layout.is_shaded() || needs.specular == 0.0 {
+        Some(Unlit::NothingShaded)
+    } else if needs.radiance == 0.0 {
+        Some(Unlit::Dark)
+    } else {
+        is_lost_in_rounding(needs, rules).then_some(Unlit::LostInRounding)
+    }
+}
+
+/// Whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. The authors' form reflects
+/// without a tint as well; pixel by pixel a residual may leave nothing of the diffuse colour; layers show the light.
+fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
+    let is_added_to_diffuse = match rules.shading.form {
+        ShadingForm::Paper => true,
+        ShadingForm::Deferred => rules.sh_degree.is_none(),
+        ShadingForm::Official => false,
+    };
+    is_added_to_diffuse
+        && rules.channels != Channels::Layers
+        && needs.tint_to_diffuse * needs.radiance < LOST_IN_ROUNDING
 }
 
 /// What is blended into a picture, in one pass.
@@ -59,25 +211,57 @@ pub enum Channels {
     Color,
     /// Colour, normal, depth and |Δn|²: 8 channels, what the losses read.
     Training,
-    /// Those of training, then tint and roughness: 12 channels, what light is added to pixel by pixel.
+    /// Colour, normal, tint and roughness: 10 channels, all that light needs pixel by pixel.
+    Lit,
+    /// Those of training, then tint and roughness: 12 channels.
     Surface,
     /// Those of a surface, then diffuse, specular, residual and light: 24 channels.
     Layers,
 }
 
 impl Channels {
+    const ALL: [Self; 5] = [Self::Color, Self::Training, Self::Lit, Self::Surface, Self::Layers];
+
     /// How many numbers a Gaussian brings to a pixel.
     pub const fn count(self) -> usize {
         match self {
-            Self::Color => 3,
-            Self::Training => 8,
-            Self::Surface => 12,
-            Self::Layers => 24,
+            Self::Color => channel::NORMAL,
+            Self::Training => channel::TINT,
+            Self::Lit => channel::DEPTH + (channel::DIFFUSE - channel::TINT),
+            Self::Surface => channel::DIFFUSE,
+            Self::Layers => channel::LIGHT + 3,
+        }
+    }
+
+    /// Those that are so many; all layers, if none are.
+    pub const fn of_count(count: usize) -> Self {
+        let mut k = 0;
+        while k < Self::ALL.len() {
+            if Self::ALL[k].count() == count {
+                return Self::ALL[k];
+            }
+            k += 1;
+        }
+        Self::Layers
+    }
+
+    /// Where one of the channels of all layers, as [`mod@channel`] numbers them, lies among these; none if it is left
+    /// out.
+    #[inline(always)]
+    pub const fn index_of(self, of_layers: usize) -> Option<usize> {
+        match self {
+            Self::Lit => match of_layers {
+                ..channel::DEPTH => Some(of_layers),
+                channel::TINT..channel::DIFFUSE => Some(of_layers - channel::TINT + channel::DEPTH),
+                _ => None,
+            },
+            _ if of_layers < self.count() => Some(of_layers),
+            _ => None,
         }
     }
 }
 
-/// First channel of each layer in a blended picture.
+/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it lies in others.
 pub mod channel {
     /// Colour, sRGB-encoded.
     pub const COLOR: usize = 0;

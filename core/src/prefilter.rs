@@ -24,6 +24,31 @@ pub enum PrefilterScheme {
     Official,
 }
 
+/// Some neighbouring levels of a light, by number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct LevelRange {
+    /// The first of them.
+    pub first: usize,
+    /// The one behind the last.
+    pub end: usize,
+}
+
+impl LevelRange {
+    /// Every level.
+    pub const ALL: Self = Self { first: 0, end: MAX_LEVELS };
+    /// No level.
+    pub const NONE: Self = Self { first: 0, end: 0 };
+
+    /// Whether a level is among them.
+    pub const fn contains(self, level: usize) -> bool {
+        self.first <= level && level < self.end
+    }
+    /// These, and one more to either side.
+    pub const fn and_neighbours(self) -> Self {
+        Self { first: self.first.saturating_sub(1), end: self.end + 1 }
+    }
+}
+
 /// One prefiltered copy of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {

@@ -128,19 +128,25 @@ pub fn view_dir_vjp<R: Real>(mean: Vec3<R>, eye: Vec3<R>, grad: Vec3<R>) -> Vec3
     -normalize_or_vjp(eye - mean, grad)
 }
 
+/// The activated diffuse colour, in (0, 1).
+#[inline(always)]
+pub fn diffuse<R: Real>(raw: Vec3<R>, rules: ShadingRules) -> Vec3<R> {
+    let shift = rules.diffuse_shift();
+    raw.map(|x| sigmoid(x - shift))
+}
+
 /// Directions and activated colours of a Gaussian seen from `eye`.
 #[inline(always)]
 pub fn surface<R: Real>(material: &Material<R>, eye: Vec3<R>, rules: ShadingRules) -> Surface<R> {
     let view_dir = view_dir(material.mean, eye);
     let axis = axis(rules.axis, &rotation(material.quat), material.log_scales);
     let facing = facing(axis, view_dir, material.normal_residuals, rules.negate_second_residual);
-    let shift = rules.diffuse_shift();
     Surface {
         view_dir,
         reflection_dir: reflect(view_dir, facing.normal),
         n_dot_v: view_dir.dot(facing.normal).max(material.roughness.constant(N_DOT_V_MIN)),
         facing,
-        diffuse: material.diffuse.map(|x| sigmoid(x - shift)),
+        diffuse: diffuse(material.diffuse, rules),
         tint: material.tint.map(sigmoid),
         roughness: sigmoid(material.roughness),
     }
@@ -204,6 +210,15 @@ pub struct Terms<R> {
     pub ambient_light: Vec3<R>,
     /// (F_x, F_y) of the split-sum table; read by [`ShadingForm::Official`] only.
     pub split_sum: [R; 2],
+}
+
+impl<R: Real> Terms<R> {
+    /// What a Gaussian without light adds up: its own colours.
+    #[inline(always)]
+    pub fn unlit(diffuse: Vec3<R>, residual: Vec3<R>) -> Self {
+        let none = Vec3::zero(diffuse.x);
+        Self { diffuse, tint: none, specular_light: none, residual, ambient_light: none, split_sum: [none.x; 2] }
+    }
 }
 
 /// The colour of a Gaussian, unbounded above; sRGB-encoded but for [`ShadingForm::Deferred`].

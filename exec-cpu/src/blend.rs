@@ -52,6 +52,7 @@ macro_rules! with_channels {
         match $count {
             3 => $function::<3>($($argument),*),
             8 => $function::<8>($($argument),*),
+            10 => $function::<10>($($argument),*),
             12 => $function::<12>($($argument),*),
             _ => $function::<CHANNELS_MAX>($($argument),*),
         }

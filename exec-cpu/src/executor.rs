@@ -19,7 +19,7 @@ use specula_core::{
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
     loss::{LossReport, LossWeights},
     pipeline::Step,
-    prefilter::PrefilterScheme,
+    prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use std::sync::Arc;
@@ -61,8 +61,8 @@ pub enum CpuError {
 #[derive(Debug)]
 pub struct CpuExecutor {
     machine: Machine,
-    /// The prefilter's operator of the last scheme and resolution.
-    operator: Option<((PrefilterScheme, usize), Arc<Operator>)>,
+    /// The prefilter's operator of the last scheme, resolution and levels.
+    operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
 }
 
 impl Default for CpuExecutor {
@@ -77,7 +77,12 @@ impl CpuExecutor {
         Self { machine: Machine::new(), operator: None }
     }
 
-    fn operator(&mut self, scheme: PrefilterScheme, resolution: usize) -> Result<Arc<Operator>, CpuError> {
+    fn operator(
+        &mut self,
+        scheme: PrefilterScheme,
+        resolution: usize,
+        levels: LevelRange,
+    ) -> Result<Arc<Operator>, CpuError> {
         let least = match scheme {
             PrefilterScheme::Exact => 16,
             PrefilterScheme::Official => 64,
@@ -86,10 +91,10 @@ impl CpuExecutor {
             return Err(CpuError::LightResolution { resolution, least });
         }
         match &self.operator {
-            Some((key, operator)) if *key == (scheme, resolution) => Ok(operator.clone()),
+            Some((key, operator)) if *key == (scheme, resolution, levels) => Ok(operator.clone()),
             _ => {
-                let operator = Arc::new(Operator::new(self.machine.level, scheme, resolution));
-                self.operator = Some(((scheme, resolution), operator.clone()));
+                let operator = Arc::new(Operator::new(self.machine.level, scheme, resolution, levels));
+                self.operator = Some(((scheme, resolution, levels), operator.clone()));
                 Ok(operator)
             }
         }
@@ -131,8 +136,13 @@ impl Executor for CpuExecutor {
         Ok(Target::new(width, height, rgba))
     }
 
-    fn prefilter(&mut self, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Result<Light, CpuError> {
-        let operator = self.operator(scheme, environment.resolution)?;
+    fn prefilter(
+        &mut self,
+        environment: &Environment<Vec<f32>>,
+        scheme: PrefilterScheme,
+        levels: LevelRange,
+    ) -> Result<Light, CpuError> {
+        let operator = self.operator(scheme, environment.resolution, levels)?;
         Ok(Light::new(&self.machine, operator, environment))
     }
 

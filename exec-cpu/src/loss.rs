@@ -20,7 +20,7 @@ use specula_core::{
     color::over,
     depth_normal::expected_depth,
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
-    plan::channel,
+    plan::{Channels, channel},
     real::Real,
     scene::BLOCK,
 };
@@ -105,7 +105,7 @@ pub(crate) fn loss_all(
     if !target.has_alpha {
         weights.coverage = 0.0;
     }
-    if frame.channels == 3 {
+    if Channels::of_count(frame.channels).index_of(channel::DEPTH).is_none() {
         (weights.normal, weights.residual_image) = (0.0, 0.0);
     }
     let distance = distances(machine, frame, target);

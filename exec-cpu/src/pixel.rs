@@ -63,6 +63,39 @@ pub(crate) fn shade_pixels_vjp(
     (grad, light.map(|_| sum_parts(texels, texel_count, count.div_ceil(part_len))))
 }
 
+/// The numbers of a quad of a tile, by the channels of all layers.
+#[derive(Clone, Copy)]
+struct BlendedQuad<'a, S: Simd> {
+    simd: S,
+    tile: &'a [Quad],
+    quad: usize,
+    channels: Channels,
+}
+
+impl<'a, S: Simd> BlendedQuad<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
+        Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
+    }
+    /// A channel; zero if it is left out, which is what nothing needs.
+    #[inline(always)]
+    fn load(&self, channel: usize) -> Lanes<S> {
+        match self.channels.index_of(channel) {
+            Some(index) => Lanes::load(self.simd, &self.tile[at(self.channels.count(), self.quad, index)]),
+            None => Lanes::splat(self.simd, 0.0),
+        }
+    }
+    #[inline(always)]
+    fn load3(&self, channel: usize) -> Vec3<Lanes<S>> {
+        vec3(self.load(channel), self.load(channel + 1), self.load(channel + 2))
+    }
+    #[inline(always)]
+    fn transmittance(&self) -> Lanes<S> {
+        let count = self.channels.count();
+        Lanes::load(self.simd, &self.tile[at(count, self.quad, count)])
+    }
+}
+
 /// What was blended into a quad, and from where it is seen.
 struct Seen<S: Simd> {
     pixel: Pixel<Lanes<S>>,
@@ -75,18 +108,16 @@ impl<S: Simd> Seen<S> {
     fn new(simd: S, tile: &[Quad], quad: usize, origin: [f32; 2], camera: &CameraOf<Lanes<S>>) -> Option<Self> {
         const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
         const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
-        let channels = tile.len() / QUADS - 1;
-        let load = |channel: usize| Lanes::load(simd, &tile[at(channels, quad, channel)]);
-        let load3 = |channel: usize| vec3(load(channel), load(channel + 1), load(channel + 2));
-        let coverage = -load(channels) + 1.0;
+        let blended = BlendedQuad::new(simd, tile, quad);
+        let coverage = -blended.transmittance() + 1.0;
         if !coverage.any_positive() {
             return None;
         }
         let pixel = Pixel {
-            base: load3(channel::COLOR),
-            normal: load3(channel::NORMAL),
-            tint: load3(channel::TINT),
-            roughness: load(channel::ROUGHNESS),
+            base: blended.load3(channel::COLOR),
+            normal: blended.load3(channel::NORMAL),
+            tint: blended.load3(channel::TINT),
+            roughness: blended.load(channel::ROUGHNESS),
             coverage,
         };
         let [x, y] = quad_origin(quad);
@@ -144,7 +175,7 @@ fn tile_vjp<S: Simd>(
     grad: &mut [Quad],
     light_grad: &mut [Texel],
 ) {
-    let channels = tile.len() / QUADS - 1;
+    let channels = Channels::of_count(tile.len() / QUADS - 1);
     for quad in 0..QUADS {
         let Some(Seen { pixel, view_dir }) = Seen::new(simd, tile, quad, origin, camera) else { continue };
         let surface = pixel_surface(&pixel, view_dir);
@@ -157,24 +188,28 @@ fn tile_vjp<S: Simd>(
             None => (None, Vec3::zero(pixel.coverage)),
         };
 
-        let load = |channel: usize| Lanes::load(simd, &grad[at(channels, quad, channel)]);
-        let load3 = |channel: usize| vec3(load(channel), load(channel + 1), load(channel + 2));
+        let of_picture = BlendedQuad::new(simd, grad, quad);
         let (mut grad_surface, grad_light, grad_coverage) =
-            pixel_color_vjp(&surface, radiance, pixel.coverage, load3(channel::COLOR));
+            pixel_color_vjp(&surface, radiance, pixel.coverage, of_picture.load3(channel::COLOR));
         if let Some((light, lookup)) = &lookup {
             let (direction, roughness) = look_up_vjp(simd, light, lookup, surface.roughness, grad_light, light_grad);
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
         }
         let own = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
-        let normal = load3(channel::NORMAL) + own.normal;
-        let tint = load3(channel::TINT) + own.tint;
-        let roughness = load(channel::ROUGHNESS) + own.roughness;
-        let passed = load(channels) - (own.coverage + grad_coverage);
-        put(own.base, &mut grad[at(channels, quad, channel::COLOR)..]);
-        put(normal, &mut grad[at(channels, quad, channel::NORMAL)..]);
-        put(tint, &mut grad[at(channels, quad, channel::TINT)..]);
-        roughness.store(&mut grad[at(channels, quad, channel::ROUGHNESS)]);
-        passed.store(&mut grad[at(channels, quad, channels)]);
+        let normal = of_picture.load3(channel::NORMAL) + own.normal;
+        let tint = of_picture.load3(channel::TINT) + own.tint;
+        let roughness = of_picture.load(channel::ROUGHNESS) + own.roughness;
+        let passed = of_picture.transmittance() - (own.coverage + grad_coverage);
+        put(own.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
+        for (first, own) in [(channel::NORMAL, normal), (channel::TINT, tint)] {
+            if let Some(index) = channels.index_of(first) {
+                put(own, &mut grad[at(channels.count(), quad, index)..]);
+            }
+        }
+        if let Some(index) = channels.index_of(channel::ROUGHNESS) {
+            roughness.store(&mut grad[at(channels.count(), quad, index)]);
+        }
+        passed.store(&mut grad[at(channels.count(), quad, channels.count())]);
     }
 }

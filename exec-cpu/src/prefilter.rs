@@ -7,7 +7,7 @@ use specula_core::{
     cubemap::{FACE_COUNT, apron_sources, padded_len, texel_direction, texel_index, texel_solid_angle},
     double::Double,
     prefilter::{
-        IRRADIANCE_RESOLUTION, Level, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
+        IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
         official_cut_cosine, official_irradiance_weight, official_lobe_weight, official_texel_weight,
     },
     scene::{Environment, RadianceActivation},
@@ -123,6 +123,8 @@ struct RowBlock {
     resolution: usize,
     first_row: usize,
     kind: RowKind,
+    /// Whether it is looked up; else its rows are zero.
+    is_kept: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -210,7 +212,7 @@ fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
 }
 
 impl Operator {
-    pub(crate) fn new(level: SimdLevel, scheme: PrefilterScheme, resolution: usize) -> Self {
+    pub(crate) fn new(level: SimdLevel, scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Self {
         let levels = Levels::new(scheme, resolution);
         let mut pyramid = Vec::new();
         let (mut size, mut offset) = (resolution, 0);
@@ -219,7 +221,7 @@ impl Operator {
             offset += FACE_COUNT * size * size;
             size /= 2;
         }
-        let blocks = Self::row_blocks(scheme, &levels, &pyramid);
+        let blocks = Self::row_blocks(scheme, &levels, kept, &pyramid);
         let mut padded_offsets = vec![0];
         for block in &blocks {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
@@ -248,11 +250,16 @@ impl Operator {
         operator
     }
 
-    fn row_blocks(scheme: PrefilterScheme, levels: &Levels, pyramid: &[(usize, usize)]) -> Vec<RowBlock> {
+    fn row_blocks(
+        scheme: PrefilterScheme,
+        levels: &Levels,
+        kept: LevelRange,
+        pyramid: &[(usize, usize)],
+    ) -> Vec<RowBlock> {
         let mut first_row = 0;
         let mut blocks: Vec<RowBlock> = Vec::new();
         let source = |resolution: usize| pyramid.iter().position(|(size, _)| *size == resolution).unwrap_or(0);
-        for level in levels.as_slice() {
+        for (number, level) in levels.as_slice().iter().enumerate() {
             let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
             let kind = match scheme {
                 PrefilterScheme::Exact if level.roughness == 0.0 => RowKind::Base,
@@ -263,14 +270,14 @@ impl Operator {
                     source: source(level.resolution),
                 },
             };
-            blocks.push(RowBlock { resolution: level.resolution, first_row, kind });
+            blocks.push(RowBlock { resolution: level.resolution, first_row, kind, is_kept: kept.contains(number) });
             if !matches!(kind, RowKind::Base) {
                 first_row += FACE_COUNT * level.resolution * level.resolution;
             }
         }
         if scheme == PrefilterScheme::Official {
             let kind = RowKind::OfficialIrradiance { source: source(IRRADIANCE_RESOLUTION) };
-            blocks.push(RowBlock { resolution: IRRADIANCE_RESOLUTION, first_row, kind });
+            blocks.push(RowBlock { resolution: IRRADIANCE_RESOLUTION, first_row, kind, is_kept: true });
         }
         blocks
     }
@@ -291,11 +298,23 @@ impl Operator {
         self.pyramid[level].1 + texel_index(node.face, node.column, node.row, node.resolution)
     }
 
+    fn block_of_row(&self, row: usize) -> &RowBlock {
+        let block = self.blocks.iter().rev().find(|b| b.first_row <= row && !matches!(b.kind, RowKind::Base));
+        block.expect("every row belongs to a block")
+    }
+
+    /// [`Self::row`], if its level is looked up; else nothing.
+    fn kept_row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
+        taps.clear();
+        if self.block_of_row(row).is_kept {
+            self.row(row, taps);
+        }
+    }
+
     /// Weights of one row, normalised, into `taps`.
     fn row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
         taps.clear();
-        let block = self.blocks.iter().rev().find(|b| b.first_row <= row && !matches!(b.kind, RowKind::Base));
-        let block = block.expect("every row belongs to a block");
+        let block = self.block_of_row(row);
         let (face, column, row) = texel_of_index(row - block.first_row, block.resolution);
         let [x, y, z] = texel_direction(face, column, row, block.resolution).map(Double);
         let direction = vec3(x, y, z);
@@ -371,6 +390,8 @@ impl Operator {
         Cone { axis, resolution, least_cosine, weights }
     }
 
+    /// The weights by row, unless there are too many. Which of the two it is must not depend on the levels that are kept:
+    /// their sums are rounded in another order.
     fn store(&self) -> Option<Stored> {
         const ROWS_AT_ONCE: usize = 512;
         let rows: Vec<usize> = (0..self.row_count()).collect();
@@ -392,7 +413,7 @@ impl Operator {
         let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
         let mut taps = Vec::new();
         for row in rows {
-            self.row(*row, &mut taps);
+            self.kept_row(*row, &mut taps);
             sparse.columns.extend(taps.iter().map(|(column, _)| *column));
             sparse.weights.extend(taps.iter().map(|(_, weight)| *weight as f32));
             sparse.starts.push(sparse.columns.len());
@@ -446,7 +467,7 @@ impl Operator {
         match &self.stored {
             Some(stored) => stored.forward.apply(self.level, nodes, rows, false),
             None => rows.par_iter_mut().enumerate().for_each_init(Vec::new, |taps, (row, sum)| {
-                self.row(row, taps);
+                self.kept_row(row, taps);
                 *sum = [0.0; 4];
                 taps.iter().for_each(|(node, weight)| add_scaled(sum, *weight as f32, &nodes[*node as usize]));
             }),
@@ -461,7 +482,7 @@ impl Operator {
         } else {
             let mut taps = Vec::new();
             for (row, grad) in rows.iter().enumerate() {
-                self.row(row, &mut taps);
+                self.kept_row(row, &mut taps);
                 taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
             }
         }

@@ -24,7 +24,7 @@ use specula_core::{
     scene::{BLOCK, DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, ROUGHNESS, TINT},
     sh,
     shade::{
-        Material, ShadingForm, Surface, SurfaceGrad, Terms, shade, shade_vjp, surface, surface_vjp, view_dir,
+        Material, ShadingForm, Surface, SurfaceGrad, Terms, diffuse, shade, shade_vjp, surface, surface_vjp, view_dir,
         view_dir_vjp,
     },
     vector::Vec3,
@@ -55,9 +55,9 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// How many channels a Gaussian has.
-    fn channels(&self) -> usize {
-        self.rules.blended(self.layout).count()
+    /// The channels that a Gaussian has.
+    fn channels(&self) -> Channels {
+        self.rules.blended(self.layout)
     }
     /// The light, if Gaussians look it up.
     fn own_light(&self) -> Option<&Light> {
@@ -79,7 +79,7 @@ pub(crate) fn shade_all(
     splats: &Splats,
     scene: Scene<'_>,
 ) -> Colors {
-    let channels = scene.channels();
+    let channels = scene.channels().count();
     let mut values = machine.numbers.take(gaussians.count * channels);
     let block_len = gaussians.block_len();
     let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
@@ -104,7 +104,9 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
     let shape = load_shape(simd, block);
     let mut channels = [Lanes::splat(simd, 0.0); CHANNELS_MAX];
     channels[channel::DEPTH] = camera.to_camera(shape.mean).z;
-    if scene.layout.is_shaded() {
+    if scene.layout.is_shaded() && scene.rules.is_color_alone(scene.layout) {
+        put(&mut channels, channel::COLOR, unlit_color(simd, block, camera, scene));
+    } else if scene.layout.is_shaded() {
         let shaded = Shaded::new(simd, block, camera, scene);
         let color = shade(scene.rules.shading.form, &shaded.terms);
         put(&mut channels, channel::COLOR, color);
@@ -112,7 +114,7 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
         channels[channel::RESIDUAL_SIZE] = shaded.surface.facing.residual_squared;
         put(&mut channels, channel::TINT, shaded.terms.tint);
         channels[channel::ROUGHNESS] = shaded.surface.roughness;
-        if scene.channels() == Channels::Layers.count() {
+        if scene.channels() == Channels::Layers {
             put_layers(&mut channels, &shaded, scene.rules.shading.form);
         }
     } else {
@@ -121,17 +123,26 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
         let axis = plain_normal(simd, block, camera);
         put(&mut channels, channel::NORMAL, axis);
     }
-    let width = scene.channels();
-    interleave(&channels, width, out.len().min(BLOCK * width) / width, out);
+    interleave(&channels, scene.channels(), out);
 }
 
-fn interleave<S: Simd>(channels: &BlockChannels<S>, width: usize, count: usize, out: &mut [f32]) {
-    for (c, lanes) in channels.iter().enumerate().take(width) {
+/// The channels of each Gaussian side by side, of those that are blended.
+fn interleave<S: Simd>(channels: &BlockChannels<S>, blended: Channels, out: &mut [f32]) {
+    for (c, lanes) in channels.iter().enumerate() {
+        let Some(place) = blended.index_of(c) else { continue };
         let lanes = lanes.to_array();
-        for (gaussian, value) in lanes.iter().enumerate().take(count) {
-            out[gaussian * width + c] = *value;
+        for (gaussian, value) in out.chunks_exact_mut(blended.count()).zip(lanes) {
+            gaussian[place] = value;
         }
     }
+}
+
+/// The colour of a block that no light reaches: of all that shading knows it takes the diffuse colour and the residual.
+#[inline(always)]
+fn unlit_color<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Vec3<Lanes<S>> {
+    let rules = scene.rules.shading;
+    let residual = Harmonics::new(simd, block, camera, scene).sum;
+    shade(rules.form, &Terms::unlit(diffuse(Lanes::load3(simd, block, DIFFUSE), rules), residual))
 }
 
 #[inline(always)]
@@ -220,7 +231,7 @@ struct Shaded<S: Simd> {
 impl<S: Simd> Shaded<S> {
     #[inline(always)]
     fn new(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
-        let material = load_material(simd, block);
+        let material = load_material(simd, block, scene.rules);
         let surface = surface(&material, camera.position, scene.rules.shading);
         let harmonics = Harmonics::new(simd, block, camera, scene);
         let specular = scene.own_light().map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
@@ -241,9 +252,11 @@ impl<S: Simd> Shaded<S> {
 }
 
 #[inline(always)]
-fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
+fn load_material<S: Simd>(simd: S, block: &[f32], rules: &RenderRules) -> Material<Lanes<S>> {
     let shape = load_shape(simd, block);
     let load3 = |plane: usize| Lanes::load3(simd, block, plane);
+    let load_residual =
+        |plane: usize| if rules.normal_residuals { load3(plane) } else { Vec3::zero(shape.opacity_logit) };
     Material {
         mean: shape.mean,
         quat: shape.quat,
@@ -251,7 +264,7 @@ fn load_material<S: Simd>(simd: S, block: &[f32]) -> Material<Lanes<S>> {
         diffuse: load3(DIFFUSE),
         tint: load3(TINT),
         roughness: Lanes::load(simd, &block[ROUGHNESS * BLOCK..]),
-        normal_residuals: [load3(NORMAL_RESIDUAL_1), load3(NORMAL_RESIDUAL_2)],
+        normal_residuals: [load_residual(NORMAL_RESIDUAL_1), load_residual(NORMAL_RESIDUAL_2)],
     }
 }
 
@@ -438,8 +451,11 @@ fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize
     for k in 0..GEOMETRY {
         geometry[k] = Lanes::from_array(simd, numbers[k]);
     }
-    for k in 0..grads.channels {
-        channels[k] = Lanes::from_array(simd, numbers[GEOMETRY + k]);
+    let blended = Channels::of_count(grads.channels);
+    for (k, lanes) in channels.iter_mut().enumerate() {
+        if let Some(place) = blended.index_of(k) {
+            *lanes = Lanes::from_array(simd, numbers[GEOMETRY + place]);
+        }
     }
     BlockGrads { geometry, channels, is_touched: Lanes::from_array(simd, touched) }
 }

@@ -26,7 +26,7 @@ use specula_core::{
     plan::{Channels, channel},
     project::{self, Shape, Splat, SplatGrad},
     scene::{
-        DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
+        DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
         ROUGHNESS, TINT,
     },
     sh,
@@ -113,6 +113,14 @@ pub fn shade<R: Number>(
     (0..gaussians.count).map(|gaussian| shade_one(gaussians, gaussian, camera, light, rules)).collect()
 }
 
+/// What is blended; nothing of a surface is left out.
+fn blended(rules: &RenderRules, layout: Layout) -> Channels {
+    match rules.blended(layout) {
+        Channels::Lit => Channels::Surface,
+        channels => channels,
+    }
+}
+
 fn shade_one<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     gaussian: usize,
@@ -145,7 +153,7 @@ fn shade_one<R: Number>(
         put(channel::NORMAL, facing(axis, shade::view_dir(mean, eye), [none; 2], true).normal);
     }
     channels[channel::DEPTH] = camera.lift(zero).to_camera(mean).z;
-    channels.truncate(rules.blended(gaussians.layout).count());
+    channels.truncate(blended(rules, gaussians.layout).count());
     channels
 }
 
@@ -360,7 +368,7 @@ pub fn loss_and_gradient<R: Number>(
         shade_pixels_vjp(&frame, light.as_ref(), view.camera, &mut frame_grad, light_grad.as_mut());
     }
     let (mut splat_grads, color_grads) = blend_vjp(&splats, &colors, &order, &frame, &frame_grad);
-    if view.rules.blended(gaussians.layout) != Channels::Color {
+    if blended(view.rules, gaussians.layout) != Channels::Color {
         for (splat, channels) in splat_grads.iter_mut().zip(&color_grads) {
             splat.depth = splat.depth + channels[channel::DEPTH];
         }

@@ -23,10 +23,8 @@ fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
     let position = glam::Vec3::new(2.0, -3.0, 1.5);
     let camera = Camera::look_at(position, glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height);
     let rules = RenderRules {
-        shading: ShadingRules::PAPER,
-        scheme: PrefilterScheme::Exact,
         sh_degree: Some(degree),
-        channels: Channels::Color,
+        ..RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color)
     };
     let frame = render::<Double>(&lift_gaussians(&cloud), None, &camera, &rules);
     let plain = composite(&frame, BACKGROUND).iter().map(|x| x.0).collect();

@@ -7,7 +7,7 @@ use specula_core::{
     loss::{LossWeights, NormalForm},
     pipeline::{Step, render},
     plan::Channels,
-    prefilter::PrefilterScheme,
+    prefilter::{LevelRange, PrefilterScheme},
     scene::{Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
@@ -43,7 +43,7 @@ fn camera(width: u32, height: u32) -> Camera {
 const BOTH: [ShadingRules; 2] = [ShadingRules::PAPER, ShadingRules::DEFERRED];
 
 fn rules(shading: ShadingRules, channels: Channels) -> RenderRules {
-    RenderRules { shading, scheme: PrefilterScheme::Exact, sh_degree: Some(3), channels }
+    RenderRules::full(shading, PrefilterScheme::Exact, channels)
 }
 
 fn weights() -> LossWeights {
@@ -73,7 +73,8 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
             (random_cloud(80, Layout::shaded(Some(3)), seed), random_environment(RESOLUTION, activation, seed));
         let camera = camera(70, 45);
         let mut exec = CpuExecutor::new();
-        let light = exec.prefilter(&environment, PrefilterScheme::Exact).expect("16 is a power of two");
+        let light =
+            exec.prefilter(&environment, PrefilterScheme::Exact, LevelRange::ALL).expect("16 is a power of two");
         let rules = rules(shading, Channels::Layers);
         let frame = render(&mut exec, &cloud, Some(&light), &camera, &rules).expect("the CPU renders");
 
@@ -98,7 +99,7 @@ fn gradients_agree(shading: ShadingRules) {
     let (camera, rules, weights) = (camera(40, 33), rules(shading, Channels::Training), weights());
     let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     let mut exec = CpuExecutor::new();
-    let light = exec.prefilter(&environment, rules.scheme).expect("16 is a power of two");
+    let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
     let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
@@ -161,7 +162,7 @@ fn an_update_at_once_is_that_of_two_stages() {
         let (camera, rules, weights) = (camera(64, 48), rules(shading, Channels::Training), weights());
         let mut exec = CpuExecutor::new();
         let target = exec.target(64, 48, &[120; 64 * 48 * 4]).expect("the bytes fit");
-        let light = exec.prefilter(&environment, rules.scheme).expect("16 is a power of two");
+        let light = exec.prefilter(&environment, rules.scheme, LevelRange::ALL).expect("16 is a power of two");
         let splats = exec.project(&cloud, &camera).expect("the CPU projects");
         let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
         let tiles = exec.bin(&splats, &camera).expect("the CPU bins");

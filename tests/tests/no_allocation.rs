@@ -38,7 +38,7 @@ fn allocations(profile: &str) -> usize {
     let mut statistics = Statistics { grad_sum: vec![0.0; cloud.count], view_count: vec![0.0; cloud.count] };
     let rates = vec![1e-4; cloud.layout.plane_count()];
     let channels = if cloud.layout.is_shaded() { Channels::Training } else { Channels::Color };
-    let rules = RenderRules { shading: profile.shading, scheme: profile.scheme, sh_degree: Some(3), channels };
+    let rules = RenderRules::full(profile.shading, profile.scheme, channels);
     let mut counter = Region::new(ALLOCATOR);
     for number in 1..=12 {
         if number == 10 {

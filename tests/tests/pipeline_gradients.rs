@@ -50,12 +50,7 @@ const WEIGHTS: LossWeights = LossWeights {
     residual: 0.05,
 };
 
-const RULES: RenderRules = RenderRules {
-    shading: ShadingRules::PAPER,
-    scheme: PrefilterScheme::Exact,
-    sh_degree: Some(3),
-    channels: Channels::Training,
-};
+const RULES: RenderRules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);
 
 struct Scene {
     gaussians: Gaussians<Vec<Double>>,

@@ -72,6 +72,27 @@ pub fn over_background(image: &Image<Vec<f32>>, background: [f32; 3]) -> Vec<f32
         .collect()
 }
 
+/// Largest difference of two pictures of one view in what was asked for, and in their transmittance: zero where they
+/// are the same, infinity where one lacks what was asked for, is of another size or is not a number.
+pub fn largest_difference(one: &Image<Vec<f32>>, other: &Image<Vec<f32>>, asked: Channels) -> f32 {
+    if [one.width, one.height] != [other.width, other.height] {
+        return f32::INFINITY;
+    }
+    let last = [one, other].map(|image| image.channels - 1);
+    let index_in = |count: usize, channel: usize| Channels::of_count(count).index_of(channel);
+    let asked = (0..Channels::Layers.count()).filter(|channel| asked.index_of(*channel).is_some());
+    let difference = asked.map(|channel| match last.map(|count| index_in(count, channel)) {
+        [Some(a), Some(b)] => plane_difference(one.plane(a), other.plane(b)),
+        _ => f32::INFINITY,
+    });
+    difference.fold(plane_difference(one.plane(last[0]), other.plane(last[1])), f32::max)
+}
+
+fn plane_difference(one: &[f32], other: &[f32]) -> f32 {
+    let difference = |(a, b): (&f32, &f32)| if a.to_bits() == b.to_bits() { 0.0 } else { (a - b).abs() };
+    one.iter().zip(other).map(difference).fold(0.0, |max, x| if x.is_nan() { f32::INFINITY } else { max.max(x) })
+}
+
 /// Measures a scene on one view.
 pub fn evaluate_view<E: Executor>(
     exec: &mut E,
@@ -81,7 +102,8 @@ pub fn evaluate_view<E: Executor>(
     rules: &RenderRules,
     background: [f32; 3],
 ) -> Result<ViewQuality, E::Error> {
-    let rules = RenderRules { channels: Channels::Training, ..*rules };
+    let channels = if view.normals.is_some() { Channels::Training } else { Channels::Color };
+    let rules = RenderRules { channels, ..*rules };
     let image = render_view(exec, gaussians, light, &view.camera, &rules)?;
     let rendered = over_background(&image, background);
     let truth = view.over(background);

@@ -172,10 +172,8 @@ impl<E: Executor> Trainer<E> {
         };
         let channels = if is_plain && channels == Channels::Training { Channels::Color } else { channels };
         RenderRules {
-            shading: profile.shading,
-            scheme: profile.scheme,
             sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
-            channels,
+            ..RenderRules::full(profile.shading, profile.scheme, channels)
         }
     }
 

@@ -92,7 +92,7 @@ fn comparison(test: &[View], plain: &mut Renderer, ours: &mut Renderer) -> Resul
 }
 
 fn shown(renderer: &mut Renderer, camera: &Camera, layer: Layer) -> Result<RgbImage, Failure> {
-    let image = renderer.view(camera, Channels::Training)?;
+    let image = renderer.view(camera)?;
     Ok(layer.picture(&image, ShadingForm::Paper, Background::WHITE))
 }
 
@@ -149,7 +149,7 @@ fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<RgbIm
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = preview(&cube.values, cube.resolution);
         let mut row = vec![Panel::new(picture::tone_map_latlong(&map), light)];
-        let mut renderer = Renderer::new(scene, talk)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, talk)?;
         for view in RELIT.into_iter().flat_map(|name| named(test, name)) {
             let own = shown(&mut renderer, &view.camera, Layer::Rgb)?;
             row.push(Panel::new(enlarged(&own), "specula, relit"));
