@@ -8,7 +8,7 @@
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: who looks from where
-//! * [`plan`]: what a scene needs; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
+//! * [`plan`]: what a scene needs and a run leaves out; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well

@@ -144,7 +144,7 @@ impl Frame {
     }
 }
 
-/// Gradient of a [`Frame`]: [`tile_len`] quads for each covered tile.
+/// Gradient of a [`Frame`]: `tile_len` quads for each covered tile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameGrad {
     pub(crate) channels: usize,
