@@ -1,14 +1,20 @@
-//! One group for each stage, on the torus; throughput in what the stage works on.
+//! One group for each stage, on the torus at 800 × 800; throughput in what the stage works on. What there is to do is
+//! printed first: it does not depend on the machine.
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use specula_benches::{camera, environment, torus};
+use specula_benches::{
+    camera, environment, torus,
+    work::{self, Work},
+};
 use specula_core::{
-    executor::{Executor, Moments, RenderRules},
-    pipeline::render,
+    camera::Camera,
+    executor::{Executor, Moments, RenderRules, Statistics},
+    pipeline::{Fit, Step, render, train_step},
     plan::Channels,
     prefilter::LevelRange,
+    scene::{Environment, Gaussians},
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuExecutor, blend::SplatGrads, loss::Target};
 use specula_train::profile::{Profile, by_name};
 
 /// The program's allocator, so that the times are those of the program.
@@ -16,113 +22,205 @@ use specula_train::profile::{Profile, by_name};
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const GAUSSIANS: usize = 100_000;
-const SIZE: u32 = 400;
-const PROFILES: [&str; 2] = ["3dgs", "specula"];
+const SIZE: u32 = 800;
+const LIGHT: usize = 64;
+/// Light per pixel, 12 channels; light per Gaussian, 8 channels; no light, 3 channels.
+const PROFILES: [&str; 3] = ["3dgs", "paper", "specula"];
+/// Sizes of pictures and clouds for whole steps.
+const STEPS: [(u32, usize); 2] = [(400, 50_000), (800, 200_000)];
+const SAMPLES: usize = 20;
 
-fn rules_of(profile: &Profile) -> RenderRules {
-    let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
-    RenderRules::full(profile.shading, profile.scheme, channels)
+/// A scene and everything that a training knows of it.
+struct Scene {
+    profile: Profile,
+    rules: RenderRules,
+    camera: Camera,
+    cloud: Gaussians<Vec<f32>>,
+    moments: Moments<Vec<f32>>,
+    environment: Environment<Vec<f32>>,
+    environment_moments: Moments<Vec<f32>>,
+    statistics: Statistics<Vec<f32>>,
+    target: Target,
+    rates: Vec<f32>,
 }
 
-fn stages(criterion: &mut Criterion) {
-    for name in PROFILES {
-        let profile = by_name(name, 7000).expect("a profile of that name");
-        stages_of(criterion, &profile);
+impl Scene {
+    fn new(exec: &mut CpuExecutor, profile: &str, size: u32, count: usize) -> Self {
+        let profile = by_name(profile, 7000).expect("a profile of that name");
+        let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
+        let cloud = torus(count, &profile);
+        let environment = environment(LIGHT);
+        let zeros = |len: usize| Moments { mean: vec![0.0; len], square: vec![0.0; len] };
+        let grey = vec![128; (size * size * 4) as usize];
+        Self {
+            rules: RenderRules::full(profile.shading, profile.scheme, channels),
+            camera: camera(size),
+            moments: zeros(cloud.values.len()),
+            environment_moments: zeros(environment.values.len()),
+            statistics: Statistics { grad_sum: vec![0.0; count], view_count: vec![0.0; count] },
+            target: exec.target(size as usize, size as usize, &grey).expect("the bytes fit"),
+            rates: vec![0.0; cloud.layout.plane_count()],
+            profile,
+            cloud,
+            environment,
+        }
     }
-}
 
-fn stages_of(criterion: &mut Criterion, profile: &Profile) {
-    let mut exec = CpuExecutor::new();
-    let (camera, rules) = (camera(SIZE), rules_of(profile));
-    let mut cloud = torus(GAUSSIANS, profile);
-    let light_source = environment(64);
-    let light = exec.prefilter(&light_source, profile.scheme, LevelRange::ALL).expect("64 is a power of two");
-    let light = profile.light.map(|_| light);
-    let splats = exec.project(&cloud, &camera).expect("the CPU projects");
-    let colors = exec.shade(&cloud, &camera, &splats, light.as_ref(), &rules).expect("the CPU shades");
-    let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-    let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
-    let grey = vec![128; (SIZE * SIZE * 4) as usize];
-    let target = exec.target(SIZE as usize, SIZE as usize, &grey).expect("the bytes fit");
-    let is_deferred = rules.is_deferred(cloud.layout);
-    let blended = frame.clone();
-    if is_deferred {
-        frame = exec.shade_pixels(frame, light.as_ref(), &camera).expect("the CPU shades pixels");
-    }
-    let (_, picture_grad) = exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]).expect("sizes agree");
-    let (frame_grad, of_pixels) = if is_deferred {
-        exec.shade_pixels_vjp(&frame, light.as_ref(), &camera, picture_grad.clone()).expect("the CPU goes back")
-    } else {
-        (picture_grad.clone(), None)
-    };
-    let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera).expect("the CPU goes back");
-    let mut moments = Moments { mean: vec![0.0; cloud.values.len()], square: vec![0.0; cloud.values.len()] };
-    let rates = vec![0.0; cloud.layout.plane_count()];
-
-    let gaussians = Throughput::Elements(GAUSSIANS as u64);
-    let intersections = Throughput::Elements(tiles.intersection_count() as u64);
-    let pixels = Throughput::Elements(u64::from(SIZE * SIZE));
-    macro_rules! group {
-        ($stage:literal, $throughput:expr, $run:expr) => {
-            let mut group = criterion.benchmark_group($stage);
-            group.sample_size(20).throughput($throughput);
-            group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| bench.iter(|| $run));
-            group.finish();
+    /// One step that changes nothing: all rates are zero.
+    fn train(&mut self, exec: &mut CpuExecutor) {
+        let step = Step {
+            camera: &self.camera,
+            target: &self.target,
+            background: [1.0; 3],
+            rules: &self.rules,
+            weights: &self.profile.weights,
+            rates: &self.rates,
+            environment_rate: 0.0,
+            radiance_max: 100.0,
+            number: 1,
         };
+        let light = self.profile.light.map(|_| (&mut self.environment, &mut self.environment_moments));
+        let mut fit = Fit {
+            gaussians: &mut self.cloud,
+            moments: &mut self.moments,
+            environment: light,
+            statistics: &mut self.statistics,
+        };
+        train_step(exec, &mut fit, &step).expect("the CPU trains");
     }
-    let (grad, of_gaussians) = exec
-        .gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
-        .expect("the CPU goes back");
-    if let (Some(light), Some(light_grad)) = (&light, &of_pixels.or(of_gaussians)) {
-        let texels = Throughput::Elements(6 * 64 * 64);
-        group!("prefilter", texels.clone(), exec.prefilter(&light_source, profile.scheme, LevelRange::ALL));
-        group!("prefilter_vjp", texels, exec.prefilter_vjp(&light_source, light, light_grad));
-    }
-    group!("project", gaussians.clone(), exec.project(&cloud, &camera));
-    group!("shade", gaussians.clone(), exec.shade(&cloud, &camera, &splats, light.as_ref(), &rules));
-    group!("bin", gaussians.clone(), exec.bin(&splats, &camera));
-    group!("blend", intersections.clone(), exec.blend(&splats, &colors, &tiles, &camera));
-    if is_deferred {
-        let mut group = criterion.benchmark_group("shade_pixels");
-        group.sample_size(20).throughput(pixels.clone());
-        group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
-            bench.iter_batched(
-                || blended.clone(),
-                |frame| exec.shade_pixels(frame, light.as_ref(), &camera),
-                BatchSize::LargeInput,
-            );
-        });
-        group.finish();
-        let mut group = criterion.benchmark_group("shade_pixels_vjp");
-        group.sample_size(20).throughput(pixels.clone());
-        group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
-            bench.iter_batched(
-                || picture_grad.clone(),
-                |grad| exec.shade_pixels_vjp(&frame, light.as_ref(), &camera, grad),
-                BatchSize::LargeInput,
-            );
-        });
-        group.finish();
-    }
-    group!("loss", pixels.clone(), exec.loss(&frame, &target, &camera, &profile.weights, [1.0; 3]));
-    group!("blend_vjp", intersections, exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera));
-    group!(
-        "gaussians_vjp",
-        gaussians.clone(),
-        exec.gaussians_vjp(&cloud, &camera, &splats, light.as_ref(), &rules, &profile.weights, &grads)
-    );
-    group!("frame", pixels, render(&mut exec, &cloud, light.as_ref(), &camera, &rules));
-    let mut group = criterion.benchmark_group("optimise");
-    group.sample_size(20).throughput(gaussians);
-    group.bench_function(BenchmarkId::from_parameter(profile.name), |bench| {
-        bench.iter_batched(
-            || grad.clone(),
-            |grad| exec.optimise(&mut cloud, &mut moments, grad, &rates, 1),
-            BatchSize::LargeInput,
-        );
+}
+
+/// One bench of a group, which takes what `prepare` gives and is not timed for it.
+fn bench<I, O>(
+    criterion: &mut Criterion,
+    stage: &str,
+    name: &str,
+    throughput: Throughput,
+    mut prepare: impl FnMut() -> I,
+    mut run: impl FnMut(I) -> O,
+) {
+    let mut group = criterion.benchmark_group(stage);
+    group.sample_size(SAMPLES).throughput(throughput);
+    group.bench_function(BenchmarkId::from_parameter(name), |bench| {
+        bench.iter_batched(&mut prepare, &mut run, BatchSize::PerIteration);
     });
     group.finish();
 }
 
-criterion_group!(benches, stages);
+fn stages(criterion: &mut Criterion) {
+    PROFILES.iter().for_each(|profile| stages_of(criterion, profile));
+}
+
+fn stages_of(criterion: &mut Criterion, name: &str) {
+    let mut exec = CpuExecutor::new();
+    let scene = Scene::new(&mut exec, name, SIZE, GAUSSIANS);
+    let Scene { profile, rules, camera, cloud, environment, target, .. } = &scene;
+    let light = exec.prefilter(environment, profile.scheme, LevelRange::ALL).expect("64 is a power of two");
+    let light = profile.light.map(|_| light);
+    let light = light.as_ref();
+    let splats = exec.project(cloud, camera).expect("the CPU projects");
+    let colors = exec.shade(cloud, camera, &splats, light, rules).expect("the CPU shades");
+    let tiles = exec.bin(&splats, camera).expect("the CPU bins");
+    let blended = exec.blend(&splats, &colors, &tiles, camera).expect("the CPU blends");
+    let is_deferred = rules.is_deferred(cloud.layout);
+    let mut frame = blended.clone();
+    if is_deferred {
+        frame = exec.shade_pixels(frame, light, camera).expect("the CPU shades pixels");
+    }
+    let (_, picture_grad) = exec.loss(&frame, target, camera, &profile.weights, [1.0; 3]).expect("sizes agree");
+    let mut frame_grad = picture_grad.clone();
+    let mut light_grad = None;
+    if is_deferred {
+        (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light, camera, frame_grad).expect("the CPU goes back");
+    }
+    let grads: SplatGrads =
+        exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, camera).expect("the CPU goes back");
+    let (grad, of_gaussians) =
+        exec.gaussians_vjp(cloud, camera, &splats, light, rules, &profile.weights, &grads).expect("the CPU goes back");
+
+    let work = work::count(&splats, &tiles);
+    let Work { intersections, processed, significant } = work;
+    println!("{name}: {intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen");
+    let gaussians = || Throughput::Elements(GAUSSIANS as u64);
+    let pairs = || Throughput::Elements(processed as u64);
+    let pixels = || Throughput::Elements(u64::from(SIZE * SIZE));
+    let texels = || Throughput::Elements((6 * LIGHT * LIGHT) as u64);
+
+    if let (Some(light), Some(light_grad)) = (light, &light_grad.or(of_gaussians)) {
+        let levels = LevelRange::ALL;
+        bench(criterion, "prefilter", name, texels(), || (), |()| exec.prefilter(environment, profile.scheme, levels));
+        bench(
+            criterion,
+            "prefilter_vjp",
+            name,
+            texels(),
+            || (),
+            |()| exec.prefilter_vjp(environment, light, light_grad),
+        );
+    }
+    bench(criterion, "project", name, gaussians(), || (), |()| exec.project(cloud, camera));
+    bench(criterion, "shade", name, gaussians(), || (), |()| exec.shade(cloud, camera, &splats, light, rules));
+    bench(criterion, "sort", name, gaussians(), || (), |()| exec.depth_order(&splats));
+    bench(criterion, "bin", name, gaussians(), || (), |()| exec.bin(&splats, camera));
+    bench(criterion, "blend", name, pairs(), || (), |()| exec.blend(&splats, &colors, &tiles, camera));
+    bench(criterion, "blend_plainly", name, pairs(), || (), |()| work::blend_plainly(&splats, &colors, &tiles, camera));
+    if is_deferred {
+        bench(
+            criterion,
+            "shade_pixels",
+            name,
+            pixels(),
+            || blended.clone(),
+            |frame| exec.shade_pixels(frame, light, camera),
+        );
+        bench(
+            criterion,
+            "shade_pixels_vjp",
+            name,
+            pixels(),
+            || picture_grad.clone(),
+            |grad| exec.shade_pixels_vjp(&frame, light, camera, grad),
+        );
+    }
+    bench(criterion, "loss", name, pixels(), || (), |()| exec.loss(&frame, target, camera, &profile.weights, [1.0; 3]));
+    bench(
+        criterion,
+        "blend_vjp",
+        name,
+        pairs(),
+        || (),
+        |()| exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, camera),
+    );
+    bench(
+        criterion,
+        "gaussians_vjp",
+        name,
+        gaussians(),
+        || (),
+        |()| exec.gaussians_vjp(cloud, camera, &splats, light, rules, &profile.weights, &grads),
+    );
+    let (mut values, mut moments) = (cloud.clone(), scene.moments.clone());
+    bench(
+        criterion,
+        "optimise",
+        name,
+        gaussians(),
+        || grad.clone(),
+        |grad| exec.optimise(&mut values, &mut moments, grad, &scene.rates, 1),
+    );
+    let colors_only = RenderRules { channels: Channels::Color, ..*rules };
+    bench(criterion, "frame", name, pixels(), || (), |()| render(&mut exec, cloud, light, camera, &colors_only));
+}
+
+fn steps(criterion: &mut Criterion) {
+    for (profile, (size, count)) in PROFILES.iter().flat_map(|profile| STEPS.map(|step| (profile, step))) {
+        let mut exec = CpuExecutor::new();
+        let mut scene = Scene::new(&mut exec, profile, size, count);
+        let name = format!("{profile}, {count} at {size}");
+        let steps = Throughput::Elements(1);
+        bench(criterion, "train_step", &name, steps, || (), |()| scene.train(&mut exec));
+    }
+}
+
+criterion_group!(benches, stages, steps);
 criterion_main!(benches);

@@ -86,7 +86,7 @@ pub(crate) struct Train {
     #[arg(long, short, alias = "source_path", value_name = "DATASET", conflicts_with = "dataset")]
     pub(crate) source_path: Option<PathBuf>,
     /// Folder for the model; made if it is not there.
-    #[arg(long, short, alias = "model_path", value_name = "MODEL")]
+    #[arg(long, short, aliases = ["model_path", "output"], short_alias = 'o', value_name = "MODEL")]
     pub(crate) model_path: PathBuf,
     /// Kind of training.
     #[arg(long, value_enum, default_value_t = ProfileName::Specula)]
@@ -112,7 +112,8 @@ pub(crate) struct Train {
     /// Save at these steps as well as at the end.
     #[arg(long, alias = "save_iterations", value_name = "N", num_args = 1.., value_delimiter = ',')]
     pub(crate) save_iterations: Vec<u32>,
-    /// Measure the test views at these steps as well as at the end; needs --eval.
+    /// Measure the test views at these steps as well as at the end, into results.json and, with the seconds that
+    /// training had taken, timeline.json; needs --eval.
     #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval")]
     pub(crate) test_iterations: Vec<u32>,
     #[command(flatten)]

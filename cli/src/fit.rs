@@ -22,6 +22,8 @@ pub(crate) struct Training {
     trainer: Trainer<CpuExecutor>,
     reading: Reading,
     iterations: u32,
+    /// What steps have taken so far, without what was done in between.
+    seconds: f64,
 }
 
 /// How it went.
@@ -40,7 +42,7 @@ impl Training {
     pub(crate) fn new(settings: Settings, views: &[View], points: &[Point]) -> Result<Self, Failure> {
         let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
         let trainer = Trainer::new(CpuExecutor::new(), settings, views, points)?;
-        Ok(Self { trainer, reading, iterations })
+        Ok(Self { trainer, reading, iterations, seconds: 0.0 })
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
@@ -52,11 +54,10 @@ impl Training {
         mut pause: impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
         let work = talk.work(what, self.iterations.into());
-        let mut seconds = 0.0;
         while !self.trainer.is_finished() && !interrupt::is_requested() {
             let start = Instant::now();
             self.trainer.step()?;
-            seconds += start.elapsed().as_secs_f64();
+            self.seconds += start.elapsed().as_secs_f64();
             work.done(self.iteration().into(), || self.message());
             if pauses.contains(&self.iteration()) && !self.trainer.is_finished() {
                 pause(self, &work)?;
@@ -65,7 +66,7 @@ impl Training {
         work.finish();
         self.warn_of_nonfinite(talk);
         let is_interrupted = !self.trainer.is_finished();
-        Ok(Outcome { iteration: self.iteration(), seconds, is_interrupted })
+        Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
     }
 
     fn message(&self) -> String {
@@ -83,6 +84,11 @@ impl Training {
     /// Steps taken.
     pub(crate) fn iteration(&self) -> u32 {
         self.trainer.iteration()
+    }
+
+    /// Seconds that steps have taken.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.seconds
     }
 
     /// The scene as it is now.

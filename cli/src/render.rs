@@ -13,7 +13,8 @@ use crate::{
     relight::write_light,
     scene::{Opened, Renderer, Scene},
 };
-use specula_core::{camera::Camera, plan::Channels, scene::Image};
+use rayon::prelude::*;
+use specula_core::{camera::Camera, plan::Channels, scene::Image, shade::ShadingForm};
 use specula_io::{
     dataset::LoadOptions,
     model_folder::ModelInfo,
@@ -22,6 +23,9 @@ use specula_io::{
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::{Path, PathBuf};
 
+/// Views that are rendered before their pictures are written: a view is rendered on all threads, a picture is packed on
+/// one.
+const VIEWS_AT_ONCE: usize = 16;
 /// Each frame of an animation, in milliseconds.
 const FRAME_MS: u16 = 60;
 
@@ -146,23 +150,43 @@ impl Job<'_> {
         let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), talk)?;
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
         let mut frames = Vec::new();
-        for (index, (_, camera)) in self.tour.cameras.iter().enumerate() {
-            let image = renderer.view(camera)?;
-            for layer in self.layers {
-                let picture = layer.picture(&image, form, background);
-                picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
-                if self.tour.is_turntable && *layer == Layer::Rgb {
-                    frames.push(picture);
-                }
+        for (part, cameras) in self.tour.cameras.chunks(VIEWS_AT_ONCE).enumerate() {
+            let first = part * VIEWS_AT_ONCE;
+            let mut images = Vec::with_capacity(cameras.len());
+            for (index, (_, camera)) in (first..).zip(cameras) {
+                let image = renderer.view(camera)?;
+                each(index, &image)?;
+                images.push(image);
             }
-            each(index, &image)?;
-            work.done(index as u64 + 1, String::new);
+            let write = |(k, image)| self.write(first + k, image, form, background);
+            let written: Result<Vec<_>, Failure> = images.par_iter().enumerate().map(write).collect();
+            frames.extend(written?.into_iter().flatten().filter(|_| self.tour.is_turntable));
+            work.done((first + cameras.len()) as u64, String::new);
         }
         work.finish();
         if frames.len() > 1 {
             picture::write_animation(&self.place.folder.join("turntable.png"), &frames, FRAME_MS)?;
         }
         Ok(())
+    }
+
+    /// Writes the layers of a view; returns its colours, if they are among them.
+    fn write(
+        &self,
+        index: usize,
+        image: &Image<Vec<f32>>,
+        form: ShadingForm,
+        background: Background,
+    ) -> Result<Option<RgbImage>, Failure> {
+        let mut colors = None;
+        for layer in self.layers {
+            let picture = layer.picture(image, form, background);
+            picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
+            if *layer == Layer::Rgb {
+                colors = Some(picture);
+            }
+        }
+        Ok(colors)
     }
 
     /// Writes the true pictures of the views, where they are known and of the same size.

@@ -14,7 +14,7 @@ use specula_core::{
     prefilter::{Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, RadianceActivation},
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuExecutor, order::sort_in_space};
 use specula_io::{
     latlong,
     model_folder::{self, Model, ModelInfo, Snapshot},
@@ -57,6 +57,7 @@ impl Opened {
         let reading = Reading::chosen(&model, profile)?;
         let mut gaussians = model.gaussians;
         convention::from_file(&mut gaussians, reading.shading);
+        sort_in_space(&mut gaussians);
         let scene = Scene { gaussians, light: model.light, reading };
         Ok(Self { scene, folder, iteration: model.iteration, info: model.info })
     }

@@ -20,7 +20,7 @@ use specula_io::{
     model_folder::{self, ModelInfo},
 };
 use specula_train::{
-    evaluate::mean_quality,
+    evaluate::{ViewQuality, mean_quality},
     profile::Profile,
     start::{Point, random_points},
     trainer::Settings,
@@ -150,9 +150,10 @@ fn pause(
         work.note(&format!("saved iteration {iteration}"));
     }
     if args.test_iterations.contains(&iteration) {
+        let count = scene.gaussians.count;
         let measured =
             Renderer::new(scene, Channels::Training, QUIET)?.measure(test, background, &QUIET.work("", 0))?;
-        model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
+        save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
     }
     Ok(())
@@ -189,8 +190,21 @@ fn finish(
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();
-    model_folder::save_quality(&args.model_path, iteration, &quality::for_files(&measured))?;
+    save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&mean_quality(&measured)), test.len()))
+}
+
+/// Writes how good the scene is, and after what time.
+fn save_quality(
+    folder: &Path,
+    iteration: u32,
+    seconds: f64,
+    gaussians: usize,
+    measured: &[ViewQuality],
+) -> Result<(), Failure> {
+    let quality = quality::for_files(measured);
+    model_folder::save_quality(folder, iteration, &quality)?;
+    Ok(model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)?)
 }
 
 /// The most memory that was used so far, where the system tells.

@@ -180,7 +180,7 @@ fn spread(record: &SplatRecord, rows: RowRange, columns: u32, spans: &mut [Span]
 
 /// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for positive numbers are in
 /// the order of the numbers.
-fn depth_order(machine: &Machine, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
+pub(crate) fn depth_order(machine: &Machine, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
     const DIGIT_BITS: u32 = 11;
     const DIGITS: usize = 1 << DIGIT_BITS;
     const SHIFTS: [u32; 3] = [0, DIGIT_BITS, 2 * DIGIT_BITS];

@@ -29,17 +29,18 @@ const SPLATS_AT_ONCE: usize = 32;
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatGrads {
     pub(crate) channels: usize,
-    /// `GEOMETRY + channels` numbers for each Gaussian: mean2d, root of the conic, opacity; channels.
-    pub(crate) values: Buffer<f32>,
+    /// Block by block, `GEOMETRY + channels` planes of [`BLOCK`] numbers: mean2d, root of the conic, opacity; channels.
+    values: Buffer<f32>,
 }
 
 /// Numbers of a splat's gradient before its channels.
 pub(crate) const GEOMETRY: usize = 6;
 
 impl SplatGrads {
-    /// Numbers for each Gaussian.
-    pub(crate) fn width(&self) -> usize {
-        GEOMETRY + self.channels
+    /// The planes of a block.
+    pub(crate) fn block(&self, block: usize) -> &[f32] {
+        let len = BLOCK * (GEOMETRY + self.channels);
+        &self.values[block * len..(block + 1) * len]
     }
 }
 
@@ -180,17 +181,18 @@ fn blend_tile<S: Simd, const C: usize>(
     let (channels, passed) = (channels.as_chunks_mut::<C>().0, &mut passed[..QUADS]);
     let mut ended = [[0.0; BLOCK]; QUADS];
     let mut near = Near::<C>::none();
+    let (mut touched, mut stamped) = ([0; SPLATS_AT_ONCE], [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
         if !passed.iter().any(|quad| Lanes::load(simd, quad).any_positive()) {
             seen.fill(0);
             continue;
         }
         near.read(records, colors, list);
-        let (mut touched, mut stamped) = ([0; SPLATS_AT_ONCE], [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
         for k in 0..list.len() {
             touched[k] = quads_to_try(simd, &near.records[k], origin);
             stamped[k] = Stamped::new(simd, &near.records[k], origin).to_arrays();
         }
+        touched[list.len()..].fill(0);
         let mut seen_by_quad = [0; QUADS];
         for (quad, splats) in transpose(simd, &touched).into_iter().enumerate() {
             let light = [&mut passed[quad], &mut ended[quad]];
@@ -323,25 +325,52 @@ fn blend_channels_vjp<const C: usize>(
             blend_tile_vjp::<_, C>(simd, &splats.records, &colors.values, list, seen, origin, pixels, grad, out.only());
         });
     });
-    SplatGrads { channels: C, values: sum_slots::<C>(machine, &slots, &frame.seen, tiles) }
+    SplatGrads { channels: C, values: sum_slots::<C>(machine, &slots, tiles) }
 }
 
 /// Each Gaussian sums the slots of its own intersections, in the order of their emission.
-fn sum_slots<const C: usize>(machine: &Machine, slots: &[f32], seen: &[u16], tiles: &Tiles) -> Buffer<f32> {
-    let width = GEOMETRY + C;
-    let mut sums = machine.numbers.take((tiles.emissions.len() - 1) * width);
-    sums.par_chunks_mut(width).enumerate().with_min_len(256).for_each(|(gaussian, sum)| {
-        sum.fill(0.0);
-        for position in tiles.positions_of(gaussian) {
-            if seen[position] != 0 {
-                sum.iter_mut().zip(&slots[position * width..][..width]).for_each(|(sum, slot)| *sum += slot);
+fn sum_slots<const C: usize>(machine: &Machine, slots: &[f32], tiles: &Tiles) -> Buffer<f32> {
+    const BLOCKS_AT_ONCE: usize = 16;
+    let count = tiles.emissions.len() - 1;
+    let block_len = BLOCK * (GEOMETRY + C);
+    let mut sums = machine.numbers.take(count.div_ceil(BLOCK) * block_len);
+    sums.par_chunks_mut(BLOCKS_AT_ONCE * block_len).enumerate().for_each(|(part, sums)| {
+        let blocks = part * BLOCKS_AT_ONCE..;
+        dispatch!(machine.level, _simd => {
+            for (block, sums) in blocks.zip(sums.chunks_exact_mut(block_len)) {
+                for lane in 0..BLOCK {
+                    sum_slots_of::<C>(block * BLOCK + lane, count, slots, tiles, &mut sums[lane..]);
+                }
             }
-        }
+        });
     });
     sums
 }
 
-/// Writes the slots of the splats that were seen.
+/// Sums of known size, so that they stay in registers, into every [`BLOCK`]th place; zeros for what is not there.
+#[inline(always)]
+fn sum_slots_of<const C: usize>(gaussian: usize, count: usize, slots: &[f32], tiles: &Tiles, out: &mut [f32]) {
+    let (mut geometry, mut channels) = ([0.0; GEOMETRY], [0.0; C]);
+    if gaussian < count {
+        for position in tiles.positions_of(gaussian) {
+            let slot = &slots[position * (GEOMETRY + C)..][..GEOMETRY + C];
+            for k in 0..GEOMETRY {
+                geometry[k] += slot[k];
+            }
+            for c in 0..C {
+                channels[c] += slot[GEOMETRY + c];
+            }
+        }
+    }
+    for k in 0..GEOMETRY {
+        out[k * BLOCK] = geometry[k];
+    }
+    for c in 0..C {
+        out[(GEOMETRY + c) * BLOCK] = channels[c];
+    }
+}
+
+/// Writes the slots of all splats: zeros for those that were not seen, so that nobody has to ask.
 #[inline(always)]
 fn blend_tile_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -357,22 +386,26 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     let mut replays = replays_at_start::<S, C>(simd, pixels, grad);
     let grad = grad[..QUADS * C].as_chunks::<C>().0;
     let mut near = Near::<C>::none();
+    let mut weights = [[0.0; BLOCK]; QUADS];
     let out = out.chunks_mut(SPLATS_AT_ONCE * (GEOMETRY + C));
     for ((list, seen), out) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks(SPLATS_AT_ONCE)).zip(out) {
         if seen.iter().all(|quads| *quads == 0) {
+            out.fill(0.0);
             continue;
         }
         near.read(records, colors, list);
         let splats = near.records.iter().zip(&near.colors).zip(seen);
         for (((record, color), seen), out) in splats.zip(out.chunks_exact_mut(GEOMETRY + C)) {
-            if *seen != 0 {
-                splat_vjp(simd, record, color, *seen, origin, grad, &mut replays, out);
+            if *seen == 0 {
+                out.fill(0.0);
+            } else {
+                splat_vjp(simd, record, color, *seen, origin, grad, &mut replays, &mut weights, out);
             }
         }
     }
 }
 
-/// Replays one splat over the quads in which it was seen and writes its gradient.
+/// Replays one splat over the quads in which it was seen and writes its gradient. `weights` is memory to work in.
 #[inline(always)]
 fn splat_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -382,13 +415,13 @@ fn splat_vjp<S: Simd, const C: usize>(
     origin: [f32; 2],
     grad: &[[Quad; C]],
     replays: &mut [ReplayQuad; QUADS],
+    weights: &mut [Quad; QUADS],
     out: &mut [f32],
 ) {
     let splat = Stamped::new(simd, record, origin);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = Moments::zero(zero);
-    let mut weights = [[0.0; BLOCK]; QUADS];
     splat.for_each_quad(seen, |index, offset| {
         let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);

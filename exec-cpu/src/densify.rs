@@ -2,9 +2,12 @@
 
 use crate::{
     blend::SplatGrads,
+    lanes::Lanes,
+    machine::Machine,
     order::{codes, gather},
-    project::Splats,
+    project::{BLOCKS_AT_ONCE, Splats},
 };
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     activation::sigmoid,
@@ -12,20 +15,39 @@ use specula_core::{
     covariance::scales,
     densify::{Action, DensifyRules, SPLIT_SHRINK, decide, split_mean},
     executor::{DensifyReport, Moments, RandomKey, Statistics},
-    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
+    real::Real,
+    scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     vector::{Vec3, vec3},
 };
 
-pub(crate) fn observe(statistics: &mut Statistics<Vec<f32>>, splats: &Splats, grads: &SplatGrads, camera: &Camera) {
-    let (half_width, half_height) = (camera.width as f32 / 2.0, camera.height as f32 / 2.0);
-    let seen = statistics.grad_sum.iter_mut().zip(&mut statistics.view_count).zip(splats.records.iter());
-    for (((sum, count), record), grad) in seen.zip(grads.values.chunks_exact(grads.width())) {
-        let length = (grad[0] * half_width).hypot(grad[1] * half_height);
-        if record.reach > 0.0 && length.is_finite() {
-            *sum += length;
-            *count += 1.0;
-        }
-    }
+/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is finite.
+pub(crate) fn observe(
+    machine: &Machine,
+    statistics: &mut Statistics<Vec<f32>>,
+    splats: &Splats,
+    grads: &SplatGrads,
+    camera: &Camera,
+) {
+    let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
+    let Statistics { grad_sum, view_count } = statistics;
+    let blocks = grad_sum.par_chunks_mut(BLOCK).zip(view_count.par_chunks_mut(BLOCK)).with_min_len(BLOCKS_AT_ONCE);
+    blocks.enumerate().for_each(|(block, (sum, count))| {
+        dispatch!(machine.level, simd => {
+            let lengths = grad_lengths(simd, grads.block(block), half_size);
+            for (lane, (sum, count)) in sum.iter_mut().zip(count).enumerate() {
+                if splats.is_drawn(block, lane) && lengths[lane].is_finite() {
+                    *sum += lengths[lane];
+                    *count += 1.0;
+                }
+            }
+        });
+    });
+}
+
+#[inline(always)]
+fn grad_lengths<S: Simd>(simd: S, grads: &[f32], [half_width, half_height]: [f32; 2]) -> [f32; BLOCK] {
+    let (x, y) = (Lanes::load(simd, grads) * half_width, Lanes::load(simd, &grads[BLOCK..]) * half_height);
+    x.mul_add(x, y * y).sqrt().to_array()
 }
 
 /// What becomes of one Gaussian: where it comes from, and which part of a split it is.

@@ -1,7 +1,7 @@
 //! The executor: core's contract, stage by stage.
 
 use crate::{
-    bin::{Tiles, bin_all},
+    bin::{Tiles, bin_all, depth_order},
     blend::{SplatGrads, blend_all, blend_all_vjp},
     densify,
     frame::{Frame, FrameGrad},
@@ -75,6 +75,12 @@ impl CpuExecutor {
     /// An executor with the widest vectors that this machine has.
     pub fn new() -> Self {
         Self { machine: Machine::new(), operator: None }
+    }
+
+    /// Depth and number of the Gaussians that are drawn, front to back; ties in their order.
+    pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
+        let order = depth_order(&self.machine, &splats.records);
+        order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
     }
 
     fn operator(
@@ -288,7 +294,7 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
         camera: &Camera,
     ) -> Result<(), CpuError> {
-        densify::observe(statistics, splats, grads, camera);
+        densify::observe(&self.machine, statistics, splats, grads, camera);
         Ok(())
     }
 

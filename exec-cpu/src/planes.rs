@@ -38,38 +38,45 @@ impl Planes {
         let row_start = row * self.columns * self.count * SIZE;
         &self.values[row_start + place_in_row(self.columns, plane, column)..][..SIZE]
     }
-    /// A plane of a tile with `REACH` rows above and below and half a row to the left and right. Beyond the picture,
-    /// and in tiles that nobody wrote, everything is zero. `ROWS` is [`SIZE`] + 2 · `REACH`.
+    /// A plane of a tile with some rows above and below and half a row to the left and right, into `window`: its `ROWS`
+    /// are [`SIZE`] and twice as many more as it reaches up or down. Beyond the picture, and in tiles that nobody wrote,
+    /// everything is zero.
     #[inline(always)]
-    pub(crate) fn window<const ROWS: usize>(
+    pub(crate) fn read_window<const ROWS: usize>(
         &self,
         [column, row]: [usize; 2],
         plane: usize,
         is_written: impl Fn(usize) -> bool,
-    ) -> [WideRow; ROWS] {
+        window: &mut [WideRow; ROWS],
+    ) {
         let reach = (ROWS - SIZE) / 2;
-        let mut window = [[0.0; 2 * SIZE]; ROWS];
-        for tile_row in row.saturating_sub(1)..(row + 2).min(self.rows) {
-            // Rows of the window that this row of tiles fills, and the first of its own that they show.
-            let (first, count, from) = match tile_row + 1 - row {
-                0 => (0, reach, SIZE - reach),
-                1 => (reach, SIZE, 0),
-                _ => (reach + SIZE, reach, 0),
-            };
-            for tile_column in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                if !is_written(tile_row * self.columns + tile_column) {
-                    continue;
-                }
-                let own = &self.plane([tile_column, tile_row], plane)[from..from + count];
-                let rows = window[first..first + count].iter_mut().zip(own);
-                match tile_column + 1 - column {
-                    0 => rows.for_each(|(to, from)| to[..CENTER].copy_from_slice(&from[SIZE - CENTER..])),
-                    1 => rows.for_each(|(to, from)| to[CENTER..CENTER + SIZE].copy_from_slice(from)),
-                    _ => rows.for_each(|(to, from)| to[CENTER + SIZE..].copy_from_slice(&from[..CENTER])),
+        // Rows of the window that a row of tiles fills, and the first of its own that they show.
+        let bands = [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)];
+        for (down, (first, count, from)) in bands.into_iter().enumerate() {
+            let rows = &mut window[first..first + count];
+            for across in 0..3 {
+                // Beyond the first row or column these wrap to numbers that no grid has.
+                let (tile_column, tile_row) = ((column + across).wrapping_sub(1), (row + down).wrapping_sub(1));
+                let is_inside = tile_column < self.columns && tile_row < self.rows;
+                if is_inside && is_written(tile_row * self.columns + tile_column) {
+                    let own = &self.plane([tile_column, tile_row], plane)[from..from + count];
+                    copy_part(across, rows, own);
+                } else {
+                    copy_part(across, rows, &[[0.0; SIZE]; SIZE][..count]);
                 }
             }
         }
-        window
+    }
+}
+
+/// The part of wide rows that a tile shows: the left neighbour, the tile itself, or the right one.
+#[inline(always)]
+fn copy_part(across: usize, rows: &mut [WideRow], own: &[Row]) {
+    let rows = rows.iter_mut().zip(own);
+    match across {
+        0 => rows.for_each(|(to, from)| to[..CENTER].copy_from_slice(&from[SIZE - CENTER..])),
+        1 => rows.for_each(|(to, from)| to[CENTER..CENTER + SIZE].copy_from_slice(from)),
+        _ => rows.for_each(|(to, from)| to[CENTER + SIZE..].copy_from_slice(&from[..CENTER])),
     }
 }
 

@@ -52,6 +52,10 @@ impl Splats {
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
         self.drawn[block] != 0
     }
+    /// Whether a Gaussian of a block is drawn.
+    pub(crate) fn is_drawn(&self, block: usize, lane: usize) -> bool {
+        self.drawn[block] >> lane & 1 != 0
+    }
 }
 
 /// Blocks that one task takes.

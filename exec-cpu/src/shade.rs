@@ -399,7 +399,7 @@ impl Backwards<'_> {
     ) {
         out.fill(0.0);
         if self.splats.block_is_drawn(number) {
-            let grads = deinterleave(simd, self.grads, number, self.count);
+            let grads = BlockGrads::new(simd, self.grads, number);
             block_vjp(simd, block, camera, self.scene, &grads, out, light_grad);
         }
         attribute_losses_vjp(simd, block, self.scene, self.weights, self.count, out);
@@ -430,34 +430,34 @@ pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_coun
 struct BlockGrads<S: Simd> {
     geometry: [Lanes<S>; GEOMETRY],
     channels: BlockChannels<S>,
-    /// 1 where any gradient is not zero, else 0.
-    is_touched: Lanes<S>,
+    /// Where any gradient is not zero.
+    is_touched: <Lanes<S> as Real>::Mask,
 }
 
-#[inline(always)]
-fn deinterleave<S: Simd>(simd: S, grads: &SplatGrads, block: usize, count: usize) -> BlockGrads<S> {
-    let width = grads.width();
-    let mut numbers = [[0.0; BLOCK]; GEOMETRY + CHANNELS_MAX];
-    let mut touched = [0.0; BLOCK];
-    for lane in 0..BLOCK.min(count - block * BLOCK) {
-        let start = (block * BLOCK + lane) * width;
-        for (k, value) in grads.values[start..start + width].iter().enumerate() {
-            numbers[k][lane] = *value;
-            touched[lane] = if *value == 0.0 { touched[lane] } else { 1.0 };
+impl<S: Simd> BlockGrads<S> {
+    #[inline(always)]
+    fn new(simd: S, grads: &SplatGrads, block: usize) -> Self {
+        let planes = grads.block(block);
+        let zero = Lanes::splat(simd, 0.0);
+        let load = |plane: usize| Lanes::load(simd, &planes[plane * BLOCK..]);
+        // What is not a number is not zero.
+        let is_zero = |lanes: Lanes<S>| zero.less_or_equal(lanes) & lanes.less_or_equal(zero);
+        let mut are_zero = is_zero(load(0));
+        for plane in 1..planes.len() / BLOCK {
+            are_zero = are_zero & is_zero(load(plane));
         }
-    }
-    let zero = Lanes::splat(simd, 0.0);
-    let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; CHANNELS_MAX]);
-    for k in 0..GEOMETRY {
-        geometry[k] = Lanes::from_array(simd, numbers[k]);
-    }
-    let blended = Channels::of_count(grads.channels);
-    for (k, lanes) in channels.iter_mut().enumerate() {
-        if let Some(place) = blended.index_of(k) {
-            *lanes = Lanes::from_array(simd, numbers[GEOMETRY + place]);
+        let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; CHANNELS_MAX]);
+        for k in 0..GEOMETRY {
+            geometry[k] = load(k);
         }
+        let blended = Channels::of_count(grads.channels);
+        for (k, lanes) in channels.iter_mut().enumerate() {
+            if let Some(place) = blended.index_of(k) {
+                *lanes = load(GEOMETRY + place);
+            }
+        }
+        Self { geometry, channels, is_touched: !are_zero }
     }
-    BlockGrads { geometry, channels, is_touched: Lanes::from_array(simd, touched) }
 }
 
 #[inline(always)]
@@ -475,10 +475,10 @@ fn block_vjp<S: Simd>(
     out: &mut [f32],
     light_grad: &mut [Texel],
 ) {
-    if !grads.is_touched.any_positive() {
+    let is_touched = grads.is_touched;
+    if is_touched.bits() == 0 {
         return;
     }
-    let is_touched = grads.is_touched.zero().less(grads.is_touched);
     let shape = load_shape(simd, block);
     let grad_color = take3(&grads.channels, channel::COLOR);
     let (grad_mean, grad_quat) = if scene.layout.is_shaded() {

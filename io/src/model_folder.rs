@@ -137,6 +137,16 @@ pub fn save_quality(folder: &Path, iteration: u32, quality: &Quality) -> Result<
     put(&folder.join("per_view.json"), iteration, per_view)
 }
 
+/// Writes into `timeline.json` how far a training had come at an iteration: its seconds so far, its Gaussians and the
+/// means of each measure. What it says of other iterations stays.
+pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usize, quality: &Quality) -> Result<()> {
+    let mut facts: Map<String, Value> =
+        quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
+    facts.insert("seconds".into(), seconds.into());
+    facts.insert("gaussians".into(), gaussians.into());
+    put(&folder.join("timeline.json"), iteration, facts)
+}
+
 fn object(views: &[(String, f64)]) -> Value {
     Value::Object(views.iter().map(|(view, value)| (view.clone(), (*value).into())).collect())
 }

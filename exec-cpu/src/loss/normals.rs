@@ -72,19 +72,21 @@ fn compare_tile<S: Simd>(
     let rotation = Mat3::constant(Lanes::splat(simd, 0.0), camera.camera_from_world);
     let place = frame.cover.place(slot);
     let is_covered = |tile: usize| frame.cover.slot(tile).is_some();
-    let coverages = planes.window::<ROWS>(place, plane::COVERAGE, is_covered);
-    let all_depths = planes.window::<ROWS>(place, plane::DEPTH, is_covered);
+    let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 2];
+    let [coverages, all_depths] = &mut windows;
+    planes.read_window(place, plane::COVERAGE, is_covered, coverages);
+    planes.read_window(place, plane::DEPTH, is_covered, all_depths);
     let mut sum = Lanes::splat(simd, 0.0);
     for row in 0..SIZE {
         let a = Lanes::load(simd, &coverages[row + 1][CENTER..]);
-        let around = cross(simd, &coverages, row);
+        let around = cross(simd, coverages, row);
         let least = a.min(around.left.min(around.right)).min(around.above.min(around.below));
         let weight = a.keep(a.constant(SURFACE_COVERAGE).less(least));
         let mut grad_depths = [a.zero(); 4];
         if weight.any_positive() {
             let is_on = weight.zero().less(weight);
             let rays = rays_around(simd, camera, place[0] * SIZE, place[1] * SIZE + row);
-            let depths = cross(simd, &all_depths, row);
+            let depths = cross(simd, all_depths, row);
             let geometric = rotation.transform_transposed(normal(&rays, &depths));
             let plane = |c: usize| {
                 Lanes::from_array(simd, row_of_tile(frame.tile(slot), frame.channels, channel::NORMAL + c, row))
@@ -162,13 +164,16 @@ fn gather<S: Simd>(
 ) {
     let Frame { cover, channels, .. } = comparison.frame;
     let place = cover.place(slot);
-    let left_for = |plane: usize| of_neighbours.window::<ROWS>(place, plane, |tile| cover.slot(tile).is_some());
-    let (left, right, above, below) = (left_for(0), left_for(1), left_for(2), left_for(3));
+    let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 4];
+    for (plane, window) in windows.iter_mut().enumerate() {
+        of_neighbours.read_window(place, plane, |tile| cover.slot(tile).is_some(), window);
+    }
+    let [left, right, above, below] = &windows;
     let (coverage, depth) = (planes.plane(place, plane::COVERAGE), planes.plane(place, plane::DEPTH));
     for row in 0..SIZE {
         // What a pixel left for its left neighbour lies one to the right of that neighbour, and so on.
-        let grad_depth = (cross(simd, &left, row).right + cross(simd, &right, row).left)
-            + (cross(simd, &above, row).below + cross(simd, &below, row).above);
+        let grad_depth = (cross(simd, left, row).right + cross(simd, right, row).left)
+            + (cross(simd, above, row).below + cross(simd, below, row).above);
         let (depth, coverage) = (Lanes::load(simd, &depth[row]), Lanes::load(simd, &coverage[row]));
         let is_surface = coverage.constant(SURFACE_COVERAGE).less(coverage);
         let (blended, covered) = expected_depth_vjp(depth, coverage, grad_depth);

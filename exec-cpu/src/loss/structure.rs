@@ -32,6 +32,7 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
     let factor = -weights.dssim / values as f32;
     let [sum, ..] = comparison.each_tile_row(Pieces::new(rows, &rows_of), |row, partials| {
         let partials = partials.only();
+        let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 2];
         let mut sum = 0.0;
         // A colour after the other: so what neighbouring tiles share is still near.
         for (c, partials) in partials.chunks_exact_mut(3 * cover.columns * SIZE).enumerate() {
@@ -39,7 +40,7 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
                 let size = inside(frame, [column, row]);
                 sum += if distance[row * cover.columns + column] <= 1 {
                     dispatch!(machine.level, simd => {
-                        compare_tile(simd, planes, distance, [column, row], c, size, factor, partials)
+                        compare_tile(simd, planes, distance, [column, row], c, size, factor, &mut windows, partials)
                     })
                 } else {
                     (size[0] * size[1]) as f64
@@ -51,12 +52,13 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
     let grad_of = comparison.grad_starts();
     comparison.each_tile_row(Pieces::new(grad, &grad_of), |row, grad| {
         let grad = grad.only();
+        let mut window = [[0.0; 2 * SIZE]; ROWS];
         for c in 0..3 {
             let tiles = grad.chunks_exact_mut(tile_len(frame.channels));
             for (slot, tile) in (cover.before_row(row)..).zip(tiles) {
                 let place = cover.place(slot);
                 dispatch!(machine.level, simd => {
-                    add_grads(simd, planes, &partials, distance, place, c, frame, tile);
+                    add_grads(simd, planes, &partials, distance, place, c, frame, &mut window, tile);
                 });
             }
         }
@@ -71,8 +73,10 @@ fn inside(frame: &Frame, [column, row]: [usize; 2]) -> [usize; 2] {
 }
 
 /// A row of SSIM's window, each weight in every lane.
+type Window<S> = [Lanes<S>; SSIM_WINDOW];
+
 #[inline(always)]
-fn window_lanes<S: Simd>(simd: S) -> [Lanes<S>; SSIM_WINDOW] {
+fn window_lanes<S: Simd>(simd: S) -> Window<S> {
     let weights = ssim_window();
     let mut lanes = [Lanes::splat(simd, 0.0); SSIM_WINDOW];
     for k in 0..SSIM_WINDOW {
@@ -82,6 +86,7 @@ fn window_lanes<S: Simd>(simd: S) -> [Lanes<S>; SSIM_WINDOW] {
 }
 
 /// Sum of SSIM of one colour over a tile, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a factor.
+/// The windows are memory to work in.
 #[inline(always)]
 fn compare_tile<S: Simd>(
     simd: S,
@@ -91,14 +96,15 @@ fn compare_tile<S: Simd>(
     c: usize,
     [columns, rows]: [usize; 2],
     factor: f32,
+    [rendered, truth]: &mut [[WideRow; ROWS]; 2],
     partials: &mut [Row],
 ) -> f64 {
     let window = window_lanes(simd);
     let zero = Lanes::splat(simd, 0.0);
     let factor = Lanes::splat(simd, factor);
     let is_written = |tile: usize| distance[tile] < FAR;
-    let rendered = planes.window::<ROWS>(place, plane::RENDERED + c, is_written);
-    let truth = planes.window::<ROWS>(place, plane::TRUTH + c, is_written);
+    planes.read_window(place, plane::RENDERED + c, is_written, rendered);
+    planes.read_window(place, plane::TRUTH + c, is_written, truth);
     let mut across = [[zero; 4]; ROWS];
     for row in 0..ROWS {
         across[row] = blur_moments(simd, &rendered[row], &truth[row], &window);
@@ -107,10 +113,8 @@ fn compare_tile<S: Simd>(
     let mut sum = zero;
     for row in 0..SIZE {
         let mut blurred = [zero; 4];
-        for tap in 0..SSIM_WINDOW {
-            for k in 0..4 {
-                blurred[k] = across[row + tap][k].mul_add(window[tap], blurred[k]);
-            }
+        for k in 0..4 {
+            blurred[k] = weigh(&window, |tap| across[row + tap][k]);
         }
         // Only the sum of the two mean squares counts.
         let moments = SsimMoments { x: blurred[0], y: blurred[1], xx: blurred[2], yy: zero, xy: blurred[3] };
@@ -126,17 +130,36 @@ fn compare_tile<S: Simd>(
 
 /// E\[x\], E\[y\], E\[x² + y²\] and E\[xy\] of sixteen windows of a row.
 #[inline(always)]
-fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &[Lanes<S>; SSIM_WINDOW]) -> [Lanes<S>; 4] {
-    let mut sums = [Lanes::splat(simd, 0.0); 4];
-    for tap in 0..SSIM_WINDOW {
-        let (x, y) = (Lanes::load(simd, &x[FIRST + tap..]), Lanes::load(simd, &y[FIRST + tap..]));
-        let weight = window[tap];
-        sums[0] = x.mul_add(weight, sums[0]);
-        sums[1] = y.mul_add(weight, sums[1]);
-        sums[2] = x.mul_add(x, y * y).mul_add(weight, sums[2]);
-        sums[3] = (x * y).mul_add(weight, sums[3]);
+fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &Window<S>) -> [Lanes<S>; 4] {
+    let (mut squares, mut products) = ([0.0; 2 * SIZE], [0.0; 2 * SIZE]);
+    for half in 0..2 {
+        let (x, y) = (Lanes::load(simd, &x[half * SIZE..]), Lanes::load(simd, &y[half * SIZE..]));
+        x.mul_add(x, y * y).store(&mut squares[half * SIZE..]);
+        (x * y).store(&mut products[half * SIZE..]);
     }
-    sums
+    [
+        blur_row(simd, x, window),
+        blur_row(simd, y, window),
+        blur_row(simd, &squares, window),
+        blur_row(simd, &products, window),
+    ]
+}
+
+/// Sixteen windows of a row.
+#[inline(always)]
+fn blur_row<S: Simd>(simd: S, row: &WideRow, window: &Window<S>) -> Lanes<S> {
+    weigh(window, |tap| Lanes::load(simd, &row[FIRST + tap..FIRST + tap + SIZE]))
+}
+
+/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally far from its middle
+/// is added first.
+#[inline(always)]
+fn weigh<S: Simd>(window: &Window<S>, at: impl Fn(usize) -> Lanes<S>) -> Lanes<S> {
+    let mut sum = at(REACH) * window[REACH];
+    for tap in 0..REACH {
+        sum = (at(tap) + at(SSIM_WINDOW - 1 - tap)).mul_add(window[tap], sum);
+    }
+    sum
 }
 
 /// Every window passes its gradients on to a colour of the pixels of a tile.
@@ -149,12 +172,13 @@ fn add_grads<S: Simd>(
     place: [usize; 2],
     c: usize,
     frame: &Frame,
+    partial: &mut [WideRow; ROWS],
     tile: &mut [Quad],
 ) {
     let window = window_lanes(simd);
-    let blur = |k: usize| {
-        let partial = partials.window::<ROWS>(place, 3 * c + k, |tile| distance[tile] <= 1);
-        blur_plane(simd, &partial, &window)
+    let mut blur = |k: usize| {
+        partials.read_window(place, 3 * c + k, |tile| distance[tile] <= 1, partial);
+        blur_plane(simd, partial, &window)
     };
     let (of_x, of_xx, of_xy) = (blur(0), blur(1), blur(2));
     let (rendered, truth) = (planes.plane(place, plane::RENDERED + c), planes.plane(place, plane::TRUTH + c));
@@ -169,19 +193,15 @@ fn add_grads<S: Simd>(
 
 /// SSIM's window over a plane of a tile.
 #[inline(always)]
-fn blur_plane<S: Simd>(simd: S, plane: &[WideRow; ROWS], window: &[Lanes<S>; SSIM_WINDOW]) -> [Lanes<S>; SIZE] {
+fn blur_plane<S: Simd>(simd: S, plane: &[WideRow; ROWS], window: &Window<S>) -> [Lanes<S>; SIZE] {
     let zero = Lanes::splat(simd, 0.0);
     let mut across = [zero; ROWS];
     for row in 0..ROWS {
-        for tap in 0..SSIM_WINDOW {
-            across[row] = Lanes::load(simd, &plane[row][FIRST + tap..]).mul_add(window[tap], across[row]);
-        }
+        across[row] = blur_row(simd, &plane[row], window);
     }
     let mut blurred = [zero; SIZE];
     for row in 0..SIZE {
-        for tap in 0..SSIM_WINDOW {
-            blurred[row] = across[row + tap].mul_add(window[tap], blurred[row]);
-        }
+        blurred[row] = weigh(window, |tap| across[row + tap]);
     }
     blurred
 }
