@@ -14,7 +14,10 @@ const LARGE: usize = 1 << 24;
 const SMALL: usize = 1 << 12;
 /// Sums side by side, enough to hide an addition's latency.
 const SUMS: usize = 12;
-const STEPS: usize = 10_000;
+/// Steps that take milliseconds, beside which waking the threads is nothing.
+const STEPS: usize = 500_000;
+/// Times that the small array is gone through.
+const ROUNDS: usize = 1000;
 
 /// Multiply-adds on vectors in registers.
 #[inline(always)]
@@ -35,11 +38,15 @@ fn multiply_add<S: Simd>(simd: S, factor: f32) -> f32 {
 
 #[inline(always)]
 fn powers<S: Simd>(simd: S, values: &[f32]) -> f32 {
-    let mut sum = Lanes::splat(simd, 0.0);
-    for values in values.chunks_exact(BLOCK) {
-        sum = sum + Lanes::load(simd, values).exp2();
+    let mut sums = [Lanes::splat(simd, 0.0); 4];
+    for _ in 0..ROUNDS {
+        for values in black_box(values).chunks_exact(4 * BLOCK) {
+            for k in 0..4 {
+                sums[k] = sums[k] + Lanes::load(simd, &values[k * BLOCK..]).exp2();
+            }
+        }
     }
-    sum.sum()
+    ((sums[0] + sums[1]) + (sums[2] + sums[3])).sum()
 }
 
 #[inline(always)]
@@ -77,8 +84,8 @@ fn ceilings_of(criterion: &mut Criterion, pool: &ThreadPool) {
         every_thread(&|| dispatch!(level, simd => multiply_add(simd, black_box(0.999))))
     });
     let small: Vec<f32> = (0..SMALL).map(|k| -(k as f32) / 512.0).collect();
-    run("exp2", Throughput::Elements((threads * SMALL) as u64), &mut || {
-        every_thread(&|| dispatch!(level, simd => powers(simd, black_box(&small))))
+    run("exp2", Throughput::Elements((threads * ROUNDS * SMALL) as u64), &mut || {
+        every_thread(&|| dispatch!(level, simd => powers(simd, &small)))
     });
     let source = vec![1.0_f32; LARGE];
     let mut target = vec![0.0_f32; LARGE];
