@@ -3,7 +3,7 @@
 use crate::{
     bin::Tiles,
     buffer::Buffer,
-    frame::{Frame, FrameGrad, QUAD, QUADS, Quad, SIZE, tile_len},
+    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
     parts::{Pieces, each_part},
@@ -79,7 +79,7 @@ fn blend_channels<const C: usize>(
     let parts = (Pieces::new(&mut blended, &pixels_of), Pieces::new(&mut seen, &splats_of));
     each_part(count, parts, &|slot, (pixels, seen): (Pieces<'_, Quad>, Pieces<'_, u16>)| {
         let list = tiles.of_covered(slot);
-        let origin = cover.place(slot).map(|tile| (tile * SIZE) as f32);
+        let origin = cover.origin(slot);
         dispatch!(machine.level, simd => {
             blend_tile::<_, C>(simd, &splats.records, &colors.values, list, origin, pixels.only(), seen.only());
         });
@@ -88,9 +88,6 @@ fn blend_channels<const C: usize>(
     Frame { width, height, channels: C, cover, blended, shaded: None, seen }
 }
 
-// Centres of the pixels of a quad.
-const X: Quad = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
-const Y: Quad = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
 // From a tile's first quad to each of its quads.
 const QUAD_X: Quad = [0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0];
 const QUAD_Y: Quad = [0.0, 0.0, 0.0, 0.0, 4.0, 4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 8.0, 12.0, 12.0, 12.0, 12.0];
@@ -137,7 +134,7 @@ impl<S: Simd> Stamped<S> {
         let (stamp, [x, y]) = stamp_on_tile(simd, record, origin);
         let [u, w] = scaled_offset(&stamp, Lanes::from_array(simd, QUAD_X), Lanes::from_array(simd, QUAD_Y));
         Self {
-            first: scaled_offset(&stamp, Lanes::from_array(simd, X) + x, Lanes::from_array(simd, Y) + y),
+            first: scaled_offset(&stamp, Lanes::from_array(simd, PIXEL_X) + x, Lanes::from_array(simd, PIXEL_Y) + y),
             steps: [u.to_array(), w.to_array()],
             log2_opacity: stamp.log2_opacity,
         }
@@ -318,7 +315,7 @@ fn blend_channels_vjp<const C: usize>(
     each_part(frame.cover.tiles.len(), Pieces::new(&mut slots, &slots_of), &|slot, out: Pieces<'_, f32>| {
         let list = tiles.of_covered(slot);
         let seen = &frame.seen[tiles.start_of_covered(slot)..][..list.len()];
-        let origin = frame.cover.place(slot).map(|tile| (tile * SIZE) as f32);
+        let origin = frame.cover.origin(slot);
         let grad = &grad.values[slot * tile_len(C)..][..tile_len(C)];
         let pixels = frame.tile(slot);
         dispatch!(machine.level, simd => {

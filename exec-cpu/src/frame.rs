@@ -12,6 +12,10 @@ pub(crate) const QUAD: usize = 4;
 pub(crate) const QUADS_ACROSS: usize = SIZE / QUAD;
 /// Quads of a tile, in the order of rows.
 pub(crate) const QUADS: usize = QUADS_ACROSS * QUADS_ACROSS;
+/// Centres of the pixels of a quad, from its corner.
+pub(crate) const PIXEL_X: Quad = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
+/// See [`PIXEL_X`].
+pub(crate) const PIXEL_Y: Quad = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
 /// Channels of a colour.
 pub(crate) const RGB: usize = 3;
 
@@ -57,6 +61,10 @@ impl Cover {
     pub(crate) fn place(&self, slot: usize) -> [usize; 2] {
         let tile = self.tiles[slot] as usize;
         [tile % self.columns, tile / self.columns]
+    }
+    /// Where a covered tile begins, in pixels.
+    pub(crate) fn origin(&self, slot: usize) -> [f32; 2] {
+        self.place(slot).map(|tile| (tile * SIZE) as f32)
     }
 }
 

@@ -5,7 +5,7 @@ mod structure;
 
 use crate::{
     buffer::Buffer,
-    frame::{Cover, Frame, FrameGrad, QUAD, QUADS, Quad, SIZE, at, quad_origin, tile_len},
+    frame::{Cover, Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, Quad, SIZE, at, quad_origin, tile_len},
     lanes::Lanes,
     machine::Machine,
     parts::{Parts, Pieces, each_part},
@@ -278,11 +278,9 @@ impl Comparison<'_> {
     /// One for the pixels of a quad that lie in the picture, zero for others.
     #[inline(always)]
     fn inside<S: Simd>(&self, simd: S, place: [usize; 2], quad: usize) -> Lanes<S> {
-        const X: Quad = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
-        const Y: Quad = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
         let [x, y] = quad_origin(quad);
-        let x = Lanes::from_array(simd, X) + (place[0] * SIZE + x) as f32;
-        let y = Lanes::from_array(simd, Y) + (place[1] * SIZE + y) as f32;
+        let x = Lanes::from_array(simd, PIXEL_X) + (place[0] * SIZE + x) as f32;
+        let y = Lanes::from_array(simd, PIXEL_Y) + (place[1] * SIZE + y) as f32;
         let end = |pixels: usize| Lanes::splat(simd, pixels as f32);
         let is_inside = x.less(end(self.target.width)) & y.less(end(self.target.height));
         x.constant(1.0).keep(is_inside)

@@ -89,17 +89,17 @@ pub(crate) fn adam_all(
     step: u32,
 ) -> usize {
     let whole = values.len() / BLOCK * BLOCK;
-    let (rate_now, epsilon) = (corrected_rate(rate, step), corrected_epsilon(step));
+    let size = StepSize::new(machine, &[rate], step);
     let mut nonfinite = 0;
     for k in whole..values.len() {
         if !grad[k].is_finite() {
             nonfinite += 1;
             continue;
         }
-        let next = adam(Moment { value: values[k], mean: mean[k], square: square[k] }, grad[k], rate_now, epsilon);
+        let moment = Moment { value: values[k], mean: mean[k], square: square[k] };
+        let next = adam(moment, grad[k], size.rates[0], size.epsilon);
         (values[k], mean[k], square[k]) = (next.value, next.mean, next.square);
     }
-    let size = StepSize::new(machine, &[rate], step);
     let rest =
         adam_blocks(machine, &mut values[..whole], &mut mean[..whole], &mut square[..whole], &grad[..whole], &size);
     nonfinite + rest

@@ -1,7 +1,7 @@
 //! Blended surfaces to pictures and back: light, pixel by pixel, sixteen at a time.
 
 use crate::{
-    frame::{Cover, Frame, FrameGrad, QUADS, Quad, RGB, SIZE, at, quad_origin, tile_len},
+    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUADS, Quad, RGB, at, quad_origin, tile_len},
     lanes::Lanes,
     light::{look_up, look_up_vjp, radiance},
     machine::Machine,
@@ -14,7 +14,6 @@ use specula_core::{
     camera::{Camera, CameraOf},
     pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     plan::{Channels, channel},
-    scene::BLOCK,
     vector::{Vec3, vec3},
 };
 
@@ -25,15 +24,11 @@ pub(crate) fn shade_pixels(machine: &Machine, mut surface: Frame, light: Option<
     tiles.enumerate().for_each(|(slot, (tile, shaded))| {
         dispatch!(machine.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
-            shade_tile(simd, origin_of(cover, slot), light, &lifted, channels, tile, shaded);
+            shade_tile(simd, cover.origin(slot), light, &lifted, channels, tile, shaded);
         });
     });
     surface.shaded = Some(shaded);
     surface
-}
-
-fn origin_of(cover: &Cover, slot: usize) -> [f32; 2] {
-    cover.place(slot).map(|tile| (tile * SIZE) as f32)
 }
 
 pub(crate) fn shade_pixels_vjp(
@@ -53,7 +48,7 @@ pub(crate) fn shade_pixels_vjp(
     parts.enumerate().for_each(|(part, (grad, light_grad))| {
         light_grad.fill([0.0; 4]);
         for (slot, grad) in (part * part_len..).zip(grad.chunks_exact_mut(tile_len)) {
-            let origin = origin_of(&surface.cover, slot);
+            let origin = surface.cover.origin(slot);
             dispatch!(machine.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
                 tile_vjp(simd, origin, surface.tile(slot), light, &lifted, grad, light_grad);
@@ -106,8 +101,6 @@ impl<S: Simd> Seen<S> {
     /// A quad of a tile; none if nothing covers it.
     #[inline(always)]
     fn new(simd: S, tile: &[Quad], quad: usize, origin: [f32; 2], camera: &CameraOf<Lanes<S>>) -> Option<Self> {
-        const X: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
-        const Y: [f32; BLOCK] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
         let blended = BlendedQuad::new(simd, tile, quad);
         let coverage = -blended.transmittance() + 1.0;
         if !coverage.any_positive() {
@@ -121,8 +114,8 @@ impl<S: Simd> Seen<S> {
             coverage,
         };
         let [x, y] = quad_origin(quad);
-        let x = Lanes::from_array(simd, X) + (origin[0] + x as f32);
-        let y = Lanes::from_array(simd, Y) + (origin[1] + y as f32);
+        let x = Lanes::from_array(simd, PIXEL_X) + (origin[0] + x as f32);
+        let y = Lanes::from_array(simd, PIXEL_Y) + (origin[1] + y as f32);
         Some(Self { pixel, view_dir: camera.view_dir(x, y) })
     }
 }

@@ -11,7 +11,14 @@ use specula_core::{
     scene::{Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
-use specula_cpu::{CpuExecutor, frame::Frame};
+use specula_cpu::{
+    CpuExecutor,
+    blend::SplatGrads,
+    frame::Frame,
+    loss::Target,
+    prefilter::{Light, LightGrad},
+    project::Splats,
+};
 use specula_tests::{
     brute,
     compare::{assert_psnr, psnr, relative_difference},
@@ -93,6 +100,40 @@ fn gradients_are_those_of_the_plain_pipeline() {
     BOTH.into_iter().for_each(gradients_agree);
 }
 
+/// What a picture is compared with, and how.
+struct Comparison<'a> {
+    camera: &'a Camera,
+    target: &'a Target,
+    rules: &'a RenderRules,
+    weights: &'a LossWeights,
+}
+
+/// Forward to the loss and back: splats, their gradients, and that of the light where pixels looked it up.
+fn back_to_splats(
+    exec: &mut CpuExecutor,
+    cloud: &Gaussians<Vec<f32>>,
+    light: &Light,
+    view: &Comparison<'_>,
+) -> (Splats, SplatGrads, Option<LightGrad>) {
+    let Comparison { camera, target, rules, weights } = view;
+    let splats = exec.project(cloud, camera).expect("the CPU projects");
+    let colors = exec.shade(cloud, camera, &splats, Some(light), rules).expect("the CPU shades");
+    let tiles = exec.bin(&splats, camera).expect("the CPU bins");
+    let mut frame = exec.blend(&splats, &colors, &tiles, camera).expect("the CPU blends");
+    let is_deferred = rules.is_deferred(cloud.layout);
+    if is_deferred {
+        frame = exec.shade_pixels(frame, Some(light), camera).expect("the CPU shades");
+    }
+    let (_, mut frame_grad) = exec.loss(&frame, target, camera, weights, BACKGROUND).expect("sizes agree");
+    let mut light_grad = None;
+    if is_deferred {
+        (frame_grad, light_grad) =
+            exec.shade_pixels_vjp(&frame, Some(light), camera, frame_grad).expect("the CPU goes back");
+    }
+    let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, camera).expect("the CPU goes back");
+    (splats, grads, light_grad)
+}
+
 fn gradients_agree(shading: ShadingRules) {
     let cloud = random_cloud(40, Layout::shaded(Some(3)), 5);
     let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, 5);
@@ -100,22 +141,9 @@ fn gradients_agree(shading: ShadingRules) {
     let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     let mut exec = CpuExecutor::new();
     let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
-    let splats = exec.project(&cloud, &camera).expect("the CPU projects");
-    let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
-    let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-    let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
-    let is_deferred = rules.is_deferred(cloud.layout);
-    if is_deferred {
-        frame = exec.shade_pixels(frame, Some(&light), &camera).expect("the CPU shades");
-    }
-    let (_, mut frame_grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
-    let mut light_grad = None;
-    if is_deferred {
-        (frame_grad, light_grad) =
-            exec.shade_pixels_vjp(&frame, Some(&light), &camera, frame_grad).expect("the CPU goes back");
-    }
-    let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, &camera).expect("the CPU goes back");
+    let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
+    let (splats, grads, light_grad) = back_to_splats(&mut exec, &cloud, &light, &view);
     let (grad, of_gaussians) = exec
         .gaussians_vjp(&cloud, &camera, &splats, Some(&light), &rules, &weights, &grads)
         .expect("the CPU goes back");
@@ -163,15 +191,8 @@ fn an_update_at_once_is_that_of_two_stages() {
         let mut exec = CpuExecutor::new();
         let target = exec.target(64, 48, &[120; 64 * 48 * 4]).expect("the bytes fit");
         let light = exec.prefilter(&environment, rules.scheme, LevelRange::ALL).expect("16 is a power of two");
-        let splats = exec.project(&cloud, &camera).expect("the CPU projects");
-        let colors = exec.shade(&cloud, &camera, &splats, Some(&light), &rules).expect("the CPU shades");
-        let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-        let mut frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
-        if rules.is_deferred(cloud.layout) {
-            frame = exec.shade_pixels(frame, Some(&light), &camera).expect("the CPU shades");
-        }
-        let (_, grad) = exec.loss(&frame, &target, &camera, &weights, BACKGROUND).expect("sizes agree");
-        let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &camera).expect("the CPU goes back");
+        let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
+        let (splats, grads, _) = back_to_splats(&mut exec, &cloud, &light, &view);
         let rates: Vec<f32> = (0..cloud.layout.plane_count()).map(|plane| 1e-3 * plane as f32).collect();
         let step = Step {
             camera: &camera,
