@@ -2,20 +2,22 @@
 //! printed first: it does not depend on the machine.
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use specula_benches::{
-    camera, environment, torus,
-    work::{self, Work},
-};
+use specula_benches::{camera, environment, torus, work};
 use specula_core::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Statistics},
+    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
     pipeline::{Fit, Step, render, train_step},
-    plan::Channels,
+    plan::{Channels, Needs, Plan},
     prefilter::LevelRange,
-    scene::{Environment, Gaussians},
+    scene::{Environment, Gaussians, TINT},
 };
-use specula_cpu::{CpuExecutor, blend::SplatGrads, loss::Target};
+use specula_cpu::{CpuExecutor, blend::SplatGrads, loss::Target, order::sort_in_space, prefilter::Light};
+use specula_io::{
+    cameras,
+    model_folder::{self, Model},
+};
 use specula_train::profile::{Profile, by_name};
+use std::path::Path;
 
 /// The program's allocator, so that the times are those of the program.
 #[global_allocator]
@@ -29,6 +31,8 @@ const PROFILES: [&str; 3] = ["3dgs", "paper", "specula"];
 /// Sizes of pictures and clouds for whole steps.
 const STEPS: [(u32, usize); 2] = [(400, 50_000), (800, 200_000)];
 const SAMPLES: usize = 20;
+/// Views of a trained model among which the hardest is taken.
+const TRAINED_VIEWS: usize = 8;
 
 /// A scene and everything that a training knows of it.
 struct Scene {
@@ -139,12 +143,11 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
         exec.gaussians_vjp(cloud, camera, &splats, light, rules, &profile.weights, &grads).expect("the CPU goes back");
 
     let work = work::count(&splats, &tiles);
-    let Work { intersections, processed, significant } = work;
-    println!("{name}: {intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen");
+    println!("{name}: {work}");
     let gaussians = || Throughput::Elements(GAUSSIANS as u64);
-    let pairs = || Throughput::Elements(processed as u64);
     let pixels = || Throughput::Elements(u64::from(SIZE * SIZE));
     let texels = || Throughput::Elements((6 * LIGHT * LIGHT) as u64);
+    let pairs = || Throughput::Elements(work.processed as u64);
 
     if let (Some(light), Some(light_grad)) = (light, &light_grad.or(of_gaussians)) {
         let levels = LevelRange::ALL;
@@ -158,21 +161,9 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
             |()| exec.prefilter_vjp(environment, light, light_grad),
         );
     }
-    bench(criterion, "project", name, gaussians(), || (), |()| exec.project(cloud, camera));
-    bench(criterion, "shade", name, gaussians(), || (), |()| exec.shade(cloud, camera, &splats, light, rules));
-    bench(criterion, "sort", name, gaussians(), || (), |()| exec.depth_order(&splats));
-    bench(criterion, "bin", name, gaussians(), || (), |()| exec.bin(&splats, camera));
-    bench(criterion, "blend", name, pairs(), || (), |()| exec.blend(&splats, &colors, &tiles, camera));
+    frame_stages(criterion, &mut exec, name, &View { cloud, light, camera, rules });
     bench(criterion, "blend_plainly", name, pairs(), || (), |()| work::blend_plainly(&splats, &colors, &tiles, camera));
     if is_deferred {
-        bench(
-            criterion,
-            "shade_pixels",
-            name,
-            pixels(),
-            || blended.clone(),
-            |frame| exec.shade_pixels(frame, light, camera),
-        );
         bench(
             criterion,
             "shade_pixels_vjp",
@@ -208,8 +199,38 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
         || grad.clone(),
         |grad| exec.optimise(&mut values, &mut moments, grad, &scene.rates, 1),
     );
+}
+
+/// A scene as it is looked at.
+struct View<'a> {
+    cloud: &'a Gaussians<Vec<f32>>,
+    light: Option<&'a Light>,
+    camera: &'a Camera,
+    rules: &'a RenderRules,
+}
+
+/// The stages of a picture, then all of them for its colours alone.
+fn frame_stages(criterion: &mut Criterion, exec: &mut CpuExecutor, name: &str, view: &View<'_>) {
+    let View { cloud, light, camera, rules } = *view;
+    let splats = exec.project(cloud, camera).expect("the CPU projects");
+    let colors = exec.shade(cloud, camera, &splats, light, rules).expect("the CPU shades");
+    let tiles = exec.bin(&splats, camera).expect("the CPU bins");
+    let blended = exec.blend(&splats, &colors, &tiles, camera).expect("the CPU blends");
+    let gaussians = || Throughput::Elements(cloud.count as u64);
+    let pixels = || Throughput::Elements(u64::from(camera.width) * u64::from(camera.height));
+    let pairs = Throughput::Elements(work::count(&splats, &tiles).processed as u64);
+
+    bench(criterion, "project", name, gaussians(), || (), |()| exec.project(cloud, camera));
+    bench(criterion, "shade", name, gaussians(), || (), |()| exec.shade(cloud, camera, &splats, light, rules));
+    bench(criterion, "sort", name, gaussians(), || (), |()| exec.depth_order(&splats));
+    bench(criterion, "bin", name, gaussians(), || (), |()| exec.bin(&splats, camera));
+    bench(criterion, "blend", name, pairs, || (), |()| exec.blend(&splats, &colors, &tiles, camera));
+    if rules.is_deferred(cloud.layout) {
+        let blended = || blended.clone();
+        bench(criterion, "shade_pixels", name, pixels(), blended, |frame| exec.shade_pixels(frame, light, camera));
+    }
     let colors_only = RenderRules { channels: Channels::Color, ..*rules };
-    bench(criterion, "frame", name, pixels(), || (), |()| render(&mut exec, cloud, light, camera, &colors_only));
+    bench(criterion, "frame", name, pixels(), || (), |()| render(exec, cloud, light, camera, &colors_only));
 }
 
 fn steps(criterion: &mut Criterion) {
@@ -222,5 +243,48 @@ fn steps(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, stages, steps);
+/// A scene in which nothing shines, under a light, rendered by its plan: what is left is plain Gaussian splatting.
+fn diffuse(criterion: &mut Criterion) {
+    const NO_TINT: f32 = -100.0;
+    let mut exec = CpuExecutor::new();
+    let Scene { mut cloud, camera, environment, rules, .. } = Scene::new(&mut exec, "specula", SIZE, GAUSSIANS);
+    (0..cloud.count).for_each(|index| cloud.set(index, TINT, [NO_TINT; 3]));
+    let rules = RenderRules { channels: Channels::Color, ..rules };
+    let plan = Plan::new(cloud.layout, &Needs::of(&cloud).under(Some(&environment)), None, &rules);
+    assert!(plan.unlit.is_some(), "a scene without tint needs no light");
+    let view = View { cloud: &cloud, light: None, camera: &camera, rules: &plan.rules };
+    frame_stages(criterion, &mut exec, "diffuse", &view);
+}
+
+/// A trained model from the hardest of its first views. `SPECULA_MODEL` names its folder.
+fn trained(criterion: &mut Criterion) {
+    let Some(folder) = std::env::var_os("SPECULA_MODEL") else {
+        println!("no trained model is rendered; name its folder in SPECULA_MODEL");
+        return;
+    };
+    let folder = Path::new(&folder);
+    let Model { gaussians: mut cloud, light, info, .. } = model_folder::open(folder).expect("a model's folder");
+    let cameras = cameras::read(&folder.join("cameras.json")).expect("a model has its cameras");
+    sort_in_space(&mut cloud);
+    let profile = by_name(&info.expect("specula trained it").profile, 30_000).expect("a profile of that name");
+    let full = RenderRules::full(profile.shading, profile.scheme, Channels::Color);
+    let plan = Plan::new(cloud.layout, &Needs::of(&cloud).under(light.as_ref()), None, &full);
+    let mut exec = CpuExecutor::new();
+    let light = light.map(|light| exec.prefilter(&light, profile.scheme, LevelRange::ALL).expect("specula wrote it"));
+    let work_from = |exec: &mut CpuExecutor, camera: &Camera| {
+        let splats = exec.project(&cloud, camera).expect("the CPU projects");
+        work::count(&splats, &exec.bin(&splats, camera).expect("the CPU bins"))
+    };
+    let views = cameras.iter().take(TRAINED_VIEWS).map(|(_, camera)| camera);
+    let camera = views.max_by_key(|camera| work_from(&mut exec, camera).processed).expect("a model has cameras");
+    println!("trained: {} Gaussians, {}", cloud.count, work_from(&mut exec, camera));
+    frame_stages(
+        criterion,
+        &mut exec,
+        "trained",
+        &View { cloud: &cloud, light: light.as_ref(), camera, rules: &plan.rules },
+    );
+}
+
+criterion_group!(benches, stages, diffuse, trained, steps);
 criterion_main!(benches);

@@ -1,6 +1,7 @@
 //! What blending has to do, counted with core's formulas one pixel at a time: the counts do not depend on the machine,
 //! and the loop that makes them is the scalar path that the executors are compared with.
 
+use core::fmt;
 use specula_core::{
     bin::TILE_SIZE,
     blend::{Stamp, alpha, falloff, may_be_seen, stamp, step},
@@ -25,6 +26,13 @@ pub struct Work {
     pub processed: usize,
     /// Pixels that a splat is seen in.
     pub significant: usize,
+}
+
+impl fmt::Display for Work {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { intersections, processed, significant } = self;
+        write!(out, "{intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen")
+    }
 }
 
 /// Counts the pairs of pixels and splats.
@@ -112,7 +120,7 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
 mod tests {
     use super::{blend_plainly, count};
     use crate::{camera, torus};
-    use specula_core::executor::{Executor, RenderRules};
+    use specula_core::executor::{RenderRules, Renderer};
     use specula_cpu::CpuExecutor;
     use specula_train::profile::by_name;
 

@@ -2,7 +2,7 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
-use crate::{background::Background, pictures::Layer};
+use crate::{background::Background, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use specula_io::latlong::UpAxis;
 use std::path::PathBuf;
@@ -42,6 +42,7 @@ pub(crate) enum Command {
     Relight(Relight),
     Eval(Eval),
     Info(Info),
+    Doctor(Doctor),
 }
 
 /// Train a small reflective scene that comes with the program, and make pictures of all that can be done with it.
@@ -136,6 +137,9 @@ pub(crate) struct Start {
     /// Start from this many random points, even where there is a point cloud. [20000 where there is none]
     #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) random_points: Option<u32>,
+    /// Share of the run that looks at pictures of half their size, where a step costs less.
+    #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]
+    pub(crate) coarse_until: Option<f32>,
     /// Degree of the spherical harmonics, 0 to 3.
     #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
     pub(crate) sh_degree: Option<u8>,
@@ -288,6 +292,10 @@ pub(crate) struct Look {
     /// How to read the attributes, where the scene does not say it or says it wrongly.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
+    /// lists them.
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
+    pub(crate) executor: ExecutorChoice,
 }
 
 /// How a file of light is read.
@@ -362,6 +370,10 @@ pub(crate) struct Eval {
     /// How to read the attributes, where the scene does not say it or says it wrongly.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
+    /// lists them.
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
+    pub(crate) executor: ExecutorChoice,
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,
@@ -380,6 +392,18 @@ pub(crate) struct Info {
     /// Folder of a model, a PLY file, or folder of a data set.
     #[arg(value_name = "PATH")]
     pub(crate) path: PathBuf,
+    /// Print it as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Say what this machine can compute with: threads, vectors, adapters of wgpu and what they allow.
+///
+/// Of all adapters it says which one --executor auto uses, and why. A driver that computes on the processor, such as
+/// llvmpipe, is listed and can be asked for, but is never preferred to the CPU executor.
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:\n  specula doctor\n  specula render out/chair --executor gpu:llvmpipe")]
+pub(crate) struct Doctor {
     /// Print it as JSON.
     #[arg(long)]
     pub(crate) json: bool,

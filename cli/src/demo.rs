@@ -10,10 +10,12 @@ use crate::{
     dataset::{self, Dataset},
     failure::Failure,
     fit::{Training, thousands},
-    interrupt, output,
+    interrupt,
+    machine::ExecutorChoice,
+    output,
     progress::Talk,
     quality,
-    scene::Renderer,
+    scene::{Renderer, Scene},
 };
 use serde_json::{Map, Value, json};
 use specula_core::plan::Channels;
@@ -46,6 +48,7 @@ struct Contestant {
     quality: Quality,
     seconds: f64,
     gaussians: usize,
+    scene: Scene,
     renderer: Renderer,
 }
 
@@ -66,7 +69,7 @@ pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
     let table = table(&contestants);
     output::write_json(&args.output.join("results.json"), &results(&contestants))?;
     let [plain, ours] = contestants.try_into().expect("there are two of them");
-    sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, talk)?;
+    sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
     page::write(&args.output, &table, args.iterations)?;
     let page = args.output.join("index.html");
     output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
@@ -100,12 +103,12 @@ fn contest(
     model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
 
-    let mut renderer = Renderer::new(scene, Channels::Training, talk)?;
+    let mut renderer = Renderer::new(scene.clone(), Channels::Training, &ExecutorChoice::Cpu, talk)?;
     let work = talk.work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
     work.finish();
     model_folder::save_quality(&folder, args.iterations, &quality::for_files(&measured))?;
-    Ok(Contestant { name, quality: mean_quality(&measured), seconds: outcome.seconds, gaussians, renderer })
+    Ok(Contestant { name, quality: mean_quality(&measured), seconds: outcome.seconds, gaussians, scene, renderer })
 }
 
 fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo {

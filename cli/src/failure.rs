@@ -1,6 +1,8 @@
 //! How the program can end early, and the exit code that says so.
 
 use specula_cpu::CpuError;
+#[cfg(feature = "gpu")]
+use specula_gpu::GpuError;
 use specula_train::trainer::TrainError;
 use std::io;
 
@@ -41,6 +43,16 @@ impl From<CpuError> for Failure {
         match error {
             CpuError::LightResolution { .. } => Self::Input(error.to_string()),
             other => Self::Internal(other.to_string()),
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl From<GpuError> for Failure {
+    fn from(error: GpuError) -> Self {
+        match error {
+            GpuError::Refused { .. } | GpuError::TargetSize { .. } => Self::Internal(error.to_string()),
+            other => Self::Input(other.to_string()),
         }
     }
 }

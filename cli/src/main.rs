@@ -5,16 +5,19 @@ mod background;
 mod convention;
 mod dataset;
 mod demo;
+mod doctor;
 mod eval;
 mod failure;
 mod fit;
 mod info;
 mod interrupt;
 mod look;
+mod machine;
 mod output;
 mod pictures;
 mod progress;
 mod quality;
+mod relay;
 mod relight;
 mod render;
 mod scene;
@@ -62,6 +65,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
         Command::Info(args) => info::run(args, talk),
+        Command::Doctor(args) => doctor::run(args),
     }
 }
 

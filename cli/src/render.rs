@@ -6,10 +6,12 @@ use crate::{
     dataset,
     failure::Failure,
     look::Tour,
+    machine::ExecutorChoice,
     output,
     pictures::Layer,
     progress::Talk,
     quality::picture_name,
+    relay::relay,
     relight::write_light,
     scene::{Opened, Renderer, Scene},
 };
@@ -23,9 +25,6 @@ use specula_io::{
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::{Path, PathBuf};
 
-/// Views that are rendered before their pictures are written: a view is rendered on all threads, a picture is packed on
-/// one.
-const VIEWS_AT_ONCE: usize = 16;
 /// Each frame of an animation, in milliseconds.
 const FRAME_MS: u16 = 60;
 
@@ -50,7 +49,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.look.background);
     job.write_truths(&truths, background)?;
     let mut verification = match args.verify_omissions {
-        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), talk)?),
+        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.executor, talk)?),
         false => None,
     };
     job.run(opened, talk, |index, image| match &mut verification {
@@ -70,8 +69,8 @@ struct Verification {
 }
 
 impl Verification {
-    fn new(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
-        Ok(Self { in_full: Renderer::in_full(scene, channels, talk)?, channels, largest: 0.0 })
+    fn new(scene: Scene, channels: Channels, executor: &ExecutorChoice, talk: Talk) -> Result<Self, Failure> {
+        Ok(Self { in_full: Renderer::in_full(scene, channels, executor, talk)?, channels, largest: 0.0 })
     }
 
     /// Renders a view again with nothing left out.
@@ -143,27 +142,24 @@ impl Job<'_> {
         &self,
         opened: Opened,
         talk: Talk,
-        mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure>,
+        mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let background = opened.background(self.look.background);
         let form = opened.scene.reading.shading.form;
-        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), talk)?;
+        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.executor, talk)?;
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
-        let mut frames = Vec::new();
-        for (part, cameras) in self.tour.cameras.chunks(VIEWS_AT_ONCE).enumerate() {
-            let first = part * VIEWS_AT_ONCE;
-            let mut images = Vec::with_capacity(cameras.len());
-            for (index, (_, camera)) in (first..).zip(cameras) {
-                let image = renderer.view(camera)?;
-                each(index, &image)?;
-                images.push(image);
-            }
-            let write = |(k, image)| self.write(first + k, image, form, background);
-            let written: Result<Vec<_>, Failure> = images.par_iter().enumerate().map(write).collect();
-            frames.extend(written?.into_iter().flatten().filter(|_| self.tour.is_turntable));
-            work.done((first + cameras.len()) as u64, String::new);
-        }
+        let make = |index: usize| {
+            let image = renderer.view(&self.tour.cameras[index].1)?;
+            each(index, &image)?;
+            Ok(image)
+        };
+        let finish = |index, image: Image<Vec<f32>>| {
+            let colors = self.write(index, &image, form, background)?;
+            Ok(colors.filter(|_| self.tour.is_turntable))
+        };
+        let frames = relay(self.tour.cameras.len(), &work, make, finish)?;
         work.finish();
+        let frames: Vec<RgbImage> = frames.into_iter().flatten().collect();
         if frames.len() > 1 {
             picture::write_animation(&self.place.folder.join("turntable.png"), &frames, FRAME_MS)?;
         }
@@ -191,13 +187,15 @@ impl Job<'_> {
 
     /// Writes the true pictures of the views, where they are known and of the same size.
     fn write_truths(&self, views: &[View], background: Background) -> Result<(), Failure> {
-        for (index, ((name, camera), view)) in self.tour.cameras.iter().zip(views).enumerate() {
+        let pairs = self.tour.cameras.par_iter().zip(views).enumerate();
+        pairs.try_for_each(|(index, ((name, camera), view))| {
             let size = [camera.width, camera.height];
-            if *name == view.name && size == [view.camera.width, view.camera.height] {
-                picture::write(&self.place.folder.join("gt").join(picture_name(index)), &truth(view, background))?;
+            if *name != view.name || size != [view.camera.width, view.camera.height] {
+                return Ok(());
             }
-        }
-        Ok(())
+            let path = self.place.folder.join("gt").join(picture_name(index));
+            Ok(picture::write(&path, &truth(view, background))?)
+        })
     }
 }
 
@@ -241,8 +239,9 @@ mod tests {
     fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
         let talk = Talk { quiet: true };
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
-        let mut planned = Renderer::new(scene(), Channels::Color, talk).unwrap().view(&camera).unwrap();
-        let mut verification = Verification::new(scene(), Channels::Color, talk).unwrap();
+        let mut planned =
+            Renderer::new(scene(), Channels::Color, &ExecutorChoice::Cpu, talk).unwrap().view(&camera).unwrap();
+        let mut verification = Verification::new(scene(), Channels::Color, &ExecutorChoice::Cpu, talk).unwrap();
         verification.compare(&camera, &planned).unwrap();
         assert_eq!(verification.largest, 0.0);
 

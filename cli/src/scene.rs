@@ -5,22 +5,24 @@ use crate::{
     background::Background,
     convention::{self, Reading},
     failure::Failure,
+    machine::{self, ExecutorChoice, Machine},
     progress::{Talk, Work},
+    relay::relay,
 };
 use specula_core::{
     camera::Camera,
-    executor::{Executor, RenderRules},
+    executor::RenderRules,
     plan::{Channels, Needs, Plan},
     prefilter::{Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, RadianceActivation},
 };
-use specula_cpu::{CpuExecutor, order::sort_in_space};
+use specula_cpu::order::sort_in_space;
 use specula_io::{
     latlong,
     model_folder::{self, Model, ModelInfo, Snapshot},
 };
 use specula_train::{
-    evaluate::{ViewQuality, evaluate_view, render_view},
+    evaluate::{ViewQuality, measure_view, rules_to_measure},
     trainer::HostScene,
     view::View,
 };
@@ -141,31 +143,38 @@ impl Scene {
     }
 }
 
-/// A scene whose light is filtered, and the machine that renders it.
+/// A scene where it is rendered, and how.
 #[derive(Debug)]
 pub(crate) struct Renderer {
-    exec: CpuExecutor,
-    light: Option<<CpuExecutor as Executor>::Light>,
+    machine: Box<dyn Machine>,
     rules: RenderRules,
-    pub(crate) scene: Scene,
 }
 
 impl Renderer {
     /// Renders with nothing but what these channels need.
-    pub(crate) fn new(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        scene: Scene,
+        channels: Channels,
+        executor: &ExecutorChoice,
+        talk: Talk,
+    ) -> Result<Self, Failure> {
         let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(scene, rules, talk)
+        Self::with_rules(scene, rules, executor, talk)
     }
 
     /// Renders the same with nothing left out.
-    pub(crate) fn in_full(scene: Scene, channels: Channels, talk: Talk) -> Result<Self, Failure> {
+    pub(crate) fn in_full(
+        scene: Scene,
+        channels: Channels,
+        executor: &ExecutorChoice,
+        talk: Talk,
+    ) -> Result<Self, Failure> {
         let Plan { full, .. } = scene.plan(channels);
-        Self::with_rules(scene, full, talk)
+        Self::with_rules(scene, full, executor, talk)
     }
 
     /// Filters the light, if it is looked up.
-    fn with_rules(scene: Scene, rules: RenderRules, talk: Talk) -> Result<Self, Failure> {
-        let mut exec = CpuExecutor::new();
+    fn with_rules(scene: Scene, rules: RenderRules, executor: &ExecutorChoice, talk: Talk) -> Result<Self, Failure> {
         let light = scene.light.as_ref().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
         let light = light.map(|light| fitting(light, rules.scheme));
         if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
@@ -173,13 +182,12 @@ impl Renderer {
                 "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
             ));
         }
-        let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
-        Ok(Self { exec, light, rules, scene })
+        Ok(Self { machine: machine::load(executor, scene, light, &rules, talk)?, rules })
     }
 
     /// A view: the channels, then transmittance.
     pub(crate) fn view(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, Failure> {
-        Ok(render_view(&mut self.exec, &self.scene.gaussians, self.light.as_ref(), camera, &self.rules)?)
+        self.machine.view(camera, &self.rules)
     }
 
     /// Measures every view.
@@ -189,13 +197,13 @@ impl Renderer {
         background: Background,
         work: &Work,
     ) -> Result<Vec<ViewQuality>, Failure> {
-        let mut measured = Vec::with_capacity(views.len());
-        for view in views {
-            let Self { exec, light, rules, scene } = self;
-            measured.push(evaluate_view(exec, &scene.gaussians, light.as_ref(), view, rules, background.0)?);
-            work.done(measured.len() as u64, String::new);
-        }
-        Ok(measured)
+        let rules = self.rules;
+        relay(
+            views.len(),
+            work,
+            |index| self.machine.view(&views[index].camera, &rules_to_measure(&views[index], &rules)),
+            |index, image| Ok(measure_view(&image, &views[index], background.0)),
+        )
     }
 }
 
@@ -209,11 +217,7 @@ pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f3
 
 /// The least resolution that the prefilter takes and that holds a light of this one.
 fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
-    let least = match scheme {
-        PrefilterScheme::Exact => 16,
-        PrefilterScheme::Official => 64,
-    };
-    resolution.next_power_of_two().max(least)
+    resolution.next_power_of_two().max(scheme.resolution_min())
 }
 
 /// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.

@@ -5,7 +5,7 @@ use crate::{
     convention::Reading,
     failure::Failure,
 };
-use specula_core::{prefilter::PrefilterScheme, scene::Layout, shade::ShadingForm};
+use specula_core::{scene::Layout, shade::ShadingForm};
 use specula_train::profile::{self, Ablation, Profile};
 
 /// The profile that was asked for, with everything that was asked for beside it.
@@ -29,6 +29,7 @@ pub(crate) fn reading_of(profile: &Profile) -> Reading {
 }
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
+    put(&mut profile.coarse_until, args.coarse_until);
     if let Some(degree) = args.sh_degree {
         let is_shaded = profile.layout.is_shaded();
         profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };
@@ -47,10 +48,7 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
         };
     }
     if let Some(resolution) = args.light_resolution {
-        let least = match profile.scheme {
-            PrefilterScheme::Exact => 16,
-            PrefilterScheme::Official => 64,
-        };
+        let least = profile.scheme.resolution_min();
         if resolution < least || !resolution.is_power_of_two() {
             return Err(Failure::Input(format!(
                 "a light of resolution {resolution} cannot be filtered; let --light-resolution be a power of two, at \

@@ -6,7 +6,9 @@ use crate::{
     dataset::{self, Dataset},
     failure::Failure,
     fit::{Outcome, Training, thousands},
-    interrupt, output,
+    interrupt,
+    machine::ExecutorChoice,
+    output,
     progress::{Talk, Work},
     quality,
     scene::{Renderer, Scene},
@@ -151,8 +153,11 @@ fn pause(
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
-        let measured =
-            Renderer::new(scene, Channels::Training, QUIET)?.measure(test, background, &QUIET.work("", 0))?;
+        let measured = Renderer::new(scene, Channels::Training, &ExecutorChoice::Cpu, QUIET)?.measure(
+            test,
+            background,
+            &QUIET.work("", 0),
+        )?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
     }
@@ -186,7 +191,7 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, Channels::Training, talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, &ExecutorChoice::Cpu, talk)?;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();

@@ -14,7 +14,7 @@ pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 /// Less than log₂ of [`ALPHA_MIN`], −7.9943, by more than rounding can make out.
 const LOG2_ALPHA_MARGIN: f32 = -8.0;
 /// √(½ log₂ e): scales the root of the conic so that the falloff is a power of two.
-const ROOT_SCALE: f32 = 0.849_321_8;
+pub const ROOT_SCALE: f32 = 0.849_321_8;
 
 /// A splat as compositing reads it.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,6 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
 
-use crate::{real::Real, vector::Vec3};
+use crate::{each, real::Real, vector::Vec3};
 
 /// Linear values up to this one are encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
@@ -15,6 +15,12 @@ const OFFSET: f32 = 0.055;
 pub fn srgb_from_linear<R: Real>(linear: R) -> R {
     let curved = (linear.max(linear.constant(LINEAR_LIMIT)).log2() * POWER).exp2() * SCALE - OFFSET;
     R::select(linear.constant(LINEAR_LIMIT).less(linear), curved, linear * LINEAR_SLOPE)
+}
+
+/// [`srgb_from_linear`] of a colour.
+#[inline(always)]
+pub(crate) fn srgb_color<R: Real>(linear: Vec3<R>) -> Vec3<R> {
+    each!(linear, x => srgb_from_linear(x))
 }
 
 /// Gradient of [`srgb_from_linear`] from argument and value.

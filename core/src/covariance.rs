@@ -1,6 +1,7 @@
 //! Shape of a Gaussian: rotation from a quat, scales from their logarithms, Σ = R S Sᵀ Rᵀ (paper, section 3.1).
 
 use crate::{
+    each,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -42,7 +43,7 @@ pub fn rotation_vjp<R: Real>(quat: Quat<R>, grad: &Mat3<R>) -> Quat<R> {
 /// The scales: e^x of their logarithms, which are kept within ± [`LOG_SCALE_LIMIT`].
 #[inline(always)]
 pub fn scales<R: Real>(log_scales: Vec3<R>) -> Vec3<R> {
-    log_scales.map(|x| x.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT).exp())
+    each!(log_scales, x => x.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT).exp())
 }
 
 /// Gradient of [`scales`] with respect to the logarithms; zero where they were limited.

@@ -111,17 +111,15 @@ pub struct RandomKey {
     pub stream: u64,
 }
 
-/// A machine that can run the stages. Arrays and the results of stages are its own types.
+/// A machine that can run the stages that make a picture. Arrays and the results of stages are its own types.
 ///
 /// Stages compute the same thing on every executor, up to rounding; each is deterministic. The results of a stage go
 /// to later stages of the same executor, together with the very Gaussians and camera that they came from.
-pub trait Executor {
+pub trait Renderer {
     /// `f32` numbers where this executor keeps them.
     type Array;
     /// A light filtered into levels.
     type Light;
-    /// The gradient of a light.
-    type LightGrad;
     /// Gaussians on the screen.
     type Splats;
     /// Their channels.
@@ -130,12 +128,6 @@ pub trait Executor {
     type Tiles;
     /// A blended picture: premultiplied channels and transmittance.
     type Frame;
-    /// The gradient of a frame.
-    type FrameGrad;
-    /// The gradient of splats and their channels.
-    type SplatGrads;
-    /// A picture to compare with.
-    type Target;
     /// Why a stage could not run.
     type Error;
 
@@ -145,8 +137,6 @@ pub trait Executor {
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
     /// A frame back to the host: its channels, then its transmittance, plane by plane.
     fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
-    /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
-    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
 
     /// Light into those roughness levels that are looked up; others are zero, or filtered as well.
     fn prefilter(
@@ -185,6 +175,21 @@ pub trait Executor {
         light: Option<&Self::Light>,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
+}
+
+/// A machine that can train as well: losses, gradients, updates.
+pub trait Executor: Renderer {
+    /// The gradient of a light.
+    type LightGrad;
+    /// The gradient of a frame.
+    type FrameGrad;
+    /// The gradient of splats and their channels.
+    type SplatGrads;
+    /// A picture to compare with.
+    type Target;
+
+    /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
+    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
     /// A picture against what it should be, over a background in sRGB.
     fn loss(
         &mut self,

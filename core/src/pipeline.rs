@@ -2,13 +2,13 @@
 
 use crate::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Statistics},
+    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
     loss::{LossReport, LossWeights},
     scene::{Environment, Gaussians},
 };
 
 /// A picture of Gaussians under a light.
-pub fn render<E: Executor>(
+pub fn render<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
     light: Option<&E::Light>,

@@ -6,7 +6,7 @@
 //! Deferred Reflection"). Like [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
 
 use crate::{
-    color::{srgb_color_vjp, srgb_from_linear},
+    color::{srgb_color, srgb_color_vjp},
     real::Real,
     shade::{reflect, reflect_vjp},
     vector::{Vec3, normalize_or, normalize_or_vjp},
@@ -47,7 +47,7 @@ pub struct PixelSurface<R> {
 /// is taken to face the eye.
 #[inline(always)]
 pub fn pixel_surface<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> PixelSurface<R> {
-    let per_coverage = per_coverage(pixel);
+    let per_coverage = per_coverage(pixel.coverage);
     PixelSurface {
         base: pixel.base * per_coverage,
         tint: pixel.tint * per_coverage,
@@ -64,7 +64,7 @@ pub fn pixel_surface_vjp<R: Real>(
     surface: &PixelSurface<R>,
     grad: &PixelSurface<R>,
 ) -> Pixel<R> {
-    let per_coverage = per_coverage(pixel);
+    let per_coverage = per_coverage(pixel.coverage);
     let (_, grad_unit) = reflect_vjp(view_dir, normalize_or(pixel.normal, view_dir), grad.reflection_dir);
     let by_means = grad.base.dot(surface.base) + grad.tint.dot(surface.tint) + grad.roughness * surface.roughness;
     let is_free = pixel.coverage.constant(COVERAGE_MIN).less(pixel.coverage);
@@ -78,14 +78,20 @@ pub fn pixel_surface_vjp<R: Real>(
 }
 
 #[inline(always)]
-fn per_coverage<R: Real>(pixel: &Pixel<R>) -> R {
-    pixel.coverage.max(pixel.coverage.constant(COVERAGE_MIN)).recip()
+fn per_coverage<R: Real>(coverage: R) -> R {
+    coverage.max(coverage.constant(COVERAGE_MIN)).recip()
 }
 
 /// The colour of a pixel under `light`, the prefiltered radiance along its reflection: sRGB-encoded, premultiplied.
 #[inline(always)]
 pub fn pixel_color<R: Real>(surface: &PixelSurface<R>, light: Vec3<R>, coverage: R) -> Vec3<R> {
-    (surface.base + surface.tint.times(light)).map(srgb_from_linear) * coverage
+    srgb_color(surface.base + surface.tint.times(light)) * coverage
+}
+
+/// [`pixel_color`] without any light, from the premultiplied base alone; the same to the last bit.
+#[inline(always)]
+pub fn unlit_pixel_color<R: Real>(base: Vec3<R>, coverage: R) -> Vec3<R> {
+    srgb_color(base * per_coverage(coverage)) * coverage
 }
 
 /// Gradient of [`pixel_color`]: with respect to the surface, whose reflection it does not depend on; to the light; to
@@ -98,7 +104,7 @@ pub fn pixel_color_vjp<R: Real>(
     grad: Vec3<R>,
 ) -> (PixelSurface<R>, Vec3<R>, R) {
     let linear = surface.base + surface.tint.times(light);
-    let srgb = linear.map(srgb_from_linear);
+    let srgb = srgb_color(linear);
     let grad_linear = srgb_color_vjp(linear, srgb, grad * coverage);
     let grad_surface = PixelSurface {
         base: grad_linear,

@@ -24,6 +24,16 @@ pub enum PrefilterScheme {
     Official,
 }
 
+impl PrefilterScheme {
+    /// The least resolution of a base that can be filtered, a power of two like all others.
+    pub const fn resolution_min(self) -> usize {
+        match self {
+            Self::Exact => RESOLUTION_MIN,
+            Self::Official => 4 * RESOLUTION_MIN,
+        }
+    }
+}
+
 /// Some neighbouring levels of a light, by number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LevelRange {

@@ -1,6 +1,7 @@
 //! Real spherical harmonics up to degree 3, with the signs and constants that the field uses.
 
 use crate::{
+    each,
     real::Real,
     vector::{Vec3, vec3},
 };
@@ -93,7 +94,7 @@ pub fn basis_vjp<R: Real>(direction: Vec3<R>, count: usize, grad: &[R; MAX_COUNT
 /// Colour of plain Gaussian splatting from the sum of its harmonics: sum + ½, at least zero (INRIA's convention).
 #[inline(always)]
 pub fn radiance<R: Real>(sum: Vec3<R>) -> Vec3<R> {
-    sum.map(|x| (x + 0.5).max(x.zero()))
+    each!(sum, x => (x + 0.5).max(x.zero()))
 }
 
 /// Gradient of [`radiance`]; zero where the colour was limited.

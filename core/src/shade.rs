@@ -6,8 +6,9 @@
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
-    color::{srgb_color_vjp, srgb_from_linear},
+    color::{srgb_color, srgb_color_vjp},
     covariance::{Quat, rotation, rotation_vjp},
+    each,
     normal::{AxisRule, Facing, axis, axis_vjp, facing, facing_vjp},
     real::Real,
     vector::{Vec3, normalize_or, normalize_or_vjp},
@@ -132,7 +133,7 @@ pub fn view_dir_vjp<R: Real>(mean: Vec3<R>, eye: Vec3<R>, grad: Vec3<R>) -> Vec3
 #[inline(always)]
 pub fn diffuse<R: Real>(raw: Vec3<R>, rules: ShadingRules) -> Vec3<R> {
     let shift = rules.diffuse_shift();
-    raw.map(|x| sigmoid(x - shift))
+    each!(raw, x => sigmoid(x - shift))
 }
 
 /// Directions and activated colours of a Gaussian seen from `eye`.
@@ -147,7 +148,7 @@ pub fn surface<R: Real>(material: &Material<R>, eye: Vec3<R>, rules: ShadingRule
         n_dot_v: view_dir.dot(facing.normal).max(material.roughness.constant(N_DOT_V_MIN)),
         facing,
         diffuse: diffuse(material.diffuse, rules),
-        tint: material.tint.map(sigmoid),
+        tint: each!(material.tint, x => sigmoid(x)),
         roughness: sigmoid(material.roughness),
     }
 }
@@ -225,12 +226,10 @@ impl<R: Real> Terms<R> {
 #[inline(always)]
 pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     match form {
-        ShadingForm::Paper => {
-            (terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual).map(srgb_from_linear)
-        }
+        ShadingForm::Paper => srgb_color(terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual),
         ShadingForm::Official => {
             let specular = reflectance(terms).times(terms.specular_light);
-            terms.diffuse + terms.ambient_light.times(terms.tint.map(|s| -s + 1.0)) + specular + terms.residual
+            terms.diffuse + terms.ambient_light.times(each!(terms.tint, s => -s + 1.0)) + specular + terms.residual
         }
         ShadingForm::Deferred => terms.diffuse + terms.residual,
     }
@@ -242,7 +241,7 @@ pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) ->
     match form {
         ShadingForm::Paper => {
             let linear = terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual;
-            let grad_linear = srgb_color_vjp(linear, linear.map(srgb_from_linear), grad);
+            let grad_linear = srgb_color_vjp(linear, srgb_color(linear), grad);
             Terms {
                 diffuse: grad_linear,
                 tint: grad_linear.times(terms.specular_light),
@@ -259,7 +258,7 @@ pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) ->
                 tint: by_light * terms.split_sum[0] - grad.times(terms.ambient_light),
                 specular_light: grad.times(reflectance(terms)),
                 residual: grad,
-                ambient_light: grad.times(terms.tint.map(|s| -s + 1.0)),
+                ambient_light: grad.times(each!(terms.tint, s => -s + 1.0)),
                 split_sum: [by_light.dot(terms.tint), by_light.sum()],
             }
         }

@@ -14,6 +14,30 @@ pub struct Vec3<R> {
     pub z: R,
 }
 
+/// Each component of a vector through an expression: `each!(v, x => x + 1.0)`.
+///
+/// Written out it stays where it stands; a closure or a function that is handed on is compiled apart, without the vector
+/// features of the machine, and costs a call for every operation.
+#[macro_export]
+macro_rules! each {
+    ($vector:expr, $component:ident => $result:expr) => {{
+        let vector = $vector;
+        let x = {
+            let $component = vector.x;
+            $result
+        };
+        let y = {
+            let $component = vector.y;
+            $result
+        };
+        let z = {
+            let $component = vector.z;
+            $result
+        };
+        $crate::vector::vec3(x, y, z)
+    }};
+}
+
 /// The vector (x, y, z).
 #[inline(always)]
 pub const fn vec3<R>(x: R, y: R, z: R) -> Vec3<R> {

@@ -9,19 +9,20 @@ use crate::{
     machine::Machine,
     optimise::{StepSize, adam_all, adam_blocks},
     pixel::{shade_pixels, shade_pixels_vjp},
-    prefilter::{Light, LightGrad, Operator},
+    prefilter::{Light, LightGrad},
     project::{Splats, project_all},
     shade::{Colors, Scene, gaussians_vjp, shade_all, update},
 };
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     loss::{LossReport, LossWeights},
     pipeline::Step,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians, RadianceActivation},
 };
+use specula_prefilter::Operator;
 use std::sync::Arc;
 
 /// Why a stage could not run.
@@ -77,6 +78,12 @@ impl CpuExecutor {
         Self { machine: Machine::new(), operator: None }
     }
 
+    /// The vectors that it computes with, in words.
+    pub fn vectors(&self) -> String {
+        let name = format!("{:?}", self.machine.level);
+        format!("{} vectors", name.split('(').next().unwrap_or_default())
+    }
+
     /// Depth and number of the Gaussians that are drawn, front to back; ties in their order.
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
         let order = depth_order(&self.machine, &splats.records);
@@ -89,17 +96,14 @@ impl CpuExecutor {
         resolution: usize,
         levels: LevelRange,
     ) -> Result<Arc<Operator>, CpuError> {
-        let least = match scheme {
-            PrefilterScheme::Exact => 16,
-            PrefilterScheme::Official => 64,
-        };
+        let least = scheme.resolution_min();
         if resolution < least || !resolution.is_power_of_two() {
             return Err(CpuError::LightResolution { resolution, least });
         }
         match &self.operator {
             Some((key, operator)) if *key == (scheme, resolution, levels) => Ok(operator.clone()),
             _ => {
-                let operator = Arc::new(Operator::new(self.machine.level, scheme, resolution, levels));
+                let operator = Arc::new(Operator::new(scheme, resolution, levels));
                 self.operator = Some(((scheme, resolution, levels), operator.clone()));
                 Ok(operator)
             }
@@ -107,17 +111,13 @@ impl CpuExecutor {
     }
 }
 
-impl Executor for CpuExecutor {
+impl Renderer for CpuExecutor {
     type Array = Vec<f32>;
     type Light = Light;
-    type LightGrad = LightGrad;
     type Splats = Splats;
     type Colors = Colors;
     type Tiles = Tiles;
     type Frame = Frame;
-    type FrameGrad = FrameGrad;
-    type SplatGrads = SplatGrads;
-    type Target = Target;
     type Error = CpuError;
 
     fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
@@ -132,14 +132,6 @@ impl Executor for CpuExecutor {
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
         frame.read(values);
         Ok(())
-    }
-
-    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, CpuError> {
-        let expected = width * height * 4;
-        if rgba.len() != expected {
-            return Err(CpuError::TargetSize { width, height, expected, found: rgba.len() });
-        }
-        Ok(Target::new(width, height, rgba))
     }
 
     fn prefilter(
@@ -178,6 +170,21 @@ impl Executor for CpuExecutor {
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
         Ok(shade_pixels(&self.machine, surface, light, camera))
+    }
+}
+
+impl Executor for CpuExecutor {
+    type LightGrad = LightGrad;
+    type FrameGrad = FrameGrad;
+    type SplatGrads = SplatGrads;
+    type Target = Target;
+
+    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, CpuError> {
+        let expected = width * height * 4;
+        if rgba.len() != expected {
+            return Err(CpuError::TargetSize { width, height, expected, found: rgba.len() });
+        }
+        Ok(Target::new(width, height, rgba))
     }
 
     fn loss(

@@ -8,16 +8,15 @@ use crate::{
     prefilter::{Light, Texel},
 };
 use fearless_simd::{Simd, f32x4, prelude::*};
-use rayon::prelude::*;
 use specula_core::{
     cubemap::{FacePoint, Footprint, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
     prefilter::{level_of_roughness, level_of_roughness_vjp},
     real::Real,
     scene::BLOCK,
-    split_sum::{RESOLUTION, integrate},
+    split_sum::RESOLUTION,
     vector::{Vec3, vec3},
 };
-use std::sync::LazyLock;
+use specula_prefilter::SPLIT_SUM;
 
 /// Where light is to be read: between two levels, at the same point of the cube.
 struct Place<S: Simd> {
@@ -259,16 +258,6 @@ fn add_to_texels<S: Simd>(simd: S, corners: &Corners<S>, grad: Vec3<Lanes<S>>, l
     }
 }
 
-/// The table of the authors' shading, made at its first use.
-static SPLIT_SUM: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
-    const SAMPLES: u32 = 1024;
-    let centre = |k: usize| (k as f64 + 0.5) / RESOLUTION as f64;
-    (0..RESOLUTION * RESOLUTION)
-        .into_par_iter()
-        .map(|k| integrate(centre(k % RESOLUTION), centre(k / RESOLUTION), SAMPLES).map(|f| f as f32))
-        .collect()
-});
-
 /// Four entries of the table and how far between them a point lies.
 struct TableFetch<S: Simd> {
     corners: [[Lanes<S>; 2]; 4],
@@ -294,7 +283,7 @@ fn table_fetch<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> Tabl
     let corner = |dx: usize, dy: usize| {
         let entry: [[f32; 2]; BLOCK] =
             core::array::from_fn(|k| SPLIT_SUM[(row[k] as usize + dy) * RESOLUTION + column[k] as usize + dx]);
-        [0, 1].map(|c| Lanes::from_array(simd, entry.map(|e| e[c])))
+        [Lanes::from_array(simd, entry.map(|e| e[0])), Lanes::from_array(simd, entry.map(|e| e[1]))]
     };
     TableFetch {
         corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
@@ -309,7 +298,11 @@ fn table_fetch<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> Tabl
 pub(crate) fn split_sum<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> [Lanes<S>; 2] {
     let fetch = table_fetch(simd, n_dot_v, roughness);
     let weights = bilinear_weights(fetch.right, fetch.lower);
-    [0, 1].map(|c| (0..4).fold(n_dot_v.zero(), |sum, k| weights[k].mul_add(fetch.corners[k][c], sum)))
+    let mut sums = [n_dot_v.zero(); 2];
+    for (weight, [scale, bias]) in weights.into_iter().zip(fetch.corners) {
+        sums = [weight.mul_add(scale, sums[0]), weight.mul_add(bias, sums[1])];
+    }
+    sums
 }
 
 /// Gradient of [`split_sum`] with respect to n·v and roughness.
@@ -322,7 +315,8 @@ pub(crate) fn split_sum_vjp<S: Simd>(
 ) -> [Lanes<S>; 2] {
     let fetch = table_fetch(simd, n_dot_v, roughness);
     let zero = n_dot_v.zero();
-    let texels = fetch.corners.map(|[x, y]| vec3(x, y, zero));
+    let [a, b, c, d] = fetch.corners;
+    let texels = [vec3(a[0], a[1], zero), vec3(b[0], b[1], zero), vec3(c[0], c[1], zero), vec3(d[0], d[1], zero)];
     let (right, lower) = bilinear_vjp(texels, fetch.right, fetch.lower, vec3(grad[0], grad[1], zero));
     [right * RESOLUTION as f32 * fetch.is_free[0], lower * RESOLUTION as f32 * fetch.is_free[1]]
 }

@@ -12,7 +12,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     plan::{Channels, channel},
     vector::{Vec3, vec3},
 };
@@ -130,6 +130,7 @@ fn shade_tile<S: Simd>(
     tile: &mut [Quad],
     shaded: &mut [Quad],
 ) {
+    let Some(light) = light else { return unlit_tile(simd, channels, tile, shaded) };
     for quad in 0..QUADS {
         let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
         let Some(seen) = Seen::new(simd, tile, quad, origin, camera) else {
@@ -138,14 +139,27 @@ fn shade_tile<S: Simd>(
         };
         let surface = pixel_surface(&seen.pixel, seen.view_dir);
         let coverage = seen.pixel.coverage;
-        let light = match light {
-            Some(light) => radiance(simd, light, surface.reflection_dir, surface.roughness),
-            None => Vec3::zero(coverage),
-        };
+        let light = radiance(simd, light, surface.reflection_dir, surface.roughness);
         put(pixel_color(&surface, light, coverage), out);
         if channels >= Channels::Layers.count() {
             put(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
             put(seen.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
+        }
+    }
+}
+
+/// A tile that no light reaches: it does not matter where its surfaces look.
+#[inline(always)]
+fn unlit_tile<S: Simd>(simd: S, channels: usize, tile: &mut [Quad], shaded: &mut [Quad]) {
+    let blended = Channels::of_count(channels);
+    for quad in 0..QUADS {
+        let pixel = BlendedQuad { simd, tile, quad, channels: blended };
+        let (base, coverage) = (pixel.load3(channel::COLOR), -pixel.transmittance() + 1.0);
+        put(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
+        if channels >= Channels::Layers.count() {
+            let none = Vec3::zero(coverage);
+            put(none, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            put(none, &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
 }

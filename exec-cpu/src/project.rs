@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use specula_core::{
     bin::{footprint, half_extent},
     camera::{Camera, CameraOf},
+    each,
     project::{Shape, Splat, SplatGrad, project, project_vjp},
     real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
@@ -138,11 +139,10 @@ pub(crate) fn project_block_vjp<S: Simd>(
     out: &mut [f32],
 ) {
     let grad = project_vjp(shape, camera, grad);
-    let keep = |x: Lanes<S>| x.keep(is_drawn);
-    store3((grad.mean + shading_mean).map(keep), out, MEAN);
-    store3(grad.log_scales.map(keep), out, LOG_SCALE);
+    store3(each!(grad.mean + shading_mean, x => x.keep(is_drawn)), out, MEAN);
+    store3(each!(grad.log_scales, x => x.keep(is_drawn)), out, LOG_SCALE);
     for (k, shading) in shading_quat.into_iter().enumerate() {
-        keep(grad.quat[k] + shading).store(&mut out[(QUAT + k) * BLOCK..]);
+        (grad.quat[k] + shading).keep(is_drawn).store(&mut out[(QUAT + k) * BLOCK..]);
     }
-    keep(grad.opacity_logit).store(&mut out[OPACITY * BLOCK..]);
+    grad.opacity_logit.keep(is_drawn).store(&mut out[OPACITY * BLOCK..]);
 }

@@ -15,6 +15,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
+    each,
     executor::{Moments, RenderRules},
     loss::{LossWeights, sparse_vjp},
     pipeline::Step,
@@ -234,20 +235,38 @@ impl<S: Simd> Shaded<S> {
         let material = load_material(simd, block, scene.rules);
         let surface = surface(&material, camera.position, scene.rules.shading);
         let harmonics = Harmonics::new(simd, block, camera, scene);
-        let specular = scene.own_light().map(|light| look_up(simd, light, surface.reflection_dir, surface.roughness));
+        #[expect(clippy::manual_map, reason = "a closure is compiled without the machine's vector features")]
+        let specular = match scene.own_light() {
+            Some(light) => Some(look_up(simd, light, surface.reflection_dir, surface.roughness)),
+            None => None,
+        };
         let is_official = scene.rules.shading.form == ShadingForm::Official;
-        let ambient =
-            scene.light.filter(|_| is_official).map(|light| look_up_irradiance(simd, light, surface.facing.normal));
-        let none = Vec3::zero(surface.roughness);
+        let ambient = match scene.light {
+            Some(light) if is_official => Some(look_up_irradiance(simd, light, surface.facing.normal)),
+            _ => None,
+        };
         let terms = Terms {
             diffuse: surface.diffuse,
             tint: surface.tint,
-            specular_light: specular.as_ref().map_or(none, Lookup::radiance),
+            specular_light: radiance_of(&specular, surface.roughness),
             residual: harmonics.sum,
-            ambient_light: ambient.as_ref().map_or(none, Lookup::radiance),
-            split_sum: if is_official { split_sum(simd, surface.n_dot_v, surface.roughness) } else { [none.x; 2] },
+            ambient_light: radiance_of(&ambient, surface.roughness),
+            split_sum: if is_official {
+                split_sum(simd, surface.n_dot_v, surface.roughness)
+            } else {
+                [surface.roughness.zero(); 2]
+            },
         };
         Self { material, surface, harmonics, specular, ambient, terms }
+    }
+}
+
+/// The light that was looked up, if any was.
+#[inline(always)]
+fn radiance_of<S: Simd>(lookup: &Option<Lookup<S>>, like: Lanes<S>) -> Vec3<Lanes<S>> {
+    match lookup {
+        Some(lookup) => lookup.radiance(),
+        None => Vec3::zero(like),
     }
 }
 
@@ -514,7 +533,7 @@ fn shaded_vjp<S: Simd>(
     let shaded = Shaded::new(simd, block, camera, scene);
     let rules = scene.rules.shading;
     let grad = shade_vjp(rules.form, &shaded.terms, take3(&grads.channels, channel::COLOR));
-    let grad = Terms { specular_light: grad.specular_light.map(|g| g.keep(is_touched)), ..grad };
+    let grad = Terms { specular_light: each!(grad.specular_light, g => g.keep(is_touched)), ..grad };
 
     let zero = shaded.surface.roughness.zero();
     let mut grad_surface = SurfaceGrad {
@@ -534,7 +553,7 @@ fn shaded_vjp<S: Simd>(
         grad_surface.roughness = grad_surface.roughness + roughness;
     }
     if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
-        let ambient = grad.ambient_light.map(|g| g.keep(is_touched));
+        let ambient = each!(grad.ambient_light, g => g.keep(is_touched));
         let (direction, _) = look_up_vjp(simd, light, lookup, shaded.surface.roughness, ambient, light_grad);
         grad_surface.normal = grad_surface.normal + direction;
         let [n_dot_v, roughness] =
@@ -544,7 +563,7 @@ fn shaded_vjp<S: Simd>(
     }
 
     let grad = surface_vjp(&shaded.material, camera.position, rules, &shaded.surface, &grad_surface);
-    let keep = |v: Vec3<Lanes<S>>| v.map(|x| x.keep(is_touched));
+    let keep = |v: Vec3<Lanes<S>>| each!(v, x => x.keep(is_touched));
     store3(keep(grad.diffuse), out, DIFFUSE);
     store3(keep(grad.tint), out, TINT);
     grad.roughness.keep(is_touched).store(&mut out[ROUGHNESS * BLOCK..]);

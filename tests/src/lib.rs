@@ -9,6 +9,7 @@
 pub mod brute;
 pub mod compare;
 pub mod derivative;
+pub mod device;
 pub mod number;
 pub mod plain;
 pub mod strategies;

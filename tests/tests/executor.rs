@@ -3,7 +3,7 @@
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{Executor, Moments, RenderRules},
+    executor::{Executor, Moments, RenderRules, Renderer},
     loss::{LossWeights, NormalForm},
     pipeline::{Step, render},
     plan::Channels,

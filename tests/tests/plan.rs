@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use specula_core::{
     camera::Camera,
-    executor::{Executor, RenderRules},
+    executor::{Executor, RenderRules, Renderer},
     loss::{LossWeights, NormalForm},
     plan::{Channels, Needs, Plan, Unlit, channel},
     prefilter::{LevelRange, Levels, PrefilterScheme},

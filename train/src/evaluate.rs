@@ -2,7 +2,7 @@
 
 use crate::view::View;
 use specula_core::{
-    executor::{Executor, RenderRules},
+    executor::{RenderRules, Renderer},
     loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_window},
     metrics::{angle_degrees, psnr, quantize},
     pipeline::render,
@@ -49,7 +49,7 @@ pub fn mean_quality(views: &[ViewQuality]) -> Quality {
 }
 
 /// A rendered view in host memory: channels, then transmittance.
-pub fn render_view<E: Executor>(
+pub fn render_view<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
     light: Option<&E::Light>,
@@ -93,26 +93,22 @@ fn plane_difference(one: &[f32], other: &[f32]) -> f32 {
     one.iter().zip(other).map(difference).fold(0.0, |max, x| if x.is_nan() { f32::INFINITY } else { max.max(x) })
 }
 
-/// Measures a scene on one view.
-pub fn evaluate_view<E: Executor>(
-    exec: &mut E,
-    gaussians: &Gaussians<E::Array>,
-    light: Option<&E::Light>,
-    view: &View,
-    rules: &RenderRules,
-    background: [f32; 3],
-) -> Result<ViewQuality, E::Error> {
+/// How a view is rendered to be measured: its normals only where there are true ones.
+pub fn rules_to_measure(view: &View, rules: &RenderRules) -> RenderRules {
     let channels = if view.normals.is_some() { Channels::Training } else { Channels::Color };
-    let rules = RenderRules { channels, ..*rules };
-    let image = render_view(exec, gaussians, light, &view.camera, &rules)?;
-    let rendered = over_background(&image, background);
+    RenderRules { channels, ..*rules }
+}
+
+/// Measures the picture of a view, rendered by [`rules_to_measure`].
+pub fn measure_view(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> ViewQuality {
+    let rendered = over_background(image, background);
     let truth = view.over(background);
-    Ok(ViewQuality {
+    ViewQuality {
         name: view.name.clone(),
         psnr: psnr(mean_squared_error(&rendered, &truth)),
         ssim: mean_ssim(image.width, image.height, &rendered, &truth),
-        normal_mae: view.normals.as_ref().map(|_| normal_error(&image, view)),
-    })
+        normal_mae: view.normals.as_ref().map(|_| normal_error(image, view)),
+    }
 }
 
 /// Mean squared error of two pictures as 8 bits show them.

@@ -9,7 +9,7 @@ use specula_core::{
     activation::logit,
     camera::Camera,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     metrics::psnr,
     pipeline::{Fit, Step, StepReport, train_step},
     plan::Channels,
@@ -291,7 +291,7 @@ fn zero_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics
     Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
 }
 
-type TrainedLight<E> = (Environment<<E as Executor>::Array>, Moments<<E as Executor>::Array>);
+type TrainedLight<E> = (Environment<<E as Renderer>::Array>, Moments<<E as Renderer>::Array>);
 
 fn start_light<E: Executor>(exec: &mut E, profile: &Profile) -> Result<Option<TrainedLight<E>>, E::Error> {
     let Some(start) = profile.light else { return Ok(None) };

@@ -6,6 +6,7 @@ use crate::{
     background::Background,
     failure::Failure,
     look::Tour,
+    machine::ExecutorChoice,
     pictures::Layer,
     progress::{Talk, Work},
     render::truth,
@@ -42,6 +43,7 @@ pub(super) fn write(
     test: &[View],
     mut plain: Renderer,
     mut ours: Renderer,
+    scene: Scene,
     talk: Talk,
 ) -> Result<(), Failure> {
     let work = talk.work("pictures", 4);
@@ -49,11 +51,11 @@ pub(super) fn write(
     picture::write(&folder.join("comparison.png"), &comparison(test, &mut plain, &mut ours)?)?;
     step(1, &work);
     let true_light = latlong::read(&folder.join("data/light/workshop.hdr"))?.0;
-    picture::write(&folder.join("light.png"), &lights(&ours.scene, &true_light))?;
+    picture::write(&folder.join("light.png"), &lights(&scene, &true_light))?;
     step(2, &work);
-    picture::write_animation(&folder.join("turntable.png"), &turntable(test, &mut ours)?, FRAME_MS)?;
+    picture::write_animation(&folder.join("turntable.png"), &turntable(test, &mut ours, &scene)?, FRAME_MS)?;
     step(3, &work);
-    picture::write(&folder.join("relit.png"), &relit(folder, test, ours.scene, talk)?)?;
+    picture::write(&folder.join("relit.png"), &relit(folder, test, scene, talk)?)?;
     step(4, &work);
     work.finish();
     Ok(())
@@ -131,11 +133,11 @@ fn preview(cube: &[f32], resolution: usize) -> LatLong {
 }
 
 /// A circle around the scene.
-fn turntable(test: &[View], ours: &mut Renderer) -> Result<Vec<RgbImage>, Failure> {
+fn turntable(test: &[View], ours: &mut Renderer, scene: &Scene) -> Result<Vec<RgbImage>, Failure> {
     let [width, height] = FRAME_SIZE;
     let known: Vec<NamedCamera> =
         test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height))).collect();
-    let tour = Tour::around(&ours.scene.gaussians, &known, FRAMES, None);
+    let tour = Tour::around(&scene.gaussians, &known, FRAMES, None);
     tour.cameras.iter().map(|(_, camera)| shown(ours, camera, Layer::Rgb)).collect()
 }
 
@@ -149,7 +151,7 @@ fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<RgbIm
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = preview(&cube.values, cube.resolution);
         let mut row = vec![Panel::new(picture::tone_map_latlong(&map), light)];
-        let mut renderer = Renderer::new(scene, Channels::Color, talk)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, &ExecutorChoice::Cpu, talk)?;
         for view in RELIT.into_iter().flat_map(|name| named(test, name)) {
             let own = shown(&mut renderer, &view.camera, Layer::Rgb)?;
             row.push(Panel::new(enlarged(&own), "specula, relit"));

@@ -1,0 +1,93 @@
+//! `specula doctor`: what this machine can compute with.
+
+use crate::{args::Doctor, failure::Failure, output};
+use serde_json::{Value, json};
+use specula_cpu::CpuExecutor;
+
+/// Prints the processor, all adapters, and which of them is used.
+pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
+    let gpus = gpus();
+    let (threads, vectors) = (rayon::current_num_threads(), CpuExecutor::new().vectors());
+    if args.json {
+        return output::say_json(&json!({
+            "cpu": {"threads": threads, "vectors": vectors},
+            "adapters": gpus.iter().map(|gpu| gpu.json.clone()).collect::<Vec<Value>>(),
+            "auto": gpus.iter().find(|gpu| gpu.is_used).map_or("cpu", |gpu| &gpu.name),
+        }));
+    }
+    output::say(&format!("CPU       {threads} threads, {vectors}"))?;
+    for gpu in &gpus {
+        output::say(&gpu.words)?;
+    }
+    output::say(&verdict(&gpus))
+}
+
+/// An adapter, for people and for programs.
+#[derive(Debug)]
+struct GpuReport {
+    name: String,
+    words: String,
+    json: Value,
+    is_used: bool,
+}
+
+/// What `--executor auto` does, and why.
+fn verdict(gpus: &[GpuReport]) -> String {
+    match gpus.iter().find(|gpu| gpu.is_used) {
+        Some(gpu) => format!("auto      the adapter {:?}: real hardware", gpu.name),
+        None if gpus.is_empty() => {
+            format!("auto      the CPU: there is no adapter{}", hint())
+        }
+        None => "auto      the CPU: all adapters are software, which is slower than the CPU executor".into(),
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn gpus() -> Vec<GpuReport> {
+    use crate::machine::device::preferred;
+    use specula_gpu::device::adapters;
+    let adapters = adapters();
+    let used = preferred(&adapters).map(|report| report.info.name.clone());
+    adapters
+        .iter()
+        .map(|report| {
+            let (info, limits) = (&report.info, &report.limits);
+            let mib = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) >> 20;
+            let [low, high] = [info.subgroup_min_size, info.subgroup_max_size];
+            GpuReport {
+                words: format!(
+                    "adapter   {report}\n          arrays up to {mib} MiB, {} KiB shared by a workgroup, subgroups of {low} to {high}",
+                    limits.max_compute_workgroup_storage_size >> 10
+                ),
+                json: json!({
+                    "name": info.name,
+                    "backend": info.backend.to_string(),
+                    "driver": info.driver,
+                    "driver_info": info.driver_info,
+                    "is_software": report.is_software,
+                    "array_mib_max": mib,
+                    "workgroup_memory_bytes": limits.max_compute_workgroup_storage_size,
+                    "subgroups": [low, high],
+                }),
+                is_used: used.as_ref() == Some(&info.name),
+                name: info.name.clone(),
+            }
+        })
+        .collect()
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpus() -> Vec<GpuReport> {
+    Vec::new()
+}
+
+/// What helps where there is none.
+fn hint() -> &'static str {
+    if !cfg!(feature = "gpu") {
+        "; this program was built without its feature `gpu`"
+    } else if cfg!(target_os = "linux") {
+        "; drivers for Vulkan come with your GPU's driver or in mesa-vulkan-drivers, and /dev/dri must be readable"
+    } else {
+        "; update the driver of your GPU"
+    }
+}

@@ -1,0 +1,212 @@
+//! What renders: the processor, or a GPU.
+
+use crate::{failure::Failure, progress::Talk, scene::Scene};
+use core::{fmt, str::FromStr};
+use specula_core::{
+    camera::Camera,
+    executor::{RenderRules, Renderer},
+    scene::{Environment, Gaussians, Image},
+};
+use specula_cpu::CpuExecutor;
+use specula_train::evaluate::render_view;
+
+/// Which executor was asked for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) enum ExecutorChoice {
+    /// A GPU if there is one, else the processor.
+    #[default]
+    Auto,
+    /// The processor.
+    Cpu,
+    /// An adapter of wgpu with this in its name; empty for any.
+    Gpu(String),
+}
+
+impl FromStr for ExecutorChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':').unwrap_or((text, "")) {
+            ("auto", "") => Ok(Self::Auto),
+            ("cpu", "") => Ok(Self::Cpu),
+            ("gpu", name) => Ok(Self::Gpu(name.to_owned())),
+            _ => Err("use auto, cpu, gpu or gpu:NAME, where `specula doctor` lists the names".to_owned()),
+        }
+    }
+}
+
+/// A scene where it is rendered.
+pub(crate) trait Machine: Send {
+    /// A view: the channels, then transmittance.
+    fn view(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure>;
+}
+
+impl fmt::Debug for dyn Machine {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("Machine")
+    }
+}
+
+/// A scene on an executor.
+struct Loaded<E: Renderer> {
+    exec: E,
+    gaussians: Gaussians<E::Array>,
+    light: Option<E::Light>,
+}
+
+impl<E> Loaded<E>
+where
+    E: Renderer + Send + 'static,
+    E::Array: Send,
+    E::Light: Send,
+    E::Error: Into<Failure>,
+{
+    /// Filters the light, if there is one.
+    fn boxed(
+        mut exec: E,
+        gaussians: Gaussians<E::Array>,
+        light: Option<Environment<E::Array>>,
+        rules: &RenderRules,
+    ) -> Result<Box<dyn Machine>, Failure> {
+        let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels));
+        let light = light.transpose().map_err(Into::into)?;
+        Ok(Box::new(Self { exec, gaussians, light }))
+    }
+}
+
+impl<E> Machine for Loaded<E>
+where
+    E: Renderer + Send,
+    E::Array: Send,
+    E::Light: Send,
+    E::Error: Into<Failure>,
+{
+    fn view(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure> {
+        render_view(&mut self.exec, &self.gaussians, self.light.as_ref(), camera, rules).map_err(Into::into)
+    }
+}
+
+/// A scene, loaded where it was asked to be rendered; `light` is what it looks up.
+pub(crate) fn load(
+    choice: &ExecutorChoice,
+    scene: Scene,
+    light: Option<Environment<Vec<f32>>>,
+    rules: &RenderRules,
+    talk: Talk,
+) -> Result<Box<dyn Machine>, Failure> {
+    match device::choose(choice, talk)? {
+        Some(device) => device.load(scene, light, rules),
+        None => Loaded::boxed(CpuExecutor::new(), scene.gaussians, light, rules),
+    }
+}
+
+#[cfg(feature = "gpu")]
+pub(crate) mod device {
+    //! GPUs, where the program knows them.
+
+    use super::{ExecutorChoice, Loaded, Machine};
+    use crate::{failure::Failure, progress::Talk, scene::Scene};
+    use specula_core::{
+        executor::{RenderRules, Renderer as _},
+        scene::{Environment, Gaussians},
+    };
+    use specula_gpu::{
+        Gpu, GpuExecutor,
+        device::{AdapterReport, adapters},
+    };
+
+    /// A device that was opened.
+    #[derive(Debug)]
+    pub(crate) struct Device(Gpu);
+
+    /// The device that was asked for; none for the processor.
+    pub(super) fn choose(choice: &ExecutorChoice, talk: Talk) -> Result<Option<Device>, Failure> {
+        match choice {
+            ExecutorChoice::Cpu => Ok(None),
+            ExecutorChoice::Gpu(name) => Ok(Some(Device(Gpu::new(name)?))),
+            ExecutorChoice::Auto => Ok(preferred(&adapters()).and_then(|report| open(report, talk))),
+        }
+    }
+
+    /// The adapter that is used when none is asked for: the first of real hardware. A driver that computes on the
+    /// processor is slower there than the CPU executor.
+    pub(crate) fn preferred(reports: &[AdapterReport]) -> Option<&AdapterReport> {
+        reports.iter().find(|report| !report.is_software)
+    }
+
+    fn open(report: &AdapterReport, talk: Talk) -> Option<Device> {
+        match Gpu::new(&report.info.name) {
+            Ok(gpu) => Some(Device(gpu)),
+            Err(error) => {
+                talk.note(&format!("{error}; the processor takes over"));
+                None
+            }
+        }
+    }
+
+    impl Device {
+        pub(super) fn load(
+            self,
+            scene: Scene,
+            light: Option<Environment<Vec<f32>>>,
+            rules: &RenderRules,
+        ) -> Result<Box<dyn Machine>, Failure> {
+            let mut exec = GpuExecutor::new(self.0);
+            let Gaussians { count, layout, values } = scene.gaussians;
+            let gaussians = Gaussians { count, layout, values: exec.upload(&values)? };
+            let light = light.map(|light| -> Result<_, Failure> {
+                let Environment { resolution, activation, values } = light;
+                Ok(Environment { resolution, activation, values: exec.upload(&values)? })
+            });
+            let light = light.transpose()?;
+            Loaded::boxed(exec, gaussians, light, rules)
+        }
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+mod device {
+    //! A program that knows no GPUs.
+
+    use super::{ExecutorChoice, Machine};
+    use crate::{failure::Failure, progress::Talk, scene::Scene};
+    use specula_core::{executor::RenderRules, scene::Environment};
+
+    /// There is none.
+    pub(super) enum Device {}
+
+    pub(super) fn choose(choice: &ExecutorChoice, _talk: Talk) -> Result<Option<Device>, Failure> {
+        match choice {
+            ExecutorChoice::Gpu(_) => {
+                Err(Failure::Input("this program was built without its feature `gpu`; use --executor cpu".into()))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    impl Device {
+        pub(super) fn load(
+            self,
+            _scene: Scene,
+            _light: Option<Environment<Vec<f32>>>,
+            _rules: &RenderRules,
+        ) -> Result<Box<dyn Machine>, Failure> {
+            match self {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_executor_is_named_with_or_without_its_adapter() {
+        assert_eq!("auto".parse(), Ok(ExecutorChoice::Auto));
+        assert_eq!("cpu".parse(), Ok(ExecutorChoice::Cpu));
+        assert_eq!("gpu".parse(), Ok(ExecutorChoice::Gpu(String::new())));
+        assert_eq!("gpu:llvmpipe".parse(), Ok(ExecutorChoice::Gpu("llvmpipe".to_owned())));
+        assert!("cuda".parse::<ExecutorChoice>().is_err());
+        assert!("cpu:0".parse::<ExecutorChoice>().is_err());
+    }
+}

@@ -1,0 +1,70 @@
+//! Tiles to a picture.
+
+use crate::{
+    bin::Tiles,
+    device::GpuError,
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    machine::Machine,
+    memory::Array,
+    project::Splats,
+    shade::Colors,
+    source,
+    view::View,
+};
+use specula_core::camera::Camera;
+
+/// A picture, plane by plane: what was blended, then the transmittance.
+#[derive(Debug)]
+pub struct Frame {
+    pub(crate) size: [usize; 2],
+    pub(crate) channels: usize,
+    pub(crate) blended: Array,
+    /// The colour of the picture, where it is not what was blended.
+    pub(crate) shaded: Option<Array>,
+}
+
+impl Frame {
+    /// Width and height, in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+    pub(crate) fn pixel_count(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+}
+
+pub(crate) fn blend(
+    machine: &mut Machine,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+) -> Result<Frame, GpuError> {
+    let view = View::new(camera, splats.count);
+    let channels = colors.channels;
+    let blended = machine.take("channels of a picture", (channels + 1) * view.pixel_count())?;
+    let bound = [
+        Uniform(view.bytes()),
+        Of(&splats.splats),
+        Of(&colors.values),
+        Of(&tiles.ranges),
+        Of(&tiles.gaussians),
+        Of(&blended),
+    ];
+    let source = || source::blend(channels);
+    machine.run(&format!("{channels} channels"), "blend", &source, &bound, Groups::Grid(view.tiles()))?;
+    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None })
+}
+
+/// The frame on the host: its channels, then the transmittance.
+pub(crate) fn read(machine: &mut Machine, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
+    let shown = frame.shaded.as_ref().map_or(0, |_| 3 * frame.pixel_count());
+    let (colors, others) = values.split_at_mut(shown);
+    if let Some(shaded) = &frame.shaded {
+        machine.download(shaded, 0, colors)?;
+    }
+    machine.download(&frame.blended, shown, others)
+}

@@ -1,0 +1,218 @@
+//! The machine: which adapter, what it allows, and what went wrong on it.
+
+use core::fmt;
+use std::sync::{Arc, Mutex};
+use wgpu::{
+    Adapter, AdapterInfo, Backends, Device, DeviceDescriptor, DeviceType, ExperimentalFeatures, Features, Instance,
+    InstanceDescriptor, Limits, MemoryHints, PollType, Queue, Trace,
+};
+
+/// Why a stage could not run.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+pub enum GpuError {
+    /// There is no adapter, or none of that name.
+    #[error(
+        "no adapter of wgpu {}; install a driver for Vulkan, Metal or DirectX 12 (`mesa-vulkan-drivers` renders \
+             without any GPU), or use the CPU",
+        named(wanted)
+    )]
+    NoAdapter {
+        /// Part of the name that was asked for; empty for any.
+        wanted: String,
+    },
+    /// The adapter gave no device.
+    #[error("the adapter {adapter:?} gave no device: {reason}; use another adapter or the CPU")]
+    NoDevice {
+        /// Its name.
+        adapter: String,
+        /// What it said.
+        reason: String,
+    },
+    /// The device has no memory left.
+    #[error("the device is out of memory; use smaller pictures, fewer Gaussians (--max-gaussians) or the CPU")]
+    OutOfMemory,
+    /// An array is larger than the adapter lets a shader see.
+    #[error("{what} take {bytes} bytes, and the adapter lets shaders see {limit}; use another adapter or the CPU")]
+    TooLarge {
+        /// What was to be stored.
+        what: &'static str,
+        /// How large it is.
+        bytes: u64,
+        /// How large it may be.
+        limit: u64,
+    },
+    /// The device is gone.
+    #[error("the device was lost: {reason}; what was saved before can be used on, also by the CPU")]
+    Lost {
+        /// What the driver said.
+        reason: String,
+    },
+    /// The device refused a command.
+    #[error("the device refused a command, which is a fault of the program: {reason}")]
+    Refused {
+        /// What it said.
+        reason: String,
+    },
+    /// A light has more weights than are kept.
+    #[error(
+        "a light of resolution {resolution} has more weights than the device keeps; use the CPU, or a smaller light"
+    )]
+    LightTooLarge {
+        /// Texels along an edge of a face.
+        resolution: usize,
+    },
+    /// A light's resolution cannot be filtered.
+    #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
+    LightResolution {
+        /// Texels along an edge of a face.
+        resolution: usize,
+        /// The smallest that can be.
+        least: usize,
+    },
+    /// A picture's bytes do not fit its size.
+    #[error("a picture of {width} × {height} pixels needs {expected} bytes of RGBA, but has {found}")]
+    TargetSize {
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Bytes that it should have.
+        expected: usize,
+        /// Bytes that it has.
+        found: usize,
+    },
+}
+
+fn named(wanted: &str) -> String {
+    if wanted.is_empty() { "was found".to_owned() } else { format!("has {wanted:?} in its name") }
+}
+
+/// A device that kernels run on.
+#[derive(Debug)]
+pub struct Gpu {
+    pub(crate) device: Device,
+    pub(crate) queue: Queue,
+    info: AdapterInfo,
+    limits: Limits,
+    fault: Arc<Mutex<Option<GpuError>>>,
+}
+
+/// What is known of an adapter without using it.
+#[derive(Clone, Debug)]
+pub struct AdapterReport {
+    /// Name, driver, kind.
+    pub info: AdapterInfo,
+    /// What it allows.
+    pub limits: Limits,
+    /// Whether it is a program that computes on the CPU.
+    pub is_software: bool,
+}
+
+impl fmt::Display for AdapterReport {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let AdapterInfo { name, backend, driver, driver_info, .. } = &self.info;
+        let kind = if self.is_software { ", software" } else { "" };
+        write!(out, "{name} ({backend}{kind}; {driver} {driver_info})")
+    }
+}
+
+/// All adapters of this machine, those of real hardware first.
+pub fn adapters() -> Vec<AdapterReport> {
+    let mut reports: Vec<AdapterReport> = all_adapters().iter().map(report).collect();
+    reports.sort_by_key(|report| report.is_software);
+    reports
+}
+
+fn all_adapters() -> Vec<Adapter> {
+    // Without compute shaders an adapter is of no use: OpenGL's are left out.
+    let backends = Backends::PRIMARY;
+    let instance = Instance::new(InstanceDescriptor { backends, ..InstanceDescriptor::new_without_display_handle() });
+    pollster::block_on(instance.enumerate_adapters(backends))
+}
+
+fn report(adapter: &Adapter) -> AdapterReport {
+    let info = adapter.get_info();
+    AdapterReport { is_software: info.device_type == DeviceType::Cpu, limits: adapter.limits(), info }
+}
+
+impl Gpu {
+    /// The first adapter with `wanted` in its name, of real hardware if there is any; an empty name is any.
+    pub fn new(wanted: &str) -> Result<Self, GpuError> {
+        let is_wanted = |adapter: &Adapter| adapter.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
+        let mut found: Vec<Adapter> = all_adapters().into_iter().filter(is_wanted).collect();
+        found.sort_by_key(|adapter| report(adapter).is_software);
+        let adapter = found.into_iter().next().ok_or(GpuError::NoAdapter { wanted: wanted.to_owned() })?;
+        Self::of(&adapter)
+    }
+
+    fn of(adapter: &Adapter) -> Result<Self, GpuError> {
+        let info = adapter.get_info();
+        let limits = wanted_limits(&adapter.limits());
+        let descriptor = DeviceDescriptor {
+            label: Some("specula"),
+            required_features: Features::empty(),
+            required_limits: limits.clone(),
+            experimental_features: ExperimentalFeatures::disabled(),
+            memory_hints: MemoryHints::Performance,
+            trace: Trace::Off,
+        };
+        let opened = pollster::block_on(adapter.request_device(&descriptor));
+        let (device, queue) =
+            opened.map_err(|error| GpuError::NoDevice { adapter: info.name.clone(), reason: error.to_string() })?;
+        let fault = Arc::new(Mutex::new(None));
+        let of_errors = fault.clone();
+        device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
+        let of_loss = fault.clone();
+        device.set_device_lost_callback(move |_, reason| keep_first(&of_loss, GpuError::Lost { reason }));
+        Ok(Self { device, queue, info, limits, fault })
+    }
+
+    /// Name, driver and kind of the adapter.
+    pub fn info(&self) -> &AdapterInfo {
+        &self.info
+    }
+
+    /// Largest array that a shader may see, in bytes.
+    pub(crate) fn binding_max(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
+    /// Most workgroups along one axis of a dispatch.
+    pub(crate) fn groups_max(&self) -> u32 {
+        self.limits.max_compute_workgroups_per_dimension
+    }
+
+    /// What went wrong since the last call, if anything did.
+    pub(crate) fn check(&self) -> Result<(), GpuError> {
+        self.fault.lock().expect("nobody panics while noting a fault").take().map_or(Ok(()), Err)
+    }
+
+    /// Waits until everything that was submitted is done.
+    pub(crate) fn wait(&self) -> Result<(), GpuError> {
+        let waited = self.device.poll(PollType::wait_indefinitely());
+        self.check()?;
+        waited.map(drop).map_err(|error| GpuError::Lost { reason: error.to_string() })
+    }
+}
+
+/// The limits of WebGPU, but arrays as large as the adapter takes them.
+fn wanted_limits(adapter: &Limits) -> Limits {
+    Limits {
+        max_storage_buffer_binding_size: adapter.max_storage_buffer_binding_size,
+        max_buffer_size: adapter.max_buffer_size,
+        ..Limits::default()
+    }
+}
+
+fn keep_first(fault: &Mutex<Option<GpuError>>, error: GpuError) {
+    fault.lock().expect("nobody panics while noting a fault").get_or_insert(error);
+}
+
+fn fault_of(error: &wgpu::Error) -> GpuError {
+    match error {
+        wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory,
+        wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
+            GpuError::Refused { reason: description.clone() }
+        }
+    }
+}

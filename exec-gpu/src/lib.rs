@@ -1,0 +1,28 @@
+//! specula's stages on wgpu: any GPU, or a software driver.
+//!
+//! Formulas are not written twice: [`trace`] evaluates core's own with a number that writes itself down, and
+//! [`formula`] makes functions of WGSL from the record. The files in `shaders/` schedule them: which invocation does
+//! what, and what is read and written. Nothing but the limits and features of WebGPU is asked of an adapter.
+#![forbid(unsafe_code)]
+
+pub mod bin;
+pub mod blend;
+pub mod device;
+pub mod executor;
+pub mod formula;
+pub mod formulas;
+mod kernel;
+mod machine;
+pub mod memory;
+mod pixel;
+pub mod prefilter;
+mod probe;
+pub mod project;
+pub mod shade;
+mod sort;
+mod source;
+pub mod trace;
+mod view;
+
+pub use device::{Gpu, GpuError};
+pub use executor::GpuExecutor;

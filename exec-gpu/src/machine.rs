@@ -1,0 +1,87 @@
+//! What every stage needs: the device, its memory, its kernels.
+
+use crate::{
+    device::{Gpu, GpuError},
+    kernel::{Bound, Groups, Kernels},
+    memory::{Array, Pool, read, staged, write},
+};
+use bytemuck::Pod;
+
+/// A device with memory and kernels.
+#[derive(Debug)]
+pub(crate) struct Machine {
+    pub(crate) gpu: Gpu,
+    pool: Pool,
+    kernels: Kernels,
+}
+
+impl Machine {
+    pub(crate) fn new(gpu: Gpu) -> Self {
+        Self { gpu, pool: Pool::default(), kernels: Kernels::default() }
+    }
+
+    /// An array of so many numbers, whatever they are.
+    pub(crate) fn take(&self, what: &'static str, len: usize) -> Result<Array, GpuError> {
+        self.pool.take(&self.gpu, what, len)
+    }
+
+    /// An array of so many zeros.
+    pub(crate) fn zeros(&mut self, what: &'static str, len: usize) -> Result<Array, GpuError> {
+        let array = self.take(what, len)?;
+        self.kernels.encoder(&self.gpu).clear_buffer(array.buffer(), 0, None);
+        Ok(array)
+    }
+
+    /// An array of these numbers.
+    pub(crate) fn upload<T: Pod>(&mut self, what: &'static str, values: &[T]) -> Result<Array, GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let array = self.take(what, bytes.len().div_ceil(4))?;
+        write(&self.gpu, self.kernels.encoder(&self.gpu), &array, bytes)?;
+        Ok(array)
+    }
+
+    /// A copy of an array.
+    pub(crate) fn copy(&mut self, what: &'static str, array: &Array) -> Result<Array, GpuError> {
+        let copy = self.take(what, array.len())?;
+        let size = Some(4 * array.len() as u64);
+        self.kernels.encoder(&self.gpu).copy_buffer_to_buffer(array.buffer(), 0, copy.buffer(), 0, size);
+        Ok(copy)
+    }
+
+    /// Some numbers of an array, from `first` on. Waits for the device.
+    pub(crate) fn download(&mut self, array: &Array, first: usize, values: &mut [f32]) -> Result<(), GpuError> {
+        self.read(array, first, values.len(), |bytes| {
+            let own: &mut [u8] = bytemuck::cast_slice_mut(values);
+            let len = own.len();
+            own.copy_from_slice(&bytes[..len]);
+        })
+    }
+
+    /// One whole number of an array. Waits for the device.
+    pub(crate) fn download_count(&mut self, array: &Array, place: usize) -> Result<u32, GpuError> {
+        let mut count = 0;
+        self.read(array, place, 1, |bytes| count = bytemuck::pod_read_unaligned(&bytes[..4]))?;
+        Ok(count)
+    }
+
+    fn read(&mut self, array: &Array, first: usize, len: usize, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+        if len == 0 {
+            return Ok(());
+        }
+        let staging = staged(&self.gpu, self.kernels.encoder(&self.gpu), array, first, len);
+        self.kernels.submit(&self.gpu)?;
+        read(&self.gpu, &staging, take)
+    }
+
+    /// Records a kernel; see [`Kernels::run`].
+    pub(crate) fn run(
+        &mut self,
+        key: &str,
+        entry: &'static str,
+        source: &dyn Fn() -> String,
+        bound: &[Bound<'_>],
+        groups: Groups,
+    ) -> Result<(), GpuError> {
+        self.kernels.run(&self.gpu, key, entry, source, bound, groups)
+    }
+}

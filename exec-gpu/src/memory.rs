@@ -1,0 +1,144 @@
+//! Arrays on the device, and how bytes get there and back.
+
+use crate::device::{Gpu, GpuError};
+use std::sync::{Arc, Mutex};
+use wgpu::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
+
+/// Buffers are made in steps of a quarter of a power of two, so that those of a growing scene fit again.
+const STEPS: u64 = 4;
+/// The least buffer, in bytes.
+const LEAST: u64 = 256;
+
+/// Numbers of 32 bits on the device. Its memory goes back to where it came from.
+#[derive(Debug)]
+pub struct Array {
+    /// `None` only while being dropped.
+    buffer: Option<Buffer>,
+    len: usize,
+    pool: Arc<Mutex<Vec<Buffer>>>,
+}
+
+impl Array {
+    /// How many numbers there are.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+    pub(crate) fn buffer(&self) -> &Buffer {
+        self.buffer.as_ref().expect("an array has its buffer until it is dropped")
+    }
+    fn bytes(&self) -> u64 {
+        4 * self.len as u64
+    }
+}
+
+impl Drop for Array {
+    fn drop(&mut self) {
+        if let (Some(buffer), Ok(mut pool)) = (self.buffer.take(), self.pool.lock()) {
+            pool.push(buffer);
+        }
+    }
+}
+
+/// Where arrays come from and go back to.
+#[derive(Debug, Default)]
+pub(crate) struct Pool {
+    free: Arc<Mutex<Vec<Buffer>>>,
+}
+
+impl Pool {
+    /// An array of so many numbers, whatever they are. `what` names it where it is too large.
+    pub(crate) fn take(&self, gpu: &Gpu, what: &'static str, len: usize) -> Result<Array, GpuError> {
+        let bytes = 4 * len as u64;
+        let limit = gpu.binding_max();
+        if bytes > limit {
+            return Err(GpuError::TooLarge { what, bytes, limit });
+        }
+        let size = size_class(bytes).min(limit);
+        let mut free = self.free.lock().expect("nobody panics while holding the pool");
+        let place = free.iter().position(|buffer| buffer.size() == size);
+        let buffer = place.map_or_else(|| new_buffer(gpu, size), |place| free.swap_remove(place));
+        Ok(Array { buffer: Some(buffer), len, pool: self.free.clone() })
+    }
+}
+
+fn new_buffer(gpu: &Gpu, size: u64) -> Buffer {
+    gpu.device.create_buffer(&BufferDescriptor {
+        label: None,
+        size,
+        usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// The next size that buffers are made in.
+fn size_class(bytes: u64) -> u64 {
+    let bytes = bytes.max(LEAST);
+    let step = (bytes.next_power_of_two() / 2 / STEPS).max(LEAST / STEPS);
+    bytes.next_multiple_of(step)
+}
+
+/// A new buffer that holds these bytes.
+pub(crate) fn filled(gpu: &Gpu, bytes: &[u8], usage: BufferUsages) -> Result<Buffer, GpuError> {
+    let size = (bytes.len() as u64).next_multiple_of(4).max(16);
+    let buffer = gpu.device.create_buffer(&BufferDescriptor { label: None, size, usage, mapped_at_creation: true });
+    let mapped = buffer.get_mapped_range_mut(..);
+    let mut mapped = mapped.map_err(|error| GpuError::Refused { reason: error.to_string() })?;
+    mapped.slice(..bytes.len()).copy_from_slice(bytes);
+    drop(mapped);
+    buffer.unmap();
+    Ok(buffer)
+}
+
+/// Writes bytes to the start of an array, after all commands that were recorded before.
+pub(crate) fn write(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, bytes: &[u8]) -> Result<(), GpuError> {
+    if bytes.is_empty() {
+        return Ok(());
+    }
+    let staging = filled(gpu, bytes, BufferUsages::COPY_SRC)?;
+    encoder.copy_buffer_to_buffer(&staging, 0, array.buffer(), 0, Some(bytes.len() as u64));
+    Ok(())
+}
+
+/// A buffer that the host can read, which an array is copied to once the commands run.
+pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, first: usize, len: usize) -> Buffer {
+    let size = 4 * len as u64;
+    let staging = gpu.device.create_buffer(&BufferDescriptor {
+        label: None,
+        size: size.max(4),
+        usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    debug_assert!(4 * first as u64 + size <= array.bytes(), "what is read lies in the array");
+    if size > 0 {
+        encoder.copy_buffer_to_buffer(array.buffer(), 4 * first as u64, &staging, 0, Some(size));
+    }
+    staging
+}
+
+/// The bytes of a staged buffer; waits for the device.
+pub(crate) fn read(gpu: &Gpu, staging: &Buffer, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+    staging.map_async(MapMode::Read, .., |_| ());
+    gpu.wait()?;
+    let view = staging.get_mapped_range(..).map_err(|error| GpuError::Refused { reason: error.to_string() })?;
+    take(&view);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::size_class;
+
+    #[test]
+    fn sizes_come_in_few_steps_and_waste_a_quarter_at_most() {
+        for bytes in [1_u64, 256, 257, 1000, 4096, 4097, 1_000_000, 123_456_789] {
+            let size = size_class(bytes);
+            assert!(size >= bytes && size.is_multiple_of(64), "{bytes} fit into {size}");
+            assert!(bytes < 1024 || size <= bytes + bytes / 4, "{bytes} take {size}");
+            assert_eq!(size_class(size), size, "a size is its own class");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! One formula on the device, for whoever wants to know whether it computes there what it computes on the host.
+
+use crate::{
+    device::GpuError,
+    executor::GpuExecutor,
+    formula::{Formula, Inputs},
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    source,
+    trace::trace,
+};
+use specula_core::executor::Renderer;
+
+impl GpuExecutor {
+    /// A formula for rows of inputs, on the device: all its results, row by row. A row has all numbers of all
+    /// parameters in order, wherever shaders take them from.
+    pub fn evaluate(&mut self, formula: &impl Formula, inputs: &[f32]) -> Result<Vec<f32>, GpuError> {
+        let (width, height) = (len_of(&formula.parameters()), len_of(&formula.results()));
+        let rows = inputs.len() / width;
+        let inputs = self.upload(inputs)?;
+        let outputs = self.upload(&vec![0.0; rows * height])?;
+        let source = || source::probe(&statements(formula, width, height));
+        let settings = [rows as u32];
+        let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&inputs), Of(&outputs)];
+        let key = format!("{} {}", formula.name(), statements(formula, width, height));
+        self.machine.run(&key, "probe", &source, &bound, Groups::For(rows))?;
+        let mut values = vec![0.0; rows * height];
+        self.download(&outputs, &mut values)?;
+        Ok(values)
+    }
+}
+
+fn len_of(fields: &[crate::formula::Field]) -> usize {
+    fields.iter().map(|field| field.len).sum()
+}
+
+/// The formula with numbers of a row of inputs, and its results written to a row of outputs.
+fn statements(formula: &impl Formula, width: usize, height: usize) -> String {
+    let inputs: Vec<String> = (0..width).map(|k| format!("inputs[row * {width}u + {k}u]")).collect();
+    let (mut statements, results) = trace(&inputs, |numbers| formula.evaluate(&mut Inputs::new(numbers)));
+    for (k, result) in results.iter().enumerate() {
+        statements.push_str(&format!("    outputs[row * {height}u + {k}u] = {result};\n"));
+    }
+    statements
+}

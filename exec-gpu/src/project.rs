@@ -1,0 +1,53 @@
+//! Gaussians to splats.
+
+use crate::{
+    device::GpuError,
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    machine::Machine,
+    memory::Array,
+    source,
+    view::View,
+};
+use specula_core::{camera::Camera, scene::Gaussians};
+
+/// Numbers of a splat in memory.
+pub(crate) const SPLAT_LEN: usize = 12;
+
+/// Gaussians on the screen.
+#[derive(Debug)]
+pub struct Splats {
+    pub(crate) count: usize,
+    /// `Splat` of `camera.wgsl`, one for each Gaussian.
+    pub(crate) splats: Array,
+    /// Bits of the depths, which sort as they do; `NOT_DRAWN` for what is not drawn.
+    pub(crate) depth_keys: Array,
+    /// How many tiles each touches.
+    pub(crate) tile_counts: Array,
+}
+
+pub(crate) fn project(
+    machine: &mut Machine,
+    gaussians: &Gaussians<Array>,
+    camera: &Camera,
+) -> Result<Splats, GpuError> {
+    let (count, layout) = (gaussians.count, gaussians.layout);
+    let splats = Splats {
+        count,
+        splats: machine.take("splats", SPLAT_LEN * count)?,
+        depth_keys: machine.take("depths", count)?,
+        tile_counts: machine.take("numbers of tiles", count)?,
+    };
+    let view = View::new(camera, count);
+    let bound = [
+        Uniform(view.bytes()),
+        Of(&gaussians.values),
+        Of(&splats.splats),
+        Of(&splats.depth_keys),
+        Of(&splats.tile_counts),
+    ];
+    machine.run(&format!("{layout:?}"), "project", &|| source::project(layout), &bound, Groups::For(count))?;
+    Ok(splats)
+}

@@ -1,0 +1,47 @@
+//! Splats to channels.
+
+use crate::{
+    device::GpuError,
+    formulas::ShadingOf,
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    machine::Machine,
+    memory::Array,
+    prefilter::Light,
+    project::Splats,
+    source,
+    view::View,
+};
+use specula_core::{camera::Camera, executor::RenderRules, scene::Gaussians};
+
+/// The channels of each Gaussian, side by side, filled up to whole vectors of four.
+#[derive(Debug)]
+pub struct Colors {
+    pub(crate) channels: usize,
+    pub(crate) values: Array,
+}
+
+pub(crate) fn shade(
+    machine: &mut Machine,
+    gaussians: &Gaussians<Array>,
+    camera: &Camera,
+    splats: &Splats,
+    light: Option<&Light>,
+    rules: &RenderRules,
+) -> Result<Colors, GpuError> {
+    let shading = ShadingOf { layout: gaussians.layout, rules: *rules };
+    let channels = shading.blended().count();
+    let colors = Colors { channels, values: machine.take("channels", channels.next_multiple_of(4) * gaussians.count)? };
+    let view = View::new(camera, gaussians.count);
+    let own_light = light.filter(|_| shading.looks_light_up());
+    let layout = own_light.map(|light| &light.layout);
+    let mut bound = vec![Uniform(view.bytes()), Of(&gaussians.values), Of(&splats.depth_keys), Of(&colors.values)];
+    if let Some(light) = own_light {
+        bound.extend([Of(&light.texels), Of(&light.split_sum)]);
+    }
+    let key = format!("{shading:?} {layout:?}");
+    machine.run(&key, "shade", &|| source::shade(&shading, layout), &bound, Groups::For(gaussians.count))?;
+    Ok(colors)
+}

@@ -1,0 +1,22 @@
+// A formula for many rows of inputs: one invocation a row.
+
+struct Rows {
+    count: u32,
+}
+
+@group(0) @binding(0) var<uniform> rows: Rows;
+@group(0) @binding(1) var<storage, read> inputs: array<f32>;
+@group(0) @binding(2) var<storage, read_write> outputs: array<f32>;
+
+@compute @workgroup_size(GROUP)
+fn probe(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let row = linear_index(group, groups, local);
+    if row >= rows.count {
+        return;
+    }
+    // STATEMENTS
+}

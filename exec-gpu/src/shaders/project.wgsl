@@ -1,0 +1,28 @@
+// Gaussians to splats: one invocation a Gaussian.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(2) var<storage, read_write> splats: array<Splat>;
+@group(0) @binding(3) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(4) var<storage, read_write> tile_counts: array<u32>;
+
+var<private> gaussian: u32;
+
+@compute @workgroup_size(GROUP)
+fn project(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    gaussian = linear_index(group, groups, local);
+    if gaussian >= camera.gaussian_count {
+        return;
+    }
+    let s = splat_of();
+    let splat = Splat(s.mean2d, s.log2_opacity, s.opacity, s.root, s.reach, s.half_extent, s.depth, 0.0);
+    splats[gaussian] = splat;
+    let count = select(0u, count_tiles(splat), s.reach >= 0.0);
+    tile_counts[gaussian] = count;
+    // Depths are positive, so their bits sort as they do; what is not drawn comes last.
+    depth_keys[gaussian] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
+}

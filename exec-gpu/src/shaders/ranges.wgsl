@@ -1,0 +1,28 @@
+// Where each tile's splats begin and end among the sorted ones. Tiles without any keep the zeros they start with.
+
+struct RangeSize {
+    count: u32,
+}
+
+@group(0) @binding(0) var<uniform> size: RangeSize;
+@group(0) @binding(1) var<storage, read> tiles_of: array<u32>;
+@group(0) @binding(2) var<storage, read_write> ranges: array<vec2u>;
+
+@compute @workgroup_size(GROUP)
+fn find_ranges(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let place = linear_index(group, groups, local);
+    if place >= size.count {
+        return;
+    }
+    let tile = tiles_of[place];
+    if place == 0u || tiles_of[place - 1u] != tile {
+        ranges[tile].x = place;
+    }
+    if place + 1u == size.count || tiles_of[place + 1u] != tile {
+        ranges[tile].y = place + 1u;
+    }
+}

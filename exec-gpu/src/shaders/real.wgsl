@@ -1,0 +1,16 @@
+// The functions of `specula_core::real` that no machine has exactly: as there, operation by operation.
+
+// Rounded by the machine's own function: compilers may take a large number that is added and subtracted again for
+// nothing.
+fn real_exp2(power: f32) -> f32 {
+    let x = clamp(power, EXP2_MIN, EXP2_MAX);
+    let whole = round(x);
+    return exp2_fraction(x - whole) * bitcast<f32>(u32(i32(whole) + 127) << 23u);
+}
+
+fn real_log2(x: f32) -> f32 {
+    let bits = bitcast<u32>(x);
+    let exponent = bitcast<i32>(bits - FRAC_1_SQRT_2_BITS) >> 23u;
+    let mantissa = bitcast<f32>(bits - (bitcast<u32>(exponent) << 23u));
+    return log2_mantissa(mantissa) + f32(exponent);
+}

@@ -1,0 +1,28 @@
+// Gaussians to channels: one invocation a Gaussian.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(2) var<storage, read> depth_keys: array<u32>;
+@group(0) @binding(3) var<storage, read_write> colors: array<f32>;
+
+var<private> gaussian: u32;
+
+@compute @workgroup_size(GROUP)
+fn shade(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    gaussian = linear_index(group, groups, local);
+    if gaussian >= camera.gaussian_count || depth_keys[gaussian] == NOT_DRAWN {
+        return;
+    }
+    let channels = channels_of();
+    let first = gaussian * CHANNEL_VECTORS * 4u;
+    for (var c = 0u; c < CHANNELS; c++) {
+        colors[first + c] = channels[c];
+    }
+    for (var c = CHANNELS; c < CHANNEL_VECTORS * 4u; c++) {
+        colors[first + c] = 0.0;
+    }
+}

@@ -1,0 +1,434 @@
+//! The prefilter's operator: light into roughness levels is linear, and its weights depend on the resolution alone. They
+//! are worked out here once, from core's formulas; executors keep them and apply them.
+//!
+//! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the filtered texels (*rows*);
+//! levels with aprons are what is looked up.
+#![forbid(unsafe_code)]
+
+pub mod sparse;
+
+use crate::sparse::{Linear, Sparse};
+use rayon::prelude::*;
+use specula_core::{
+    cubemap::{FACE_COUNT, apron_sources, padded_len, texel_direction, texel_index, texel_solid_angle},
+    double::Double,
+    prefilter::{
+        IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
+        official_cut_cosine, official_irradiance_weight, official_lobe_weight, official_texel_weight,
+    },
+    split_sum::{RESOLUTION, integrate},
+    vector::{Vec3, vec3},
+};
+use std::sync::LazyLock;
+
+/// Coarsest resolution of the light's pyramid.
+const COARSEST: usize = 4;
+/// Operators with more weights than this are computed anew at each use instead of being kept.
+const STORED_WEIGHTS_MAX: usize = 1 << 26;
+
+/// The table of the authors' shading, made at its first use: n·v across, roughness down.
+pub static SPLIT_SUM: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
+    const SAMPLES: u32 = 1024;
+    let centre = |k: usize| (k as f64 + 0.5) / RESOLUTION as f64;
+    (0..RESOLUTION * RESOLUTION)
+        .into_par_iter()
+        .map(|k| integrate(centre(k % RESOLUTION), centre(k / RESOLUTION), SAMPLES).map(|f| f as f32))
+        .collect()
+});
+
+/// The map from a light's pyramid to its levels.
+#[derive(Debug)]
+pub struct Operator {
+    scheme: PrefilterScheme,
+    resolution: usize,
+    levels: Levels,
+    /// Resolution and first node of each pyramid level, finest first.
+    pyramid: Vec<(usize, usize)>,
+    /// Filtered levels, and the irradiance map: each a block of rows.
+    blocks: Vec<RowBlock>,
+    padded_offsets: Vec<usize>,
+    nodes: NodeTable,
+    /// The official scheme's weights of one face's texels, level by level.
+    official_weights: Vec<f64>,
+    /// From each level of the pyramid to the next coarser one.
+    reductions: Vec<Linear>,
+    /// From the pyramid to the rows.
+    stored: Option<Linear>,
+    /// From the pyramid and the rows to levels with aprons.
+    aprons: Linear,
+}
+
+/// Rows of one level of the result.
+#[derive(Clone, Copy, Debug)]
+struct RowBlock {
+    resolution: usize,
+    first_row: usize,
+    kind: RowKind,
+    /// Whether it is looked up; else its rows are zero.
+    is_kept: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum RowKind {
+    /// The base itself: no rows.
+    Base,
+    Exact {
+        alpha_ggx: f64,
+    },
+    Official {
+        alpha_ggx: f64,
+        cut_cosine: f64,
+        source: usize,
+    },
+    OfficialIrradiance {
+        source: usize,
+    },
+}
+
+/// A cone of light around a direction, over the texels of one pyramid level.
+struct Cone {
+    axis: Vec3<Double>,
+    resolution: usize,
+    /// Cosine below which a node lies wholly outside, by how many times its resolution is halved.
+    least_cosine: [f64; MAX_HALVINGS],
+    /// First of the official texel weights of this level.
+    weights: usize,
+}
+
+/// Levels of the largest pyramid.
+const MAX_HALVINGS: usize = 12;
+
+/// Direction and solid angle of every node, down to twice the base's resolution.
+#[derive(Debug)]
+struct NodeTable {
+    levels: Vec<(usize, Vec<(Vec3<Double>, f64)>)>,
+}
+
+impl NodeTable {
+    fn new(finest: usize) -> Self {
+        let mut levels = Vec::new();
+        let mut resolution = finest;
+        while resolution >= COARSEST {
+            let texels = each_texel(resolution)
+                .map(|(face, column, row)| {
+                    let [x, y, z] = texel_direction(face, column, row, resolution).map(Double);
+                    (vec3(x, y, z), texel_solid_angle(column, row, resolution))
+                })
+                .collect();
+            levels.push((resolution, texels));
+            resolution /= 2;
+        }
+        Self { levels }
+    }
+    fn get(&self, node: &Node) -> (Vec3<Double>, f64) {
+        let level = (self.levels[0].0 / node.resolution).ilog2() as usize;
+        self.levels[level].1[texel_index(node.face, node.column, node.row, node.resolution)]
+    }
+}
+
+fn each_texel(resolution: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    (0..FACE_COUNT).flat_map(move |face| {
+        (0..resolution).flat_map(move |row| (0..resolution).map(move |column| (face, column, row)))
+    })
+}
+
+fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
+    let area = resolution * resolution;
+    (index / area, index % resolution, index % area / resolution)
+}
+
+impl Operator {
+    /// The operator for a base of this resolution, a power of two; rows of levels that are not kept are zero.
+    pub fn new(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Self {
+        let levels = Levels::new(scheme, resolution);
+        let mut pyramid = Vec::new();
+        let (mut size, mut offset) = (resolution, 0);
+        while size >= COARSEST.min(resolution) {
+            pyramid.push((size, offset));
+            offset += FACE_COUNT * size * size;
+            size /= 2;
+        }
+        let blocks = Self::row_blocks(scheme, &levels, kept, &pyramid);
+        let mut padded_offsets = vec![0];
+        for block in &blocks {
+            padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
+        }
+        let nodes = NodeTable::new(2 * resolution);
+        let of_level = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
+        let official_weights = pyramid.iter().flat_map(|(size, _)| of_level(*size)).collect();
+        let mut operator = Self {
+            scheme,
+            resolution,
+            levels,
+            pyramid,
+            blocks,
+            padded_offsets,
+            nodes,
+            official_weights,
+            reductions: Vec::new(),
+            stored: None,
+            aprons: Linear::default(),
+        };
+        operator.stored = operator.store();
+        operator.reductions =
+            operator.pyramid.windows(2).map(|pair| operator.reduction(pair[0].0, pair[1].0)).collect();
+        operator.aprons = operator.make_aprons();
+        operator
+    }
+
+    fn row_blocks(
+        scheme: PrefilterScheme,
+        levels: &Levels,
+        kept: LevelRange,
+        pyramid: &[(usize, usize)],
+    ) -> Vec<RowBlock> {
+        let mut first_row = 0;
+        let mut blocks: Vec<RowBlock> = Vec::new();
+        let source = |resolution: usize| pyramid.iter().position(|(size, _)| *size == resolution).unwrap_or(0);
+        for (number, level) in levels.as_slice().iter().enumerate() {
+            let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
+            let kind = match scheme {
+                PrefilterScheme::Exact if level.roughness == 0.0 => RowKind::Base,
+                PrefilterScheme::Exact => RowKind::Exact { alpha_ggx },
+                PrefilterScheme::Official => RowKind::Official {
+                    alpha_ggx,
+                    cut_cosine: official_cut_cosine(alpha_ggx),
+                    source: source(level.resolution),
+                },
+            };
+            blocks.push(RowBlock { resolution: level.resolution, first_row, kind, is_kept: kept.contains(number) });
+            if !matches!(kind, RowKind::Base) {
+                first_row += FACE_COUNT * level.resolution * level.resolution;
+            }
+        }
+        if scheme == PrefilterScheme::Official {
+            let kind = RowKind::OfficialIrradiance { source: source(IRRADIANCE_RESOLUTION) };
+            blocks.push(RowBlock { resolution: IRRADIANCE_RESOLUTION, first_row, kind, is_kept: true });
+        }
+        blocks
+    }
+
+    /// The levels, sharpest first.
+    pub fn levels(&self) -> &[Level] {
+        self.levels.as_slice()
+    }
+    /// Texels along an edge of a face of the base.
+    pub fn base_resolution(&self) -> usize {
+        self.resolution
+    }
+    /// Texels along an edge of a level; the irradiance map comes after the last level.
+    #[inline(always)]
+    pub fn resolution(&self, level: usize) -> usize {
+        self.blocks[level].resolution
+    }
+    /// First texel of each level with its apron, of the irradiance map behind them, and one past the last.
+    #[inline(always)]
+    pub fn offsets(&self) -> &[usize] {
+        &self.padded_offsets
+    }
+    /// From each level of the pyramid to the next coarser one: first node of either, and the map.
+    pub fn reductions(&self) -> impl DoubleEndedIterator<Item = ([usize; 2], &Linear)> {
+        self.pyramid.windows(2).map(|pair| [pair[0].1, pair[1].1]).zip(&self.reductions)
+    }
+    /// From the pyramid to the rows; none if there are too many weights to keep.
+    pub fn rows(&self) -> Option<&Linear> {
+        self.stored.as_ref()
+    }
+    /// From nodes and rows to levels with aprons.
+    pub fn aprons(&self) -> &Linear {
+        &self.aprons
+    }
+    /// Filtered texels.
+    pub fn row_count(&self) -> usize {
+        let last = self.blocks[self.blocks.len() - 1];
+        last.first_row + FACE_COUNT * last.resolution * last.resolution
+    }
+    /// Texels of all levels with their aprons.
+    pub fn padded_count(&self) -> usize {
+        self.padded_offsets[self.blocks.len()]
+    }
+    /// Texels of the pyramid.
+    pub fn node_count(&self) -> usize {
+        let (size, offset) = self.pyramid[self.pyramid.len() - 1];
+        offset + FACE_COUNT * size * size
+    }
+    fn node_index(&self, node: &Node) -> usize {
+        let level = (self.resolution / node.resolution).ilog2() as usize;
+        self.pyramid[level].1 + texel_index(node.face, node.column, node.row, node.resolution)
+    }
+
+    fn block_of_row(&self, row: usize) -> &RowBlock {
+        let block = self.blocks.iter().rev().find(|b| b.first_row <= row && !matches!(b.kind, RowKind::Base));
+        block.expect("every row belongs to a block")
+    }
+
+    /// Nodes and weights of one row, if its level is kept; else nothing.
+    pub fn kept_row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
+        taps.clear();
+        if self.block_of_row(row).is_kept {
+            self.row(row, taps);
+        }
+    }
+
+    /// Weights of one row, normalised, into `taps`.
+    fn row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
+        taps.clear();
+        let block = self.block_of_row(row);
+        let (face, column, row) = texel_of_index(row - block.first_row, block.resolution);
+        let [x, y, z] = texel_direction(face, column, row, block.resolution).map(Double);
+        let direction = vec3(x, y, z);
+        let mut normalised = true;
+        for root in self.roots() {
+            match block.kind {
+                RowKind::Base => {}
+                RowKind::Exact { alpha_ggx } => self.cut(root, direction, alpha_ggx, taps),
+                RowKind::Official { alpha_ggx, cut_cosine, source } => {
+                    let cone = self.cone_around(direction, cut_cosine, source);
+                    let weigh =
+                        |light_dir, weight| official_lobe_weight(direction, light_dir, weight, alpha_ggx, cut_cosine);
+                    self.cone(root, &cone, &weigh, taps);
+                }
+                RowKind::OfficialIrradiance { source } => {
+                    normalised = false;
+                    let cone = self.cone_around(direction, 0.0, source);
+                    let weigh = |light_dir, weight| official_irradiance_weight(direction, light_dir, weight);
+                    self.cone(root, &cone, &weigh, taps);
+                }
+            }
+        }
+        if normalised {
+            let sum: f64 = taps.iter().map(|(_, weight)| weight).sum();
+            taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
+        }
+    }
+
+    fn roots(&self) -> impl Iterator<Item = Node> + '_ {
+        let resolution = self.pyramid[self.pyramid.len() - 1].0;
+        each_texel(resolution).map(move |(face, column, row)| Node { face, column, row, resolution })
+    }
+
+    /// Our rows: nodes small enough for the lobe where they lie.
+    fn cut(&self, node: Node, direction: Vec3<Double>, alpha_ggx: f64, taps: &mut Vec<(u32, f64)>) {
+        let must_open = || must_open(self.nodes.get(&node).0, node.resolution, direction, alpha_ggx);
+        if node.resolution < self.resolution && must_open() {
+            return node.children().into_iter().for_each(|child| self.cut(child, direction, alpha_ggx, taps));
+        }
+        let weight = lobe_weight_of_quarters(&node.children().map(|c| self.nodes.get(&c)), direction, alpha_ggx);
+        if weight > 0.0 {
+            taps.push((self.node_index(&node) as u32, weight));
+        }
+    }
+
+    /// The official scheme's rows: every texel of one pyramid level inside a cone.
+    fn cone(&self, node: Node, cone: &Cone, weigh: &dyn Fn(Vec3<Double>, f64) -> f64, taps: &mut Vec<(u32, f64)>) {
+        let (direction, _) = self.nodes.get(&node);
+        let level = (cone.resolution / node.resolution).ilog2() as usize;
+        if direction.dot(cone.axis).0 < cone.least_cosine[level] {
+            return;
+        }
+        if node.resolution < cone.resolution {
+            return node.children().into_iter().for_each(|child| self.cone(child, cone, weigh, taps));
+        }
+        let texel_weight = self.official_weights[texel_index(0, node.column, node.row, node.resolution) + cone.weights];
+        let weight = weigh(direction, texel_weight);
+        if weight > 0.0 {
+            taps.push((self.node_index(&node) as u32, weight));
+        }
+    }
+
+    fn cone_around(&self, axis: Vec3<Double>, cut_cosine: f64, source: usize) -> Cone {
+        let resolution = self.pyramid[source].0;
+        let cut = cut_cosine.acos();
+        let mut least_cosine = [-1.0; MAX_HALVINGS];
+        for (halvings, least) in least_cosine.iter_mut().enumerate() {
+            // Half the diagonal of a texel is √2 / resolution at most.
+            let reach = cut + 1.5 * (1 << halvings) as f64 / resolution as f64;
+            *least = if reach < core::f64::consts::PI { reach.cos() } else { -1.0 };
+        }
+        let weights = self.pyramid[..source].iter().map(|(size, _)| size * size).sum();
+        Cone { axis, resolution, least_cosine, weights }
+    }
+
+    /// The weights by row, unless there are too many. Which of the two it is must not depend on the levels that are kept:
+    /// their sums are rounded in another order.
+    fn store(&self) -> Option<Linear> {
+        const ROWS_AT_ONCE: usize = 512;
+        let rows: Vec<usize> = (0..self.row_count()).collect();
+        let sample: usize = rows.iter().step_by(97).take(512).map(|row| self.tap_count(*row)).sum();
+        if sample / rows.len().div_ceil(97).clamp(1, 512) * rows.len() > STORED_WEIGHTS_MAX {
+            return None;
+        }
+        let parts: Vec<Sparse> = rows.par_chunks(ROWS_AT_ONCE).map(|rows| self.sparse_rows(rows)).collect();
+        Some(Linear::new(Sparse::join(&parts), self.node_count()))
+    }
+
+    fn tap_count(&self, row: usize) -> usize {
+        let mut taps = Vec::new();
+        self.row(row, &mut taps);
+        taps.len()
+    }
+
+    fn sparse_rows(&self, rows: &[usize]) -> Sparse {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        let mut taps = Vec::new();
+        for row in rows {
+            self.kept_row(*row, &mut taps);
+            sparse.columns.extend(taps.iter().map(|(column, _)| *column));
+            sparse.weights.extend(taps.iter().map(|(_, weight)| *weight as f32));
+            sparse.starts.push(sparse.columns.len());
+        }
+        sparse
+    }
+
+    /// Means over 2×2 texels: weighted by solid angle, or plain in the official scheme.
+    fn reduction(&self, fine: usize, coarse: usize) -> Linear {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        for (face, column, row) in each_texel(coarse) {
+            let children = Node { face, column, row, resolution: coarse }.children();
+            let shares = match self.scheme {
+                PrefilterScheme::Exact => children.map(|c| self.nodes.get(&c).1),
+                PrefilterScheme::Official => [1.0; 4],
+            };
+            let sum: f64 = shares.iter().sum();
+            for (child, share) in children.iter().zip(shares) {
+                let index = texel_index(child.face, child.column, child.row, fine);
+                sparse.push(index, (share / sum) as f32);
+            }
+            sparse.end_row();
+        }
+        Linear::new(sparse, FACE_COUNT * fine * fine)
+    }
+
+    /// Levels with their aprons. A level that is the base takes its texels from there.
+    fn make_aprons(&self) -> Linear {
+        let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
+        for block in &self.blocks {
+            let first = match block.kind {
+                RowKind::Base => 0,
+                _ => self.node_count() + block.first_row,
+            };
+            each_padded(block.resolution, |texels, weight| {
+                texels.iter().for_each(|texel| sparse.push(first + texel, weight));
+                sparse.end_row();
+            });
+        }
+        Linear::new(sparse, self.node_count() + self.row_count())
+    }
+}
+
+/// Calls `visit` for every texel of a padded map in order, with the texels that it shows and the weight of each.
+fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
+    let last = resolution as isize;
+    for face in 0..FACE_COUNT {
+        for row in -1..=last {
+            for column in -1..=last {
+                if (0..last).contains(&column) && (0..last).contains(&row) {
+                    visit(&[texel_index(face, column as usize, row as usize, resolution)], 1.0);
+                } else {
+                    let apron = apron_sources(face, column, row, resolution);
+                    visit(&apron.texels[..apron.count], 1.0 / apron.count as f32);
+                }
+            }
+        }
+    }
+}

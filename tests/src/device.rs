@@ -1,0 +1,15 @@
+//! The device that tests run on.
+
+use specula_gpu::{Gpu, GpuExecutor};
+
+/// An executor on the first adapter. Without any a test cannot run: in CI that is a failure, elsewhere it is said.
+pub fn executor() -> Option<GpuExecutor> {
+    match Gpu::new("") {
+        Ok(gpu) => Some(GpuExecutor::new(gpu)),
+        Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
+        Err(error) => {
+            eprintln!("NOT TESTED, because {error}");
+            None
+        }
+    }
+}
