@@ -114,6 +114,7 @@ pub(crate) mod device {
         Gpu, GpuExecutor,
         device::{AdapterReport, adapters},
     };
+    use std::path::Path;
 
     /// A device that was opened.
     #[derive(Debug)]
@@ -124,8 +125,16 @@ pub(crate) mod device {
         match choice {
             ExecutorChoice::Cpu => Ok(None),
             ExecutorChoice::Gpu(name) => Ok(Some(Device(Gpu::new(name)?))),
+            ExecutorChoice::Auto if !may_have_hardware() => Ok(None),
             ExecutorChoice::Auto => Ok(preferred(&adapters()).and_then(|report| open(report, talk))),
         }
+    }
+
+    /// Whether it is worth while to ask drivers for adapters of real hardware: on Linux they show as devices, and asking
+    /// drivers that have none takes time and makes them talk.
+    fn may_have_hardware() -> bool {
+        const DEVICES: [&str; 3] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
+        !cfg!(target_os = "linux") || DEVICES.iter().any(|device| Path::new(device).exists())
     }
 
     /// The adapter that is used when none is asked for: the first of real hardware. A driver that computes on the

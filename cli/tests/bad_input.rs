@@ -241,3 +241,16 @@ fn pictures_of_different_sizes_are_fine() {
     picture.resize_exact(20, 12, image::imageops::FilterType::Triangle).save(&path).unwrap();
     trained(&tiny);
 }
+
+#[test]
+fn an_executor_that_there_is_not() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let mut command = renders(&model, &tiny.path("out"));
+    // Where there is no such folder, Mesa says so.
+    command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
+    refuses(command, &["abacus", "adapter", "use the CPU"]);
+    let mut command = renders(&model, &tiny.path("out"));
+    command.args(["--executor", "cuda"]);
+    refuses(command, &["--executor", "auto, cpu, gpu"]);
+}

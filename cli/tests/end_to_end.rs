@@ -110,6 +110,45 @@ fn what_is_left_out_is_said_and_not_missed() {
     }
 }
 
+/// Largest difference of two pictures, in steps of 8 bits.
+fn largest_difference(one: &Path, other: &Path) -> u8 {
+    let [one, other] = [one, other].map(|path| image::open(path).unwrap().to_rgb8().into_raw());
+    assert_eq!(one.len(), other.len(), "pictures have the same size");
+    one.iter().zip(&other).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
+}
+
+#[test]
+fn a_gpu_renders_what_the_processor_renders() {
+    /// Rounding moves a colour by one step of 8 bits at most; no splat of so few meets a cut.
+    const ROUNDED: u8 = 1;
+    let report: Value = serde_json::from_str(&printed(specula().args(["doctor", "--json"]))).unwrap();
+    assert!(report["cpu"]["threads"].as_u64().unwrap() > 0);
+    if report["adapters"].as_array().unwrap().is_empty() {
+        assert!(std::env::var_os("CI").is_none(), "CI needs an adapter");
+        eprintln!("NOT TESTED, because there is no adapter");
+        return;
+    }
+    let tiny = Tiny::new();
+    printed(&mut train(&tiny, "model"));
+    for executor in ["cpu", "gpu"] {
+        let mut render = specula();
+        render.arg("render").arg(tiny.path("model")).args([
+            "--turntable",
+            "2",
+            "--size",
+            "40,32",
+            "--executor",
+            executor,
+        ]);
+        printed(render.arg("--verify-omissions").arg("-o").arg(tiny.path(executor)));
+    }
+    for layer in ["rgb", "normal", "alpha"] {
+        let of = |executor: &str| tiny.path(executor).join(layer).join("00001.png");
+        let difference = largest_difference(&of("cpu"), &of("gpu"));
+        assert!(difference <= ROUNDED, "{layer} differs by {difference}");
+    }
+}
+
 #[test]
 fn the_number_of_threads_changes_no_byte() {
     let tiny = Tiny::new();
