@@ -200,7 +200,7 @@ pub trait Executor: Renderer {
         background: [f32; 3],
     ) -> Result<(LossReport, Self::FrameGrad), Self::Error>;
 
-    /// Gradient of [`Executor::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
+    /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
     /// light, if there is one.
     fn shade_pixels_vjp(
         &mut self,
@@ -209,7 +209,7 @@ pub trait Executor: Renderer {
         camera: &Camera,
         grad: Self::FrameGrad,
     ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error>;
-    /// Gradient of [`Executor::blend`].
+    /// Gradient of [`Renderer::blend`].
     fn blend_vjp(
         &mut self,
         splats: &Self::Splats,
@@ -219,7 +219,7 @@ pub trait Executor: Renderer {
         grad: &Self::FrameGrad,
         camera: &Camera,
     ) -> Result<Self::SplatGrads, Self::Error>;
-    /// Gradient of [`Executor::shade`] and [`Executor::project`], which read the same attributes: of the Gaussians,
+    /// Gradient of [`Renderer::shade`] and [`Renderer::project`], which read the same attributes: of the Gaussians,
     /// and of the light if there is one and the Gaussians looked it up. Adds the losses on the attributes themselves.
     fn gaussians_vjp(
         &mut self,
@@ -231,7 +231,7 @@ pub trait Executor: Renderer {
         weights: &LossWeights,
         grads: &Self::SplatGrads,
     ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>), Self::Error>;
-    /// Gradient of [`Executor::prefilter`].
+    /// Gradient of [`Renderer::prefilter`].
     fn prefilter_vjp(
         &mut self,
         environment: &Environment<Self::Array>,
