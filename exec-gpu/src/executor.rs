@@ -3,17 +3,24 @@
 use crate::{
     bin::{Tiles, bin},
     blend::{Frame, blend, read},
+    blend_vjp::{FrameGrad, SplatGrads, blend_vjp},
+    densify::{densify, limit_plane, observe},
     device::{Gpu, GpuError},
+    gaussians_vjp::{Way, gaussians_vjp},
+    loss::{Target, loss},
     machine::Machine,
     memory::Array,
-    pixel::shade_pixels,
-    prefilter::{Light, Weights, prefilter},
+    optimise::{optimise, optimise_environment},
+    pixel::{shade_pixels, shade_pixels_vjp},
+    prefilter::{Light, LightGrad, Weights, prefilter, prefilter_vjp},
     project::{Splats, project},
     shade::{Colors, shade},
 };
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    densify::DensifyRules,
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    loss::{LossReport, LossWeights},
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians},
 };
@@ -111,5 +118,127 @@ impl Renderer for GpuExecutor {
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, GpuError> {
         shade_pixels(&mut self.machine, surface, light, camera)
+    }
+}
+
+impl Executor for GpuExecutor {
+    type LightGrad = LightGrad;
+    type FrameGrad = FrameGrad;
+    type SplatGrads = SplatGrads;
+    type Target = Target;
+
+    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, GpuError> {
+        Target::new(&mut self.machine, [width, height], rgba)
+    }
+
+    fn loss(
+        &mut self,
+        frame: &Frame,
+        target: &Target,
+        camera: &Camera,
+        weights: &LossWeights,
+        background: [f32; 3],
+    ) -> Result<(LossReport, FrameGrad), GpuError> {
+        loss(&mut self.machine, frame, target, camera, weights, background)
+    }
+
+    fn shade_pixels_vjp(
+        &mut self,
+        surface: &Frame,
+        light: Option<&Light>,
+        camera: &Camera,
+        grad: FrameGrad,
+    ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
+        shade_pixels_vjp(&mut self.machine, surface, light, camera, grad)
+    }
+
+    fn blend_vjp(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        frame: &Frame,
+        grad: &FrameGrad,
+        camera: &Camera,
+    ) -> Result<SplatGrads, GpuError> {
+        blend_vjp(&mut self.machine, splats, colors, tiles, frame, grad, camera)
+    }
+
+    fn gaussians_vjp(
+        &mut self,
+        gaussians: &Gaussians<Array>,
+        camera: &Camera,
+        splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+        weights: &LossWeights,
+        grads: &SplatGrads,
+    ) -> Result<(Gaussians<Array>, Option<LightGrad>), GpuError> {
+        let way = Way { splats, light, rules, weights, grads };
+        gaussians_vjp(&mut self.machine, gaussians, camera, &way)
+    }
+
+    fn prefilter_vjp(
+        &mut self,
+        environment: &Environment<Array>,
+        light: &Light,
+        grad: &LightGrad,
+    ) -> Result<Array, GpuError> {
+        prefilter_vjp(&mut self.machine, environment, light, grad)
+    }
+
+    fn optimise(
+        &mut self,
+        gaussians: &mut Gaussians<Array>,
+        moments: &mut Moments<Array>,
+        grad: Gaussians<Array>,
+        rates: &[f32],
+        step: u32,
+    ) -> Result<usize, GpuError> {
+        optimise(&mut self.machine, gaussians, moments, &grad, rates, step)
+    }
+
+    fn optimise_environment(
+        &mut self,
+        environment: &mut Environment<Array>,
+        moments: &mut Moments<Array>,
+        grad: Array,
+        rate: f32,
+        radiance_max: f32,
+        step: u32,
+    ) -> Result<usize, GpuError> {
+        optimise_environment(&mut self.machine, environment, moments, &grad, rate, radiance_max, step)
+    }
+
+    fn observe(
+        &mut self,
+        statistics: &mut Statistics<Array>,
+        splats: &Splats,
+        grads: &SplatGrads,
+        camera: &Camera,
+    ) -> Result<(), GpuError> {
+        observe(&mut self.machine, statistics, splats, grads, camera)
+    }
+
+    fn densify(
+        &mut self,
+        gaussians: &mut Gaussians<Array>,
+        moments: &mut Moments<Array>,
+        statistics: &mut Statistics<Array>,
+        rules: &DensifyRules,
+        count_max: usize,
+        key: RandomKey,
+    ) -> Result<DensifyReport, GpuError> {
+        densify(&mut self.machine, gaussians, moments, statistics, rules, count_max, key)
+    }
+
+    fn limit_plane(
+        &mut self,
+        gaussians: &mut Gaussians<Array>,
+        moments: &mut Moments<Array>,
+        plane: usize,
+        ceiling: f32,
+    ) -> Result<(), GpuError> {
+        limit_plane(&mut self.machine, gaussians, moments, plane, ceiling)
     }
 }

@@ -7,13 +7,18 @@
 
 pub mod bin;
 pub mod blend;
+pub mod blend_vjp;
+mod densify;
 pub mod device;
 pub mod executor;
 pub mod formula;
 pub mod formulas;
+mod gaussians_vjp;
 mod kernel;
+pub mod loss;
 mod machine;
 pub mod memory;
+mod optimise;
 mod pixel;
 pub mod prefilter;
 mod probe;

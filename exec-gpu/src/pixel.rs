@@ -2,6 +2,7 @@
 
 use crate::{
     blend::Frame,
+    blend_vjp::FrameGrad,
     device::GpuError,
     formulas::SurfaceOfPixel,
     kernel::{
@@ -9,7 +10,7 @@ use crate::{
         Groups,
     },
     machine::Machine,
-    prefilter::Light,
+    prefilter::{Light, LightGrad},
     source,
     view::View,
 };
@@ -33,4 +34,14 @@ pub(crate) fn shade_pixels(
     machine.run(&key, "shade_pixels", &source, &bound, Groups::For(frame.pixel_count()))?;
     frame.shaded = Some(shaded);
     Ok(frame)
+}
+
+pub(crate) fn shade_pixels_vjp(
+    _machine: &mut Machine,
+    _surface: &Frame,
+    _light: Option<&Light>,
+    _camera: &Camera,
+    _grad: FrameGrad,
+) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
+    unimplemented!()
 }

@@ -31,6 +31,13 @@ pub struct Light {
     pub(crate) split_sum: Array,
 }
 
+/// Gradient of a [`Light`], texel by texel.
+#[derive(Debug)]
+pub struct LightGrad {
+    /// As [`Light::texels`] lie.
+    pub(crate) texels: Array,
+}
+
 /// The weights of a prefilter on the device.
 #[derive(Debug)]
 pub(crate) struct Weights {
@@ -136,4 +143,13 @@ pub(crate) fn prefilter(
         PrefilterScheme::Exact => machine.upload("split sums", &[[0.0_f32; 2]])?,
     };
     Ok(Light { layout: weights.layout(), texels, split_sum })
+}
+
+pub(crate) fn prefilter_vjp(
+    _machine: &mut Machine,
+    _environment: &Environment<Array>,
+    _light: &Light,
+    _grad: &LightGrad,
+) -> Result<Array, GpuError> {
+    unimplemented!()
 }

@@ -4,12 +4,14 @@
 //! * [`compare`]: named tolerances and comparisons that can fail; [`strategies`]: random directions, cameras, scenes
 //! * [`derivative`]: gradients by dual numbers, to hold every `_vjp` against
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
+//! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
 
 pub mod brute;
 pub mod compare;
 pub mod derivative;
 pub mod device;
+pub mod formulas;
 pub mod number;
 pub mod plain;
 pub mod strategies;

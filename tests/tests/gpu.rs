@@ -2,118 +2,29 @@
 
 use specula_core::{
     camera::Camera,
-    double::Double,
     executor::{RenderRules, Renderer},
     pipeline::render,
     plan::Channels,
     prefilter::{LevelRange, Levels, PrefilterScheme},
-    real::Real,
     scene::{Environment, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::{
-    GpuExecutor,
-    formula::{Formula, Inputs},
-    formulas::{
-        BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
-        StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
-    },
+use specula_gpu::formulas::{
+    BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
+    StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
 };
 use specula_tests::{
     compare::{assert_psnr, psnr},
     device::executor,
+    formulas::{ROWS, assert_same, camera, gaussian_rows, numbers_of, side_by_side, uniform_rows},
     strategies::{random_cloud, random_environment},
 };
 
 /// Both executors round a few hundred operations, each in its own order; a pixel on the other side of the cut at 1/255
 /// brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
-/// What a device may round worse than `f32` does, as a multiple: divisions and roots are allowed 2.5 units in the last
-/// place, and operations may be fused.
-const WORSE_ROUNDING: f64 = 16.0;
-/// Below this share of the largest result nothing is compared: a few units in the last place.
-const LAST_PLACES: f64 = 2e-6;
 const RESOLUTION: usize = 16;
-const ROWS: usize = 500;
-
-fn camera(width: u32, height: u32) -> Camera {
-    Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
-}
-
-/// The numbers of a camera, as formulas take them.
-fn numbers_of(camera: &Camera) -> Vec<f32> {
-    let lifted = camera.lift(0.0_f32);
-    let mut numbers: Vec<f32> = lifted.camera_from_world.rows.iter().flat_map(|row| row.to_array()).collect();
-    numbers.extend(lifted.position.to_array());
-    numbers.extend(lifted.focal_px);
-    numbers.extend(lifted.principal_px);
-    numbers.extend(lifted.slope_limit);
-    numbers
-}
-
-/// Uniform numbers between two bounds, a row for each draw.
-fn uniform_rows(seed: u64, bounds: &[[f32; 2]]) -> Vec<f32> {
-    let draw = |k: usize, [low, high]: [f32; 2]| low + (high - low) * specula_core::random::uniform(seed, 0, k as u64);
-    (0..ROWS * bounds.len()).map(|k| draw(k, bounds[k % bounds.len()])).collect()
-}
-
-/// A Gaussian and the camera in each row.
-fn gaussian_rows(layout: Layout) -> Vec<f32> {
-    let cloud = random_cloud(ROWS, layout, 3);
-    let camera = numbers_of(&camera(70, 45));
-    let planes = |index: usize| (0..layout.plane_count()).map(move |plane| (index, plane));
-    (0..ROWS)
-        .flat_map(|index| {
-            let own = planes(index).map(|(index, plane)| cloud.get::<1>(index, plane)[0]);
-            own.chain(camera.iter().copied()).collect::<Vec<f32>>()
-        })
-        .collect()
-}
-
-/// Gaussians with the numbers of another table behind each.
-fn side_by_side(rows: &[f32], others: &[f32]) -> Vec<f32> {
-    let (width, other) = (rows.len() / ROWS, others.len() / ROWS);
-    rows.chunks(width).zip(others.chunks(other)).flat_map(|(a, b)| [a, b].concat()).collect()
-}
-
-fn on_host<R: Real>(formula: &impl Formula, rows: &[f32], number: impl Fn(f32) -> R) -> Vec<R> {
-    let width = rows.len() / ROWS;
-    let evaluate = |row: &[f32]| {
-        let numbers: Vec<R> = row.iter().map(|x| number(*x)).collect();
-        formula.evaluate(&mut Inputs::new(&numbers))
-    };
-    rows.chunks(width).flat_map(evaluate).collect()
-}
-
-/// How much further the device is from the exact results than `f32` on the host may be, as a share of what is allowed;
-/// the largest of all results, of which each is compared with its own kind.
-fn excess(device: &[f32], host: &[f32], exact: &[f64]) -> f64 {
-    let height = exact.len() / ROWS;
-    let column = |k: usize| (k..exact.len()).step_by(height);
-    let of_result = |k: usize| {
-        let scale = column(k).map(|i| exact[i].abs()).fold(f64::MIN_POSITIVE, f64::max);
-        let rounding = column(k).map(|i| (f64::from(host[i]) - exact[i]).abs()).fold(0.0, f64::max);
-        let allowed = WORSE_ROUNDING * rounding + LAST_PLACES * scale;
-        column(k).map(|i| (f64::from(device[i]) - exact[i]).abs() / allowed).fold(0.0, nan_wins)
-    };
-    (0..height).map(of_result).fold(0.0, nan_wins)
-}
-
-fn nan_wins(a: f64, b: f64) -> f64 {
-    if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
-}
-
-#[track_caller]
-fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) {
-    let device = gpu.evaluate(formula, rows).expect("the device computes");
-    let host = on_host(formula, rows, |x| x);
-    let exact: Vec<f64> = on_host(formula, rows, |x| Double(f64::from(x))).iter().map(|x| x.0).collect();
-    let excess = excess(&device, &host, &exact);
-    println!("{}: {excess:.2} of what is allowed", formula.name());
-    assert!(excess <= 1.0, "{} is {excess} times as far off as allowed", formula.name());
-}
-
 fn shading(rules: ShadingRules, channels: Channels) -> ShadingOf {
     ShadingOf { layout: Layout::shaded(Some(3)), rules: RenderRules::full(rules, PrefilterScheme::Exact, channels) }
 }
@@ -168,18 +79,6 @@ fn no_formula_is_left_out() {
         assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
     });
     assert!(count.count() > 10, "formulas are found by how they are written");
-}
-
-#[test]
-fn the_comparison_of_formulas_can_fail() {
-    let exact: Vec<f64> = (0..ROWS).map(|k| 1.0 + k as f64).collect();
-    let host: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
-    assert!(excess(&host, &host, &exact) <= 1.0, "the same numbers are the same");
-    let mut wrong = host.clone();
-    wrong[17] *= 1.001;
-    assert!(excess(&wrong, &host, &exact) > 1.0, "one wrong number is seen");
-    wrong[17] = f32::NAN;
-    assert!(excess(&wrong, &host, &exact) > 1.0, "NaN is seen");
 }
 
 /// A scene for both executors.
