@@ -4,7 +4,7 @@
 use core::fmt;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{Stamp, alpha, falloff, may_be_seen, stamp, step},
+    blend::{Passage, Stamp, Step, alpha, falloff, goes_on, may_be_seen, stamp, step},
     camera::Camera,
 };
 use specula_cpu::{
@@ -41,15 +41,15 @@ pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
     let mut work = Work { intersections: tiles.intersection_count(), ..Work::default() };
     for tile in 0..columns * rows {
         let origin = [tile % columns * TILE, tile / columns * TILE];
-        let mut passed = [1.0_f32; TILE * TILE];
+        let mut passages = [Passage::open(0.0); TILE * TILE];
         for gaussian in tiles.gaussians_of(tile) {
-            if passed.iter().all(|t| *t == 0.0) {
+            if passages.iter().all(|passage| !goes_on(passage.transmittance)) {
                 break;
             }
             let stamp = stamp_of(&splats.records()[gaussian]);
             for quad in (0..TILE * TILE).step_by(QUAD * QUAD).map(|k| k / (QUAD * QUAD)) {
                 let first = [quad % QUAD * QUAD, quad / QUAD * QUAD];
-                count_quad(&stamp, origin, first, &mut passed, &mut work);
+                count_quad(&stamp, origin, first, &mut passages, &mut work);
             }
         }
     }
@@ -65,7 +65,13 @@ fn offset(stamp: &Stamp<f32>, x: usize, y: usize) -> [f32; 2] {
     [x as f32 + 0.5 - stamp.mean2d[0], y as f32 + 0.5 - stamp.mean2d[1]]
 }
 
-fn count_quad(stamp: &Stamp<f32>, origin: [usize; 2], first: [usize; 2], passed: &mut [f32], work: &mut Work) {
+fn count_quad(
+    stamp: &Stamp<f32>,
+    origin: [usize; 2],
+    first: [usize; 2],
+    passages: &mut [Passage<f32>],
+    work: &mut Work,
+) {
     const ACROSS: f32 = (QUAD - 1) as f32;
     let [x, y] = offset(stamp, origin[0] + first[0], origin[1] + first[1]);
     if !may_be_seen(stamp, [x, x + ACROSS], [y, y + ACROSS]) {
@@ -75,10 +81,10 @@ fn count_quad(stamp: &Stamp<f32>, origin: [usize; 2], first: [usize; 2], passed:
     for pixel in 0..QUAD * QUAD {
         let (column, row) = (first[0] + pixel % QUAD, first[1] + pixel / QUAD);
         let [dx, dy] = offset(stamp, origin[0] + column, origin[1] + row);
-        let passed = &mut passed[row * TILE + column];
-        let alpha = alpha(falloff(stamp, dx, dy).strength);
-        work.significant += usize::from(alpha * *passed > 0.0);
-        *passed = step(alpha, *passed).transmittance;
+        let passage = &mut passages[row * TILE + column];
+        let alpha = alpha(falloff(stamp, dx, dy).log2_strength);
+        work.significant += usize::from(alpha > 0.0 && goes_on(passage.transmittance));
+        *passage = step(alpha, *passage).behind;
     }
 }
 
@@ -91,24 +97,23 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
     let mut pixel = vec![0.0; channels];
     for y in 0..height {
         for x in 0..width {
-            let (mut passed, mut ended) = (1.0, 0.0);
+            let mut passage = Passage::open(0.0);
             pixel.fill(0.0);
             for gaussian in tiles.gaussians_of(y / TILE * tiles.grid()[0] + x / TILE) {
                 let stamp = stamp_of(&splats.records()[gaussian]);
                 let [dx, dy] = offset(&stamp, x, y);
-                let alpha = alpha(falloff(&stamp, dx, dy).strength);
+                let alpha = alpha(falloff(&stamp, dx, dy).log2_strength);
                 if alpha > 0.0 {
-                    let step = step(alpha, passed);
-                    passed = step.transmittance;
-                    ended += step.ended;
+                    let Step { weight, behind } = step(alpha, passage);
+                    passage = behind;
                     let color = colors.of(gaussian);
-                    pixel.iter_mut().zip(color).for_each(|(sum, c)| *sum += step.weight * c);
+                    pixel.iter_mut().zip(color).for_each(|(sum, c)| *sum += weight * c);
                 }
-                if passed == 0.0 {
+                if !goes_on(passage.transmittance) {
                     break;
                 }
             }
-            for (channel, value) in pixel.iter().chain([&(passed + ended)]).enumerate() {
+            for (channel, value) in pixel.iter().chain([&passage.left]).enumerate() {
                 values[(channel * height + y) * width + x] = *value;
             }
         }

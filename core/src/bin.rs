@@ -48,65 +48,72 @@ pub fn half_extent<R: Real>(splat: &Splat<R>, reach: R) -> [R; 2] {
 
 /// The outline of a footprint, a x² + 2 b x y + c y² = reach² around its centre, prepared for many bands of y.
 #[derive(Clone, Copy, Debug)]
-pub struct Outline {
-    center: [f32; 2],
+pub struct Outline<R> {
+    center: [R; 2],
     /// −b / a: how the middle of the outline moves along x with y.
-    slope: f32,
+    slope: R,
     /// reach² / a and (a c − b²) / a²: the half width at y is √(first − second · y²).
-    half_width: [f32; 2],
+    half_width: [R; 2],
     /// y of the rightmost point; that of the leftmost is its negative.
-    extreme_y: f32,
+    extreme_y: R,
     /// Largest y; NaN or infinite where the outline is no ellipse in `f32`.
-    reach_y: f32,
+    reach_y: R,
 }
 
 /// The outline of a footprint that is drawn.
 #[inline(always)]
-pub fn outline(footprint: &Footprint<f32>) -> Outline {
+pub fn outline<R: Real>(footprint: &Footprint<R>) -> Outline<R> {
     let [xx, yx, yy] = footprint.root_conic;
     let (a, b, c) = (xx * xx + yx * yx, yx * yy, yy * yy);
     let per_a = a.recip();
     // a c − b² without its cancellation.
     let determinant = xx * xx * c;
     let reach_squared = footprint.reach * footprint.reach;
-    let reach_y = crate::math::sqrt(reach_squared * a / determinant);
     Outline {
         center: footprint.mean2d,
         slope: -b * per_a,
         half_width: [reach_squared * per_a, determinant * per_a * per_a],
-        extreme_y: -b / c * crate::math::sqrt(reach_squared * c / determinant),
-        reach_y,
+        extreme_y: -b / c * (reach_squared * c / determinant).sqrt(),
+        reach_y: (reach_squared * a / determinant).sqrt(),
+    }
+}
+
+impl<R: Real> Outline<R> {
+    #[inline(always)]
+    fn half_width_at(&self, y: R) -> R {
+        let squared = self.half_width[0] - self.half_width[1] * y * y;
+        squared.max(squared.zero()).sqrt()
     }
 }
 
 /// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`; the second is
-/// smaller than the first where the outline misses the band.
+/// smaller than the first where the outline misses the band. What is no ellipse is everywhere.
 #[inline(always)]
-pub fn span_in_rows(outline: &Outline, top: f32, bottom: f32) -> [f32; 2] {
-    const NOTHING: [f32; 2] = [1.0, -1.0];
+pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] {
     let [x, y] = outline.center;
     let (low, high) = (top - y, bottom - y);
-    if !(outline.reach_y < f32::INFINITY) {
-        return [f32::NEG_INFINITY, f32::INFINITY];
-    }
-    if low > outline.reach_y || high < -outline.reach_y {
-        return NOTHING;
-    }
     // Where an extreme point lies outside the band, its nearer edge has the extreme.
-    let half_width = |y: f32| crate::math::sqrt((outline.half_width[0] - outline.half_width[1] * y * y).max(0.0));
-    let (leftmost, rightmost) = ((-outline.extreme_y).clamp(low, high), outline.extreme_y.clamp(low, high));
-    [x + outline.slope * leftmost - half_width(leftmost), x + outline.slope * rightmost + half_width(rightmost)]
+    let leftmost = (-outline.extreme_y).max(low).min(high);
+    let rightmost = outline.extreme_y.max(low).min(high);
+    let left = x + outline.slope * leftmost - outline.half_width_at(leftmost);
+    let right = x + outline.slope * rightmost + outline.half_width_at(rightmost);
+
+    let misses = outline.reach_y.less(low) | high.less(-outline.reach_y);
+    let is_ellipse = outline.reach_y.less(x.constant(f32::MAX));
+    let choose = |end: R, if_missed: f32, if_everywhere: f32| {
+        R::select(is_ellipse, R::select(misses, x.constant(if_missed), end), x.constant(if_everywhere))
+    };
+    [choose(left, 1.0, -f32::MAX), choose(right, -1.0, f32::MAX)]
 }
 
-/// First and past-the-last tile along an axis that the interval from `low` to `high`, in pixels, touches.
+/// First and past-the-last of so many tiles along an axis that the interval from `low` to `high`, in pixels, touches.
 #[inline(always)]
-pub fn tile_range(low: f32, high: f32, tile_count: u32) -> [u32; 2] {
-    if !(low <= high) {
-        return [0, 0];
-    }
-    let size = TILE_SIZE as f32;
-    let tile = |x: f32| (crate::math::floor(x / size)).clamp(-1.0, tile_count as f32);
-    [tile(low).max(0.0) as u32, (tile(high) + 1.0).min(tile_count as f32) as u32]
+pub fn tile_range<R: Real>(low: R, high: R, tile_count: R) -> [R; 2] {
+    let (zero, before) = (low.zero(), low.constant(-1.0));
+    let first = (low / TILE_SIZE as f32).floor().max(before).min(tile_count);
+    let last = (high / TILE_SIZE as f32).floor().max(before).min(tile_count);
+    let is_interval = low.less_or_equal(high);
+    [first.max(zero).keep(is_interval), (last + 1.0).min(tile_count).keep(is_interval)]
 }
 
 /// Tiles along an edge of so many pixels.

@@ -1,17 +1,21 @@
 //! One step of compositing: a splat over what is already in a pixel (paper, eq. C).
 //!
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that would bring its
-//! transmittance below [`TRANSMITTANCE_MIN`]: for the splats behind, its transmittance is zero, and what it had is kept
-//! apart, for the background.
+//! transmittance below [`TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
+//! background.
 
-use crate::{bin::ALPHA_MIN, project::SplatGrad, real::Real};
+use crate::{project::SplatGrad, real::Real};
 
 /// No splat is more opaque than this, so that the light behind it, and its gradient, can be recovered.
 pub const MAX_ALPHA: f32 = 0.99;
 /// (1 − MAX_ALPHA)²: two opaque splats end a pixel.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
-/// Less than log₂ of [`ALPHA_MIN`], −7.9943, by more than rounding can make out.
+/// log₂ of [`crate::bin::ALPHA_MIN`], 1/255.
+pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;
+/// log₂ of [`MAX_ALPHA`].
+const LOG2_MAX_ALPHA: f32 = -0.014_499_57;
+/// Less than [`LOG2_ALPHA_MIN`] by more than rounding can make out.
 const LOG2_ALPHA_MARGIN: f32 = -8.0;
 /// √(½ log₂ e): scales the root of the conic so that the falloff is a power of two.
 pub const ROOT_SCALE: f32 = 0.849_321_8;
@@ -39,15 +43,15 @@ pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], log2_opacity: R) -> St
 pub struct Falloff<R> {
     /// Scaled W δ.
     pub offset: [R; 2],
-    /// opacity · exp(−½ |W δ|²), before it is limited.
-    pub strength: R,
+    /// log₂ of the strength, opacity · exp(−½ |W δ|²), before it is limited.
+    pub log2_strength: R,
 }
 
-/// A splat's strength at the offset δ = pixel centre − mean.
+/// How strong a splat is at the offset δ = pixel centre − mean.
 #[inline(always)]
 pub fn falloff<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> Falloff<R> {
     let offset = scaled_offset(stamp, dx, dy);
-    Falloff { offset, strength: strength(stamp.log2_opacity, offset) }
+    Falloff { offset, log2_strength: log2_strength(stamp.log2_opacity, offset) }
 }
 
 /// Scaled W δ. It is linear in δ, so the offset of one pixel and the step to another add up.
@@ -57,22 +61,50 @@ pub fn scaled_offset<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> [R; 2] {
     [xx * dx, yx.mul_add(dx, yy * dy)]
 }
 
-/// opacity · 2^(−|W δ|²) at a scaled offset; opacities are at most one.
+/// log₂ (opacity · 2^(−|W δ|²)) at a scaled offset; opacities are at most one.
 #[inline(always)]
-pub fn strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
-    (-w).mul_add(w, (-u).mul_add(u, log2_opacity)).exp2_of_negative()
+pub fn log2_strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
+    (-w).mul_add(w, (-u).mul_add(u, log2_opacity))
+}
+
+/// Whether a splat of this strength is seen at all.
+#[inline(always)]
+pub fn is_seen<R: Real>(log2_strength: R) -> R::Mask {
+    log2_strength.constant(LOG2_ALPHA_MIN).less_or_equal(log2_strength)
 }
 
 /// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
 /// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
 #[inline(always)]
 pub fn may_be_seen<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
-    let [xx, yx, yy] = stamp.root;
+    may_be_seen_in_column(stamp, &column_of(stamp, dx), dy)
+}
+
+/// What a splat is in all boxes between the same bounds of δx.
+#[derive(Clone, Copy, Debug)]
+pub struct Column<R> {
+    /// log₂ of the largest strength that u allows.
+    most: R,
+    /// Bounds of the share of w that comes from δx.
+    slant: [R; 2],
+}
+
+/// A splat between two bounds of δx; see [`may_be_seen_in_column`].
+#[inline(always)]
+pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
+    let [xx, yx, _] = stamp.root;
     let slant = [yx * dx[0], yx * dx[1]];
     let u = distance_to_zero(xx * dx[0], xx * dx[1]);
-    let w = distance_to_zero(yy.mul_add(dy[0], slant[0].min(slant[1])), yy.mul_add(dy[1], slant[0].max(slant[1])));
-    let power = (-w).mul_add(w, (-u).mul_add(u, stamp.log2_opacity));
-    power.constant(LOG2_ALPHA_MARGIN).less_or_equal(power)
+    Column { most: (-u).mul_add(u, stamp.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
+}
+
+/// [`may_be_seen`] in a box of a column.
+#[inline(always)]
+pub fn may_be_seen_in_column<R: Real>(stamp: &Stamp<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
+    let [_, _, yy] = stamp.root;
+    let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
+    let most = (-w).mul_add(w, column.most);
+    most.constant(LOG2_ALPHA_MARGIN).less_or_equal(most)
 }
 
 /// Smallest |x| between two numbers.
@@ -81,11 +113,36 @@ fn distance_to_zero<R: Real>(low: R, high: R) -> R {
     low.max(-high).max(low.zero())
 }
 
-/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255.
+/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255. What is not seen is told by the
+/// logarithm, while its power is still being worked out.
 #[inline(always)]
-pub fn alpha<R: Real>(strength: R) -> R {
-    let is_seen = strength.constant(ALPHA_MIN).less_or_equal(strength);
-    strength.min(strength.constant(MAX_ALPHA)).keep(is_seen)
+pub fn alpha<R: Real>(log2_strength: R) -> R {
+    let strength = log2_strength.exp2_of_small();
+    strength.min(strength.constant(MAX_ALPHA)).keep(is_seen(log2_strength))
+}
+
+/// What a pixel lets through while splats come, front to back.
+#[derive(Clone, Copy, Debug)]
+pub struct Passage<R> {
+    /// Transmittance in front of the next splat. It only falls: once it is below [`TRANSMITTANCE_MIN`], the pixel has
+    /// ended.
+    pub transmittance: R,
+    /// Transmittance of the picture: that of a pixel that goes on, and what a pixel that has ended had before.
+    pub left: R,
+}
+
+impl<R: Real> Passage<R> {
+    /// Before the first splat.
+    #[inline(always)]
+    pub fn open(like: R) -> Self {
+        Self { transmittance: like.constant(1.0), left: like.constant(1.0) }
+    }
+}
+
+/// Whether a pixel with this transmittance goes on.
+#[inline(always)]
+pub fn goes_on<R: Real>(transmittance: R) -> R::Mask {
+    transmittance.constant(TRANSMITTANCE_MIN).less_or_equal(transmittance)
 }
 
 /// What one splat does to a pixel.
@@ -93,23 +150,25 @@ pub fn alpha<R: Real>(strength: R) -> R {
 pub struct Step<R> {
     /// α T: the splat's weight; zero if the pixel ends here or has ended.
     pub weight: R,
-    /// Transmittance for the next splat; zero if there is none.
-    pub transmittance: R,
-    /// Transmittance of a pixel that ends here; else zero.
-    pub ended: R,
+    /// What is let through behind it.
+    pub behind: Passage<R>,
 }
 
 /// One splat over a pixel.
 #[inline(always)]
-pub fn step<R: Real>(alpha: R, transmittance: R) -> Step<R> {
-    let weight = alpha * transmittance;
-    let behind = transmittance - weight;
-    let goes_on = behind.constant(TRANSMITTANCE_MIN).less_or_equal(behind);
+pub fn step<R: Real>(alpha: R, front: Passage<R>) -> Step<R> {
+    let transmittance = transmittance_behind(alpha, front.transmittance);
+    let goes_on = goes_on(transmittance);
     Step {
-        weight: weight.keep(goes_on),
-        transmittance: behind.keep(goes_on),
-        ended: R::select(goes_on, behind.zero(), transmittance),
+        weight: (alpha * front.transmittance).keep(goes_on),
+        behind: Passage { transmittance, left: R::select(goes_on, transmittance, front.left) },
     }
+}
+
+/// (1 − α) T, in one operation: what a pixel waits for from one splat to the next.
+#[inline(always)]
+fn transmittance_behind<R: Real>(alpha: R, transmittance: R) -> R {
+    (-alpha).mul_add(transmittance, transmittance)
 }
 
 /// What a pixel knows while its splats are replayed front to back.
@@ -121,19 +180,33 @@ pub struct Replay<R> {
     pub remaining: R,
 }
 
-/// Gradient of one step with respect to the logarithm of the splat's strength, and the pixel behind it.
+/// What one splat does to a pixel on the way back.
+#[derive(Clone, Copy, Debug)]
+pub struct StepGrad<R> {
+    /// Gradient of the logarithm of the splat's strength.
+    pub log_strength: R,
+    /// The splat's weight, as in [`Step`]: times the pixel's gradient, it is that of the splat's channels.
+    pub weight: R,
+    /// The pixel behind it.
+    pub behind: Replay<R>,
+}
+
+/// Gradient of one step.
 ///
 /// `color_dot_grad` is the splat's channels times the pixel's gradients. Of ∂C/∂αᵢ = Tᵢ cᵢ − Σ_{k>i} wₖ cₖ / (1 − αᵢ)
 /// only the product with the gradient is needed, so channels cost nothing here. Where alpha was limited the strength
 /// has no influence, and the gradient is zero.
 #[inline(always)]
-pub fn step_vjp<R: Real>(strength: R, replay: Replay<R>, color_dot_grad: R) -> (R, Step<R>, Replay<R>) {
-    let alpha = alpha(strength);
-    let step = step(alpha, replay.transmittance);
-    let remaining = replay.remaining - step.weight * color_dot_grad;
-    let grad_alpha = replay.transmittance * color_dot_grad - remaining / (-alpha + 1.0);
-    let is_free = strength.less(strength.constant(MAX_ALPHA)) & strength.zero().less(step.weight);
-    ((grad_alpha * alpha).keep(is_free), step, Replay { transmittance: step.transmittance, remaining })
+pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) -> StepGrad<R> {
+    let alpha = alpha(log2_strength);
+    let transmittance = transmittance_behind(alpha, front.transmittance);
+    let goes_on = goes_on(transmittance);
+    let weight = (alpha * front.transmittance).keep(goes_on);
+    let transmittance = transmittance.keep(goes_on);
+    let remaining = (-weight).mul_add(color_dot_grad, front.remaining);
+    let grad_alpha = front.transmittance * color_dot_grad - remaining / (-alpha + 1.0);
+    let is_free = log2_strength.less(log2_strength.constant(LOG2_MAX_ALPHA)) & weight.zero().less(weight);
+    StepGrad { log_strength: (grad_alpha * alpha).keep(is_free), weight, behind: Replay { transmittance, remaining } }
 }
 
 /// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln strength, (u, w) the

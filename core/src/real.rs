@@ -33,9 +33,9 @@ pub trait Real:
     fn sqrt(self) -> Self;
     /// 2 to the power `self`; below −126 the result is that of −126, above 127 that of 127.
     fn exp2(self) -> Self;
-    /// 2^x of an x that is not positive, which needs no upper limit.
+    /// 2^x of an x between −[`EXP2_SMALL`] and [`EXP2_SMALL`]; something, for others.
     #[inline(always)]
-    fn exp2_of_negative(self) -> Self {
+    fn exp2_of_small(self) -> Self {
         self.exp2()
     }
     /// Logarithm to base two, for positive normal numbers.
@@ -100,17 +100,21 @@ pub const EXP2_COEFFICIENTS: [f32; 6] =
 pub const EXP2_MIN: f32 = -126.0;
 /// Exponents above this would give infinity.
 pub const EXP2_MAX: f32 = 127.0;
+/// Exponents up to this need no limit.
+pub const EXP2_SMALL: f32 = 100.0;
 /// Adding this number rounds an `f32` below 2²² to the nearest whole number.
 pub const ROUND_MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
 
 /// 2 / ((2k+1) ln 2), k = 0…4: log2(m) = Σ cₖ s^(2k+1) with s = (m−1)/(m+1), to 4e-10 for m in [√½, √2].
 pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
-/// The polynomial of [`Real::exp2`], on [−½, ½].
+/// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), so that few operations wait for each other.
 #[inline(always)]
 pub fn exp2_fraction<R: Real>(x: R) -> R {
     let c = |k: usize| x.constant(EXP2_COEFFICIENTS[k]);
-    c(5).mul_add(x, c(4)).mul_add(x, c(3)).mul_add(x, c(2)).mul_add(x, c(1)).mul_add(x, c(0))
+    let pair = |k: usize| c(k + 1).mul_add(x, c(k));
+    let x2 = x * x;
+    pair(4).mul_add(x2, pair(2)).mul_add(x2, pair(0))
 }
 
 /// The polynomial of [`Real::log2`], for a mantissa in [√½, √2].

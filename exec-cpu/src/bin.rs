@@ -3,15 +3,19 @@
 use crate::{
     buffer::Buffer,
     frame::Cover,
+    lanes::Lanes,
     machine::Machine,
     parts::{Pieces, each_part},
     project::{SplatRecord, Splats},
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     bin::{Footprint, TILE_SIZE, outline, span_in_rows, tile_count, tile_range},
     camera::Camera,
+    real::Real,
+    scene::BLOCK,
 };
 
 /// Tiles of a picture and the splats that they hold.
@@ -117,8 +121,12 @@ fn spread_all(
     grid: [u32; 2],
 ) -> (Buffer<RowRange>, Buffer<u32>, Buffer<Span>) {
     let mut rows = machine.row_ranges.take(records.len() + 1);
-    rows.par_iter_mut().zip(records).with_min_len(GAUSSIANS_AT_ONCE).for_each(|(rows, record)| {
-        *rows = row_range(record, grid[1]);
+    rows.par_chunks_mut(GAUSSIANS_AT_ONCE).zip(records.par_chunks(GAUSSIANS_AT_ONCE)).for_each(|(rows, records)| {
+        dispatch!(machine.level, _simd => {
+            for (rows, record) in rows.iter_mut().zip(records) {
+                *rows = row_range(record, grid[1]);
+            }
+        });
     });
     let mut total = 0;
     for range in &mut rows[..records.len()] {
@@ -134,12 +142,14 @@ fn spread_all(
     let spans_of = |part: usize| rows[place(part)].first_span as usize;
     let parts = (Pieces::new(&mut spans, &spans_of), Pieces::new(&mut counts[..records.len()], &place));
     each_part(count, parts, &|part, (spans, counts): (Pieces<'_, Span>, Pieces<'_, u32>)| {
-        let mut spans = spans.only();
-        for (gaussian, count) in (place(part)..).zip(counts.only()) {
-            let (own, rest) = spans.split_at_mut(usize::from(rows[gaussian].count));
-            *count = spread(&records[gaussian], rows[gaussian], grid[0], own);
-            spans = rest;
-        }
+        let own = place(part)..place(part + 1);
+        let blocks = records[own.clone()].chunks(BLOCK).zip(rows[own].chunks(BLOCK));
+        let (spans, first_span) = (spans.only(), spans_of(part));
+        dispatch!(machine.level, simd => {
+            for ((records, rows), counts) in blocks.zip(counts.only().chunks_mut(BLOCK)) {
+                spread_block(simd, records, rows, grid[0], first_span, spans, counts);
+            }
+        });
     });
     let mut total = 0;
     for count in &mut counts[..records.len()] {
@@ -149,68 +159,118 @@ fn spread_all(
     (rows, counts, spans)
 }
 
+#[inline(always)]
 fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
     if !(record.reach > 0.0) {
         return RowRange::default();
     }
     let (y, half) = (record.mean2d[1], record.half_extent[1]);
-    let [first, end] = tile_range(y - half, y + half, rows);
-    RowRange { first_span: 0, first: first as u16, count: end.saturating_sub(first) as u16 }
+    let [first, end] = tile_range(y - half, y + half, rows as f32).map(|tile| tile as u16);
+    RowRange { first_span: 0, first, count: end.saturating_sub(first) }
 }
 
-/// The columns that a splat touches in each of its rows; returns how many tiles those are.
-fn spread(record: &SplatRecord, rows: RowRange, columns: u32, spans: &mut [Span]) -> u32 {
-    let (x, half) = (record.mean2d[0], record.half_extent[0]);
-    let whole = tile_range(x - half, x + half, columns);
-    let is_box = spans.len() == 1 || whole[1] <= whole[0] + 1;
-    let outline = outline(&Footprint { mean2d: record.mean2d, root_conic: record.root_conic, reach: record.reach });
-    let mut count = 0;
-    for (row, span) in (u32::from(rows.first)..).zip(spans) {
-        let [first, end] = if is_box {
-            whole
-        } else {
-            let [left, right] = span_in_rows(&outline, (row * TILE_SIZE) as f32, ((row + 1) * TILE_SIZE) as f32);
-            tile_range(left, right, columns)
-        };
-        *span = [first as u16, end.max(first) as u16];
-        count += u32::from(span[1] - span[0]);
+/// The columns that each splat of a block touches in each of its rows, and how many tiles those are. `spans` begin with
+/// span `first_span`.
+#[inline(always)]
+fn spread_block<S: Simd>(
+    simd: S,
+    records: &[SplatRecord],
+    rows: &[RowRange],
+    columns: u32,
+    first_span: usize,
+    spans: &mut [Span],
+    counts: &mut [u32],
+) {
+    let (footprint, half_width) = footprints(simd, records);
+    let outline = outline(&footprint);
+    let columns = Lanes::splat(simd, columns as f32);
+    let x = footprint.mean2d[0];
+    let whole = tile_range(x - half_width, x + half_width, columns);
+    let mut row_lanes = [[0.0; BLOCK]; 2];
+    let mut rows_max = 0;
+    for (lane, rows) in rows.iter().enumerate() {
+        (row_lanes[0][lane], row_lanes[1][lane]) = (f32::from(rows.first), f32::from(rows.count));
+        rows_max = rows_max.max(rows.count);
     }
-    count
+    let [first_row, row_count] = [Lanes::load(simd, &row_lanes[0]), Lanes::load(simd, &row_lanes[1])];
+    // What lies in one row or one column of tiles needs no outline.
+    let is_box = row_count.less_or_equal(row_count.constant(1.0)) | whole[1].less_or_equal(whole[0] + 1.0);
+    counts.fill(0);
+    for row in 0..rows_max {
+        let top = (first_row + f32::from(row)) * TILE_SIZE as f32;
+        let [left, right] = span_in_rows(&outline, top, top + TILE_SIZE as f32);
+        let [first, end] = tile_range(left, right, columns);
+        let first = Lanes::select(is_box, whole[0], first);
+        let end = Lanes::select(is_box, whole[1], end).max(first);
+        let (first, end) = (first.to_array(), end.to_array());
+        for (lane, rows) in rows.iter().enumerate().filter(|(_, rows)| row < rows.count) {
+            let span = [first[lane] as u16, end[lane] as u16];
+            spans[rows.first_span as usize - first_span + usize::from(row)] = span;
+            counts[lane] += u32::from(span[1] - span[0]);
+        }
+    }
+}
+
+/// Footprints of a block, and half their widths; something, behind the last.
+#[inline(always)]
+fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>, Lanes<S>) {
+    let mut numbers = [[0.0; BLOCK]; 7];
+    for (lane, record) in records.iter().enumerate() {
+        let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
+        let own = [x, y, xx, yx, yy, record.reach, record.half_extent[0]];
+        for k in 0..own.len() {
+            numbers[k][lane] = own[k];
+        }
+    }
+    let load = |k: usize| Lanes::load(simd, &numbers[k]);
+    let footprint = Footprint { mean2d: [load(0), load(1)], root_conic: [load(2), load(3), load(4)], reach: load(5) };
+    (footprint, load(6))
 }
 
 /// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for positive numbers are in
-/// the order of the numbers.
+/// the order of the numbers. Bits that all depths share are left out.
 pub(crate) fn depth_order(machine: &Machine, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
-    const DIGIT_BITS: u32 = 11;
-    const DIGITS: usize = 1 << DIGIT_BITS;
-    const SHIFTS: [u32; 3] = [0, DIGIT_BITS, 2 * DIGIT_BITS];
-    let digit = |key: u32, shift: u32| (key >> shift) as usize % DIGITS;
-    let mut starts = [[0_u32; DIGITS]; SHIFTS.len()];
     let drawn = || records.iter().enumerate().filter(|(_, record)| record.reach > 0.0);
-    let mut count = 0;
-    for (_, record) in drawn() {
-        count += 1;
-        for (starts, shift) in starts.iter_mut().zip(SHIFTS) {
-            starts[digit(record.depth.to_bits(), shift)] += 1;
+    let bounds = drawn().fold((0, u32::MAX, 0), |(count, low, high), (_, record)| {
+        let key = record.depth.to_bits();
+        (count + 1, key.min(low), key.max(high))
+    });
+    let (count, low, high) = bounds;
+    let (mut keyed, mut scratch) = (machine.keyed.take(count), machine.keyed.take(count));
+    let passes = (u32::BITS - high.saturating_sub(low).leading_zeros()).div_ceil(DIGIT_BITS);
+    let mut starts = [[0_u32; DIGITS]; PASSES_MAX];
+    for (entry, (index, record)) in keyed.iter_mut().zip(drawn()) {
+        let key = record.depth.to_bits() - low;
+        *entry = (key, index as u32);
+        for pass in 0..passes {
+            starts[pass as usize][digit(key, pass)] += 1;
         }
     }
-    let (mut keyed, mut scratch) = (machine.keyed.take(count), machine.keyed.take(count));
-    for (entry, (index, record)) in keyed.iter_mut().zip(drawn()) {
-        *entry = (record.depth.to_bits(), index as u32);
-    }
-    for (starts, shift) in starts.iter_mut().zip(SHIFTS) {
+    for pass in 0..passes {
+        let starts = &mut starts[pass as usize];
         let mut total = 0;
         for start in starts.iter_mut() {
             (*start, total) = (total, total + *start);
         }
         for entry in keyed.iter() {
-            let place = &mut starts[digit(entry.0, shift)];
+            let place = &mut starts[digit(entry.0, pass)];
             scratch[*place as usize] = *entry;
             *place += 1;
         }
         core::mem::swap(&mut keyed, &mut scratch);
     }
+    keyed.iter_mut().for_each(|entry| entry.0 += low);
     keyed
+}
+
+/// Bits that a pass of the sort looks at.
+const DIGIT_BITS: u32 = 12;
+const DIGITS: usize = 1 << DIGIT_BITS;
+/// Passes that look at all bits.
+const PASSES_MAX: usize = u32::BITS.div_ceil(DIGIT_BITS) as usize;
+
+fn digit(key: u32, pass: u32) -> usize {
+    (key >> (pass * DIGIT_BITS)) as usize % DIGITS
 }
 
 /// A counting sort by tile, which keeps the order of depth within each tile.

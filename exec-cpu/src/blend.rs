@@ -3,7 +3,7 @@
 use crate::{
     bin::Tiles,
     buffer::Buffer,
-    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, Quad, tile_len},
+    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
     parts::{Pieces, each_part},
@@ -14,7 +14,10 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
-    blend::{Moments, Replay, Stamp, alpha, may_be_seen, moments_vjp, scaled_offset, stamp, step, step_vjp, strength},
+    blend::{
+        Moments, Passage, Replay, Stamp, Step, StepGrad, alpha, column_of, goes_on, is_seen, log2_strength,
+        may_be_seen_in_column, moments_vjp, scaled_offset, stamp, step, step_vjp,
+    },
     camera::Camera,
     plan::Channels,
     project::SplatGrad,
@@ -110,15 +113,73 @@ fn stamp_of(record: &SplatRecord) -> Stamp<f32> {
     stamp(record.mean2d, record.root_conic, record.log2_opacity)
 }
 
-/// A bit for each quad of a tile that a splat may touch.
+/// Some splats, number by number, so that a vector holds one number of many.
+struct Stamps {
+    mean2d: [[f32; SPLATS_AT_ONCE]; 2],
+    root: [[f32; SPLATS_AT_ONCE]; 3],
+    log2_opacity: [f32; SPLATS_AT_ONCE],
+}
+
+impl Stamps {
+    const NONE: Self = Self {
+        mean2d: [[0.0; SPLATS_AT_ONCE]; 2],
+        root: [[0.0; SPLATS_AT_ONCE]; 3],
+        log2_opacity: [0.0; SPLATS_AT_ONCE],
+    };
+
+    #[inline(always)]
+    fn read(&mut self, records: &[SplatRecord; SPLATS_AT_ONCE]) {
+        for (k, record) in records.iter().enumerate() {
+            for axis in 0..2 {
+                self.mean2d[axis][k] = record.mean2d[axis];
+            }
+            for entry in 0..3 {
+                self.root[entry][k] = record.root_conic[entry];
+            }
+            self.log2_opacity[k] = record.log2_opacity;
+        }
+    }
+
+    /// For each quad of a tile a bit for each of the first `count` splats that may touch it.
+    #[inline(always)]
+    fn splats_to_try<S: Simd>(&self, simd: S, origin: [f32; 2], count: usize) -> [u32; QUADS] {
+        let mut splats = [0; QUADS];
+        for first in (0..SPLATS_AT_ONCE).step_by(BLOCK) {
+            if first < count {
+                self.add_splats_to_try(simd, origin, first, &mut splats);
+            }
+        }
+        let known = u32::MAX >> (SPLATS_AT_ONCE - count);
+        for quad in 0..QUADS {
+            splats[quad] &= known;
+        }
+        splats
+    }
+
+    #[inline(always)]
+    fn add_splats_to_try<S: Simd>(&self, simd: S, origin: [f32; 2], first: usize, splats: &mut [u32; QUADS]) {
+        let load = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::load(simd, &numbers[first..]);
+        let corner = [
+            Lanes::splat(simd, origin[0]) - load(&self.mean2d[0]),
+            Lanes::splat(simd, origin[1]) - load(&self.mean2d[1]),
+        ];
+        let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
+        let stamp = stamp(corner, root, load(&self.log2_opacity));
+        for across in 0..QUADS_ACROSS {
+            let column = column_of(&stamp, pixel_bounds(corner[0], across));
+            for down in 0..QUADS_ACROSS {
+                let mask = may_be_seen_in_column(&stamp, &column, pixel_bounds(corner[1], down));
+                splats[down * QUADS_ACROSS + across] |= (mask.bits() as u32) << first;
+            }
+        }
+    }
+}
+
+/// Offsets of the first and the last pixel of a quad along an axis, from that of the tile's corner.
 #[inline(always)]
-fn quads_to_try<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> u32 {
-    const FIRST: f32 = 0.5;
-    const LAST: f32 = FIRST + (QUAD - 1) as f32;
-    let (stamp, [x, y]) = stamp_on_tile(simd, record, origin);
-    let (quad_x, quad_y) = (Lanes::from_array(simd, QUAD_X), Lanes::from_array(simd, QUAD_Y));
-    let (dx, dy) = ([quad_x + (x + FIRST), quad_x + (x + LAST)], [quad_y + (y + FIRST), quad_y + (y + LAST)]);
-    may_be_seen(&stamp, dx, dy).bits() as u32
+fn pixel_bounds<S: Simd>(corner: Lanes<S>, quad: usize) -> [Lanes<S>; 2] {
+    let first = (quad * QUAD) as f32 + 0.5;
+    [corner + first, corner + (first + (QUAD - 1) as f32)]
 }
 
 /// A splat as the quads of a tile see it: scaled offsets of the pixels of the first quad, and steps to the others.
@@ -172,36 +233,34 @@ fn blend_tile<S: Simd, const C: usize>(
     pixels: &mut [Quad],
     seen: &mut [u16],
 ) {
-    let (channels, passed) = pixels.split_at_mut(QUADS * C);
+    let (channels, left) = pixels.split_at_mut(QUADS * C);
     channels.as_flattened_mut().fill(0.0);
-    passed.as_flattened_mut().fill(1.0);
-    let (channels, passed) = (channels.as_chunks_mut::<C>().0, &mut passed[..QUADS]);
-    let mut ended = [[0.0; BLOCK]; QUADS];
+    left.as_flattened_mut().fill(1.0);
+    let (channels, left) = (channels.as_chunks_mut::<C>().0, &mut left[..QUADS]);
+    let mut transmittance = [[1.0; BLOCK]; QUADS];
     let mut near = Near::<C>::none();
-    let (mut touched, mut stamped) = ([0; SPLATS_AT_ONCE], [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
+    let (mut stamps, mut stamped) = (Stamps::NONE, [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
-        if !passed.iter().any(|quad| Lanes::load(simd, quad).any_positive()) {
+        if transmittance.iter().all(|quad| goes_on(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
             continue;
         }
         near.read(records, colors, list);
+        stamps.read(&near.records);
         for k in 0..list.len() {
-            touched[k] = quads_to_try(simd, &near.records[k], origin);
             stamped[k] = Stamped::new(simd, &near.records[k], origin).to_arrays();
         }
-        touched[list.len()..].fill(0);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in transpose(simd, &touched).into_iter().enumerate() {
-            let light = [&mut passed[quad], &mut ended[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &near, &stamped, quad, splats, &mut channels[quad], light);
+        for (quad, splats) in stamps.splats_to_try(simd, origin, list.len()).into_iter().enumerate() {
+            let passage = [&mut transmittance[quad], &mut left[quad]];
+            seen_by_quad[quad] = blend_quad(simd, &near, &stamped, quad, splats, &mut channels[quad], passage);
         }
         transpose_back(simd, &seen_by_quad, seen);
     }
-    passed.as_flattened_mut().iter_mut().zip(ended.as_flattened()).for_each(|(passed, ended)| *passed += ended);
 }
 
-/// Blends some splats into a quad, one after the other; returns a bit for each that was seen. The quad stays in
-/// registers meanwhile.
+/// Blends some splats into a quad, one after the other; returns a bit for each that was seen by a pixel that had not
+/// ended. The quad stays in registers meanwhile.
 #[inline(always)]
 fn blend_quad<S: Simd, const C: usize>(
     simd: S,
@@ -210,53 +269,41 @@ fn blend_quad<S: Simd, const C: usize>(
     quad: usize,
     mut splats: u32,
     channels: &mut [Quad; C],
-    [passed, ended]: [&mut Quad; 2],
+    [transmittance, left]: [&mut Quad; 2],
 ) -> u32 {
-    let mut transmittance = Lanes::load(simd, passed);
-    if splats == 0 || !transmittance.any_positive() {
+    let front = Lanes::load(simd, transmittance);
+    let mut alive = goes_on(front);
+    if splats == 0 || alive.bits() == 0 {
         return 0;
     }
-    let mut sums = [transmittance; C];
+    // Pixels that have ended let nothing through: a product that is never looked at would become denormal, and slow.
+    let mut passage = Passage { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
+    let mut sums = [front; C];
     for c in 0..C {
         sums[c] = Lanes::load(simd, &channels[c]);
     }
-    let mut left = Lanes::load(simd, ended);
     let mut seen = 0;
     while splats != 0 {
         let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
         splats &= splats - 1;
         let [u, w, u_steps, w_steps] = &stamped[k];
         let offset = [Lanes::load(simd, u) + u_steps[quad], Lanes::load(simd, w) + w_steps[quad]];
-        let strength = strength(Lanes::splat(simd, near.records[k].log2_opacity), offset);
-        let step = step(alpha(strength), transmittance);
-        transmittance = step.transmittance;
-        left = left + step.ended;
+        let strength = log2_strength(Lanes::splat(simd, near.records[k].log2_opacity), offset);
+        let Step { weight, behind } = step(alpha(strength), passage);
         // Without a branch: whether a quad is touched is hard to foretell.
-        seen |= u32::from((step.weight + step.ended).any_positive()) << k;
+        seen |= u32::from((alive & is_seen(strength)).bits() != 0) << k;
+        alive = goes_on(behind.transmittance);
+        passage = behind;
         for c in 0..C {
-            sums[c] = step.weight.mul_add(Lanes::splat(simd, near.colors[k][c]), sums[c]);
+            sums[c] = weight.mul_add(Lanes::splat(simd, near.colors[k][c]), sums[c]);
         }
     }
-    transmittance.store(passed);
-    left.store(ended);
+    passage.transmittance.store(transmittance);
+    passage.left.store(left);
     for c in 0..C {
         sums[c].store(&mut channels[c]);
     }
     seen
-}
-
-/// For each quad a bit for each splat, from a bit for each quad of each splat.
-#[inline(always)]
-fn transpose<S: Simd>(simd: S, quads: &[u32; SPLATS_AT_ONCE]) -> [u32; QUADS] {
-    let (low, high) = (u32x16::from_slice(simd, &quads[..BLOCK]), u32x16::from_slice(simd, &quads[BLOCK..]));
-    let zero = u32x16::splat(simd, 0);
-    let mut splats = [0; QUADS];
-    for quad in 0..QUADS {
-        let bit = u32x16::splat(simd, 1 << quad);
-        let of = |quads: u32x16<S>| (quads & bit).simd_gt(zero).to_bitmask() as u32;
-        splats[quad] = of(low) | of(high) << BLOCK;
-    }
-    splats
 }
 
 /// For each splat a bit for each quad, from a bit for each splat of each quad.
@@ -426,11 +473,12 @@ fn splat_vjp<S: Simd, const C: usize>(
             transmittance: Lanes::load(simd, &quad.transmittance),
             remaining: Lanes::load(simd, &quad.remaining),
         };
-        let (h, step, replay) = step_vjp(strength(splat.log2_opacity, offset), replay, along);
-        replay.transmittance.store(&mut quad.transmittance);
-        replay.remaining.store(&mut quad.remaining);
-        step.weight.store(&mut weights[index]);
-        moments = moments.with(h, offset);
+        let StepGrad { log_strength, weight, behind } =
+            step_vjp(log2_strength(splat.log2_opacity, offset), replay, along);
+        behind.transmittance.store(&mut quad.transmittance);
+        behind.remaining.store(&mut quad.remaining);
+        weight.store(&mut weights[index]);
+        moments = moments.with(log_strength, offset);
     });
     // Channels in a loop of their own: there are too many sums to keep all of them in registers at once.
     let mut grad_colors = [zero; C];

@@ -191,16 +191,17 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn exp2(self) -> Self {
-        self.min(self.constant(EXP2_MAX)).exp2_of_negative()
+        self.clamp(EXP2_MIN, EXP2_MAX).exp2_of_small()
     }
     #[inline(always)]
-    fn exp2_of_negative(self) -> Self {
-        let x = self.max(self.constant(EXP2_MIN));
+    fn exp2_of_small(self) -> Self {
+        let x = self;
         let shifted = x + ROUND_MAGIC;
         let whole = shifted - ROUND_MAGIC;
         let bits: u32x16<S> = shifted.0.bitcast();
-        let power: f32x16<S> = ((bits << 23) + (127 << 23)).bitcast();
-        Self(exp2_fraction(x - whole).0 * power)
+        // The fraction's power is near one, so the whole number is added to its exponent.
+        let fraction: u32x16<S> = exp2_fraction(x - whole).0.bitcast();
+        Self((fraction + (bits << 23)).bitcast())
     }
     #[inline(always)]
     fn log2(self) -> Self {

@@ -3,7 +3,7 @@
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     bin::{footprint, half_extent},
-    blend::{Falloff, Stamp, alpha, falloff, stamp, step},
+    blend::{Falloff, Passage, Stamp, Step, alpha, falloff, stamp, step},
     camera::CameraOf,
     covariance::rotation,
     cubemap::{FacePoint, footprint as texel_footprint, project as project_to_cube},
@@ -119,25 +119,25 @@ impl Formula for SplatOf {
     }
 }
 
-/// Strength of a splat at an offset from its mean ([`specula_core::blend::falloff`]).
+/// How strong a splat is at an offset from its mean ([`specula_core::blend::falloff`]).
 #[derive(Clone, Copy, Debug)]
-pub struct StrengthAt;
+pub struct FalloffAt;
 
-impl Formula for StrengthAt {
+impl Formula for FalloffAt {
     fn name(&self) -> String {
-        "strength_at".to_owned()
+        "falloff_at".to_owned()
     }
     fn parameters(&self) -> Vec<Field> {
         vec![field("root", 3), field("log2_opacity", 1), field("delta", 2)]
     }
     fn results(&self) -> Vec<Field> {
-        vec![field("strength", 1), field("offset", 2)]
+        vec![field("log2_strength", 1), field("offset", 2)]
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
-        let Falloff { offset: [u, w], strength } =
+        let Falloff { offset: [u, w], log2_strength } =
             falloff(&Stamp { mean2d: [dx.zero(); 2], root, log2_opacity }, dx, dy);
-        vec![strength, u, w]
+        vec![log2_strength, u, w]
     }
 }
 
@@ -150,15 +150,16 @@ impl Formula for BlendStep {
         "blend_step".to_owned()
     }
     fn parameters(&self) -> Vec<Field> {
-        vec![field("strength", 1), field("transmittance", 1)]
+        vec![field("log2_strength", 1), field("transmittance", 1), field("left", 1)]
     }
     fn results(&self) -> Vec<Field> {
-        vec![field("weight", 1), field("transmittance", 1), field("ended", 1)]
+        vec![field("weight", 1), field("transmittance", 1), field("left", 1)]
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
-        let (strength, transmittance) = (inputs.number(), inputs.number());
-        let step = step(alpha(strength), transmittance);
-        vec![step.weight, step.transmittance, step.ended]
+        let log2_strength = inputs.number();
+        let front = Passage { transmittance: inputs.number(), left: inputs.number() };
+        let Step { weight, behind } = step(alpha(log2_strength), front);
+        vec![weight, behind.transmittance, behind.left]
     }
 }
 

@@ -3,16 +3,16 @@
 use crate::{
     formula::{Formula, function, type_of},
     formulas::{
-        BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
-        StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
+        BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, FalloffAt, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf,
+        SplatOf, SurfaceOf, SurfaceOfPixel, TexelsAt,
     },
     kernel::GROUP,
     trace::literal,
 };
 use core::fmt::Write;
 use specula_core::{
-    bin::{ALPHA_MIN, TILE_SIZE},
-    blend::ROOT_SCALE,
+    bin::TILE_SIZE,
+    blend::{LOG2_ALPHA_MIN, ROOT_SCALE, TRANSMITTANCE_MIN},
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
     scene::{BLOCK, Layout},
@@ -39,7 +39,8 @@ impl Source {
         number("EXP2_MIN", EXP2_MIN);
         number("EXP2_MAX", EXP2_MAX);
         number("F32_MAX", f32::MAX);
-        number("ALPHA_MIN", ALPHA_MIN);
+        number("TRANSMITTANCE_MIN", TRANSMITTANCE_MIN);
+        number("LOG2_ALPHA_MIN", LOG2_ALPHA_MIN);
         number("ROOT_SCALE", ROOT_SCALE);
         number("LOG2_E", core::f32::consts::LOG2_E);
         number("TILE_SIZE", TILE_SIZE as f32);
@@ -147,7 +148,7 @@ pub(crate) fn ranges() -> String {
 
 /// Compositing.
 pub(crate) fn blend(channels: usize) -> String {
-    let source = Source::new().real().camera().formula(&StrengthAt).formula(&BlendStep);
+    let source = Source::new().real().camera().formula(&FalloffAt).formula(&BlendStep);
     source.channels(channels).with(include_str!("shaders/blend.wgsl")).text()
 }
 

@@ -619,16 +619,15 @@ fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec
 /// Colour and final transmittance of every pixel.
 fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
     let pixel = |[px, py]: [f32; 2]| {
-        let (mut color, mut transmittance, mut ended) = (Vec3::zero(x[0]), x[0].constant(1.0), x[0].zero());
+        let (mut color, mut passage) = (Vec3::zero(x[0]), blend::Passage::open(x[0]));
         for k in 0..STACK {
             let (mean2d, stamp, _, splat_color) = stack_entry(x, k);
             let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
-            let step = blend::step(blend::alpha(falloff.strength), transmittance);
+            let step = blend::step(blend::alpha(falloff.log2_strength), passage);
             color = color.add_scaled(step.weight, splat_color);
-            transmittance = step.transmittance;
-            ended = ended + step.ended;
+            passage = step.behind;
         }
-        join(&[&color.to_array(), &[transmittance + ended]])
+        join(&[&color.to_array(), &[passage.left]])
     };
     PIXELS.iter().flat_map(|&p| pixel(p)).collect()
 }
@@ -659,10 +658,10 @@ fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
         for k in 0..STACK {
             let (mean2d, stamp, _, color) = stack_entry(x, k);
             let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
-            let (h, step, behind) = blend::step_vjp(falloff.strength, replay, color.dot(grad_color));
+            let step = blend::step_vjp(falloff.log2_strength, replay, color.dot(grad_color));
             grad_colors[k] = grad_colors[k].add_scaled(step.weight, grad_color);
-            moments[k] = moments[k].with(h, falloff.offset);
-            replay = behind;
+            moments[k] = moments[k].with(step.log_strength, falloff.offset);
+            replay = step.behind;
         }
     }
     let splat_grad = |k: usize| {

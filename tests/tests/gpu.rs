@@ -11,8 +11,8 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::formulas::{
-    BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
-    StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
+    BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, FalloffAt, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
+    SurfaceOf, SurfaceOfPixel, TexelsAt,
 };
 use specula_tests::{
     compare::{assert_psnr, psnr},
@@ -37,10 +37,10 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &Log2Mantissa, &uniform_rows(2, &[[0.71, 1.41]]));
     assert_same(
         gpu,
-        &StrengthAt,
+        &FalloffAt,
         &uniform_rows(3, &[[0.1, 2.0], [-1.0, 1.0], [0.1, 2.0], [-7.0, 0.0], [-3.0, 3.0], [-3.0, 3.0]]),
     );
-    assert_same(gpu, &BlendStep, &uniform_rows(4, &[[0.0, 1.2], [0.05, 1.0]]));
+    assert_same(gpu, &BlendStep, &uniform_rows(4, &[[-9.0, 0.2], [0.05, 1.0], [0.05, 1.0]]));
     assert_same(gpu, &TexelsAt, &uniform_rows(5, &[[-1.0, -0.1], [0.2, 0.8], [-1.0, 1.0], [16.0, 16.0]]));
     let levels = Levels::new(PrefilterScheme::Exact, 64).as_slice().to_vec();
     assert_same(gpu, &LevelOf { levels }, &uniform_rows(6, &[[0.0, 1.0]]));

@@ -79,10 +79,10 @@ mod sums {
             let [dx, dy] = corner.map(|first| [first, first + 3.0]);
             let strength_at = |pixel: u8| {
                 let [column, row] = [pixel % 4, pixel / 4].map(f32::from);
-                blend::falloff(&stamp, corner[0] + column, corner[1] + row).strength
+                blend::falloff(&stamp, corner[0] + column, corner[1] + row).log2_strength
             };
-            let strongest = (0..16).map(strength_at).fold(0.0, f32::max);
-            prop_assert!(strongest < bin::ALPHA_MIN || blend::may_be_seen(&stamp, dx, dy));
+            let strongest = (0..16).map(strength_at).fold(f32::NEG_INFINITY, f32::max);
+            prop_assert!(strongest < blend::LOG2_ALPHA_MIN || blend::may_be_seen(&stamp, dx, dy));
         }
         #[test]
         fn footprint_weights_sum_to_one_and_lie_inside_the_padded_map(d in any_vector(), log_resolution in 0..9_u32) {
@@ -97,14 +97,13 @@ mod sums {
     }
 
     fn weights_and_transmittance<R: Number>(strengths: &[f64]) -> f64 {
-        let (mut weights, mut transmittance, mut ended) = (R::of(0.0), R::of(1.0), R::of(0.0));
+        let (mut weights, mut passage) = (R::of(0.0), blend::Passage::open(R::of(0.0)));
         for &strength in strengths {
-            let step = blend::step(blend::alpha(R::of(strength)), transmittance);
+            let step = blend::step(blend::alpha(R::of(strength).log2()), passage);
             weights = weights + step.weight;
-            transmittance = step.transmittance;
-            ended = ended + step.ended;
+            passage = step.behind;
         }
-        (weights + transmittance + ended).value()
+        (weights + passage.left).value()
     }
 
     #[test]

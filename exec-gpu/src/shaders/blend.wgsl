@@ -17,21 +17,21 @@ fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_id) local
     let range = ranges[tile.y * camera.tiles.x + tile.x];
     var sums: array<vec4f, CHANNEL_VECTORS>;
     var transmittance = 1.0;
-    var ended = 0.0;
+    var left = 1.0;
     for (var k = range.x; k < range.y; k++) {
         let gaussian = gaussians_of[k];
         let splat = splats[gaussian];
-        let strength = strength_at(splat.root, splat.log2_opacity, point - splat.mean2d).strength;
-        if strength < ALPHA_MIN {
+        let strength = falloff_at(splat.root, splat.log2_opacity, point - splat.mean2d).log2_strength;
+        if !(strength >= LOG2_ALPHA_MIN) {
             continue;
         }
-        let over = blend_step(strength, transmittance);
+        let over = blend_step(strength, transmittance, left);
         transmittance = over.transmittance;
-        ended += over.ended;
+        left = over.left;
         for (var v = 0u; v < CHANNEL_VECTORS; v++) {
             sums[v] += over.weight * colors[gaussian * CHANNEL_VECTORS + v];
         }
-        if transmittance == 0.0 {
+        if transmittance < TRANSMITTANCE_MIN {
             break;
         }
     }
@@ -40,5 +40,5 @@ fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_id) local
     for (var c = 0u; c < CHANNELS; c++) {
         frame[c * size + place] = sums[c / 4u][c % 4u];
     }
-    frame[CHANNELS * size + place] = transmittance + ended;
+    frame[CHANNELS * size + place] = left;
 }

@@ -33,7 +33,7 @@ pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
     let splat = project(&shape, &camera().lift(0.0));
     let stamp = blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
     let falloff = blend::falloff(&stamp, 32.0 - splat.mean2d[0], 32.0 - splat.mean2d[1]);
-    blend::alpha(falloff.strength)
+    blend::alpha(falloff.log2_strength)
 }
 
 /// The red of a shiny Gaussian under white light, and the level that its light is read from.

@@ -3,7 +3,7 @@
 use crate::number::{Number, take3};
 use specula_core::{
     bin,
-    blend::{self, Moments, Replay, Stamp},
+    blend::{self, Moments, Passage, Replay, Stamp, Step, StepGrad},
     camera::Camera,
     project::{Splat, SplatGrad},
     scene::Image,
@@ -39,19 +39,18 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
     let stamps = stamps(splats);
     let mut values = vec![R::of(0.0); (channels + 1) * size];
     for pixel in 0..size {
-        let (mut transmittance, mut ended) = (R::of(1.0), R::of(0.0));
+        let mut passage = Passage::open(R::of(1.0));
         for &k in order {
             let [dx, dy] = offset(&splats[k], pixel % width, pixel / width);
-            let strength = blend::falloff(&stamps[k], dx, dy).strength;
-            let step = blend::step(blend::alpha(strength), transmittance);
+            let strength = blend::falloff(&stamps[k], dx, dy).log2_strength;
+            let Step { weight, behind } = blend::step(blend::alpha(strength), passage);
             for (channel, color) in colors[k].iter().enumerate() {
                 let value = &mut values[channel * size + pixel];
-                *value = *value + step.weight * *color;
+                *value = *value + weight * *color;
             }
-            transmittance = step.transmittance;
-            ended = ended + step.ended;
+            passage = behind;
         }
-        values[channels * size + pixel] = transmittance + ended;
+        values[channels * size + pixel] = passage.left;
     }
     Image { width, height, channels: channels + 1, values }
 }
@@ -77,11 +76,11 @@ pub fn blend_vjp<R: Number>(
             let [dx, dy] = offset(&splats[k], pixel % frame.width, pixel / frame.width);
             let falloff = blend::falloff(&stamps[k], dx, dy);
             let dot = colors[k].iter().zip(&pixel_grad).fold(zero, |sum, (color, grad)| sum + *color * *grad);
-            let (h, step, behind) = blend::step_vjp(falloff.strength, replay, dot);
+            let StepGrad { log_strength, weight, behind } = blend::step_vjp(falloff.log2_strength, replay, dot);
             for (sum, grad) in grad_colors[k].iter_mut().zip(&pixel_grad) {
-                *sum = *sum + step.weight * *grad;
+                *sum = *sum + weight * *grad;
             }
-            moments[k] = moments[k].with(h, falloff.offset);
+            moments[k] = moments[k].with(log_strength, falloff.offset);
             replay = behind;
         }
     }
