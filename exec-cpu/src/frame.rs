@@ -158,3 +158,25 @@ pub struct FrameGrad {
     pub(crate) channels: usize,
     pub(crate) values: Buffer<Quad>,
 }
+
+impl FrameGrad {
+    /// The gradient of a frame that is given plane by plane, as [`Frame::read`] writes the frame.
+    pub fn of_planes(frame: &Frame, planes: &[f32]) -> Self {
+        let Frame { width, height, channels, cover, .. } = frame;
+        // As long as the frame, and written over.
+        let mut values = frame.blended.clone();
+        for slot in 0..cover.tiles.len() {
+            let [tile_x, tile_y] = cover.place(slot).map(|tile| tile * SIZE);
+            let tile = &mut values[slot * tile_len(*channels)..][..tile_len(*channels)];
+            for (quad, channel) in (0..QUADS).flat_map(|quad| (0..=*channels).map(move |channel| (quad, channel))) {
+                let [x, y] = quad_origin(quad);
+                for (k, value) in tile[at(*channels, quad, channel)].iter_mut().enumerate() {
+                    let [x, y] = [tile_x + x + k % QUAD, tile_y + y + k / QUAD];
+                    let is_inside = x < *width && y < *height;
+                    *value = if is_inside { planes[(channel * height + y) * width + x] } else { 0.0 };
+                }
+            }
+        }
+        Self { channels: *channels, values }
+    }
+}

@@ -3,12 +3,27 @@
 use crate::{
     blend_vjp::SplatGrads,
     device::GpuError,
+    formulas::{
+        ShadingOf,
+        gaussians_vjp::{AttributeLosses, PlanesVjp},
+    },
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
     machine::Machine,
     memory::Array,
     prefilter::{Light, LightGrad},
     project::Splats,
+    source,
+    view::View,
 };
-use specula_core::{camera::Camera, executor::RenderRules, loss::LossWeights, scene::Gaussians};
+use specula_core::{
+    camera::Camera,
+    executor::RenderRules,
+    loss::LossWeights,
+    scene::{BLOCK, Gaussians, len_of_values},
+};
 
 /// What the way back reads beside the Gaussians and the camera.
 #[derive(Debug)]
@@ -21,10 +36,28 @@ pub(crate) struct Way<'a> {
 }
 
 pub(crate) fn gaussians_vjp(
-    _machine: &mut Machine,
-    _gaussians: &Gaussians<Array>,
-    _camera: &Camera,
-    _way: &Way<'_>,
+    machine: &mut Machine,
+    gaussians: &Gaussians<Array>,
+    camera: &Camera,
+    way: &Way<'_>,
 ) -> Result<(Gaussians<Array>, Option<LightGrad>), GpuError> {
-    unimplemented!()
+    let Gaussians { count, layout, .. } = *gaussians;
+    let LossWeights { sparse, residual, .. } = *way.weights;
+    let planes = PlanesVjp { shading: ShadingOf { layout, rules: *way.rules }, is_lit: false };
+    let losses = AttributeLosses { layout, is_sparse: sparse != 0.0, has_residual: residual != 0.0 };
+    let values = machine.take("gradients", len_of_values(count, layout))?;
+    let view = View::new(camera, count);
+    let share = 1.0 / count as f32;
+    let attributes = [sparse * share, 2.0 * residual * share];
+    let bound = [
+        Uniform(view.bytes()),
+        Uniform(bytemuck::cast_slice(&attributes)),
+        Of(&gaussians.values),
+        Of(&way.grads.values),
+        Of(&values),
+    ];
+    let key = format!("{planes:?} {losses:?}");
+    let source = || source::gaussians_vjp(&planes, &losses, None);
+    machine.run(&key, "gaussians_vjp", &source, &bound, Groups::For(count.next_multiple_of(BLOCK)))?;
+    Ok((Gaussians { count, layout, values }, None))
 }

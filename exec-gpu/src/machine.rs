@@ -11,13 +11,15 @@ use bytemuck::Pod;
 #[derive(Debug)]
 pub(crate) struct Machine {
     pub(crate) gpu: Gpu,
+    /// Most splats of tiles whose gradients are kept at once, if not as many as an array holds.
+    pub(crate) slots_max: usize,
     pool: Pool,
     kernels: Kernels,
 }
 
 impl Machine {
     pub(crate) fn new(gpu: Gpu) -> Self {
-        Self { gpu, pool: Pool::default(), kernels: Kernels::default() }
+        Self { gpu, slots_max: usize::MAX, pool: Pool::default(), kernels: Kernels::default() }
     }
 
     /// An array of so many numbers, whatever they are.

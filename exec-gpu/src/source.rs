@@ -1,10 +1,14 @@
 //! Sources of kernels: constants from core, functions from formulas, and the files that schedule them.
 
 use crate::{
+    blend_vjp::{GEOMETRY, PIXELS, splats_at_once},
     formula::{Formula, function, type_of},
     formulas::{
         BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
+        blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
+        gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
+        optimise::AdamStep,
     },
     kernel::GROUP,
     trace::literal,
@@ -15,7 +19,7 @@ use specula_core::{
     blend::ROOT_SCALE,
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
-    scene::{BLOCK, Layout},
+    scene::{BLOCK, Layout, NORMAL_RESIDUAL_1, OPACITY},
     shade::ShadingForm,
     split_sum,
 };
@@ -151,6 +155,28 @@ pub(crate) fn blend(channels: usize) -> String {
     source.channels(channels).with(include_str!("shaders/blend.wgsl")).text()
 }
 
+/// The way back through compositing.
+pub(crate) fn blend_vjp(channels: usize) -> String {
+    let source = Source::new()
+        .real()
+        .camera()
+        .channels(channels)
+        .count("SLOT", MOMENTS + channels)
+        .count("SPLATS_AT_ONCE", splats_at_once(channels))
+        .count("BLOCK_WIDTH", PIXELS.width)
+        .count("BLOCK_HEIGHT", PIXELS.height)
+        .formula(&ReplayStart { block: PIXELS, channels })
+        .formula(&ReplaySplat { block: PIXELS, channels });
+    let pixels = format!("alias Pixels = {};", type_of(PIXELS.count()));
+    source.with(&pixels).with(include_str!("shaders/blend_vjp.wgsl")).text()
+}
+
+/// Sums of what [`blend_vjp`] leaves.
+pub(crate) fn slots(channels: usize) -> String {
+    let source = Source::new().real().camera().count("SLOT", MOMENTS + channels).count("MOMENTS", MOMENTS);
+    source.formula(&MomentsVjp).with(include_str!("shaders/slots.wgsl")).text()
+}
+
 /// Light, pixel by pixel; without a light there is none.
 pub(crate) fn shade_pixels(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
     let source = Source::new()
@@ -209,6 +235,32 @@ impl LightLayout {
             .with(&table("level_resolution", &mut self.places.iter().map(|place| place.1)))
             .with(include_str!("shaders/light.wgsl"))
     }
+}
+
+/// The way back through shading and projection; without a light, Gaussians looked none up.
+pub(crate) fn gaussians_vjp(planes: &PlanesVjp, losses: &AttributeLosses, light: Option<&LightLayout>) -> String {
+    let shading = &planes.shading;
+    let source = Source::new()
+        .real()
+        .camera()
+        .planes(shading.layout)
+        .count("SPLAT_PLANES", GEOMETRY + shading.blended().count())
+        .count("OPACITY_PLANE", OPACITY)
+        .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
+        .formula(planes)
+        .formula(losses);
+    let source = match light {
+        Some(_) => unimplemented!(),
+        None => source.with(UNLIT_PLANES),
+    };
+    source.with(include_str!("shaders/gaussians_vjp.wgsl")).text()
+}
+
+const UNLIT_PLANES: &str = "fn put_planes() {\n    planes_vjp();\n}\n";
+
+/// Adam.
+pub(crate) fn optimise() -> String {
+    Source::new().real().formula(&AdamStep).with(include_str!("shaders/optimise.wgsl")).text()
 }
 
 /// Statements for every row of `inputs`, which write a row of `outputs`.
