@@ -115,18 +115,26 @@ pub(crate) fn project(layout: Layout) -> String {
 pub(crate) fn shade(shading: &ShadingOf, light: Option<&LightLayout>) -> String {
     let source = Source::new().real().camera().planes(shading.layout).channels(shading.blended().count());
     let source = match light {
-        Some(light) => light
-            .declare(source)
-            .formula(&SurfaceOf(*shading))
-            .formula(&LitColorsOf(*shading))
-            .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
-            .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
-            .with(include_str!("shaders/lit.wgsl")),
+        Some(light) => own_light(light.declare(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
     };
     source.with(include_str!("shaders/shade.wgsl")).text()
 }
 
+/// Light that Gaussians look up themselves.
+fn own_light(source: Source, shading: &ShadingOf) -> Source {
+    source
+        .formula(&SurfaceOf(*shading))
+        .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
+        .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
+        .with(include_str!("shaders/lit.wgsl"))
+}
+
+const LIT_CHANNELS: &str = "fn channels_of() -> Channels {
+    let light = own_light(surface_of());
+    return lit_colors_of(light.specular, light.ambient, light.split_sum);
+}
+";
 const UNLIT_CHANNELS: &str = "fn channels_of() -> Channels {\n    return colors_of();\n}\n";
 
 /// Sums.
@@ -238,25 +246,36 @@ impl LightLayout {
 }
 
 /// The way back through shading and projection; without a light, Gaussians looked none up.
-pub(crate) fn gaussians_vjp(planes: &PlanesVjp, losses: &AttributeLosses, light: Option<&LightLayout>) -> String {
+pub(crate) fn gaussians_vjp(planes: &PlanesVjp, light: Option<&LightLayout>) -> String {
     let shading = &planes.shading;
     let source = Source::new()
         .real()
         .camera()
         .planes(shading.layout)
         .count("SPLAT_PLANES", GEOMETRY + shading.blended().count())
-        .count("OPACITY_PLANE", OPACITY)
-        .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
-        .formula(planes)
-        .formula(losses);
+        .formula(planes);
     let source = match light {
-        Some(_) => unimplemented!(),
+        Some(light) => own_light(light.declare_vjp(source), shading)
+            .formula(&LookupVjp(*shading))
+            .formula(&SplitSumVjp)
+            .with(include_str!("shaders/lit_vjp.wgsl")),
         None => source.with(UNLIT_PLANES),
     };
     source.with(include_str!("shaders/gaussians_vjp.wgsl")).text()
 }
 
 const UNLIT_PLANES: &str = "fn put_planes() {\n    planes_vjp();\n}\n";
+
+/// Losses on attributes.
+pub(crate) fn attribute_losses(losses: &AttributeLosses) -> String {
+    let source = Source::new().real().planes(losses.layout);
+    source
+        .count("OPACITY_PLANE", OPACITY)
+        .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
+        .formula(losses)
+        .with(include_str!("shaders/attributes.wgsl"))
+        .text()
+}
 
 /// Adam.
 pub(crate) fn optimise() -> String {

@@ -27,16 +27,16 @@ use specula_gpu::{
 use specula_tests::{
     compare::{ROUNDING_F32, relative_difference},
     device::executor,
-    formulas::{assert_same, camera, gaussian_rows, side_by_side, uniform_rows},
+    formulas::{ROWS, assert_same, camera, gaussian_rows, side_by_side, uniform_rows},
     plain::{self, lift, lift_gaussians},
     strategies::{random_cloud, random_environment},
 };
 
 /// Gradients of a small picture in `f32`, number by number, relative to the largest of its kind: a pixel on the other
 /// side of the cut at 1/255 makes a few in ten thousand.
-const SAME_SPLAT_GRADIENT: f64 = 2e-3;
+const SAME_SPLAT_GRADIENT: f64 = 5e-4;
 /// The same for what follows from equal gradients of splats, where nothing is cut off: a few hundred roundings.
-const SAME_GRADIENT: f64 = 1e-4;
+const SAME_GRADIENT: f64 = 1e-5;
 /// Numbers of a splat's gradient before its channels.
 const GEOMETRY: usize = 6;
 
@@ -80,9 +80,11 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     }
     assert_same(gpu, &SplitSumVjp, &uniform_rows(7, &[[0.0, 1.0]; 12]));
     for (layout, is_sparse, has_residual) in
-        [(Layout::shaded(Some(1)), true, true), (Layout::shaded(None), false, true), (Layout::radiance(0), true, true)]
+        [(Layout::shaded(Some(1)), true, true), (Layout::shaded(None), false, true), (Layout::radiance(0), true, false)]
     {
-        let rows = side_by_side(&gaussian_rows(layout), &unit(8, 2));
+        let rows = gaussian_rows(layout);
+        let planes = rows.chunks(rows.len() / ROWS).flat_map(|row| &row[..layout.plane_count()]).copied();
+        let rows = side_by_side(&planes.collect::<Vec<f32>>(), &unit(8, 2));
         assert_same(gpu, &AttributeLosses { layout, is_sparse, has_residual }, &rows);
     }
     let bounds = [[-1.0, 1.0], [-0.1, 0.1], [0.0, 0.01], [-1.0, 1.0], [0.001, 0.01], [1e-17, 1e-16]];

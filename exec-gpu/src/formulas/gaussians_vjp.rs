@@ -283,13 +283,13 @@ pub struct AttributeLosses {
     pub layout: Layout,
     /// Whether opacities are to be sparse.
     pub is_sparse: bool,
-    /// Whether normal residuals are to be small.
+    /// Whether there are normal residuals, and they are to be small.
     pub has_residual: bool,
 }
 
 impl AttributeLosses {
     fn residual_planes(&self) -> core::ops::Range<usize> {
-        match self.has_residual && self.layout.is_shaded() {
+        match self.has_residual {
             true => NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3,
             false => 0..0,
         }

@@ -1,17 +1,10 @@
 // The way back through shading and projection: one invocation a Gaussian, and one for each lane that fills up the last
 // block.
 
-// Weights of the losses on attributes, for each Gaussian.
-struct Attributes {
-    sparse: f32,
-    residual: f32,
-}
-
 @group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> attributes: Attributes;
-@group(0) @binding(2) var<storage, read> values: array<f32>;
-@group(0) @binding(3) var<storage, read> splat_grads: array<f32>;
-@group(0) @binding(4) var<storage, read_write> grads: array<f32>;
+@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(2) var<storage, read> splat_grads: array<f32>;
+@group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 
 var<private> gaussian: u32;
 
@@ -19,20 +12,8 @@ fn splat_grad(number: u32) -> f32 {
     return splat_grads[(gaussian / BLOCK * SPLAT_PLANES + number) * BLOCK + gaussian % BLOCK];
 }
 
-fn place_of(plane: u32) -> u32 {
-    return (gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK;
-}
-
 fn put(plane: u32, grad: f32) {
-    grads[place_of(plane)] = grad;
-}
-
-fn add_to_opacity(number: u32, grad: f32) {
-    grads[place_of(OPACITY_PLANE + number)] += grad;
-}
-
-fn add_to_residuals(number: u32, grad: f32) {
-    grads[place_of(RESIDUAL_PLANE + number)] += grad;
+    grads[(gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK] = grad;
 }
 
 // Whether any gradient reaches the Gaussian. What is not a number does.
@@ -54,15 +35,11 @@ fn gaussians_vjp(
     if gaussian >= (camera.gaussian_count + BLOCK - 1u) / BLOCK * BLOCK {
         return;
     }
-    let is_there = gaussian < camera.gaussian_count;
-    if is_there && is_touched() {
+    if gaussian < camera.gaussian_count && is_touched() {
         put_planes();
     } else {
         for (var plane = 0u; plane < PLANES; plane++) {
             put(plane, 0.0);
         }
-    }
-    if is_there {
-        attribute_losses_vjp();
     }
 }

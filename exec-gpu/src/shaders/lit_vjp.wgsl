@@ -1,23 +1,25 @@
 // The way back through light that Gaussians have looked up themselves.
 
-// Gradient of `split_sum` with respect to n·v and the roughness.
+@group(0) @binding(6) var<storage, read_write> light_sums: array<atomic<u32>>;
+
+// Of `split_sum`: with respect to n·v and the roughness.
 fn split_sum_vjp(n_dot_v: f32, roughness: f32, grad: vec2f) -> vec2f {
-    let at = split_sum_at(n_dot_v, roughness);
-    let first = at.first;
+    let place = split_sum_place(n_dot_v, roughness);
+    let lower_first = place.first + SPLIT_SUM_SIZE;
     let slopes = split_sum_slopes(
-        split_sums[first],
-        split_sums[first + 1u],
-        split_sums[first + SPLIT_SUM_SIZE],
-        split_sums[first + SPLIT_SUM_SIZE + 1u],
-        at.share,
+        split_sums[place.first],
+        split_sums[place.first + 1u],
+        split_sums[lower_first],
+        split_sums[lower_first + 1u],
+        place.share,
         grad,
     );
-    return slopes * at.is_free * f32(SPLIT_SUM_SIZE);
+    return slopes * place.is_free * f32(SPLIT_SUM_SIZE);
 }
 
 fn put_planes() {
     let surface = surface_of();
-    let light = light_of(surface);
+    let light = own_light(surface);
     let grad = lookup_vjp(light.specular, light.ambient, light.split_sum);
     let of_specular = radiance_vjp(surface.reflection_dir, surface.roughness, grad.specular);
     var of_ambient = vec3f(0.0);
