@@ -137,6 +137,7 @@ impl Frame {
     /// The gradient of this picture from its planes, as [`Self::read`] gives those of the picture.
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
+        values.fill([0.0; BLOCK]);
         self.each_pixel(|plane, pixel, place, lane| {
             values[place][lane] = planes[plane * self.width * self.height + pixel]
         });

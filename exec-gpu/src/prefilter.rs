@@ -201,7 +201,7 @@ pub(crate) fn prefilter_vjp(
     let nodes = machine.take("gradient of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
     transposed.aprons.apply(machine, &grad.texels, 0, Out::Other(&nodes))?;
     transposed.rows.apply(machine, &nodes, operator.node_count(), Out::AddedTexels(0))?;
-    for (([fine, coarse], _), matrix) in operator.reductions().zip(&transposed.reductions).rev() {
+    for (([fine, coarse], _), matrix) in operator.reductions().rev().zip(transposed.reductions.iter().rev()) {
         matrix.apply(machine, &nodes, coarse, Out::AddedTexels(fine))?;
     }
     let out = machine.take("gradient of an environment", environment.values.len())?;
