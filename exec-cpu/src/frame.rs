@@ -134,6 +134,39 @@ impl Frame {
         });
     }
 
+    /// The gradient of this picture from its planes, as [`Self::read`] gives those of the picture.
+    pub fn grad(&self, planes: &[f32]) -> FrameGrad {
+        let mut values = self.blended.clone();
+        values.fill([0.0; BLOCK]);
+        self.each_pixel(|plane, pixel, place, lane| {
+            values[place][lane] = planes[plane * self.width * self.height + pixel]
+        });
+        FrameGrad { channels: self.channels, values }
+    }
+    /// The planes of this picture's gradient; zeros where no splat is near.
+    pub fn read_grad(&self, grad: &FrameGrad, planes: &mut [f32]) {
+        planes.fill(0.0);
+        self.each_pixel(|plane, pixel, place, lane| {
+            planes[plane * self.width * self.height + pixel] = grad.values[place][lane];
+        });
+    }
+    /// Visits the planes of each pixel of a covered tile: plane, number of the pixel, quad among those of all tiles, lane.
+    fn each_pixel(&self, mut visit: impl FnMut(usize, usize, usize, usize)) {
+        for slot in 0..self.cover.tiles.len() {
+            let [column, row] = self.cover.place(slot);
+            for (quad, lane) in (0..QUADS).flat_map(|quad| (0..BLOCK).map(move |lane| (quad, lane))) {
+                let [x, y] = quad_origin(quad);
+                let (x, y) = (column * SIZE + x + lane % QUAD, row * SIZE + y + lane / QUAD);
+                if x < self.width && y < self.height {
+                    for plane in 0..=self.channels {
+                        let place = slot * tile_len(self.channels) + at(self.channels, quad, plane);
+                        visit(plane, y * self.width + x, place, lane);
+                    }
+                }
+            }
+        }
+    }
+
     fn read_rows(&self, channel: usize, tile_row: usize, rows: &mut [f32]) {
         for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
             let [column, _] = self.cover.place(slot);
@@ -157,26 +190,4 @@ impl Frame {
 pub struct FrameGrad {
     pub(crate) channels: usize,
     pub(crate) values: Buffer<Quad>,
-}
-
-impl FrameGrad {
-    /// The gradient of a frame that is given plane by plane, as [`Frame::read`] writes the frame.
-    pub fn of_planes(frame: &Frame, planes: &[f32]) -> Self {
-        let Frame { width, height, channels, cover, .. } = frame;
-        // As long as the frame, and written over.
-        let mut values = frame.blended.clone();
-        for slot in 0..cover.tiles.len() {
-            let [tile_x, tile_y] = cover.place(slot).map(|tile| tile * SIZE);
-            let tile = &mut values[slot * tile_len(*channels)..][..tile_len(*channels)];
-            for (quad, channel) in (0..QUADS).flat_map(|quad| (0..=*channels).map(move |channel| (quad, channel))) {
-                let [x, y] = quad_origin(quad);
-                for (k, value) in tile[at(*channels, quad, channel)].iter_mut().enumerate() {
-                    let [x, y] = [tile_x + x + k % QUAD, tile_y + y + k / QUAD];
-                    let is_inside = x < *width && y < *height;
-                    *value = if is_inside { planes[(channel * height + y) * width + x] } else { 0.0 };
-                }
-            }
-        }
-        Self { channels: *channels, values }
-    }
 }

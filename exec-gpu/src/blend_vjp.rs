@@ -91,6 +91,7 @@ pub(crate) fn blend_vjp(
     camera: &Camera,
 ) -> Result<SplatGrads, GpuError> {
     let channels = colors.channels;
+    debug_assert_eq!((grad.size, grad.channels), (frame.size, channels), "gradients are of what was blended");
     let slot = GEOMETRY + channels;
     let sums = machine.take("gradients of splats", splats.count.next_multiple_of(BLOCK) * slot)?;
     let slots_at_once = machine.slots_max.min((machine.gpu.binding_max() / 4) as usize / slot);

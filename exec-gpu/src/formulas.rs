@@ -2,6 +2,7 @@
 
 pub mod blend_vjp;
 pub mod gaussians_vjp;
+pub mod light;
 pub mod optimise;
 
 use crate::formula::{Field, Formula, Inputs, call, field, variable};

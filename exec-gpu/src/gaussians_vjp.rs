@@ -11,6 +11,7 @@ use crate::{
         Bound::{Array as Of, Uniform},
         Groups,
     },
+    light_sums::LightSums,
     machine::Machine,
     memory::Array,
     prefilter::{Light, LightGrad},
@@ -44,11 +45,12 @@ pub(crate) fn gaussians_vjp(
 ) -> Result<(Gaussians<Array>, Option<LightGrad>), GpuError> {
     let Gaussians { count, layout, .. } = *gaussians;
     let shading = ShadingOf { layout, rules: *way.rules };
+    debug_assert_eq!(way.grads.channels, shading.blended().count(), "gradients are of what was blended");
     let light = way.light.filter(|_| shading.looks_light_up());
     let sums = light.map(|light| LightSums::new(machine, light)).transpose()?;
     let planes = PlanesVjp { shading, is_lit: light.is_some() };
     let values = machine.take("gradients", len_of_values(count, layout))?;
-    let view = View::new(camera, count);
+    let view = View::new(camera, way.splats.count);
     let mut bound = vec![Uniform(view.bytes()), Of(&gaussians.values), Of(&way.grads.values), Of(&values)];
     if let (Some(light), Some(sums)) = (light, &sums) {
         bound.extend([Of(&light.texels), Of(&light.split_sum), Of(sums.array())]);

@@ -8,15 +8,18 @@ use crate::{
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
         blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
+        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
         optimise::AdamStep,
     },
     kernel::GROUP,
+    light_sums::{MIDDLE_STEPS, NUMBER_MAX, SUM_LEN, SUM_WORDS},
     trace::literal,
 };
 use core::fmt::Write;
 use specula_core::{
     bin::{ALPHA_MIN, TILE_SIZE},
     blend::ROOT_SCALE,
+    cubemap::padded_len,
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
     scene::{BLOCK, Layout, NORMAL_RESIDUAL_1, OPACITY},
@@ -28,6 +31,8 @@ use specula_core::{
 pub(crate) const SCAN_BLOCK: usize = 1024;
 /// Elements that a workgroup sorts at once.
 pub(crate) const SORT_BLOCK: usize = 2048;
+/// Numbers that a word tells apart.
+const WORD: f32 = 4_294_967_296.0;
 /// The key of a Gaussian that is not drawn: behind every depth.
 pub(crate) const NOT_DRAWN: u32 = u32::MAX;
 
@@ -72,6 +77,23 @@ impl Source {
     pub(crate) fn flag(mut self, name: &str, value: bool) -> Self {
         constant(&mut self.0, name, "bool", &value.to_string());
         self
+    }
+    /// And how the sums of a light's gradient are kept.
+    pub(crate) fn light_sums(self, texel_count: usize) -> Self {
+        self.with(&format!("const MIDDLE_STEPS: f32 = {};", literal(MIDDLE_STEPS)))
+            .with(&format!("const NUMBER_MAX: f32 = {};", literal(NUMBER_MAX)))
+            .with(&format!("const WORD: f32 = {};", literal(WORD)))
+            .count("EXPONENT_BITS", f32::INFINITY.to_bits() as usize)
+            .count("NOT_A_NUMBER", f32::NAN.to_bits() as usize)
+            .count("SUM_WORDS", SUM_WORDS)
+            .count("SUM_FAULTS", 3 * SUM_WORDS)
+            .count("SUM_LEN", SUM_LEN)
+            .count("LIGHT_TEXELS", texel_count)
+    }
+    /// And whether there is a layer, and where its channels begin.
+    fn channel(self, layer: &str, index: Option<usize>) -> Self {
+        self.flag(&format!("HAS_{layer}"), index.is_some())
+            .count(&format!("{layer}_CHANNEL"), index.unwrap_or_default())
     }
     /// And how many channels there are.
     pub(crate) fn channels(self, channels: usize) -> Self {
@@ -203,13 +225,60 @@ pub(crate) fn shade_pixels(surface: &SurfaceOfPixel, light: Option<&LightLayout>
     source.with(include_str!("shaders/pixel.wgsl")).text()
 }
 
+/// The gradient of light, pixel by pixel; without a light there is none of it.
+pub(crate) fn shade_pixels_vjp(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
+    let index_of = |channel: usize| surface.blended.index_of(channel);
+    let source = Source::new()
+        .real()
+        .camera()
+        .formula(surface)
+        .formula(&ColorOfPixelVjp)
+        .formula(&SurfaceOfPixelVjp(*surface))
+        .count("TRANSMITTANCE", surface.blended.count())
+        .count("COLOR_CHANNEL", channel::COLOR)
+        .channel("NORMAL", index_of(channel::NORMAL))
+        .channel("TINT", index_of(channel::TINT))
+        .channel("ROUGHNESS", index_of(channel::ROUGHNESS));
+    let source = match light {
+        Some(light) => light.declare_vjp(source).with(LIT).with(LIT_VJP),
+        None => source.with(UNLIT).with(UNLIT_VJP),
+    };
+    source.with(include_str!("shaders/pixel_vjp.wgsl")).text()
+}
+
 const LIT: &str =
     "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return radiance(direction, roughness);\n}\n";
 const UNLIT: &str = "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return vec3f(0.0);\n}\n";
 
+const LIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    return radiance_vjp(direction, roughness, grad);
+}
+";
+const UNLIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    return vec4f(0.0);
+}
+";
+
+/// Sums of a light's gradient to numbers.
+pub(crate) fn light_grad(texel_count: usize) -> String {
+    Source::new().light_sums(texel_count).with(include_str!("shaders/light_grad.wgsl")).text()
+}
+
+/// Colours to sums of a light's gradient.
+pub(crate) fn add_colors(texel_count: usize) -> String {
+    let source = Source::new().light_sums(texel_count).with(include_str!("shaders/light_sums.wgsl"));
+    source.with(include_str!("shaders/add_colors.wgsl")).text()
+}
+
 /// A light's numbers to radiance.
 pub(crate) fn activate() -> String {
-    Source::new().real().with(include_str!("shaders/activate.wgsl")).text()
+    Source::new().real().with(include_str!("shaders/radiance.wgsl")).with(include_str!("shaders/activate.wgsl")).text()
+}
+
+/// Gradients of radiance to those of a light's numbers.
+pub(crate) fn activate_vjp() -> String {
+    let source = Source::new().real().with(include_str!("shaders/radiance.wgsl"));
+    source.with(include_str!("shaders/activate_vjp.wgsl")).text()
 }
 
 /// Sparse matrices.
@@ -242,6 +311,23 @@ impl LightLayout {
             .with(&table("level_start", &mut self.places.iter().map(|place| place.0)))
             .with(&table("level_resolution", &mut self.places.iter().map(|place| place.1)))
             .with(include_str!("shaders/light.wgsl"))
+    }
+
+    /// And the gradient of looking it up.
+    fn declare_vjp(&self, source: Source) -> Source {
+        self.declare(source)
+            .formula(&TexelShares)
+            .formula(&TexelsVjp)
+            .formula(&DirectionVjp)
+            .formula(&RoughnessVjp { levels: self.levels.levels.clone() })
+            .light_sums(self.texel_count())
+            .with(include_str!("shaders/light_sums.wgsl"))
+            .with(include_str!("shaders/light_vjp.wgsl"))
+    }
+
+    /// Texels of all levels and the irradiance map.
+    fn texel_count(&self) -> usize {
+        self.places.last().map_or(0, |(first, resolution)| first + padded_len(*resolution))
     }
 }
 
@@ -286,4 +372,9 @@ pub(crate) fn optimise() -> String {
 pub(crate) fn probe(statements: &str) -> String {
     let source = Source::new().real();
     source.with(&include_str!("shaders/probe.wgsl").replace("    // STATEMENTS\n", statements)).text()
+}
+
+/// The gradient of looking light up, for every row.
+pub(crate) fn probe_light(light: &LightLayout) -> String {
+    light.declare_vjp(Source::new().real()).with(include_str!("shaders/probe_light.wgsl")).text()
 }

@@ -13,7 +13,7 @@ use specula_core::{
     scene::{BLOCK, Environment, Gaussians, Layout, MEAN, OPACITY, RadianceActivation, len_of_values},
     shade::ShadingRules,
 };
-use specula_cpu::{CpuExecutor, frame::FrameGrad};
+use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor,
     blend_vjp::SplatGrads,
@@ -156,10 +156,17 @@ impl Scene {
         self.rules.blended(self.cloud.layout).count()
     }
 
-    fn light<E: Renderer<Error: core::fmt::Debug>>(&self, exec: &mut E) -> Option<E::Light> {
+    fn uploaded_environment<E: Renderer<Error: core::fmt::Debug>>(
+        &self,
+        exec: &mut E,
+    ) -> Option<Environment<E::Array>> {
         let Environment { resolution, activation, values } = self.environment.as_ref()?;
         let values = exec.upload(values).expect("texels fit");
-        let environment = Environment { resolution: *resolution, activation: *activation, values };
+        Some(Environment { resolution: *resolution, activation: *activation, values })
+    }
+
+    fn light<E: Renderer<Error: core::fmt::Debug>>(&self, exec: &mut E) -> Option<E::Light> {
+        let environment = self.uploaded_environment(exec)?;
         Some(exec.prefilter(&environment, self.rules.scheme, LevelRange::ALL).expect("the resolution is allowed"))
     }
 
@@ -177,17 +184,22 @@ impl Scene {
         exec.numbers_of(&grads.expect("the executor goes back"))
     }
 
-    /// From the gradients of splats to those of the Gaussians.
-    fn gradients<E: Back>(&self, exec: &mut E, splat_grads: &[f32], weights: &LossWeights) -> Vec<f32> {
+    /// From the gradients of splats to those of the Gaussians, and of the environment where Gaussians look light up.
+    fn gradients<E: Back>(&self, exec: &mut E, splat_grads: &[f32], weights: &LossWeights) -> (Vec<f32>, Vec<f32>) {
         let cloud = uploaded(exec, &self.cloud);
         let light = self.light(exec);
         let splats = exec.project(&cloud, &self.camera).expect("the executor projects");
         let grads = exec.grads_of(self, splat_grads);
         let back = exec.gaussians_vjp(&cloud, &self.camera, &splats, light.as_ref(), &self.rules, weights, &grads);
-        let (grad, _) = back.expect("the executor goes back");
+        let (grad, light_grad) = back.expect("the executor goes back");
         let mut values = vec![0.0; len_of_values(grad.count, grad.layout)];
         exec.download(&grad.values, &mut values).expect("numbers come back");
-        values
+        let (Some(light), Some(light_grad)) = (light, light_grad) else { return (values, Vec::new()) };
+        let environment = self.uploaded_environment(exec).expect("there is a light");
+        let grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the executor goes back");
+        let mut texels = vec![0.0; environment.len_of_values()];
+        exec.download(&grad, &mut texels).expect("numbers come back");
+        (values, texels)
     }
 }
 
@@ -207,7 +219,7 @@ trait Back: Executor<Error: core::fmt::Debug> {
 
 impl Back for CpuExecutor {
     fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad {
-        FrameGrad::of_planes(frame, &scene.frame_grad)
+        frame.grad(&scene.frame_grad)
     }
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads {
         specula_cpu::blend::SplatGrads::of_values(scene.channels(), values)
@@ -397,29 +409,41 @@ const WEIGHTS: LossWeights = LossWeights { sparse: 0.02, residual: 0.3, ..NO_WEI
 fn gradients_of_gaussians_are_those_of_the_cpu() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
-    for (seed, (ShadingOf { layout, rules }, channels)) in (1..).zip(every_shading()) {
+    for (seed, (ShadingOf { layout, rules }, _)) in (1..).zip(every_shading()) {
         for count in [0, 1, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed);
             let weights = if seed % 2 == 0 { WEIGHTS } else { NO_WEIGHTS };
-            assert_same_gradients(&mut gpu, &mut cpu, &scene, &weights, channels);
+            assert_same_gradients(&mut gpu, &mut cpu, &scene, &weights);
         }
     }
 }
 
-fn assert_same_gradients(
-    gpu: &mut GpuExecutor,
-    cpu: &mut CpuExecutor,
-    scene: &Scene,
-    weights: &LossWeights,
-    channels: usize,
-) {
+#[test]
+fn gradients_of_gaussians_under_a_light_are_those_of_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    let shaded = every_shading().into_iter().filter(|(shading, _)| shading.layout.is_shaded());
+    for (seed, (ShadingOf { layout, rules }, _)) in (1..).zip(shaded) {
+        for count in [0, 90] {
+            let scene = Scene::new(count, layout, rules, [70, 45], seed).lit(seed);
+            assert_same_gradients(&mut gpu, &mut cpu, &scene, &WEIGHTS);
+        }
+    }
+}
+
+fn assert_same_gradients(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, scene: &Scene, weights: &LossWeights) {
     let Scene { cloud, rules, .. } = scene;
     let splat_grads = scene.splat_grads(cpu);
     let ours = scene.gradients(gpu, &splat_grads, weights);
     let theirs = scene.gradients(cpu, &splat_grads, weights);
-    let apart = difference(&ours, &wide(&theirs), cloud.count, &plane_kinds(cloud.layout));
-    println!("{:?} {:?}, {channels} channels: {apart:.1e} apart", cloud.layout, rules.shading.form);
+    let apart = difference(&ours.0, &wide(&theirs.0), cloud.count, &plane_kinds(cloud.layout));
+    let light_apart = relative_difference(&wide(&ours.1), &wide(&theirs.1));
+    let channels = scene.channels();
+    println!("{:?}, {channels} channels: {apart:.1e} apart, the light {light_apart:.1e}", rules.shading.form);
     assert!(apart <= SAME_GRADIENT, "{rules:?}: the executors are {apart:e} apart");
+    assert!(light_apart <= SAME_GRADIENT, "{rules:?}: the light's gradients are {light_apart:e} apart");
+    let looks_light_up = scene.environment.is_some() && !rules.is_deferred(cloud.layout);
+    assert_eq!(!ours.1.is_empty(), looks_light_up, "Gaussians that look light up have a gradient for it");
     assert!(scene.gradients(gpu, &splat_grads, weights) == ours, "the same bits every time");
 }
 
@@ -428,12 +452,12 @@ fn gradients_of_gaussians_without_a_picture_are_those_of_their_attributes_alone(
     let Some(mut gpu) = executor() else { return };
     let scene = Scene::new(20, Layout::shaded(None), rules(ShadingRules::PAPER, Channels::Color), [17, 16], 4);
     let none = vec![0.0; 2 * BLOCK * (GEOMETRY + scene.channels())];
-    let losses = scene.gradients(&mut gpu, &none, &WEIGHTS);
+    let (losses, _) = scene.gradients(&mut gpu, &none, &WEIGHTS);
     assert_eq!(losses[place(21, 24, OPACITY)], 0.0, "what fills up the last block gets nothing");
-    let theirs = scene.gradients(&mut CpuExecutor::new(), &none, &WEIGHTS);
+    let (theirs, _) = scene.gradients(&mut CpuExecutor::new(), &none, &WEIGHTS);
     let apart = difference(&losses, &wide(&theirs), 20, &plane_kinds(scene.cloud.layout));
     assert!(apart <= ROUNDING_F32, "{apart:e} apart");
-    assert!(scene.gradients(&mut gpu, &none, &NO_WEIGHTS).iter().all(|x| *x == 0.0), "there is nothing to learn");
+    assert!(scene.gradients(&mut gpu, &none, &NO_WEIGHTS).0.iter().all(|x| *x == 0.0), "there is nothing to learn");
 }
 
 #[test]
@@ -448,7 +472,7 @@ fn a_gradient_that_is_not_a_number_stays_with_its_gaussian_and_is_counted() {
     assert!(grads.iter().all(|x| x.is_finite()), "a Gaussian that is nowhere is not drawn");
     grads[place(3, planes, 4)] = f32::NAN;
     grads[place(4, planes, GEOMETRY)] = f32::INFINITY;
-    let ours = scene.gradients(&mut gpu, &grads, &WEIGHTS);
+    let (ours, _) = scene.gradients(&mut gpu, &grads, &WEIGHTS);
     for gaussian in 0..20 {
         let own = (0..layout.plane_count()).map(|plane| ours[place(gaussian, layout.plane_count(), plane)]);
         let is_finite = own.clone().all(|x| x.is_finite());
