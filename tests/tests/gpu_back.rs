@@ -37,6 +37,9 @@ use specula_tests::{
 const SAME_SPLAT_GRADIENT: f64 = 5e-4;
 /// The same for what follows from equal gradients of splats, where nothing is cut off: a few hundred roundings.
 const SAME_GRADIENT: f64 = 1e-5;
+/// The same where light is looked up whose texels have nothing in common with their neighbours: a direction that is
+/// rounded moves by 4e-6 of a texel on a map of 64.
+const SAME_GRADIENT_UNDER_LIGHT: f64 = 1e-4;
 /// Numbers of a splat's gradient before its channels.
 const GEOMETRY: usize = 6;
 
@@ -413,7 +416,7 @@ fn gradients_of_gaussians_are_those_of_the_cpu() {
         for count in [0, 1, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed);
             let weights = if seed % 2 == 0 { WEIGHTS } else { NO_WEIGHTS };
-            assert_same_gradients(&mut gpu, &mut cpu, &scene, &weights);
+            assert_same_gradients(&mut gpu, &mut cpu, &scene, &weights, SAME_GRADIENT);
         }
     }
 }
@@ -426,12 +429,18 @@ fn gradients_of_gaussians_under_a_light_are_those_of_the_cpu() {
     for (seed, (ShadingOf { layout, rules }, _)) in (1..).zip(shaded) {
         for count in [0, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed).lit(seed);
-            assert_same_gradients(&mut gpu, &mut cpu, &scene, &WEIGHTS);
+            assert_same_gradients(&mut gpu, &mut cpu, &scene, &WEIGHTS, SAME_GRADIENT_UNDER_LIGHT);
         }
     }
 }
 
-fn assert_same_gradients(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, scene: &Scene, weights: &LossWeights) {
+fn assert_same_gradients(
+    gpu: &mut GpuExecutor,
+    cpu: &mut CpuExecutor,
+    scene: &Scene,
+    weights: &LossWeights,
+    tolerance: f64,
+) {
     let Scene { cloud, rules, .. } = scene;
     let splat_grads = scene.splat_grads(cpu);
     let ours = scene.gradients(gpu, &splat_grads, weights);
@@ -440,8 +449,8 @@ fn assert_same_gradients(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, scene: &S
     let light_apart = relative_difference(&wide(&ours.1), &wide(&theirs.1));
     let channels = scene.channels();
     println!("{:?}, {channels} channels: {apart:.1e} apart, the light {light_apart:.1e}", rules.shading.form);
-    assert!(apart <= SAME_GRADIENT, "{rules:?}: the executors are {apart:e} apart");
-    assert!(light_apart <= SAME_GRADIENT, "{rules:?}: the light's gradients are {light_apart:e} apart");
+    assert!(apart <= tolerance, "{rules:?}: the executors are {apart:e} apart");
+    assert!(light_apart <= tolerance, "{rules:?}: the light's gradients are {light_apart:e} apart");
     let looks_light_up = scene.environment.is_some() && !rules.is_deferred(cloud.layout);
     assert_eq!(!ours.1.is_empty(), looks_light_up, "Gaussians that look light up have a gradient for it");
     assert!(scene.gradients(gpu, &splat_grads, weights) == ours, "the same bits every time");
