@@ -7,7 +7,7 @@
 use crate::{
     bin::Tiles,
     blend::Frame,
-    device::GpuError,
+    device::{Gpu, GpuError},
     executor::GpuExecutor,
     formulas::blend_vjp::{MOMENTS, PixelBlock},
     kernel::{
@@ -22,20 +22,39 @@ use crate::{
     view::View,
 };
 use specula_core::{bin::TILE_SIZE, camera::Camera, executor::Renderer, scene::BLOCK};
+use wgpu::DeviceType;
 
 /// Numbers of a splat's gradient before those of its channels: mean2d (2), root of the conic (3), opacity (1).
 pub(crate) const GEOMETRY: usize = 6;
 
-/// The pixels of an invocation: the more there are, the fewer sums go through the workgroup's memory.
-pub(crate) const PIXELS: PixelBlock = PixelBlock { width: 2, height: 2 };
-
 /// Memory of a workgroup that is left for sums, in numbers, by the limits of WebGPU.
 const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
 
-/// Splats whose sums go through the workgroup's memory at once.
-pub(crate) const fn splats_at_once(channels: usize) -> usize {
-    let invocations = (TILE_SIZE * TILE_SIZE) as usize / PIXELS.count();
-    SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))
+/// How the work is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReplayParts {
+    /// The pixels of an invocation, a part of a tile: the more there are, the fewer sums go through the workgroup's
+    /// memory, but the more has to stay in registers.
+    pub block: PixelBlock,
+    /// Most splats of tiles whose gradients are kept at once, if an array holds so many. Results do not depend on it.
+    pub slots_max: usize,
+}
+
+impl ReplayParts {
+    /// What is fastest. A program that computes on the CPU has registers to spare, compared with what its memory costs.
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let block = match gpu.info().device_type {
+            DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
+            _ => PixelBlock { width: 2, height: 2 },
+        };
+        Self { block, slots_max: usize::MAX }
+    }
+}
+
+/// Splats whose sums go through the workgroup's memory at once; each has a bit of a word, which has one to spare.
+pub(crate) fn splats_at_once(block: PixelBlock, channels: usize) -> usize {
+    let invocations = (TILE_SIZE * TILE_SIZE) as usize / block.count();
+    (SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))).min(31)
 }
 
 /// Gradient of a [`Frame`], plane by plane: what is blended, then the transmittance.
@@ -68,9 +87,14 @@ impl SplatGrads {
 }
 
 impl GpuExecutor {
-    /// Keeps the gradients of at most so many splats of tiles at once. Results do not depend on it.
-    pub fn limit_slots(&mut self, slots_max: usize) {
-        self.machine.slots_max = slots_max.max(1);
+    /// How the way back through blending is divided.
+    pub fn replay_parts(&self) -> ReplayParts {
+        self.machine.replay_parts
+    }
+
+    /// Divides the way back through blending otherwise.
+    pub fn set_replay_parts(&mut self, parts: ReplayParts) {
+        self.machine.replay_parts = parts;
     }
 
     /// Gradients of splats on the host, as [`SplatGrads`] lie.
@@ -94,7 +118,7 @@ pub(crate) fn blend_vjp(
     debug_assert_eq!((grad.size, grad.channels), (frame.size, channels), "gradients are of what was blended");
     let slot = GEOMETRY + channels;
     let sums = machine.take("gradients of splats", splats.count.next_multiple_of(BLOCK) * slot)?;
-    let slots_at_once = machine.slots_max.min((machine.gpu.binding_max() / 4) as usize / slot);
+    let slots_at_once = machine.replay_parts.slots_max.max(1).min((machine.gpu.binding_max() / 4) as usize / slot);
     let slots = machine.take("gradients of splats in tiles", tiles.count.min(slots_at_once) * slot)?;
     let way = Way { splats, colors, tiles, frame, grad, slots, sums, view: View::new(camera, splats.count) };
     // At least once, so that all sums are written.
@@ -134,8 +158,15 @@ impl Way<'_> {
             Of(&self.grad.values),
             Of(&self.slots),
         ];
-        let key = format!("{channels} channels");
-        machine.run(&key, "blend_vjp", &|| source::blend_vjp(channels), &bound, Groups::Grid(self.view.tiles()))?;
+        let block = machine.replay_parts.block;
+        let key = format!("{channels} channels, {block:?}");
+        machine.run(
+            &key,
+            "blend_vjp",
+            &|| source::blend_vjp(block, channels),
+            &bound,
+            Groups::Grid(self.view.tiles()),
+        )?;
         let lanes = self.splats.count.next_multiple_of(BLOCK);
         self.run_slots(machine, "sum_slots", batch, lanes * (GEOMETRY + channels))
     }

@@ -1,12 +1,12 @@
 //! Sources of kernels: constants from core, functions from formulas, and the files that schedule them.
 
 use crate::{
-    blend_vjp::{GEOMETRY, PIXELS, splats_at_once},
+    blend_vjp::{GEOMETRY, splats_at_once},
     formula::{Formula, function, type_of},
     formulas::{
         BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
-        blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
+        blend_vjp::{MOMENTS, MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
         optimise::AdamStep,
@@ -186,18 +186,18 @@ pub(crate) fn blend(channels: usize) -> String {
 }
 
 /// The way back through compositing.
-pub(crate) fn blend_vjp(channels: usize) -> String {
+pub(crate) fn blend_vjp(block: PixelBlock, channels: usize) -> String {
     let source = Source::new()
         .real()
         .camera()
         .channels(channels)
         .count("SLOT", MOMENTS + channels)
-        .count("SPLATS_AT_ONCE", splats_at_once(channels))
-        .count("BLOCK_WIDTH", PIXELS.width)
-        .count("BLOCK_HEIGHT", PIXELS.height)
-        .formula(&ReplayStart { block: PIXELS, channels })
-        .formula(&ReplaySplat { block: PIXELS, channels });
-    let pixels = format!("alias Pixels = {};", type_of(PIXELS.count()));
+        .count("SPLATS_AT_ONCE", splats_at_once(block, channels))
+        .count("BLOCK_WIDTH", block.width)
+        .count("BLOCK_HEIGHT", block.height)
+        .formula(&ReplayStart { block, channels })
+        .formula(&ReplaySplat { block, channels });
+    let pixels = format!("alias Pixels = {};", type_of(block.count()));
     source.with(&pixels).with(include_str!("shaders/blend_vjp.wgsl")).text()
 }
 

@@ -16,7 +16,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor,
-    blend_vjp::SplatGrads,
+    blend_vjp::{ReplayParts, SplatGrads},
     formulas::{
         ShadingOf,
         blend_vjp::{MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
@@ -365,16 +365,20 @@ fn gradients_of_splats_are_those_of_the_cpu_and_of_the_plain_pipeline() {
 }
 
 #[test]
-fn many_channels_and_deep_tiles_go_back_as_on_the_cpu() {
+fn many_channels_and_deep_tiles_go_back_as_on_the_cpu_however_they_are_divided() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     for channels in [Channels::Color, Channels::Layers] {
         let scene = Scene::new(4000, Layout::shaded(None), rules(ShadingRules::DEFERRED, channels), [70, 45], 3);
         let theirs = wide(&scene.splat_grads(&mut cpu));
-        let apart =
-            difference(&scene.splat_grads(&mut gpu), &theirs, scene.cloud.count, &splat_kinds(scene.channels()));
-        println!("{} channels: {apart:.1e} apart", scene.channels());
-        assert!(apart <= SAME_SPLAT_GRADIENT, "{} channels: {apart:e} apart", scene.channels());
+        for [width, height] in [[2, 2], [4, 2], [4, 4]] {
+            let block = PixelBlock { width, height };
+            gpu.set_replay_parts(ReplayParts { block, ..gpu.replay_parts() });
+            let ours = scene.splat_grads(&mut gpu);
+            let apart = difference(&ours, &theirs, scene.cloud.count, &splat_kinds(scene.channels()));
+            println!("{} channels, {block:?}: {apart:.1e} apart", scene.channels());
+            assert!(apart <= SAME_SPLAT_GRADIENT, "{} channels, {block:?}: {apart:e} apart", scene.channels());
+        }
     }
 }
 
@@ -385,12 +389,13 @@ fn gradients_of_splats_are_the_same_bits_in_however_many_turns_and_on_every_exec
         Scene::new(500, Layout::shaded(Some(1)), rules(ShadingRules::DEFERRED, Channels::Training), [70, 45], 9);
     let first = scene.splat_grads(&mut gpu);
     assert!(scene.splat_grads(&mut gpu) == first, "memory that was used before changes nothing");
+    let parts = gpu.replay_parts();
     for slots_max in [1000, 97, 1 << 30] {
-        gpu.limit_slots(slots_max);
+        gpu.set_replay_parts(ReplayParts { slots_max, ..parts });
         assert!(scene.splat_grads(&mut gpu) == first, "{slots_max} slots at once change nothing");
     }
     let mut another = executor().expect("there was one before");
-    another.limit_slots(300);
+    another.set_replay_parts(ReplayParts { slots_max: 300, ..parts });
     assert!(scene.splat_grads(&mut another) == first, "a new executor computes the same");
 }
 
