@@ -1,8 +1,8 @@
 //! Sums of a light's gradient, which many invocations add to at once.
 //!
 //! Floating-point sums depend on their order, and atomic ones do not exist everywhere. So each number is rounded to whole
-//! steps of 2⁻⁵⁶ and added as an integer of 96 bits: numbers down to the gradients of a mean over millions of pixels
-//! keep their digits, and 2²⁴ of the largest that is taken, 2¹⁵, still fit; what is larger counts as that. A number that
+//! steps of 2⁻⁵² and added as an integer of 96 bits: numbers down to the gradients of a mean over millions of pixels
+//! keep their digits, and 2²⁴ of the largest that is taken, 2¹⁸, still fit; what is larger counts as that. A number that
 //! is not finite makes the sum of its colour not finite.
 
 use crate::{
@@ -18,14 +18,14 @@ use crate::{
     source,
 };
 
-/// Words of a number.
-pub(crate) const SUM_WORDS: usize = 3;
-/// Words of a texel: three colours, then a bit for each colour whose sum is no number.
-pub(crate) const SUM_LEN: usize = 3 * SUM_WORDS + 1;
+/// Words of a sum: three digits, then how many numbers were none.
+pub(crate) const SUM_WORDS: usize = 4;
+/// The word that counts those.
+pub(crate) const SUM_FAULTS: usize = 3;
 /// Steps of the middle word in 1; those of the word before it are finer by 2³².
-pub(crate) const MIDDLE_STEPS: f32 = (1 << 24) as f32;
+pub(crate) const MIDDLE_STEPS: f32 = (1 << 20) as f32;
 /// The largest number that is added.
-pub(crate) const NUMBER_MAX: f32 = (1 << 15) as f32;
+pub(crate) const NUMBER_MAX: f32 = (1 << 18) as f32;
 
 /// Sums for every texel of a light.
 #[derive(Debug)]
@@ -41,7 +41,7 @@ impl LightSums {
     }
 
     fn zeros(machine: &mut Machine, texel_count: usize) -> Result<Self, GpuError> {
-        Ok(Self { sums: machine.zeros("sums of a light's gradient", SUM_LEN * texel_count)?, texel_count })
+        Ok(Self { sums: machine.zeros("sums of a light's gradient", 3 * SUM_WORDS * texel_count)?, texel_count })
     }
 
     /// What kernels bind as `light_sums`.

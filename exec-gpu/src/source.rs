@@ -8,11 +8,11 @@ use crate::{
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
         blend_vjp::{MOMENTS, MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
-        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
+        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
         optimise::AdamStep,
     },
     kernel::GROUP,
-    light_sums::{MIDDLE_STEPS, NUMBER_MAX, SUM_LEN, SUM_WORDS},
+    light_sums::{MIDDLE_STEPS, NUMBER_MAX, SUM_FAULTS, SUM_WORDS},
     trace::literal,
 };
 use core::fmt::Write;
@@ -85,9 +85,9 @@ impl Source {
             .with(&format!("const WORD: f32 = {};", literal(WORD)))
             .count("EXPONENT_BITS", f32::INFINITY.to_bits() as usize)
             .count("NOT_A_NUMBER", f32::NAN.to_bits() as usize)
+            .count("SIGN_BIT", 1 << 31)
             .count("SUM_WORDS", SUM_WORDS)
-            .count("SUM_FAULTS", 3 * SUM_WORDS)
-            .count("SUM_LEN", SUM_LEN)
+            .count("SUM_FAULTS", SUM_FAULTS)
             .count("LIGHT_TEXELS", texel_count)
     }
     /// And whether there is a layer, and where its channels begin.
@@ -240,8 +240,8 @@ pub(crate) fn shade_pixels_vjp(surface: &SurfaceOfPixel, light: Option<&LightLay
         .channel("TINT", index_of(channel::TINT))
         .channel("ROUGHNESS", index_of(channel::ROUGHNESS));
     let source = match light {
-        Some(light) => light.declare_vjp(source).with(LIT).with(LIT_VJP),
-        None => source.with(UNLIT).with(UNLIT_VJP),
+        Some(light) => light.declare_vjp(source),
+        None => source.with(UNLIT_LOOK),
     };
     source.with(include_str!("shaders/pixel_vjp.wgsl")).text()
 }
@@ -250,11 +250,17 @@ const LIT: &str =
     "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return radiance(direction, roughness);\n}\n";
 const UNLIT: &str = "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return vec3f(0.0);\n}\n";
 
-const LIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
-    return radiance_vjp(direction, roughness, grad);
+/// Without a light there is nothing to look up.
+const UNLIT_LOOK: &str = "
+struct Look {
+    radiance: vec3f,
 }
-";
-const UNLIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+
+fn look_up(direction: vec3f, roughness: f32) -> Look {
+    return Look(vec3f(0.0));
+}
+
+fn look_up_vjp(look: Look, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
     return vec4f(0.0);
 }
 ";
@@ -317,6 +323,7 @@ impl LightLayout {
     fn declare_vjp(&self, source: Source) -> Source {
         self.declare(source)
             .formula(&TexelShares)
+            .formula(&TexelsMean)
             .formula(&TexelsVjp)
             .formula(&DirectionVjp)
             .formula(&RoughnessVjp { levels: self.levels.levels.clone() })

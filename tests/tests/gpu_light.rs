@@ -18,7 +18,7 @@ use specula_gpu::{
     GpuExecutor,
     formulas::{
         SurfaceOfPixel,
-        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
+        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
     },
 };
 use specula_tests::{
@@ -33,9 +33,9 @@ use specula_tests::{
 
 /// Sums of some thousand products, each executor's in its own order, as a share of the largest.
 const SAME_SUM: f64 = 1e-6;
-/// Gradients of looking light up, as a share of the largest: differences of texels, divided by the distance between
-/// them, lose a digit.
-const SAME_SLOPE: f64 = 1e-5;
+/// Gradients of looking light up, as a share of their root mean square and of themselves: they are differences of
+/// texels, and the irradiance changes by less than a hundredth of itself from one to the next.
+const SAME_SLOPE: f64 = 2e-4;
 /// A gradient of a pixel, as a share of its plane's root mean square and of itself: it divides by the coverage and by
 /// the length of a mean normal, so roundings of what was blended count more where either is small.
 const SAME_PIXEL: f64 = 1e-3;
@@ -53,6 +53,8 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &TexelShares, &uniform_rows(1, &[[0.0, 1.0]; 2]));
     let texels = uniform_rows(2, &[[0.0, 2.0]; 12]);
     let places = uniform_rows(3, &[[0.0, 1.0], [0.0, 1.0], [16.0, 16.0], signed, signed, signed]);
+    let between = uniform_rows(3, &[[0.0, 1.0]; 2]);
+    assert_same(gpu, &TexelsMean, &side_by_side(&texels, &between));
     assert_same(gpu, &TexelsVjp, &side_by_side(&texels, &places));
     assert_same(gpu, &DirectionVjp, &uniform_rows(4, &[[-1.0, -0.1], [0.2, 0.8], signed, signed, signed]));
     for (scheme, resolution) in [(PrefilterScheme::Exact, 64), (PrefilterScheme::Official, 64)] {
@@ -102,8 +104,8 @@ fn sums_of(gpu: &mut GpuExecutor, places: &[u32], colors: &[[f32; 4]]) -> Vec<f3
 
 #[test]
 fn sums_of_a_light_are_exact_in_any_order() {
-    /// Half a step of 2⁻⁵⁶ for each number, and a few roundings of the sum.
-    const STEP: f64 = 1.4e-17;
+    /// Half a step of 2⁻⁵² for each number.
+    const STEP: f64 = 1.2e-16;
     let Some(mut gpu) = executor() else { return };
     for count in [0, 1, 10_000] {
         let (mut places, mut colors) = colors_to_add(count);
@@ -131,7 +133,7 @@ fn sums_of_a_light_hold_the_largest_numbers_and_tell_what_is_none() {
     let count = 100_000;
     for size in [1e30, -1e30] {
         let sums = sums_of(&mut gpu, &vec![2; count], &vec![[size; 4]; count]);
-        let limited = f64::from(size.signum()) * 32_768.0 * count as f64;
+        let limited = f64::from(size.signum()) * 262_144.0 * count as f64;
         assert_close(f64::from(sums[8]), limited, 1e-6 * limited.abs());
     }
     let none = [f32::NAN, 1.0, f32::INFINITY, 0.0];
@@ -263,7 +265,7 @@ fn gradients_of_looking_light_up_are_derivatives() {
             let exact: Vec<f64> =
                 looks.iter().flat_map(|look| look_vjp(&maps, &texels, look, is_irradiance, &mut exact_grad)).collect();
             assert_mostly_close(&to_f64(rows.as_flattened()), &exact, SAME_SLOPE, ON_A_BORDER);
-            assert_all_close(&grad, &exact_grad, SAME_SLOPE);
+            assert_same_grad(&grad, &exact_grad, SAME_LIGHT_GRAD);
         }
     }
 }

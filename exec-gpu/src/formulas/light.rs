@@ -29,8 +29,39 @@ impl Formula for TexelShares {
     }
 }
 
-/// The mean of a footprint's four texels, and the gradient of its point on the face
-/// ([`specula_core::cubemap::bilinear_vjp`]).
+/// The four texels of a footprint and a place between them.
+fn texels_and_place() -> Vec<Field> {
+    vec![
+        field("upper_left", 3),
+        field("upper_right", 3),
+        field("lower_left", 3),
+        field("lower_right", 3),
+        field("right", 1),
+        field("lower", 1),
+    ]
+}
+
+/// The mean of a footprint's four texels ([`specula_core::cubemap::bilinear`]).
+#[derive(Clone, Copy, Debug)]
+pub struct TexelsMean;
+
+impl Formula for TexelsMean {
+    fn name(&self) -> String {
+        "texels_mean".to_owned()
+    }
+    fn parameters(&self) -> Vec<Field> {
+        texels_and_place()
+    }
+    fn results(&self) -> Vec<Field> {
+        vec![field("radiance", 3)]
+    }
+    fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
+        let texels = [inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.vec3()];
+        flat(bilinear(texels, inputs.number(), inputs.number())).to_vec()
+    }
+}
+
+/// Gradient of [`TexelsMean`] with respect to the point on the face ([`specula_core::cubemap::bilinear_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct TexelsVjp;
 
@@ -39,27 +70,18 @@ impl Formula for TexelsVjp {
         "texels_vjp".to_owned()
     }
     fn parameters(&self) -> Vec<Field> {
-        vec![
-            field("upper_left", 3),
-            field("upper_right", 3),
-            field("lower_left", 3),
-            field("lower_right", 3),
-            field("right", 1),
-            field("lower", 1),
-            field("resolution", 1),
-            field("grad", 3),
-        ]
+        let mut fields = texels_and_place();
+        fields.extend([field("resolution", 1), field("grad", 3)]);
+        fields
     }
     fn results(&self) -> Vec<Field> {
-        vec![field("radiance", 3), field("point", 2)]
+        vec![field("point", 2)]
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let texels = [inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.vec3()];
         let (right, lower, half) = (inputs.number(), inputs.number(), inputs.number() * 0.5);
         let (grad_right, grad_lower) = bilinear_vjp(texels, right, lower, inputs.vec3());
-        let mut numbers = flat(bilinear(texels, right, lower)).to_vec();
-        numbers.extend([grad_right * half, grad_lower * half]);
-        numbers
+        vec![grad_right * half, grad_lower * half]
     }
 }
 

@@ -1,36 +1,33 @@
-// Sums of colours that many invocations add to at once. A number is so many whole steps, kept in three words and taken
-// away rather than added where it is negative: whoever comes first, the words end up the same.
+// Sums of colours that many invocations add to at once. A number is so many whole steps; three words are its digits, each
+// of either sign, and the fourth counts what was no number. Whoever comes first, the sum ends up the same.
 
-// One word with what the word before carried on; returns what it carries on itself.
-fn add_word(place: u32, word: u32, carried: u32, is_negative: bool) -> u32 {
-    let amount = word + carried;
-    if amount == 0u {
-        return carried;
-    }
-    let before = atomicAdd(&light_sums[place], select(amount, 0u - amount, is_negative));
-    return u32(select(before > ~amount, before < amount, is_negative));
-}
-
-fn add_number(first: u32, color: u32, number: f32) {
-    let place = first + color * SUM_WORDS;
-    if (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS {
-        atomicOr(&light_sums[first + SUM_FAULTS], 1u << color);
-        return;
-    }
+fn add_number(first: u32, number: f32) {
+    let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
+    let is_negative = number < 0.0 && !is_fault;
     let steps = min(abs(number), NUMBER_MAX) * MIDDLE_STEPS;
     let whole = floor(steps);
-    let is_negative = number < 0.0;
-    var carried = add_word(place, u32(round((steps - whole) * WORD)), 0u, is_negative);
-    if whole > 0.0 || carried > 0u {
-        let high = floor(whole / WORD);
-        carried = add_word(place + 1u, u32(whole - high * WORD), carried, is_negative);
-        add_word(place + 2u, u32(high), carried, is_negative);
+    let high = floor(whole / WORD);
+    var place = first + select(0u, SUM_FAULTS, is_fault);
+    var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
+    var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);
+    var carried = 0u;
+    // Most numbers are smaller than a word, and digits of either sign seldom carry: once is mostly enough.
+    loop {
+        let amount = word + carried;
+        let before = atomicAdd(&light_sums[place], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;
+        carried = u32(select(before > ~amount, before < amount, is_negative) || amount < word);
+        if carried == 0u && all(rest == vec2u(0u)) {
+            break;
+        }
+        word = rest.x;
+        rest = vec2u(rest.y, 0u);
+        place++;
     }
 }
 
 fn add_to_texel(texel: u32, color: vec3f) {
-    let first = min(texel, LIGHT_TEXELS - 1u) * SUM_LEN;
-    add_number(first, 0u, color.x);
-    add_number(first, 1u, color.y);
-    add_number(first, 2u, color.z);
+    let first = min(texel, LIGHT_TEXELS - 1u) * 3u * SUM_WORDS;
+    add_number(first, color.x);
+    add_number(first + SUM_WORDS, color.y);
+    add_number(first + 2u * SUM_WORDS, color.z);
 }

@@ -43,9 +43,10 @@ fn shade_pixels_vjp(
     }
     let point = vec2f(vec2u(place % camera.size.x, place / camera.size.x)) + 0.5;
     let surface = surface_of_pixel(point);
-    let light = light_of(surface.reflection_dir, surface.roughness);
-    let of_color = color_of_pixel_vjp(surface.base, surface.tint, light, surface.coverage, grad_of(COLOR_CHANNEL));
-    let of_light = light_vjp(surface.reflection_dir, surface.roughness, of_color.light);
+    let look = look_up(surface.reflection_dir, surface.roughness);
+    let grad = grad_of(COLOR_CHANNEL);
+    let of_color = color_of_pixel_vjp(surface.base, surface.tint, look.radiance, surface.coverage, grad);
+    let of_light = look_up_vjp(look, surface.reflection_dir, surface.roughness, of_color.light);
     let own = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_light.w, of_light.xyz);
     put(COLOR_CHANNEL, own.base);
     if HAS_NORMAL {
