@@ -139,7 +139,7 @@ impl Frame {
         let mut values = self.blended.clone();
         values.fill([0.0; BLOCK]);
         self.each_pixel(|plane, pixel, place, lane| {
-            values[place][lane] = planes[plane * self.width * self.height + pixel]
+            values[place][lane] = planes[plane * self.width * self.height + pixel];
         });
         FrameGrad { channels: self.channels, values }
     }
