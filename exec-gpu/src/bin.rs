@@ -24,6 +24,12 @@ pub struct Tiles {
     pub(crate) gaussians: Array,
     /// How many there are.
     pub(crate) count: usize,
+    /// Numbers of the splats of all tiles when they were emitted, Gaussian after Gaussian from front to back.
+    pub(crate) emissions: Array,
+    /// All Gaussians from front to back, then those that are not drawn.
+    pub(crate) order: Array,
+    /// First emission of each Gaussian in that order, and one past the last.
+    pub(crate) offsets: Array,
 }
 
 impl Tiles {
@@ -38,43 +44,61 @@ pub(crate) fn bin(machine: &mut Machine, splats: &Splats, camera: &Camera) -> Re
     let order = depth_order(machine, splats)?;
     let offsets = machine.take("offsets", splats.count + 1)?;
     // Not yet known, and not yet written.
-    let nothing = machine.take("nothing", 1)?;
-    let none_yet = Pairs { keys: nothing, items: machine.take("nothing", 1)? };
-    let counting = bound(&view, splats, &order, &offsets, &none_yet);
+    let none_yet = Emitted::take(machine, 0)?;
+    let counting = none_yet.bound(&view, splats, &order, &offsets);
     machine.run("bin", "counts_in_order", &source::bin, &counting, Groups::For(splats.count + 1))?;
     scan(machine, &offsets, splats.count + 1)?;
     let count = machine.download_count(&offsets, splats.count)? as usize;
 
-    let emitted =
-        Pairs { keys: machine.take("tiles of splats", count)?, items: machine.take("splats of tiles", count)? };
-    let emitting = bound(&view, splats, &order, &offsets, &emitted);
+    let emitted = Emitted::take(machine, count)?;
+    let emitting = emitted.bound(&view, splats, &order, &offsets);
     machine.run("bin", "emit", &source::bin, &emitting, Groups::For(splats.count))?;
+    let Emitted { pairs, gaussians: emitted } = emitted;
     let tile_bits = (view.tile_count() as u32).next_power_of_two().ilog2();
-    let Pairs { keys, items } = sort(machine, emitted, count, tile_bits)?;
+    let Pairs { keys, items: emissions } = sort(machine, pairs, count, tile_bits)?;
 
     let ranges = machine.zeros("tiles", 2 * view.tile_count())?;
+    let gaussians = machine.take("splats of tiles", count)?;
     let size = [count as u32];
-    let bound = [Uniform(bytemuck::cast_slice(&size)), Of(&keys), Of(&ranges)];
+    let bound =
+        [Uniform(bytemuck::cast_slice(&size)), Of(&keys), Of(&emissions), Of(&emitted), Of(&ranges), Of(&gaussians)];
     machine.run("ranges", "find_ranges", &source::ranges, &bound, Groups::For(count))?;
-    Ok(Tiles { ranges, gaussians: items, count })
+    Ok(Tiles { ranges, gaussians, count, emissions, order, offsets })
 }
 
-fn bound<'a>(
-    view: &'a View,
-    splats: &'a Splats,
-    order: &'a Array,
-    offsets: &'a Array,
-    emitted: &'a Pairs,
-) -> [crate::kernel::Bound<'a>; 7] {
-    [
-        Uniform(view.bytes()),
-        Of(&splats.splats),
-        Of(order),
-        Of(&splats.tile_counts),
-        Of(offsets),
-        Of(&emitted.keys),
-        Of(&emitted.items),
-    ]
+/// One element for each tile of each splat.
+struct Emitted {
+    /// Tiles, and numbers of the elements.
+    pairs: Pairs,
+    /// The Gaussian of each.
+    gaussians: Array,
+}
+
+impl Emitted {
+    fn take(machine: &Machine, count: usize) -> Result<Self, GpuError> {
+        let keys = machine.take("tiles of splats", count)?;
+        let items = machine.take("numbers of splats", count)?;
+        Ok(Self { pairs: Pairs { keys, items }, gaussians: machine.take("splats of tiles", count)? })
+    }
+
+    fn bound<'a>(
+        &'a self,
+        view: &'a View,
+        splats: &'a Splats,
+        order: &'a Array,
+        offsets: &'a Array,
+    ) -> [crate::kernel::Bound<'a>; 8] {
+        [
+            Uniform(view.bytes()),
+            Of(&splats.splats),
+            Of(order),
+            Of(&splats.tile_counts),
+            Of(offsets),
+            Of(&self.pairs.keys),
+            Of(&self.pairs.items),
+            Of(&self.gaussians),
+        ]
+    }
 }
 
 /// All Gaussians, front to back, ties in their order; behind them those that are not drawn.

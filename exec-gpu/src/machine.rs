@@ -1,6 +1,7 @@
 //! What every stage needs: the device, its memory, its kernels.
 
 use crate::{
+    blend_vjp::ReplayParts,
     device::{Gpu, GpuError},
     kernel::{Bound, Groups, Kernels},
     memory::{Array, Pool, read, staged, write},
@@ -11,13 +12,14 @@ use bytemuck::Pod;
 #[derive(Debug)]
 pub(crate) struct Machine {
     pub(crate) gpu: Gpu,
+    pub(crate) replay_parts: ReplayParts,
     pool: Pool,
     kernels: Kernels,
 }
 
 impl Machine {
     pub(crate) fn new(gpu: Gpu) -> Self {
-        Self { gpu, pool: Pool::default(), kernels: Kernels::default() }
+        Self { replay_parts: ReplayParts::new(&gpu), gpu, pool: Pool::default(), kernels: Kernels::default() }
     }
 
     /// An array of so many numbers, whatever they are.

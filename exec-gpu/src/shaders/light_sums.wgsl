@@ -1,0 +1,33 @@
+// Sums of colours that many invocations add to at once. A number is so many whole steps; three words are its digits, each
+// of either sign, and the fourth counts what was no number. Whoever comes first, the sum ends up the same.
+
+fn add_number(first: u32, number: f32) {
+    let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
+    let is_negative = number < 0.0 && !is_fault;
+    let steps = min(abs(number), NUMBER_MAX) * MIDDLE_STEPS;
+    let whole = floor(steps);
+    let high = floor(whole / WORD);
+    var place = first + select(0u, SUM_FAULTS, is_fault);
+    var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
+    var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);
+    var carried = 0u;
+    // Most numbers are smaller than a word, and digits of either sign seldom carry: once is mostly enough.
+    loop {
+        let amount = word + carried;
+        let before = atomicAdd(&light_sums[place], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;
+        carried = u32(select(before > ~amount, before < amount, is_negative) || amount < word);
+        if carried == 0u && all(rest == vec2u(0u)) {
+            break;
+        }
+        word = rest.x;
+        rest = vec2u(rest.y, 0u);
+        place++;
+    }
+}
+
+fn add_to_texel(texel: u32, color: vec3f) {
+    let first = min(texel, LIGHT_TEXELS - 1u) * 3u * SUM_WORDS;
+    add_number(first, color.x);
+    add_number(first + SUM_WORDS, color.y);
+    add_number(first + 2u * SUM_WORDS, color.z);
+}
