@@ -125,20 +125,31 @@ impl Frame {
     }
     /// The picture plane by plane and row by row: its channels, then the transmittance, which is one where nothing is.
     pub fn read(&self, values: &mut [f32]) {
+        let of_nothing = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
+        self.read_planes(values, of_nothing, |slot, quad, channel| self.shown(slot, quad, channel));
+    }
+
+    /// Planes of quads of the covered tiles, and a number for all other pixels of each.
+    fn read_planes<'a>(
+        &self,
+        values: &mut [f32],
+        of_nothing: impl Fn(usize) -> f32 + Sync,
+        quad_of: impl Fn(usize, usize, usize) -> &'a Quad + Sync,
+    ) {
         let planes = values.par_chunks_mut((self.width * self.height).max(1)).enumerate();
         planes.for_each(|(channel, plane)| {
             plane.par_chunks_mut(SIZE * self.width).enumerate().for_each(|(row, rows)| {
-                rows.fill(if channel < self.channels { 0.0 } else { 1.0 });
-                self.read_rows(channel, row, rows);
+                rows.fill(of_nothing(channel));
+                self.read_rows(row, rows, |slot, quad| quad_of(slot, quad, channel));
             });
         });
     }
 
-    fn read_rows(&self, channel: usize, tile_row: usize, rows: &mut [f32]) {
+    fn read_rows<'a>(&self, tile_row: usize, rows: &mut [f32], quad_of: impl Fn(usize, usize) -> &'a Quad) {
         for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
             let [column, _] = self.cover.place(slot);
             for quad in 0..QUADS {
-                let values = self.shown(slot, quad, channel);
+                let values = quad_of(slot, quad);
                 let [x, y] = quad_origin(quad);
                 let x = column * SIZE + x;
                 for (k, row) in rows.chunks_exact_mut(self.width).skip(y).take(QUAD).enumerate() {
@@ -157,4 +168,16 @@ impl Frame {
 pub struct FrameGrad {
     pub(crate) channels: usize,
     pub(crate) values: Buffer<Quad>,
+}
+
+impl FrameGrad {
+    /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero where nothing is.
+    pub fn read(&self, frame: &Frame, values: &mut [f32]) {
+        let len = tile_len(self.channels);
+        frame.read_planes(
+            values,
+            |_| 0.0,
+            |slot, quad, channel| &self.values[slot * len + at(self.channels, quad, channel)],
+        );
+    }
 }
