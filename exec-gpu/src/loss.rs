@@ -145,7 +145,7 @@ impl<'a> Comparison<'a> {
             variant,
             marks: machine.take("marks of tiles", settings.tile_count())?,
             partials: machine.take("gradients of windows", partial_planes * frame.pixel_count())?,
-            grads: machine.take("the gradient of a picture", (frame.channels + 1) * frame.pixel_count())?,
+            grads: machine.zeros("the gradient of a picture", (frame.channels + 1) * frame.pixel_count())?,
             sums: machine.take("sums of tiles", LOSS_SUMS * settings.tile_count())?,
         })
     }

@@ -278,7 +278,6 @@ pub(crate) fn loss_pixels(variant: &LossVariant) -> String {
     source
         .flag("HAS_STRUCTURE", variant.has_structure)
         .flag("HAS_RESIDUAL", variant.has_residual)
-        .flag("HAS_NORMALS", variant.normals.is_some())
         .formula(&ComparedColors)
         .formula(&ColorLoss)
         .formula(&WithBackground)

@@ -23,12 +23,6 @@ fn put(channel: u32, place: u32, grad: f32) {
     grads[channel * pixel_count() + place] = grad;
 }
 
-fn put_normal(place: u32, grad: vec3f) {
-    put(NORMAL_CHANNEL, place, grad.x);
-    put(NORMAL_CHANNEL + 1u, place, grad.y);
-    put(NORMAL_CHANNEL + 2u, place, grad.z);
-}
-
 fn blended_at(channel: u32, place: u32) -> f32 {
     return blended[channel * pixel_count() + place];
 }
@@ -55,9 +49,7 @@ fn normal_at(place: u32) -> vec3f {
 // The loss of a pixel; leaves the gradients of the depths around it, and writes that of its normal where it belongs to
 // the tile.
 fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
-    var value = 0.0;
-    var of_normal = vec3f(0.0);
-    var of_around = vec4f(0.0);
+    of_depths[slot] = vec4f(0.0);
     let around = vec4f(
         passed_at(pixel - vec2u(1u, 0u)),
         passed_at(pixel + vec2u(1u, 0u)),
@@ -65,20 +57,19 @@ fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
         passed_at(pixel + vec2u(0u, 1u)),
     );
     let weight = normal_weight(passed_at(pixel), around);
+    if !(weight > 0.0) {
+        return 0.0;
+    }
     let place = place_of(pixel);
-    if weight > 0.0 {
-        let point = vec2f(pixel) + 0.5;
-        let loss = normal_loss(point, weight, normal_at(place), around, depths_around(place));
-        of_around = loss.of_depths;
-        of_normal = loss.of_rendered;
-        value = loss.value;
+    let loss = normal_loss(vec2f(pixel) + 0.5, weight, normal_at(place), around, depths_around(place));
+    of_depths[slot] = loss.of_depths;
+    if !is_own {
+        return 0.0;
     }
-    of_depths[slot] = of_around;
-    if is_own && is_inside(pixel) {
-        put_normal(place, of_normal);
-        return value;
-    }
-    return 0.0;
+    put(NORMAL_CHANNEL, place, loss.of_rendered.x);
+    put(NORMAL_CHANNEL + 1u, place, loss.of_rendered.y);
+    put(NORMAL_CHANNEL + 2u, place, loss.of_rendered.z);
+    return loss.value;
 }
 
 // What a pixel's neighbours left for its depth, passed on to what was blended.
@@ -100,10 +91,6 @@ fn compare_normals(
     let first = tile.xy * TILE_EDGE;
     let pixel = first + position.xy;
     if (marks[number] & IS_RENDERED) == 0u {
-        if is_inside(pixel) {
-            put_normal(place_of(pixel), vec3f(0.0));
-            put(DEPTH_CHANNEL, place_of(pixel), 0.0);
-        }
         if local == 0u {
             sums[slot_of_sum] = 0.0;
         }

@@ -1,4 +1,4 @@
-// Losses of pixels, and the gradient of the picture: one workgroup a tile, four pixels an invocation.
+// Losses of pixels, and their gradients, which are zero so far: one workgroup a tile, four pixels an invocation.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read> partials: array<f32>;
@@ -120,13 +120,9 @@ fn put_all(plane: u32, first: vec2u, grad: vec4f) {
     put(plane, first + vec2u(3u, 0u), grad.w);
 }
 
-fn is_of_normals(channel: u32) -> bool {
-    return (channel >= NORMAL_CHANNEL && channel < NORMAL_CHANNEL + 3u) || channel == DEPTH_CHANNEL;
-}
-
 @compute @workgroup_size(LOSS_GROUP)
 fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
-    // Nothing flows where no splat is seen.
+    // Nothing flows where no splat is seen, and there is nothing but zeros.
     let number = number_of(tile.xy);
     let flows = (marks[number] & IS_RENDERED) != 0u;
     let a = own_pixels(tile.xy, local);
@@ -152,14 +148,15 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
             workgroupBarrier();
             windows = blur_across(place_across(local));
         }
-        let compared = vec4f(
+        let grad = vec4f(
             compare_color(a, color, passed.x, texel.x, windows.mean_0),
             compare_color(b, color, passed.y, texel.y, windows.mean_1),
             compare_color(c, color, passed.z, texel.z, windows.mean_2),
             compare_color(d, color, passed.w, texel.w, windows.mean_3),
         );
-        let grad = select(vec4f(0.0), compared, flows);
-        put_all(color, a, grad);
+        if flows {
+            put_all(color, a, grad);
+        }
         let behind = settings.background[color];
         of_passed = vec4f(
             with_background(behind, grad.x, of_passed.x),
@@ -168,12 +165,7 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
             with_background(behind, grad.w, of_passed.w),
         );
     }
-    for (var channel = 3u; channel < CHANNELS; channel++) {
-        if !(HAS_NORMALS && is_of_normals(channel)) && !(HAS_RESIDUAL && channel == RESIDUAL_CHANNEL) {
-            put_all(channel, a, vec4f(0.0));
-        }
-    }
-    if HAS_RESIDUAL {
+    if HAS_RESIDUAL && flows {
         let of_residual = vec4f(
             residual_grad(passed.x),
             residual_grad(passed.y),
@@ -182,7 +174,9 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
         );
         put_all(RESIDUAL_CHANNEL, a, of_residual);
     }
-    put_all(CHANNELS, a, select(vec4f(0.0), of_passed, flows));
+    if flows {
+        put_all(CHANNELS, a, of_passed);
+    }
 
     let sum = sum_of_group(local, own_sums);
     if local == 0u {
