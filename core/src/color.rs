@@ -55,3 +55,21 @@ pub fn linear_from_srgb(srgb: f32) -> f32 {
 pub fn over<R: Real>(value: R, alpha: R, background: R) -> R {
     value * alpha + (-alpha + 1.0) * background
 }
+
+/// A byte of a picture as a number in \[0, 1\].
+#[inline(always)]
+pub fn from_byte<R: Real>(byte: R) -> R {
+    byte * (1.0 / 255.0)
+}
+
+/// A blended colour over a background that shines through: C + T · background.
+#[inline(always)]
+pub fn composite<R: Real>(color: R, transmittance: R, background: R) -> R {
+    transmittance.mul_add(background, color)
+}
+
+/// Gradient of [`composite`] with respect to the transmittance, added to `sum`; that of the colour is `grad` itself.
+#[inline(always)]
+pub fn composite_vjp<R: Real>(background: R, grad: R, sum: R) -> R {
+    grad.mul_add(background, sum)
+}

@@ -1,9 +1,19 @@
 //! Normals of the geometry, from the rendered depth (the paper's Sobel-like operator).
 
 use crate::{
+    camera::CameraOf,
     real::Real,
-    vector::{Vec3, normalize_or, normalize_or_vjp},
+    vector::{Vec3, normalize_or, normalize_or_vjp, vec3},
 };
+
+/// Coverage below which a pixel has no surface.
+pub const SURFACE_COVERAGE: f32 = 0.5;
+
+/// Where a pixel of this coverage has a surface.
+#[inline(always)]
+pub fn is_surface<R: Real>(coverage: R) -> R::Mask {
+    coverage.constant(SURFACE_COVERAGE).less(coverage)
+}
 
 /// Expected depth of a pixel from its blended depth Σ w z and its coverage A = Σ w: their quotient. Callers leave out
 /// pixels of small coverage.
@@ -30,6 +40,29 @@ pub struct Cross<T> {
     pub above: T,
     /// At y + 1.
     pub below: T,
+}
+
+/// The weight of a pixel's normal: its coverage where it and its neighbours have a surface, else zero.
+#[inline(always)]
+pub fn surface_weight<R: Real>(coverage: R, around: &Cross<R>) -> R {
+    let least = coverage.min(around.left.min(around.right)).min(around.above.min(around.below));
+    coverage.keep(is_surface(least))
+}
+
+/// Camera-space rays through the neighbours of the pixel with this centre, with z = 1.
+#[inline(always)]
+pub fn rays_around<R: Real>(camera: &CameraOf<R>, x_px: R, y_px: R) -> Cross<Vec3<R>> {
+    let ray = |x: R, y: R| {
+        let across = (x - camera.principal_px[0]) / camera.focal_px[0];
+        let down = (y - camera.principal_px[1]) / camera.focal_px[1];
+        vec3(across, down, x.constant(1.0))
+    };
+    Cross {
+        left: ray(x_px - 1.0, y_px),
+        right: ray(x_px + 1.0, y_px),
+        above: ray(x_px, y_px - 1.0),
+        below: ray(x_px, y_px + 1.0),
+    }
 }
 
 /// Unit normal in camera space, towards the camera, of the surface through four neighbours:

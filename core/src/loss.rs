@@ -2,8 +2,9 @@
 
 use crate::{
     activation::{sigmoid, softplus},
+    depth_normal::{Cross, normal, normal_vjp},
     real::Real,
-    vector::Vec3,
+    vector::{Mat3, Vec3},
 };
 
 /// Pixels along an edge of the window of SSIM.
@@ -20,6 +21,18 @@ pub fn ssim_window() -> [f32; SSIM_WINDOW] {
     let at = |k: usize| crate::math::exp64(-(k as f64 - middle) * (k as f64 - middle) / (2.0 * sigma * sigma));
     let sum: f64 = (0..SSIM_WINDOW).map(at).sum();
     core::array::from_fn(|k| (at(k) / sum) as f32)
+}
+
+/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally far from its middle
+/// is added first.
+#[inline(always)]
+pub fn window_mean<R: Real>(window: &[R; SSIM_WINDOW], tap: impl Fn(usize) -> R) -> R {
+    const REACH: usize = SSIM_WINDOW / 2;
+    let mut sum = tap(REACH) * window[REACH];
+    for k in 0..REACH {
+        sum = (tap(k) + tap(SSIM_WINDOW - 1 - k)).mul_add(window[k], sum);
+    }
+    sum
 }
 
 /// |x − y|.
@@ -61,6 +74,19 @@ pub struct SsimMoments<R> {
     pub xy: R,
 }
 
+impl<R: Real> SsimMoments<R> {
+    /// What windows take the means of: x, y, x² + y², xy. Of the squares only their sum counts.
+    #[inline(always)]
+    pub fn products(x: R, y: R) -> [R; 4] {
+        [x, y, x.mul_add(x, y * y), x * y]
+    }
+    /// From the means of [`SsimMoments::products`]; all squares stand in `xx`.
+    #[inline(always)]
+    pub fn of_means([x, y, squares, xy]: [R; 4]) -> Self {
+        Self { x, y, xx: squares, yy: x.zero(), xy }
+    }
+}
+
 /// Structural similarity of two windows (Wang et al. 2004, eq. 13), in \[−1, 1\]; 1 for equal windows.
 #[inline(always)]
 pub fn ssim<R: Real>(m: &SsimMoments<R>) -> R {
@@ -79,6 +105,14 @@ pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
     let grad_xx = -grad * value / contrast[1];
     let through_mean = (m.y * contrast[0] * below - m.x * value / luminance[1]) * 2.0 * grad;
     [through_mean - grad_xy * m.y - grad_xx * m.x * 2.0, grad_xx, grad_xy]
+}
+
+/// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of all windows that see it,
+/// each times the pixel's weight in it.
+#[inline(always)]
+pub fn ssim_pixel_vjp<R: Real>(x: R, y: R, [grad_x, grad_xx, grad_xy]: [R; 3]) -> R {
+    let through_squares = x * 2.0 * grad_xx + y * grad_xy;
+    grad_x + through_squares
 }
 
 /// Numerator and denominator of the luminance term and of the contrast and structure term.
@@ -156,6 +190,59 @@ pub enum NormalForm {
     Cosine,
 }
 
+/// What the normal loss looks at in a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalPatch<R> {
+    /// Camera-space rays through the four neighbours, with z = 1.
+    pub rays: Cross<Vec3<R>>,
+    /// Expected depths of the neighbours.
+    pub depths: Cross<R>,
+    /// The rendered normal in world space, premultiplied by coverage.
+    pub rendered: Vec3<R>,
+    /// The pixel's coverage.
+    pub coverage: R,
+}
+
+/// Value of the normal loss and its gradients with respect to the rendered normal and the neighbours' depths.
+#[inline(always)]
+pub fn normal_loss<R: Real>(
+    form: NormalForm,
+    camera_from_world: &Mat3<R>,
+    patch: &NormalPatch<R>,
+    grad: R,
+) -> (R, Vec3<R>, Cross<R>) {
+    let NormalPatch { rays, depths, rendered, coverage } = patch;
+    let geometric = camera_from_world.transform_transposed(normal(rays, depths));
+    let (value, grad_rendered, grad_geometric) =
+        compare_normals(form, *rendered, geometric * *coverage, *coverage, grad);
+    let grad_depths = normal_vjp(rays, depths, camera_from_world.transform(grad_geometric * *coverage));
+    (value, grad_rendered, grad_depths)
+}
+
+/// Value of the normal loss and its gradients with respect to the rendered normal and the geometric one, both
+/// premultiplied by coverage.
+#[inline(always)]
+fn compare_normals<R: Real>(
+    form: NormalForm,
+    rendered: Vec3<R>,
+    geometric: Vec3<R>,
+    coverage: R,
+    grad: R,
+) -> (R, Vec3<R>, Vec3<R>) {
+    match form {
+        NormalForm::Distance => {
+            let grad_rendered = normal_distance_vjp(rendered, geometric, grad);
+            (normal_distance(rendered, geometric), grad_rendered, -grad_rendered)
+        }
+        NormalForm::Cosine | NormalForm::CosineDetached => {
+            let unit = geometric / coverage;
+            let (grad_rendered, grad_unit) = normal_cosine_vjp(rendered, unit, grad);
+            let kept = if form == NormalForm::Cosine { grad_unit / coverage } else { Vec3::zero(grad) };
+            (normal_cosine(rendered, unit), grad_rendered, kept)
+        }
+    }
+}
+
 /// How much of each loss; all but the last two are means over the pixels of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LossWeights {
@@ -181,6 +268,20 @@ pub struct LossWeights {
     pub residual: f32,
 }
 
+impl LossWeights {
+    /// Without the losses that nothing is there for: of coverage, unless the true picture has an alpha channel; of what
+    /// is seen of the geometry, unless it was blended.
+    pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
+        let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
+        Self {
+            normal: keep(self.normal, has_geometry),
+            residual_image: keep(self.residual_image, has_geometry),
+            coverage: keep(self.coverage, has_alpha),
+            ..self
+        }
+    }
+}
+
 /// What the losses came to, unweighted means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossReport {
@@ -196,4 +297,16 @@ pub struct LossReport {
     pub normal: f64,
     /// Mean |A − A_gt|.
     pub coverage: f64,
+}
+
+impl LossReport {
+    /// With the weighted sum of what it holds.
+    pub fn with_total(self, weights: &LossWeights) -> Self {
+        let total = f64::from(weights.absolute) * self.absolute
+            + f64::from(weights.squared) * self.squared
+            + f64::from(weights.dssim) * (1.0 - self.ssim)
+            + f64::from(weights.normal) * self.normal
+            + f64::from(weights.coverage) * self.coverage;
+        Self { total, ..self }
+    }
 }

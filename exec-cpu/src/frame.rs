@@ -125,53 +125,54 @@ impl Frame {
     }
     /// The picture plane by plane and row by row: its channels, then the transmittance, which is one where nothing is.
     pub fn read(&self, values: &mut [f32]) {
+        let of_nothing = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
+        self.read_planes(values, of_nothing, |slot, quad, channel| self.shown(slot, quad, channel));
+    }
+
+    /// Planes of quads of the covered tiles, and a number for all other pixels of each.
+    fn read_planes<'a>(
+        &self,
+        values: &mut [f32],
+        of_nothing: impl Fn(usize) -> f32 + Sync,
+        quad_of: impl Fn(usize, usize, usize) -> &'a Quad + Sync,
+    ) {
         let planes = values.par_chunks_mut((self.width * self.height).max(1)).enumerate();
         planes.for_each(|(channel, plane)| {
             plane.par_chunks_mut(SIZE * self.width).enumerate().for_each(|(row, rows)| {
-                rows.fill(if channel < self.channels { 0.0 } else { 1.0 });
-                self.read_rows(channel, row, rows);
+                rows.fill(of_nothing(channel));
+                self.read_rows(row, rows, |slot, quad| quad_of(slot, quad, channel));
             });
         });
     }
 
-    /// The gradient of this picture from its planes, as [`Self::read`] gives those of the picture.
+    /// The gradient of this picture from its planes, as [`FrameGrad::read`] gives them.
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
         values.fill([0.0; BLOCK]);
-        self.each_pixel(|plane, pixel, place, lane| {
-            values[place][lane] = planes[plane * self.width * self.height + pixel];
-        });
-        FrameGrad { channels: self.channels, values }
-    }
-    /// The planes of this picture's gradient; zeros where no splat is near.
-    pub fn read_grad(&self, grad: &FrameGrad, planes: &mut [f32]) {
-        planes.fill(0.0);
-        self.each_pixel(|plane, pixel, place, lane| {
-            planes[plane * self.width * self.height + pixel] = grad.values[place][lane];
-        });
-    }
-    /// Visits the planes of each pixel of a covered tile: plane, number of the pixel, quad among those of all tiles, lane.
-    fn each_pixel(&self, mut visit: impl FnMut(usize, usize, usize, usize)) {
-        for slot in 0..self.cover.tiles.len() {
-            let [column, row] = self.cover.place(slot);
-            for (quad, lane) in (0..QUADS).flat_map(|quad| (0..BLOCK).map(move |lane| (quad, lane))) {
-                let [x, y] = quad_origin(quad);
-                let (x, y) = (column * SIZE + x + lane % QUAD, row * SIZE + y + lane / QUAD);
-                if x < self.width && y < self.height {
-                    for plane in 0..=self.channels {
-                        let place = slot * tile_len(self.channels) + at(self.channels, quad, plane);
-                        visit(plane, y * self.width + x, place, lane);
-                    }
+        let len = tile_len(self.channels);
+        for (slot, quad, lane) in self.lanes_of_tiles() {
+            let ([column, row], [x, y]) = (self.cover.place(slot), quad_origin(quad));
+            let (x, y) = (column * SIZE + x + lane % QUAD, row * SIZE + y + lane / QUAD);
+            if x < self.width && y < self.height {
+                for plane in 0..=self.channels {
+                    let number = planes[(plane * self.height + y) * self.width + x];
+                    values[slot * len + at(self.channels, quad, plane)][lane] = number;
                 }
             }
         }
+        FrameGrad { channels: self.channels, values }
+    }
+    /// Covered tile, quad and lane of every pixel, and of those that fill tiles up.
+    fn lanes_of_tiles(&self) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
+        let quads = (0..self.cover.tiles.len()).flat_map(|slot| (0..QUADS).map(move |quad| (slot, quad)));
+        quads.flat_map(|(slot, quad)| (0..BLOCK).map(move |lane| (slot, quad, lane)))
     }
 
-    fn read_rows(&self, channel: usize, tile_row: usize, rows: &mut [f32]) {
+    fn read_rows<'a>(&self, tile_row: usize, rows: &mut [f32], quad_of: impl Fn(usize, usize) -> &'a Quad) {
         for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
             let [column, _] = self.cover.place(slot);
             for quad in 0..QUADS {
-                let values = self.shown(slot, quad, channel);
+                let values = quad_of(slot, quad);
                 let [x, y] = quad_origin(quad);
                 let x = column * SIZE + x;
                 for (k, row) in rows.chunks_exact_mut(self.width).skip(y).take(QUAD).enumerate() {
@@ -190,4 +191,16 @@ impl Frame {
 pub struct FrameGrad {
     pub(crate) channels: usize,
     pub(crate) values: Buffer<Quad>,
+}
+
+impl FrameGrad {
+    /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero where nothing is.
+    pub fn read(&self, frame: &Frame, values: &mut [f32]) {
+        let len = tile_len(self.channels);
+        frame.read_planes(
+            values,
+            |_| 0.0,
+            |slot, quad, channel| &self.values[slot * len + at(self.channels, quad, channel)],
+        );
+    }
 }

@@ -17,8 +17,8 @@ use rayon::prelude::*;
 use specula_core::{
     bin::tile_count,
     camera::Camera,
-    color::over,
-    depth_normal::expected_depth,
+    color::{composite, composite_vjp, from_byte, over},
+    depth_normal::{expected_depth, is_surface},
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
     plan::{Channels, channel},
     real::Real,
@@ -90,9 +90,6 @@ mod plane {
     pub(super) const DEPTH: usize = 7;
 }
 
-/// Coverage below which a pixel has no surface.
-const SURFACE_COVERAGE: f32 = 0.5;
-
 pub(crate) fn loss_all(
     machine: &Machine,
     frame: &Frame,
@@ -101,13 +98,8 @@ pub(crate) fn loss_all(
     weights: &LossWeights,
     background: [f32; 3],
 ) -> (LossReport, FrameGrad) {
-    let mut weights = *weights;
-    if !target.has_alpha {
-        weights.coverage = 0.0;
-    }
-    if Channels::of_count(frame.channels).index_of(channel::DEPTH).is_none() {
-        (weights.normal, weights.residual_image) = (0.0, 0.0);
-    }
+    let has_geometry = Channels::of_count(frame.channels).index_of(channel::DEPTH).is_some();
+    let weights = weights.where_possible(target.has_alpha, has_geometry);
     let distance = distances(machine, frame, target);
     let comparison = Comparison { machine, frame, target, camera, weights, background, distance };
     let mut grad = machine.quads.take(frame.cover.tiles.len() * tile_len(frame.channels));
@@ -119,12 +111,7 @@ pub(crate) fn loss_all(
     if weights.normal != 0.0 {
         report.normal = normal_loss(&comparison, &planes, &mut grad);
     }
-    report.total = f64::from(weights.absolute) * report.absolute
-        + f64::from(weights.squared) * report.squared
-        + f64::from(weights.dssim) * (1.0 - report.ssim)
-        + f64::from(weights.normal) * report.normal
-        + f64::from(weights.coverage) * report.coverage;
-    (report, FrameGrad { channels: frame.channels, values: grad })
+    (report.with_total(&weights), FrameGrad { channels: frame.channels, values: grad })
 }
 
 impl Comparison<'_> {
@@ -224,7 +211,7 @@ impl Comparison<'_> {
         for c in 0..3 {
             let behind = Lanes::splat(simd, background[c]);
             let rendered = match slot {
-                Some(slot) => passed.mul_add(behind, Lanes::load(simd, frame.color(slot, quad, c))),
+                Some(slot) => composite(Lanes::load(simd, frame.color(slot, quad, c)), passed, behind),
                 None => behind,
             } * inside;
             let truth = over(truth[c], alpha, behind) * inside;
@@ -250,9 +237,8 @@ impl Comparison<'_> {
                 of_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
             }
             if weights.normal != 0.0 {
-                let is_surface = coverage.constant(SURFACE_COVERAGE).less(coverage);
                 let depth = expected_depth(of_channel(slot, channel::DEPTH), coverage);
-                (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface));
+                (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface(coverage)));
             }
         }
         pixels
@@ -267,7 +253,7 @@ impl Comparison<'_> {
                     let mut sum = Lanes::load(simd, &tile[at(channels, quad, channels)]);
                     for c in 0..3 {
                         let behind = Lanes::splat(simd, self.background[c]);
-                        sum = Lanes::load(simd, &tile[at(channels, quad, c)]).mul_add(behind, sum);
+                        sum = composite_vjp(behind, Lanes::load(simd, &tile[at(channels, quad, c)]), sum);
                     }
                     sum.store(&mut tile[at(channels, quad, channels)]);
                 }
@@ -325,7 +311,7 @@ fn read_target<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S>; 4] {
             numbers[lane] = f32::from(bytes[lane]);
         }
     }
-    let channel = |k: usize| Lanes::from_array(simd, numbers[k]) * (1.0 / 255.0);
+    let channel = |k: usize| from_byte(Lanes::from_array(simd, numbers[k]));
     [channel(0), channel(1), channel(2), channel(3)]
 }
 

@@ -81,6 +81,14 @@ pub enum GpuError {
         /// Bytes that it has.
         found: usize,
     },
+    /// A picture was compared with one of another size.
+    #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
+    FrameSize {
+        /// Width and height of the target.
+        expected: [usize; 2],
+        /// Width and height of the frame.
+        found: [usize; 2],
+    },
 }
 
 fn named(wanted: &str) -> String {

@@ -3,6 +3,7 @@
 pub mod blend_vjp;
 pub mod gaussians_vjp;
 pub mod light;
+pub mod loss;
 pub mod optimise;
 
 use crate::formula::{Field, Formula, Inputs, call, field, variable};

@@ -71,9 +71,4 @@ impl GpuExecutor {
         let values = self.machine.upload("gradient of a picture", planes)?;
         Ok(FrameGrad { size: frame.size, channels: frame.channels, values })
     }
-
-    /// The planes of a frame's gradient.
-    pub fn read_frame_grad(&mut self, grad: &FrameGrad, planes: &mut [f32]) -> Result<(), GpuError> {
-        self.machine.download(&grad.values, 0, planes)
-    }
 }

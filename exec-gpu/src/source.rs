@@ -9,6 +9,10 @@ use crate::{
         blend_vjp::{MOMENTS, MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
+        loss::{
+            ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
+            StructureGrad, Windows, WithBackground,
+        },
         optimise::AdamStep,
     },
     kernel::GROUP,
@@ -20,6 +24,7 @@ use specula_core::{
     bin::TILE_SIZE,
     blend::{LOG2_ALPHA_MIN, ROOT_SCALE, TRANSMITTANCE_MIN},
     cubemap::padded_len,
+    loss::{NormalForm, SSIM_WINDOW},
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
     scene::{BLOCK, Layout, NORMAL_RESIDUAL_1, OPACITY},
@@ -385,4 +390,78 @@ pub(crate) fn probe(statements: &str) -> String {
 /// The gradient of looking light up, for every row.
 pub(crate) fn probe_light(light: &LightLayout) -> String {
     light.declare_vjp(Source::new().real()).with(include_str!("shaders/probe_light.wgsl")).text()
+}
+
+/// What a picture has, and which losses look at it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LossVariant {
+    pub(crate) channels: usize,
+    pub(crate) has_structure: bool,
+    pub(crate) has_residual: bool,
+    pub(crate) normals: Option<NormalForm>,
+}
+
+/// Sums over the pixels of a tile: absolute and squared losses of colour, that of coverage, that of normals.
+pub(crate) const PIXEL_SUMS: usize = 4;
+/// And SSIM, colour by colour.
+pub(crate) const LOSS_SUMS: usize = PIXEL_SUMS + 3;
+
+impl LossVariant {
+    /// What kernels of the losses share; each invocation of a group has numbers of this type to sum.
+    fn source(&self, group: usize, sum: &str) -> Source {
+        let blended = Channels::of_count(self.channels);
+        let place = |channel: usize| blended.index_of(channel).unwrap_or(self.channels);
+        let source = Source::new().real().count("CHANNELS", self.channels).count("LOSS_GROUP", group);
+        source
+            .count("NORMAL_CHANNEL", place(channel::NORMAL))
+            .count("DEPTH_CHANNEL", place(channel::DEPTH))
+            .count("RESIDUAL_CHANNEL", place(channel::RESIDUAL_SIZE))
+            .with(&format!("alias LossSum = {sum};"))
+            .with(include_str!("shaders/loss.wgsl"))
+    }
+}
+
+/// Invocations of a tile that look at four pixels each.
+const FOUR_PIXELS_EACH: usize = (TILE_SIZE * TILE_SIZE / 4) as usize;
+
+fn windows(source: Source, means: &str) -> Source {
+    let source = source.with(&format!("alias Means = {means};")).count("SSIM_WINDOW", SSIM_WINDOW);
+    source.with(include_str!("shaders/loss_windows.wgsl"))
+}
+
+/// Tiles that show something.
+pub(crate) fn loss_marks(variant: &LossVariant) -> String {
+    variant.source(FOUR_PIXELS_EACH, "u32").with(include_str!("shaders/loss_marks.wgsl")).text()
+}
+
+/// SSIM.
+pub(crate) fn loss_structure(variant: &LossVariant) -> String {
+    let source = windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f");
+    let source = source.formula(&ComparedColors).formula(&MomentsDown).formula(&Windows::<4> { count: 4 });
+    let source = source.formula(&Structure).count("FIRST_STRUCTURE_SUM", PIXEL_SUMS);
+    source.with(include_str!("shaders/loss_structure.wgsl")).text()
+}
+
+/// Losses pixel by pixel.
+pub(crate) fn loss_pixels(variant: &LossVariant) -> String {
+    let source = windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f");
+    source
+        .flag("HAS_STRUCTURE", variant.has_structure)
+        .flag("HAS_RESIDUAL", variant.has_residual)
+        .formula(&ComparedColors)
+        .formula(&ColorLoss)
+        .formula(&WithBackground)
+        .formula(&CoverageLoss)
+        .formula(&Windows::<3> { count: MomentsDown::COUNT })
+        .formula(&Windows::<3> { count: 4 })
+        .formula(&StructureGrad)
+        .with(include_str!("shaders/loss_pixels.wgsl"))
+        .text()
+}
+
+/// The loss of normals.
+pub(crate) fn loss_normals(variant: &LossVariant, form: NormalForm) -> String {
+    let source = variant.source((TILE_SIZE * TILE_SIZE) as usize, "f32").camera();
+    let source = source.formula(&NormalWeight).formula(&NormalLoss { form }).formula(&DepthGrad);
+    source.with(include_str!("shaders/loss_normals.wgsl")).text()
 }

@@ -9,20 +9,22 @@ use specula_core::{
     camera::Camera,
     color, covariance, cubemap, depth_normal,
     double::Double,
-    ggx, loss,
+    ggx,
+    loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
     pixel::{self, Pixel, PixelSurface},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape, SplatGrad},
+    real::Real,
     sh,
     shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
-    vector::{self, Vec3},
+    vector::{self, Mat3, Vec3},
 };
 use specula_tests::{
     compare::SAME_DERIVATIVE,
     derivative::assert_vjp,
     number::{Number, numbers_of, take3, take9, vector},
-    strategies::{any_vector, camera, log_scales, quat, same_every_time, unit_vector},
+    strategies::{any_vector, camera, log_scales, quat, rotation, same_every_time, unit_vector},
 };
 
 /// Numbers side by side.
@@ -496,6 +498,40 @@ proptest! {
             SAME_DERIVATIVE,
         );
     }
+
+    /// The authors' form holds the geometric normal fixed: of its depths there is no gradient.
+    #[test]
+    fn normal_losses_of_pixels_are_derived_right(
+        rendered in any_vector(),
+        depths in vec(1.0..1.2_f64, 4),
+        rotation in rotation(),
+        place in [-1.0..1.0_f64, -1.0..1.0_f64],
+    ) {
+        let inputs: Vec<f64> = rendered.iter().chain(&depths).copied().collect();
+        for form in [NormalForm::Distance, NormalForm::Cosine] {
+            assert_vjp(
+                &inputs,
+                |x| vec![loss::normal_loss(form, &Mat3::constant(x[0], rotation), &patch(place, x), x[0].zero()).0],
+                |x, g| grads_of_patch(form, rotation, place, x, g[0]),
+                SAME_DERIVATIVE,
+            );
+        }
+        let numbers: Vec<Double> = inputs.iter().map(|x| Double(*x)).collect();
+        let [detached, attached] = [NormalForm::CosineDetached, NormalForm::Cosine]
+            .map(|form| grads_of_patch(form, rotation, place, &numbers, Double(0.7)));
+        prop_assert_eq!(&detached[..3], &attached[..3]);
+        prop_assert_eq!(&detached[3..], &[Double(0.0); 4]);
+    }
+
+    #[test]
+    fn colours_over_a_background_are_derived_right(color in 0.0..1.0_f64, passed in 0.0..1.0_f64, behind in 0.0..1.0_f64) {
+        assert_vjp(
+            &[color, passed],
+            |x| vec![color::composite(x[0], x[1], Number::of(behind))],
+            |_, g| vec![g[0], color::composite_vjp(Double(behind), g[0], Double(0.0))],
+            SAME_DERIVATIVE,
+        );
+    }
 }
 
 #[test]
@@ -593,6 +629,22 @@ fn texel_grads<R: Number>(right: R, lower: R, grad: Vec3<R>) -> Vec<R> {
 
 fn cross<R: Number>(depths: &[R]) -> depth_normal::Cross<R> {
     depth_normal::Cross { left: depths[0], right: depths[1], above: depths[2], below: depths[3] }
+}
+
+/// A pixel's normal and its neighbours' depths, from seven numbers.
+fn patch<R: Number>([x, y]: [f64; 2], numbers: &[R]) -> NormalPatch<R> {
+    const STEP: f64 = 0.05;
+    NormalPatch {
+        rays: rays_around(x, y, STEP),
+        depths: cross(&numbers[3..]),
+        rendered: take3(numbers),
+        coverage: R::of(0.8),
+    }
+}
+
+fn grads_of_patch<R: Number>(form: NormalForm, rotation: glam::Mat3, place: [f64; 2], x: &[R], grad: R) -> Vec<R> {
+    let (_, rendered, depths) = loss::normal_loss(form, &Mat3::constant(grad, rotation), &patch(place, x), grad);
+    join(&[&rendered.to_array(), &[depths.left, depths.right, depths.above, depths.below]])
 }
 
 fn rays_around<R: Number>(x: f64, y: f64, step: f64) -> depth_normal::Cross<Vec3<R>> {

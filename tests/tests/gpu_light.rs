@@ -356,7 +356,7 @@ impl Read for CpuExecutor {
         frame.grad(planes)
     }
     fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]) {
-        frame.read_grad(grad, planes);
+        grad.read(frame, planes);
     }
     fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32> {
         grad.texels().as_flattened().to_vec()

@@ -1,6 +1,6 @@
 //! Rendered normals against those of the depth.
 
-use super::{Comparison, SURFACE_COVERAGE, add_to_row, plane, row_of_tile};
+use super::{Comparison, add_to_row, plane, row_of_tile};
 use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
@@ -10,13 +10,12 @@ use crate::{
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    camera::Camera,
-    depth_normal::{Cross, expected_depth_vjp, normal, normal_vjp},
-    loss::{NormalForm, normal_cosine, normal_cosine_vjp, normal_distance, normal_distance_vjp},
+    depth_normal::{Cross, expected_depth_vjp, is_surface, rays_around, surface_weight},
+    loss::{NormalPatch, normal_loss as loss_of_normal},
     plan::channel,
     real::Real,
     scene::BLOCK,
-    vector::{Mat3, Vec3, vec3},
+    vector::vec3,
 };
 
 /// Rows that the pixels of a tile and their neighbours lie in.
@@ -69,7 +68,7 @@ fn compare_tile<S: Simd>(
     out: &mut [Row],
 ) -> f64 {
     let Comparison { frame, camera, weights, .. } = comparison;
-    let rotation = Mat3::constant(Lanes::splat(simd, 0.0), camera.camera_from_world);
+    let camera = camera.lift(Lanes::splat(simd, 0.0));
     let place = frame.cover.place(slot);
     let is_covered = |tile: usize| frame.cover.slot(tile).is_some();
     let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 2];
@@ -79,24 +78,24 @@ fn compare_tile<S: Simd>(
     let mut sum = Lanes::splat(simd, 0.0);
     for row in 0..SIZE {
         let a = Lanes::load(simd, &coverages[row + 1][CENTER..]);
-        let around = cross(simd, coverages, row);
-        let least = a.min(around.left.min(around.right)).min(around.above.min(around.below));
-        let weight = a.keep(a.constant(SURFACE_COVERAGE).less(least));
+        let weight = surface_weight(a, &cross(simd, coverages, row));
         let mut grad_depths = [a.zero(); 4];
         if weight.any_positive() {
             let is_on = weight.zero().less(weight);
-            let rays = rays_around(simd, camera, place[0] * SIZE, place[1] * SIZE + row);
-            let depths = cross(simd, all_depths, row);
-            let geometric = rotation.transform_transposed(normal(&rays, &depths));
             let plane = |c: usize| {
                 Lanes::from_array(simd, row_of_tile(frame.tile(slot), frame.channels, channel::NORMAL + c, row))
             };
-            let rendered = vec3(plane(0), plane(1), plane(2));
+            let [x, y] = centres(simd, place, row);
+            let patch = NormalPatch {
+                rays: rays_around(&camera, x, y),
+                depths: cross(simd, all_depths, row),
+                rendered: vec3(plane(0), plane(1), plane(2)),
+                coverage: a,
+            };
             let weight_grad = weight * (weights.normal / comparison.pixel_count() as f32);
-            let (value, grad_rendered, grad_geometric) =
-                compare_normals(weights.normal_form, rendered, geometric * a, a, weight_grad);
+            let (value, grad_rendered, of_depths) =
+                loss_of_normal(weights.normal_form, &camera.camera_from_world, &patch, weight_grad);
             sum = sum + (value * weight).keep(is_on);
-            let of_depths = normal_vjp(&rays, &depths, rotation.transform(grad_geometric * a));
             grad_depths = [
                 of_depths.left.keep(is_on),
                 of_depths.right.keep(is_on),
@@ -114,41 +113,12 @@ fn compare_tile<S: Simd>(
     f64::from(sum.sum())
 }
 
-/// Value of the normal loss and its gradients with respect to the rendered normal and the geometric one, both
-/// premultiplied by coverage.
+/// Centres of sixteen pixels of a row of a tile.
 #[inline(always)]
-fn compare_normals<R: Real>(
-    form: NormalForm,
-    rendered: Vec3<R>,
-    geometric: Vec3<R>,
-    coverage: R,
-    grad: R,
-) -> (R, Vec3<R>, Vec3<R>) {
-    match form {
-        NormalForm::Distance => {
-            let grad_rendered = normal_distance_vjp(rendered, geometric, grad);
-            (normal_distance(rendered, geometric), grad_rendered, -grad_rendered)
-        }
-        NormalForm::Cosine | NormalForm::CosineDetached => {
-            let unit = geometric / coverage;
-            let (grad_rendered, grad_unit) = normal_cosine_vjp(rendered, unit, grad);
-            let kept = if form == NormalForm::Cosine { grad_unit / coverage } else { Vec3::zero(grad) };
-            (normal_cosine(rendered, unit), grad_rendered, kept)
-        }
-    }
-}
-
-/// Camera-space rays through the neighbours of sixteen pixels of a row.
-#[inline(always)]
-fn rays_around<S: Simd>(simd: S, camera: &Camera, column: usize, row: usize) -> Cross<Vec3<Lanes<S>>> {
+fn centres<S: Simd>(simd: S, place: [usize; 2], row: usize) -> [Lanes<S>; 2] {
     const LANES: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
-    let one = Lanes::splat(simd, 1.0);
-    let x = Lanes::from_array(simd, LANES) + column as f32;
-    let y = one * (row as f32 + 0.5);
-    let ray = |x: Lanes<S>, y: Lanes<S>| {
-        vec3((x - camera.principal_px[0]) / camera.focal_px[0], (y - camera.principal_px[1]) / camera.focal_px[1], one)
-    };
-    Cross { left: ray(x - 1.0, y), right: ray(x + 1.0, y), above: ray(x, y - 1.0), below: ray(x, y + 1.0) }
+    let x = Lanes::from_array(simd, LANES) + (place[0] * SIZE) as f32;
+    [x, Lanes::splat(simd, (place[1] * SIZE + row) as f32 + 0.5)]
 }
 
 /// The pixels of a tile gather what their neighbours left for their depths, and pass it on to blended depth and
@@ -175,7 +145,7 @@ fn gather<S: Simd>(
         let grad_depth = (cross(simd, left, row).right + cross(simd, right, row).left)
             + (cross(simd, above, row).below + cross(simd, below, row).above);
         let (depth, coverage) = (Lanes::load(simd, &depth[row]), Lanes::load(simd, &coverage[row]));
-        let is_surface = coverage.constant(SURFACE_COVERAGE).less(coverage);
+        let is_surface = is_surface(coverage);
         let (blended, covered) = expected_depth_vjp(depth, coverage, grad_depth);
         add_to_row(grad, *channels, channel::DEPTH, row, &blended.keep(is_surface).to_array());
         add_to_row(grad, *channels, *channels, row, &(-covered).keep(is_surface).to_array());

@@ -9,7 +9,7 @@ use crate::{
 };
 use fearless_simd::{Simd, dispatch};
 use specula_core::{
-    loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_vjp, ssim_window},
+    loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean},
     real::Real,
 };
 
@@ -114,10 +114,9 @@ fn compare_tile<S: Simd>(
     for row in 0..SIZE {
         let mut blurred = [zero; 4];
         for k in 0..4 {
-            blurred[k] = weigh(&window, |tap| across[row + tap][k]);
+            blurred[k] = window_mean(&window, |tap| across[row + tap][k]);
         }
-        // Only the sum of the two mean squares counts.
-        let moments = SsimMoments { x: blurred[0], y: blurred[1], xx: blurred[2], yy: zero, xy: blurred[3] };
+        let moments = SsimMoments::of_means(blurred);
         let count = if row < rows { columns } else { 0 };
         sum = sum + ssim(&moments).keep_first(count);
         let own = ssim_vjp(&moments, factor);
@@ -134,8 +133,9 @@ fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &Window<S>) 
     let (mut squares, mut products) = ([0.0; 2 * SIZE], [0.0; 2 * SIZE]);
     for half in 0..2 {
         let (x, y) = (Lanes::load(simd, &x[half * SIZE..]), Lanes::load(simd, &y[half * SIZE..]));
-        x.mul_add(x, y * y).store(&mut squares[half * SIZE..]);
-        (x * y).store(&mut products[half * SIZE..]);
+        let [_, _, both_squares, product] = SsimMoments::products(x, y);
+        both_squares.store(&mut squares[half * SIZE..]);
+        product.store(&mut products[half * SIZE..]);
     }
     [
         blur_row(simd, x, window),
@@ -148,18 +148,7 @@ fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &Window<S>) 
 /// Sixteen windows of a row.
 #[inline(always)]
 fn blur_row<S: Simd>(simd: S, row: &WideRow, window: &Window<S>) -> Lanes<S> {
-    weigh(window, |tap| Lanes::load(simd, &row[FIRST + tap..FIRST + tap + SIZE]))
-}
-
-/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally far from its middle
-/// is added first.
-#[inline(always)]
-fn weigh<S: Simd>(window: &Window<S>, at: impl Fn(usize) -> Lanes<S>) -> Lanes<S> {
-    let mut sum = at(REACH) * window[REACH];
-    for tap in 0..REACH {
-        sum = (at(tap) + at(SSIM_WINDOW - 1 - tap)).mul_add(window[tap], sum);
-    }
-    sum
+    window_mean(window, |tap| Lanes::load(simd, &row[FIRST + tap..FIRST + tap + SIZE]))
 }
 
 /// Every window passes its gradients on to a colour of the pixels of a tile.
@@ -185,8 +174,7 @@ fn add_grads<S: Simd>(
     let [columns, rows] = inside(frame, place);
     for row in 0..rows {
         let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
-        let through_squares = x * 2.0 * of_xx[row] + y * of_xy[row];
-        let own = (of_x[row] + through_squares).keep_first(columns);
+        let own = ssim_pixel_vjp(x, y, [of_x[row], of_xx[row], of_xy[row]]).keep_first(columns);
         add_to_row(tile, frame.channels, c, row, &own.to_array());
     }
 }
@@ -201,7 +189,7 @@ fn blur_plane<S: Simd>(simd: S, plane: &[WideRow; ROWS], window: &Window<S>) -> 
     }
     let mut blurred = [zero; SIZE];
     for row in 0..SIZE {
-        blurred[row] = weigh(window, |tap| across[row + tap]);
+        blurred[row] = window_mean(window, |tap| across[row + tap]);
     }
     blurred
 }

@@ -1,0 +1,478 @@
+//! The losses of the GPU executor against core, against the plain pipeline in `f64`, and against the CPU executor.
+
+use core::ops::Range;
+use specula_core::{
+    camera::Camera,
+    double::Double,
+    executor::{Executor, RenderRules, Renderer},
+    loss::{LossReport, LossWeights, NormalForm},
+    pipeline::render,
+    plan::{Channels, channel},
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::{Environment, Gaussians, Image, Layout, RadianceActivation},
+    shade::ShadingRules,
+};
+use specula_cpu::CpuExecutor;
+use specula_gpu::{
+    GpuError, GpuExecutor,
+    formulas::loss::{
+        ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
+        StructureGrad, Windows, WithBackground,
+    },
+};
+use specula_tests::{
+    compare::relative_difference,
+    device::executor,
+    formulas::{ROWS, assert_same, camera, numbers_of, side_by_side, uniform_rows},
+    plain::{self, FrozenWeights, frame_loss, frame_loss_vjp, freeze_weights, lift},
+    strategies::{random_cloud, random_environment},
+};
+
+const FORMS: [NormalForm; 3] = [NormalForm::Distance, NormalForm::CosineDetached, NormalForm::Cosine];
+
+#[test]
+fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
+    let Some(mut gpu) = executor() else { return };
+    let gpu = &mut gpu;
+    let byte = [0.0, 255.0];
+    let (share, unit) = ([0.1, 1.0], [0.0, 1.0]);
+    assert_same(gpu, &ComparedColors, &uniform_rows(1, &[unit, unit, byte, byte, unit]));
+    assert_same(gpu, &ColorLoss, &uniform_rows(2, &[unit, unit, share, share]));
+    assert_same(gpu, &WithBackground, &uniform_rows(3, &[unit, [-1.0, 1.0], [-1.0, 1.0]]));
+    assert_same(gpu, &CoverageLoss, &uniform_rows(4, &[[0.05, 0.95], byte, share, share, share]));
+    assert_same(gpu, &MomentsDown, &uniform_rows(5, &[unit; 36]));
+    assert_same(gpu, &Windows::<3> { count: 8 }, &uniform_rows(6, &[[-1.0, 1.0]; 54]));
+    assert_same(gpu, &Windows::<3> { count: 4 }, &uniform_rows(7, &[[-1.0, 1.0]; 42]));
+    assert_same(gpu, &Windows::<4> { count: 4 }, &uniform_rows(8, &[unit; 56]));
+    let means = uniform_rows(9, &[[0.1, 0.5], [0.1, 0.5], [0.6, 0.8], [0.2, 0.3], share]);
+    assert_same(gpu, &Structure, &means);
+    assert_same(gpu, &StructureGrad, &uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]));
+    assert_same(gpu, &NormalWeight, &uniform_rows(11, &[[0.0, 0.6]; 5]));
+    assert_same(gpu, &DepthGrad, &uniform_rows(12, &[[1.0, 4.0], [0.1, 0.9], [-1.0, 1.0]]));
+    let mut bounds = vec![[0.0, 70.0], [0.0, 45.0], [0.5, 1.0]];
+    bounds.extend([[-1.0, 1.0]; 3]);
+    bounds.extend([[0.0, 0.5]; 4]);
+    bounds.extend([[1.0, 4.0]; 4]);
+    bounds.push(share);
+    let rows = side_by_side(&uniform_rows(13, &bounds), &numbers_of(&camera(70, 45)).repeat(ROWS));
+    for form in FORMS {
+        assert_same(gpu, &NormalLoss { form }, &rows);
+    }
+}
+
+#[test]
+fn no_formula_of_the_losses_is_left_out() {
+    let formulas = include_str!("../../exec-gpu/src/formulas/loss.rs");
+    let own: String = include_str!("gpu_loss.rs").split_whitespace().collect();
+    let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for "));
+    let names = of_impls.filter_map(|(_, rest)| rest.split([' ', '<']).next());
+    let count = names.inspect(|name| {
+        assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
+    });
+    assert!(count.count() > 10, "formulas are found by how they are written");
+}
+
+/// Numbers of a picture in `f32` on a device against the same in `f64`: roundings of a few hundred operations, and
+/// SSIM's differences of mean squares, whose roundings 1/C₂ = 1100 makes larger.
+const SAME_GRADIENT: f64 = 1e-4;
+/// Both executors blend in their own order before they compare.
+const AS_THE_CPU_COMPARES: f64 = 1e-3;
+/// Means over a picture, in which roundings of single pixels cancel; those of SSIM all lean to one side where a picture
+/// is flat.
+const SAME_REPORT: f64 = 4e-6;
+/// Means over two pictures that were blended in different orders.
+const AS_THE_CPU_REPORTS: f64 = 5e-6;
+
+/// What is rendered, and what it is compared with.
+struct Scene {
+    cloud: Gaussians<Vec<f32>>,
+    environment: Environment<Vec<f32>>,
+    camera: Camera,
+    rules: RenderRules,
+    rgba: Vec<u8>,
+    background: [f32; 3],
+    weights: LossWeights,
+}
+
+fn weights(normal_form: NormalForm) -> LossWeights {
+    LossWeights {
+        absolute: 0.5,
+        squared: 0.3,
+        dssim: 0.2,
+        normal: 0.1,
+        normal_form,
+        sparse_coverage: 0.01,
+        residual_image: 0.05,
+        coverage: 0.1,
+        sparse: 1e-3,
+        residual: 1e-2,
+    }
+}
+
+/// Bytes without any order, an ellipse before nothing, and waves that nothing shines through.
+#[derive(Clone, Copy, Debug)]
+enum Truth {
+    Noise,
+    Ellipse,
+    Waves,
+}
+
+impl Truth {
+    fn rgba(self, [width, height]: [u32; 2]) -> Vec<u8> {
+        (0..width * height).flat_map(|pixel| self.pixel(pixel % width, pixel / width, [width, height])).collect()
+    }
+    fn pixel(self, x: u32, y: u32, [width, height]: [u32; 2]) -> [u8; 4] {
+        let [right, down] = [(x, width), (y, height)].map(|(at, size)| 2.0 * (at as f32 + 0.5) / size as f32 - 1.0);
+        let wave = |speed: f32| (127.0 + 100.0 * (speed * (right + 0.4 * down)).sin()) as u8;
+        match self {
+            Self::Noise => [0, 1, 2, 3].map(|c| ((4 * (y * width + x) + c) * 37 % 251) as u8),
+            Self::Ellipse if right * right + down * down > 0.15 => [13, 17, 19, 0],
+            Self::Ellipse => [wave(5.0), wave(7.0), wave(9.0), 230],
+            Self::Waves => [wave(5.0), wave(7.0), wave(9.0), 255],
+        }
+    }
+}
+
+impl Scene {
+    fn new(count: usize, layout: Layout, rules: RenderRules, size: [u32; 2], truth: Truth, seed: u64) -> Self {
+        let (activation, resolution) = match rules.scheme {
+            PrefilterScheme::Exact => (RadianceActivation::Exponential, 16),
+            PrefilterScheme::Official => (RadianceActivation::Identity, 64),
+        };
+        Self {
+            cloud: random_cloud(count, layout, seed),
+            environment: random_environment(resolution, activation, seed),
+            camera: camera(size[0], size[1]),
+            rules,
+            rgba: truth.rgba(size),
+            background: [0.1, 0.23, 0.3],
+            weights: weights(FORMS[seed as usize % 3]),
+        }
+    }
+    fn channels(&self) -> usize {
+        self.rules.blended(self.cloud.layout).count()
+    }
+    fn size(&self) -> [usize; 2] {
+        [self.camera.width as usize, self.camera.height as usize]
+    }
+    fn pixel_count(&self) -> usize {
+        self.size()[0] * self.size()[1]
+    }
+    fn frame<E: Renderer>(&self, exec: &mut E) -> E::Frame
+    where
+        E::Error: core::fmt::Debug,
+    {
+        let Gaussians { count, layout, values } = &self.cloud;
+        let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
+        let Environment { resolution, activation, values } = &self.environment;
+        let values = exec.upload(values).expect("texels fit");
+        let environment = Environment { resolution: *resolution, activation: *activation, values };
+        let light = layout.is_shaded().then(|| {
+            exec.prefilter(&environment, self.rules.scheme, LevelRange::ALL).expect("the resolution is allowed")
+        });
+        render(exec, &cloud, light.as_ref(), &self.camera, &self.rules).expect("the executor renders")
+    }
+    fn compare<E: Executor>(&self, exec: &mut E, frame: &E::Frame) -> (LossReport, E::FrameGrad)
+    where
+        E::Error: core::fmt::Debug,
+    {
+        let [width, height] = self.size();
+        let target = exec.target(width, height, &self.rgba).expect("the bytes fit");
+        exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree")
+    }
+
+    fn on_gpu(&self, gpu: &mut GpuExecutor) -> Compared {
+        let frame = self.frame(gpu);
+        let (report, grad) = self.compare(gpu, &frame);
+        let mut compared = Compared::new(self, report);
+        gpu.read_frame(&frame, &mut compared.frame).expect("the frame has that size");
+        gpu.read_frame_grad(&grad, &mut compared.grad).expect("the gradient has that size");
+        compared
+    }
+    fn on_cpu(&self, cpu: &mut CpuExecutor) -> Compared {
+        let frame = self.frame(cpu);
+        let (report, grad) = self.compare(cpu, &frame);
+        let mut compared = Compared::new(self, report);
+        frame.read(&mut compared.frame);
+        grad.read(&frame, &mut compared.grad);
+        compared
+    }
+    /// The plain pipeline's losses and gradient of a picture, in `f64`.
+    fn exactly(&self, frame: &[f32]) -> Exact {
+        let [width, height] = self.size();
+        let frame = Image { width, height, channels: self.channels() + 1, values: lift(frame) };
+        let target = self.plain_target();
+        let frozen = freeze_weights(&frame);
+        let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.weights, &frozen);
+        let report = self.exact_report(&frame, &target, &frozen);
+        Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
+    }
+    fn has_alpha(&self) -> bool {
+        self.rgba.chunks_exact(4).any(|pixel| pixel[3] < 255)
+    }
+    fn plain_target(&self) -> plain::Target<Double> {
+        let alpha = |pixel: &[u8]| f64::from(pixel[3]) / 255.0;
+        let over = |c: usize| {
+            self.rgba.chunks_exact(4).map(move |pixel| {
+                let behind = (1.0 - alpha(pixel)) * f64::from(self.background[c]);
+                Double(f64::from(pixel[c]) / 255.0 * alpha(pixel) + behind)
+            })
+        };
+        plain::Target {
+            srgb: over(0).chain(over(1)).chain(over(2)).collect(),
+            alpha: self.has_alpha().then(|| self.rgba.chunks_exact(4).map(|pixel| Double(alpha(pixel))).collect()),
+            background: self.background,
+        }
+    }
+    /// Each loss alone.
+    fn exact_report(
+        &self,
+        frame: &Image<Vec<Double>>,
+        target: &plain::Target<Double>,
+        frozen: &FrozenWeights,
+    ) -> LossReport {
+        let none = LossWeights { normal_form: self.weights.normal_form, ..NO_WEIGHTS };
+        let alone = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
+        let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
+        let weights = self.weights;
+        let report = LossReport {
+            absolute: alone(LossWeights { absolute: 1.0, ..none }),
+            squared: alone(LossWeights { squared: 1.0, ..none }),
+            ssim: keep(1.0 - alone(LossWeights { dssim: 1.0, ..none }), weights.dssim),
+            normal: keep(alone(LossWeights { normal: 1.0, ..none }), weights.normal),
+            coverage: keep(alone(LossWeights { coverage: 1.0, ..none }), weights.coverage),
+            ..LossReport::default()
+        };
+        report.with_total(&weights.where_possible(self.has_alpha(), self.channels() > channel::DEPTH))
+    }
+}
+
+const NO_WEIGHTS: LossWeights = LossWeights {
+    absolute: 0.0,
+    squared: 0.0,
+    dssim: 0.0,
+    normal: 0.0,
+    normal_form: NormalForm::Distance,
+    sparse_coverage: 0.0,
+    residual_image: 0.0,
+    coverage: 0.0,
+    sparse: 0.0,
+    residual: 0.0,
+};
+
+/// What an executor made of a scene.
+#[derive(Clone, Debug, PartialEq)]
+struct Compared {
+    frame: Vec<f32>,
+    grad: Vec<f32>,
+    report: LossReport,
+}
+
+/// What the plain pipeline makes of it.
+struct Exact {
+    grad: Vec<f64>,
+    report: LossReport,
+}
+
+impl Compared {
+    fn new(scene: &Scene, report: LossReport) -> Self {
+        let zeros = vec![0.0; (scene.channels() + 1) * scene.pixel_count()];
+        Self { frame: zeros.clone(), grad: zeros, report }
+    }
+}
+
+/// Planes that belong together: colour, normal, depth, the size of residuals, what no loss looks at, transmittance.
+fn groups(channels: usize) -> Vec<(&'static str, Range<usize>)> {
+    let all = [
+        ("colour", 0..3),
+        ("normal", 3..6),
+        ("depth", 6..7),
+        ("residual", 7..8),
+        ("rest", 8..channels),
+        ("transmittance", channels..channels + 1),
+    ];
+    all.into_iter().filter(|(_, planes)| planes.start < planes.end && planes.end <= channels + 1).collect()
+}
+
+/// Zeros for the tiles in which a picture shows nothing but its background: there nothing flows.
+fn where_rendered(scene: &Scene, frame: &[f32], grad: &[f64]) -> Vec<f64> {
+    const SIZE: usize = 16;
+    let ([width, _], count) = (scene.size(), scene.pixel_count());
+    let passed = &frame[scene.channels() * count..];
+    let tile_of = |pixel: usize| [pixel % width / SIZE, pixel / width / SIZE];
+    let is_seen = |pixel: usize| passed[pixel] != 1.0;
+    let seen: std::collections::HashSet<[usize; 2]> = (0..count).filter(|p| is_seen(*p)).map(tile_of).collect();
+    grad.iter().enumerate().map(|(k, x)| if seen.contains(&tile_of(k % count)) { *x } else { 0.0 }).collect()
+}
+
+/// How far two gradients are apart, by planes that belong together, each as a share of the largest number.
+fn differences(scene: &Scene, ours: &[f32], theirs: &[f64]) -> Vec<(&'static str, f64)> {
+    let count = scene.pixel_count();
+    let difference = |planes: Range<usize>| {
+        let range = planes.start * count..planes.end * count;
+        let ours: Vec<f64> = ours[range.clone()].iter().map(|x| f64::from(*x)).collect();
+        let theirs = &theirs[range];
+        if theirs.iter().chain(&ours).all(|x| *x == 0.0) { 0.0 } else { relative_difference(&ours, theirs) }
+    };
+    groups(scene.channels()).into_iter().map(|(name, planes)| (name, difference(planes))).collect()
+}
+
+#[track_caller]
+fn assert_grad(what: &str, scene: &Scene, ours: &[f32], theirs: &[f64], tolerance: f64) {
+    let differences = differences(scene, ours, theirs);
+    for (name, difference) in differences {
+        println!("{what}: {name} {difference:.1e}");
+        assert!(difference <= tolerance, "{what}: {name} is {difference:e} apart, allowed are {tolerance:e}");
+    }
+}
+
+/// The largest difference of two reports, each number as a share of what is expected; infinite for NaN.
+fn difference_of_reports(ours: &LossReport, theirs: &LossReport) -> f64 {
+    let numbers = |report: &LossReport| {
+        [report.total, report.absolute, report.squared, report.ssim, report.normal, report.coverage]
+    };
+    let pairs = numbers(ours).into_iter().zip(numbers(theirs));
+    pairs.map(|(a, b)| if a == b { 0.0 } else { relative_difference(&[a], &[b]) }).fold(0.0, f64::max)
+}
+
+#[track_caller]
+fn assert_report(what: &str, ours: &LossReport, theirs: &LossReport, tolerance: f64) {
+    let difference = difference_of_reports(ours, theirs);
+    println!("{what}: reports {difference:.1e} apart");
+    assert!(difference <= tolerance, "{what}: {ours:?} is {difference:e} from {theirs:?}");
+}
+
+#[test]
+fn the_comparisons_of_gradients_and_reports_can_fail() {
+    let scene = Scene::new(0, Layout::radiance(0), training(ShadingRules::PAPER), [3, 2], Truth::Noise, 0);
+    let right = vec![0.5_f32; 9 * 6];
+    let wide: Vec<f64> = right.iter().map(|x| f64::from(*x)).collect();
+    let worst = |ours: &[f32]| differences(&scene, ours, &wide).iter().fold(0.0, |worst, (_, x)| f64::max(worst, *x));
+    assert!(worst(&right) <= SAME_GRADIENT, "the same numbers are the same");
+    for place in 0..right.len() {
+        for number in [0.501, f32::NAN] {
+            let mut wrong = right.clone();
+            wrong[place] = number;
+            assert!(worst(&wrong) > AS_THE_CPU_COMPARES, "{number} at {place} is seen");
+        }
+    }
+    let report = LossReport { ssim: 0.5, absolute: 0.1, ..LossReport::default() };
+    assert!(difference_of_reports(&report, &report) <= SAME_REPORT, "the same report is the same");
+    for ssim in [0.500_01, f64::NAN] {
+        let wrong = LossReport { ssim, ..report };
+        assert!(difference_of_reports(&wrong, &report) > SAME_REPORT, "an SSIM of {ssim} is seen");
+    }
+}
+
+fn training(shading: ShadingRules) -> RenderRules {
+    let scheme = if shading == ShadingRules::OFFICIAL { PrefilterScheme::Official } else { PrefilterScheme::Exact };
+    RenderRules::full(shading, scheme, Channels::Training)
+}
+
+fn shaded() -> Layout {
+    Layout::shaded(Some(1))
+}
+
+/// Every form of shading, plain Gaussians, colours alone; pictures of every shape; nothing, one and many Gaussians.
+fn scenes() -> Vec<(String, Scene)> {
+    let [paper, deferred, official] =
+        [ShadingRules::PAPER, ShadingRules::DEFERRED, ShadingRules::OFFICIAL].map(training);
+    let color = RenderRules { channels: Channels::Color, ..paper };
+    let plain = Layout::radiance(1);
+    let mut scenes = Vec::new();
+    for truth in [Truth::Noise, Truth::Ellipse, Truth::Waves] {
+        for (name, layout, rules) in [
+            ("paper", shaded(), paper),
+            ("deferred", shaded(), deferred),
+            ("official", shaded(), official),
+            ("plain", plain, paper),
+            ("colour", plain, color),
+        ] {
+            let seed = scenes.len() as u64;
+            let mut scene = Scene::new(80, layout, rules, [70, 45], truth, seed);
+            if name == "colour" {
+                scene.weights.sparse_coverage = 0.0;
+            }
+            scenes.push((format!("{name}, {truth:?}"), scene));
+        }
+        for (count, size) in [(3, [150, 131]), (0, [40, 40]), (1, [17, 16]), (9, [16, 17]), (9, [1, 1]), (20, [5, 90])]
+        {
+            let scene = Scene::new(count, shaded(), deferred, size, truth, scenes.len() as u64);
+            scenes.push((format!("{count} in {size:?}, {truth:?}"), scene));
+        }
+    }
+    scenes
+}
+
+#[test]
+fn losses_and_gradients_are_those_of_the_plain_pipeline() {
+    let Some(mut gpu) = executor() else { return };
+    for (what, scene) in scenes() {
+        let ours = scene.on_gpu(&mut gpu);
+        let exact = scene.exactly(&ours.frame);
+        assert_grad(&what, &scene, &ours.grad, &where_rendered(&scene, &ours.frame, &exact.grad), SAME_GRADIENT);
+        assert_report(&what, &ours.report, &exact.report, SAME_REPORT);
+    }
+}
+
+#[test]
+fn losses_and_gradients_are_those_of_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    for (what, scene) in scenes() {
+        let (ours, theirs) = (scene.on_gpu(&mut gpu), scene.on_cpu(&mut cpu));
+        let wide: Vec<f64> = theirs.grad.iter().map(|x| f64::from(*x)).collect();
+        let wide = where_rendered(&scene, &ours.frame, &wide);
+        assert_grad(&what, &scene, &ours.grad, &wide, AS_THE_CPU_COMPARES);
+        assert_report(&what, &ours.report, &theirs.report, AS_THE_CPU_REPORTS);
+    }
+}
+
+#[test]
+fn each_loss_alone_and_none_at_all_are_those_of_the_plain_pipeline() {
+    let Some(mut gpu) = executor() else { return };
+    let none = NO_WEIGHTS;
+    let alone = [
+        none,
+        LossWeights { absolute: 1.0, ..none },
+        LossWeights { squared: 1.0, ..none },
+        LossWeights { dssim: 1.0, ..none },
+        LossWeights { sparse_coverage: 1.0, ..none },
+        LossWeights { residual_image: 1.0, ..none },
+        LossWeights { coverage: 1.0, ..none },
+    ];
+    let normals = FORMS.map(|normal_form| LossWeights { normal: 1.0, normal_form, ..none });
+    for (k, weights) in alone.into_iter().chain(normals).enumerate() {
+        let rules = training(ShadingRules::DEFERRED);
+        let scene = Scene { weights, ..Scene::new(60, shaded(), rules, [53, 38], Truth::Ellipse, 3) };
+        let ours = scene.on_gpu(&mut gpu);
+        let exact = scene.exactly(&ours.frame);
+        let what = format!("loss {k}");
+        assert_grad(&what, &scene, &ours.grad, &where_rendered(&scene, &ours.frame, &exact.grad), SAME_GRADIENT);
+        assert_report(&what, &ours.report, &exact.report, SAME_REPORT);
+    }
+}
+
+#[test]
+fn losses_are_the_same_bits_twice_and_whatever_was_compared_before() {
+    let Some(mut gpu) = executor() else { return };
+    let rules = training(ShadingRules::DEFERRED);
+    let scene = Scene::new(300, shaded(), rules, [170, 95], Truth::Ellipse, 11);
+    let first = scene.on_gpu(&mut gpu);
+    Scene::new(37, shaded(), rules, [180, 90], Truth::Noise, 12).on_gpu(&mut gpu);
+    assert!(scene.on_gpu(&mut gpu) == first, "memory that was used before changes nothing");
+    let mut another = executor().expect("there was one before");
+    assert!(scene.on_gpu(&mut another) == first, "a new executor computes the same");
+}
+
+#[test]
+fn pictures_of_another_size_are_refused() {
+    let Some(mut gpu) = executor() else { return };
+    let refused = gpu.target(3, 2, &[0; 23]).expect_err("a byte is missing");
+    assert_eq!(refused, GpuError::TargetSize { width: 3, height: 2, expected: 24, found: 23 });
+    let scene = Scene::new(1, shaded(), training(ShadingRules::PAPER), [20, 10], Truth::Noise, 0);
+    let frame = scene.frame(&mut gpu);
+    let target = gpu.target(10, 20, &[0; 800]).expect("the bytes fit");
+    let refused = gpu.loss(&frame, &target, &scene.camera, &scene.weights, scene.background);
+    assert_eq!(refused.expect_err("rows are columns"), GpuError::FrameSize { expected: [10, 20], found: [20, 10] });
+}
