@@ -37,6 +37,10 @@ pub struct SplatGrads {
 pub(crate) const GEOMETRY: usize = 6;
 
 impl SplatGrads {
+    /// All planes, block by block.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
     /// The planes of a block.
     pub(crate) fn block(&self, block: usize) -> &[f32] {
         let len = BLOCK * (GEOMETRY + self.channels);

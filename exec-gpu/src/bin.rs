@@ -9,7 +9,7 @@ use crate::{
     machine::Machine,
     memory::Array,
     project::Splats,
-    sort::{Pairs, scan, sort},
+    sort::{Pairs, numbers, scan, sort},
     source,
     view::View,
 };
@@ -79,8 +79,7 @@ fn bound<'a>(
 
 /// All Gaussians, front to back, ties in their order; behind them those that are not drawn.
 fn depth_order(machine: &mut Machine, splats: &Splats) -> Result<Array, GpuError> {
-    let numbers: Vec<u32> = (0..splats.count as u32).collect();
-    let items = machine.upload("numbers", &numbers)?;
+    let items = numbers(machine, "numbers", splats.count)?;
     let keys = machine.copy("depths", &splats.depth_keys)?;
     Ok(sort(machine, Pairs { keys, items }, splats.count, u32::BITS)?.items)
 }

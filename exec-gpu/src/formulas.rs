@@ -1,5 +1,7 @@
 //! The formulas that kernels use, each with its parameters and results in WGSL.
 
+pub mod densify;
+
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     bin::{footprint, half_extent},

@@ -64,6 +64,20 @@ impl Machine {
         Ok(count)
     }
 
+    /// The first whole numbers of an array. Waits for the device.
+    pub(crate) fn download_counts(&mut self, array: &Array, counts: &mut [u32]) -> Result<(), GpuError> {
+        self.read(array, 0, counts.len(), |bytes| {
+            let own: &mut [u8] = bytemuck::cast_slice_mut(counts);
+            let len = own.len();
+            own.copy_from_slice(&bytes[..len]);
+        })
+    }
+
+    /// Gives back memory that no array uses.
+    pub(crate) fn forget_memory(&mut self) {
+        self.pool.forget();
+    }
+
     fn read(&mut self, array: &Array, first: usize, len: usize, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
         if len == 0 {
             return Ok(());

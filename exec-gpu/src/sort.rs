@@ -30,6 +30,15 @@ pub(crate) fn scan(machine: &mut Machine, numbers: &Array, len: usize) -> Result
     Ok(())
 }
 
+/// The numbers from zero on.
+pub(crate) fn numbers(machine: &mut Machine, what: &'static str, len: usize) -> Result<Array, GpuError> {
+    let numbers = machine.take(what, len)?;
+    let size = [len as u32];
+    let bound = [Uniform(bytemuck::cast_slice(&size)), Of(&numbers)];
+    machine.run("numbers", "count_up", &source::numbers, &bound, Groups::For(len))?;
+    Ok(numbers)
+}
+
 /// Keys and what belongs to them.
 #[derive(Debug)]
 pub(crate) struct Pairs {

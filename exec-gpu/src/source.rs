@@ -1,10 +1,12 @@
 //! Sources of kernels: constants from core, functions from formulas, and the files that schedule them.
 
 use crate::{
+    blend_vjp::GEOMETRY,
     formula::{Formula, function, type_of},
     formulas::{
         BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
+        densify::{CellAt, GradLength, MeasuresOf, PartOf},
     },
     kernel::GROUP,
     trace::literal,
@@ -13,9 +15,10 @@ use core::fmt::Write;
 use specula_core::{
     bin::{ALPHA_MIN, TILE_SIZE},
     blend::ROOT_SCALE,
+    densify::Action,
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
-    scene::{BLOCK, Layout},
+    scene::{BLOCK, LOG_SCALE, Layout, MEAN},
     shade::ShadingForm,
     split_sum,
 };
@@ -90,6 +93,17 @@ impl Source {
     /// And the planes of a Gaussian.
     pub(crate) fn planes(self, layout: Layout) -> Self {
         self.count("PLANES", layout.plane_count()).with(include_str!("shaders/planes.wgsl"))
+    }
+    /// And what becomes of Gaussians in densification.
+    pub(crate) fn actions(self) -> Self {
+        self.count("KEEP", Action::Keep as usize)
+            .count("CLONE", Action::Clone as usize)
+            .count("SPLIT", Action::Split as usize)
+            .count("PRUNE", Action::Prune as usize)
+    }
+    /// And how Gaussians come about in densification.
+    pub(crate) fn origins(self) -> Self {
+        self.count("KEPT", 0).count("COPIED", 1).count("FIRST_PART", 2).count("ORIGINS", 4)
     }
     /// The whole text.
     pub(crate) fn text(self) -> String {
@@ -215,4 +229,50 @@ impl LightLayout {
 pub(crate) fn probe(statements: &str) -> String {
     let source = Source::new().real();
     source.with(&include_str!("shaders/probe.wgsl").replace("    // STATEMENTS\n", statements)).text()
+}
+
+/// [`mod@crate::densify`]'s look at a view.
+pub(crate) fn observe(channels: usize) -> String {
+    let source = Source::new().camera().with(include_str!("shaders/bits.wgsl")).formula(&GradLength);
+    source.count("GRAD_PLANES", GEOMETRY + channels).with(include_str!("shaders/observe.wgsl")).text()
+}
+
+/// What becomes of each Gaussian.
+pub(crate) fn densify(layout: Layout) -> String {
+    let source = Source::new().real().planes(layout).with(include_str!("shaders/bits.wgsl")).actions();
+    source.formula(&MeasuresOf { layout }).with(include_str!("shaders/densify.wgsl")).text()
+}
+
+/// What finds no room to grow.
+pub(crate) fn densify_limit() -> String {
+    Source::new().actions().with(include_str!("shaders/densify_limit.wgsl")).text()
+}
+
+/// Gaussians after densification.
+pub(crate) fn densify_heirs(layout: Layout) -> String {
+    let source = Source::new().planes(layout).count("MEAN", MEAN).with(include_str!("shaders/bits.wgsl"));
+    source.actions().origins().formula(&CellAt).with(include_str!("shaders/densify_heirs.wgsl")).text()
+}
+
+/// Their numbers.
+pub(crate) fn densify_gather(layout: Layout) -> String {
+    let source = Source::new().count("PLANES", layout.plane_count()).origins();
+    source.with(include_str!("shaders/densify_gather.wgsl")).text()
+}
+
+/// Parts of what was split.
+pub(crate) fn densify_parts(layout: Layout) -> String {
+    let source = Source::new().real().planes(layout).count("MEAN", MEAN).count("LOG_SCALE", LOG_SCALE).origins();
+    source.formula(&PartOf { layout }).with(include_str!("shaders/densify_parts.wgsl")).text()
+}
+
+/// The limit of a plane.
+pub(crate) fn limit_plane(layout: Layout) -> String {
+    let source = Source::new().count("PLANES", layout.plane_count());
+    source.with(include_str!("shaders/limit_plane.wgsl")).text()
+}
+
+/// Numbers in a row.
+pub(crate) fn numbers() -> String {
+    Source::new().with(include_str!("shaders/numbers.wgsl")).text()
 }
