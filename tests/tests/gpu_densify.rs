@@ -77,7 +77,7 @@ impl HostScene {
         let gaussians = snapped(random_cloud(count, layout, seed));
         let numbers = |what: u64| (0..gaussians.values.len()).map(|index| draw(index, what)).collect();
         let moments = Moments { mean: numbers(1), square: numbers(2) };
-        let views = |index: usize| [0.0, 1.0, 2.0, 4.0][(4.0 * draw(index, 3)) as usize];
+        let views = |index: usize| [0.0_f32, 1.0, 2.0, 4.0][(4.0 * draw(index, 3)) as usize];
         let mean_grad = |index: usize| (32.0 * draw(index, 4)).floor() * GRAD_STEP;
         let grad_sum = (0..count).map(|index| mean_grad(index) * views(index).max(1.0)).collect();
         let statistics = Statistics { grad_sum, view_count: (0..count).map(views).collect() };
@@ -297,9 +297,9 @@ fn every_kind_of_fate_occurs() {
 #[test]
 fn densification_goes_on_from_what_it_left() {
     let Some(mut gpu) = executor() else { return };
-    let mut first = HostScene::new(3000, Layout::shaded(None), 5).upload(&mut gpu);
+    let mut first = HostScene::new(3000, Layout::shaded(Some(0)), 5).upload(&mut gpu);
     first.densify(&mut gpu, &RULES, UNLIMITED);
-    let fresh = HostScene::new(first.gaussians.count, Layout::shaded(None), 6).statistics;
+    let fresh = HostScene::new(first.gaussians.count, Layout::shaded(Some(0)), 6).statistics;
     let mut again = HostScene { statistics: fresh.clone(), ..first.download(&mut gpu) }.upload(&mut gpu);
     first.statistics = again_on_device(&mut gpu, &fresh);
     let reports = [first.densify(&mut gpu, &RULES, 4000), again.densify(&mut gpu, &RULES, 4000)];
@@ -334,7 +334,7 @@ fn the_comparison_of_scenes_can_fail() {
     };
     let moved = |place: usize, plane: usize, by: f32| {
         changed(&|scene| {
-            let number = scene.gaussians.get::<1>(place, plane).map(|x| x * (1.0 + by) + by);
+            let number = scene.gaussians.get::<1>(place, plane).map(|x| x + by * (1.0 + x.abs()));
             scene.gaussians.set(place, plane, number);
         })
     };
