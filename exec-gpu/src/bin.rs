@@ -9,8 +9,8 @@ use crate::{
     machine::Machine,
     memory::Array,
     project::Splats,
-    sort::{Pairs, numbers, scan, sort},
-    source,
+    sort::{Pairs, scan, sort},
+    source::{self, COLUMN},
     view::View,
 };
 use specula_core::camera::Camera;
@@ -35,51 +35,87 @@ impl Tiles {
 
 pub(crate) fn bin(machine: &mut Machine, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
     let view = View::new(camera, splats.count);
-    let order = depth_order(machine, splats)?;
-    let offsets = machine.take("offsets", splats.count + 1)?;
-    // Not yet known, and not yet written.
-    let nothing = machine.take("nothing", 1)?;
-    let none_yet = Pairs { keys: nothing, items: machine.take("nothing", 1)? };
-    let counting = bound(&view, splats, &order, &offsets, &none_yet);
-    machine.run("bin", "counts_in_order", &source::bin, &counting, Groups::For(splats.count + 1))?;
-    scan(machine, &offsets, splats.count + 1)?;
-    let count = machine.download_count(&offsets, splats.count)? as usize;
-
+    let ranges = machine.zeros("tiles", 2 * view.tile_count())?;
+    let measures = Measures::new(machine, splats)?;
+    let count = measures.intersections as usize;
     let emitted =
         Pairs { keys: machine.take("tiles of splats", count)?, items: machine.take("splats of tiles", count)? };
-    let emitting = bound(&view, splats, &order, &offsets, &emitted);
-    machine.run("bin", "emit", &source::bin, &emitting, Groups::For(splats.count))?;
+    if count == 0 {
+        return Ok(Tiles { ranges, gaussians: emitted.items, count });
+    }
+    let order = depth_order(machine, splats, &measures)?;
+    let offsets = machine.take("offsets", splats.count + 1)?;
+    let bound = [
+        Uniform(view.bytes()),
+        Of(&splats.splats),
+        Of(&order),
+        Of(&splats.tile_counts),
+        Of(&offsets),
+        Of(&emitted.keys),
+        Of(&emitted.items),
+    ];
+    machine.run("bin", "counts_in_order", &source::bin, &bound, Groups::For(splats.count + 1))?;
+    scan(machine, &offsets, splats.count + 1)?;
+    machine.run("bin", "emit", &source::bin, &bound, Groups::For(splats.count))?;
     let tile_bits = (view.tile_count() as u32).next_power_of_two().ilog2();
     let Pairs { keys, items } = sort(machine, emitted, count, tile_bits)?;
 
-    let ranges = machine.zeros("tiles", 2 * view.tile_count())?;
     let size = [count as u32];
     let bound = [Uniform(bytemuck::cast_slice(&size)), Of(&keys), Of(&ranges)];
     machine.run("ranges", "find_ranges", &source::ranges, &bound, Groups::For(count))?;
     Ok(Tiles { ranges, gaussians: items, count })
 }
 
-fn bound<'a>(
-    view: &'a View,
-    splats: &'a Splats,
-    order: &'a Array,
-    offsets: &'a Array,
-    emitted: &'a Pairs,
-) -> [crate::kernel::Bound<'a>; 7] {
-    [
-        Uniform(view.bytes()),
-        Of(&splats.splats),
-        Of(order),
-        Of(&splats.tile_counts),
-        Of(offsets),
-        Of(&emitted.keys),
-        Of(&emitted.items),
-    ]
+/// What must be known of splats before they are sorted.
+struct Measures {
+    /// Keys of the nearest depth and of the furthest.
+    nearest: u32,
+    furthest: u32,
+    /// How many pairs of a tile and a splat there are.
+    intersections: u32,
 }
 
-/// All Gaussians, front to back, ties in their order; behind them those that are not drawn.
-fn depth_order(machine: &mut Machine, splats: &Splats) -> Result<Array, GpuError> {
-    let items = numbers(machine, "numbers", splats.count)?;
-    let keys = machine.copy("depths", &splats.depth_keys)?;
-    Ok(sort(machine, Pairs { keys, items }, splats.count, u32::BITS)?.items)
+impl Measures {
+    fn new(machine: &mut Machine, splats: &Splats) -> Result<Self, GpuError> {
+        let measures = machine.upload("measures", &[u32::MAX, 0, 0])?;
+        // Written once it is known how.
+        let nothing = machine.take("nothing", 1)?;
+        let another = machine.take("nothing", 1)?;
+        let settings = [splats.count as u32, 0, 0];
+        let bound = [
+            Uniform(bytemuck::cast_slice(&settings)),
+            Of(&splats.depth_keys),
+            Of(&splats.tile_counts),
+            Of(&measures),
+            Of(&nothing),
+            Of(&another),
+        ];
+        let columns = splats.count.div_ceil(COLUMN);
+        machine.run("depths", "measure", &source::depths, &bound, Groups::For(columns))?;
+        let mut found = [0; 3];
+        machine.download_counts(&measures, &mut found)?;
+        let [nearest, furthest, intersections] = found;
+        Ok(Self { nearest, furthest, intersections })
+    }
+}
+
+/// All Gaussians, front to back, ties in their order; behind them those that are not drawn. Sorts by no more bits than
+/// their depths differ in.
+fn depth_order(machine: &mut Machine, splats: &Splats, measures: &Measures) -> Result<Array, GpuError> {
+    let count = splats.count;
+    let not_drawn = measures.furthest - measures.nearest + 1;
+    let pairs = Pairs { keys: machine.take("depths", count)?, items: machine.take("order", count)? };
+    // What was measured is not read again.
+    let nothing = machine.take("nothing", 3)?;
+    let settings = [count as u32, measures.nearest, not_drawn];
+    let bound = [
+        Uniform(bytemuck::cast_slice(&settings)),
+        Of(&splats.depth_keys),
+        Of(&splats.tile_counts),
+        Of(&nothing),
+        Of(&pairs.keys),
+        Of(&pairs.items),
+    ];
+    machine.run("depths", "shorten", &source::depths, &bound, Groups::For(count))?;
+    Ok(sort(machine, pairs, count, u32::BITS - not_drawn.leading_zeros())?.items)
 }

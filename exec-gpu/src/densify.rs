@@ -12,7 +12,7 @@ use crate::{
     memory::Array,
     project::Splats,
     sort::{Pairs, numbers, scan, sort},
-    source,
+    source::{self, COLUMN},
     view::View,
 };
 use bytemuck::{Pod, Zeroable};
@@ -222,7 +222,7 @@ impl Heirs {
         ];
         let (key, source) = (format!("{layout:?}"), || source::densify_heirs(layout));
         machine.run(&key, "mark", &source, &bound, Groups::For(old_count))?;
-        machine.run(&key, "find_bounds", &source, &bound, Groups::For(old_count))?;
+        machine.run(&key, "find_bounds", &source, &bound, Groups::For(old_count.div_ceil(COLUMN)))?;
         scan(machine, &places, 3 * old_count)?;
         machine.run(&key, "put_heirs", &source, &bound, Groups::For(old_count))?;
         let heirs = sort(machine, heirs, count, CODE_BITS)?.items;

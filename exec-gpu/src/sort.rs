@@ -8,13 +8,8 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
-    source::{self, SCAN_BLOCK, SORT_BLOCK},
+    source::{self, COLUMN, DIGIT_BITS, SCAN_BLOCK, SORT_GROUP},
 };
-
-/// Digits of a pass.
-const DIGITS: usize = 16;
-/// Bits of a digit.
-const DIGIT_BITS: u32 = DIGITS.ilog2();
 
 /// Replaces every number by the sum of those before it; `len` of them.
 pub(crate) fn scan(machine: &mut Machine, numbers: &Array, len: usize) -> Result<(), GpuError> {
@@ -48,11 +43,13 @@ pub(crate) struct Pairs {
 
 /// Sorts so many pairs by the lowest bits of their keys; equal keys stay in their order.
 pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u32) -> Result<Pairs, GpuError> {
-    let blocks = len.div_ceil(SORT_BLOCK);
-    let starts = machine.take("digits", DIGITS * blocks)?;
+    let columns = len.div_ceil(COLUMN);
+    let groups = Groups::Count(columns.div_ceil(SORT_GROUP));
+    let starts = machine.take("digits", columns << DIGIT_BITS)?;
     let mut other = Pairs { keys: machine.take("keys", len)?, items: machine.take("items", len)? };
-    for pass in 0..bits.div_ceil(DIGIT_BITS) {
-        let settings = [len as u32, pass * DIGIT_BITS, blocks as u32];
+    for shift in (0..bits).step_by(DIGIT_BITS as usize) {
+        let mask = (1 << DIGIT_BITS.min(bits - shift)) - 1;
+        let settings = [len as u32, columns as u32, shift, mask];
         let bound = [
             Uniform(bytemuck::cast_slice(&settings)),
             Of(&pairs.keys),
@@ -61,9 +58,9 @@ pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u3
             Of(&other.keys),
             Of(&other.items),
         ];
-        machine.run("sort", "count_digits", &source::sort, &bound, Groups::Count(blocks))?;
-        scan(machine, &starts, DIGITS * blocks)?;
-        machine.run("sort", "move_elements", &source::sort, &bound, Groups::Count(blocks))?;
+        machine.run("sort", "count_digits", &source::sort, &bound, groups)?;
+        scan(machine, &starts, columns << DIGIT_BITS)?;
+        machine.run("sort", "move_elements", &source::sort, &bound, groups)?;
         (pairs, other) = (other, pairs);
     }
     Ok(pairs)
@@ -93,7 +90,7 @@ mod tests {
     #[test]
     fn sums_are_those_of_all_numbers_before() {
         let Some(mut machine) = machine() else { return };
-        for len in [0, 1, 255, 1024, 1025, 300_000, 1_100_000] {
+        for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
             let own = random_numbers(len, 10);
             let array = machine.upload("numbers", &own).expect("numbers fit");
             scan(&mut machine, &array, len).expect("the device adds");
@@ -111,7 +108,7 @@ mod tests {
     fn pairs_are_sorted_and_equal_keys_stay_in_their_order() {
         let Some(mut machine) = machine() else { return };
         for bits in [1, 5, 12, 13, 24, 30, 32] {
-            for len in [0, 1, 17, 2047, 2048, 5000, 100_000] {
+            for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
                 sorts_as_the_host(&mut machine, &random_numbers(len, bits), bits);
                 sorts_as_the_host(&mut machine, &vec![(1 << (bits - 1)) - 1; len], bits);
             }
@@ -136,39 +133,5 @@ mod tests {
         order.sort_by_key(|item| keys[*item as usize] & low);
         assert!(own[1] == order, "{len} items by {bits} bits");
         assert!(own[0].iter().zip(&order).all(|(key, item)| *key == keys[*item as usize]), "keys go with their items");
-    }
-
-    #[test]
-    #[ignore = "a measurement"]
-    fn bench() {
-        let Some(mut machine) = machine() else { return };
-        for (len, bits) in [(400_000, 12), (100_000, 32), (100_000, 24), (5000, 12)] {
-            let keys = random_numbers(len, bits);
-            let keys = machine.upload("keys", &keys).expect("keys fit");
-            let items = numbers(&mut machine, "items", len).expect("items fit");
-            let mut times = Vec::new();
-            for _ in 0..12 {
-                let keys = machine.copy("keys", &keys).unwrap();
-                let items = machine.copy("keys", &items).unwrap();
-                machine.download_counts(&items, &mut [0]).unwrap();
-                let start = std::time::Instant::now();
-                let sorted = sort(&mut machine, Pairs { keys, items }, len, bits).unwrap();
-                machine.download_counts(&sorted.items, &mut [0]).unwrap();
-                times.push(start.elapsed().as_secs_f64() * 1e3);
-            }
-            times.sort_by(f64::total_cmp);
-            println!("sort {len} by {bits}: {:.2} ms, median {:.2}", times[0], times[6]);
-        }
-        let array = machine.zeros("numbers", 400_000).unwrap();
-        let mut times = Vec::new();
-        for _ in 0..12 {
-            machine.download_counts(&array, &mut [0]).unwrap();
-            let start = std::time::Instant::now();
-            scan(&mut machine, &array, 400_000).unwrap();
-            machine.download_counts(&array, &mut [0]).unwrap();
-            times.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        times.sort_by(f64::total_cmp);
-        println!("scan 400000: {:.2} ms, median {:.2}", times[0], times[6]);
     }
 }

@@ -24,9 +24,13 @@ use specula_core::{
 };
 
 /// Numbers that a workgroup sums up at once.
-pub(crate) const SCAN_BLOCK: usize = 1024;
-/// Elements that a workgroup sorts at once.
-pub(crate) const SORT_BLOCK: usize = 2048;
+pub(crate) const SCAN_BLOCK: usize = 4096;
+/// Elements that one invocation goes through where each on its own would be too little to do.
+pub(crate) const COLUMN: usize = 64;
+/// Invocations of a workgroup that sorts: their counters take a quarter of its memory.
+pub(crate) const SORT_GROUP: usize = 64;
+/// Bits of a key that are sorted by at once.
+pub(crate) const DIGIT_BITS: u32 = 4;
 /// The key of a Gaussian that is not drawn: behind every depth.
 pub(crate) const NOT_DRAWN: u32 = u32::MAX;
 
@@ -52,7 +56,7 @@ impl Source {
         count("BLOCK", BLOCK as u32);
         count("GROUP", GROUP);
         count("SCAN_BLOCK", SCAN_BLOCK as u32);
-        count("SORT_BLOCK", SORT_BLOCK as u32);
+        count("COLUMN", COLUMN as u32);
         count("NOT_DRAWN", NOT_DRAWN);
         Self(text).with(include_str!("shaders/index.wgsl"))
     }
@@ -146,7 +150,13 @@ pub(crate) fn scan() -> String {
 
 /// Sorting.
 pub(crate) fn sort() -> String {
-    Source::new().with(include_str!("shaders/sort.wgsl")).text()
+    let source = Source::new().count("SORT_GROUP", SORT_GROUP).count("DIGIT_BITS", DIGIT_BITS as usize);
+    source.with(include_str!("shaders/sort.wgsl")).text()
+}
+
+/// Depths as keys.
+pub(crate) fn depths() -> String {
+    Source::new().with(include_str!("shaders/depths.wgsl")).text()
 }
 
 /// Splats to tiles.

@@ -18,7 +18,6 @@ struct Size {
 @group(0) @binding(7) var<storage, read_write> split_parents: array<u32>;
 
 var<private> gaussian: u32;
-var<workgroup> own_bounds: array<atomic<u32>, 6>;
 
 @compute @workgroup_size(GROUP)
 fn mark(
@@ -36,31 +35,30 @@ fn mark(
     places[2u * size.count + gaussian] = select(0u, 1u, action == SPLIT);
 }
 
-// The box around all means; coordinates that are not finite count for nothing.
+// The box around all means; coordinates that are not finite count for nothing. One invocation for a column.
 @compute @workgroup_size(GROUP)
 fn find_bounds(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    gaussian = linear_index(group, groups, local);
-    if local < 6u {
-        atomicStore(&own_bounds[local], atomicLoad(&bounds[local]));
+    let first = linear_index(group, groups, local) * COLUMN;
+    let end = min(first + COLUMN, size.count);
+    if first >= end {
+        return;
     }
-    workgroupBarrier();
-    if gaussian < size.count {
-        for (var axis = 0u; axis < 3u; axis++) {
+    for (var axis = 0u; axis < 3u; axis++) {
+        var low = 0xffffffffu;
+        var high = 0u;
+        for (gaussian = first; gaussian < end; gaussian++) {
             let x = plane(MEAN + axis);
             if is_finite(x) {
-                atomicMin(&own_bounds[axis], ordered_bits(x));
-                atomicMax(&own_bounds[3u + axis], ordered_bits(x));
+                low = min(low, ordered_bits(x));
+                high = max(high, ordered_bits(x));
             }
         }
-    }
-    workgroupBarrier();
-    if local < 3u {
-        atomicMin(&bounds[local], atomicLoad(&own_bounds[local]));
-        atomicMax(&bounds[3u + local], atomicLoad(&own_bounds[3u + local]));
+        atomicMin(&bounds[axis], low);
+        atomicMax(&bounds[3u + axis], high);
     }
 }
 
