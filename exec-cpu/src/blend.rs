@@ -2,7 +2,7 @@
 
 use crate::{
     bin::Tiles,
-    buffer::Buffer,
+    buffer::{Buffer, Pool},
     frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
@@ -37,7 +37,17 @@ pub struct SplatGrads {
 pub(crate) const GEOMETRY: usize = 6;
 
 impl SplatGrads {
-    /// All planes, block by block.
+    /// Gradients with so many channels, as [`SplatGrads::values`] gives them.
+    pub fn of_values(channels: usize, values: &[f32]) -> Self {
+        let mut own = Pool::default().take(values.len());
+        own.copy_from_slice(values);
+        Self { channels, values: own }
+    }
+    /// How many channels there are.
+    pub fn channel_count(&self) -> usize {
+        self.channels
+    }
+    /// All numbers: block by block, plane by plane.
     pub fn values(&self) -> &[f32] {
         &self.values
     }

@@ -134,6 +134,39 @@ impl Frame {
         });
     }
 
+    /// The gradient of this picture from its planes, as [`Self::read`] gives those of the picture.
+    pub fn grad(&self, planes: &[f32]) -> FrameGrad {
+        let mut values = self.blended.clone();
+        values.fill([0.0; BLOCK]);
+        self.each_pixel(|plane, pixel, place, lane| {
+            values[place][lane] = planes[plane * self.width * self.height + pixel]
+        });
+        FrameGrad { channels: self.channels, values }
+    }
+    /// The planes of this picture's gradient; zeros where no splat is near.
+    pub fn read_grad(&self, grad: &FrameGrad, planes: &mut [f32]) {
+        planes.fill(0.0);
+        self.each_pixel(|plane, pixel, place, lane| {
+            planes[plane * self.width * self.height + pixel] = grad.values[place][lane];
+        });
+    }
+    /// Visits the planes of each pixel of a covered tile: plane, number of the pixel, quad among those of all tiles, lane.
+    fn each_pixel(&self, mut visit: impl FnMut(usize, usize, usize, usize)) {
+        for slot in 0..self.cover.tiles.len() {
+            let [column, row] = self.cover.place(slot);
+            for (quad, lane) in (0..QUADS).flat_map(|quad| (0..BLOCK).map(move |lane| (quad, lane))) {
+                let [x, y] = quad_origin(quad);
+                let (x, y) = (column * SIZE + x + lane % QUAD, row * SIZE + y + lane / QUAD);
+                if x < self.width && y < self.height {
+                    for plane in 0..=self.channels {
+                        let place = slot * tile_len(self.channels) + at(self.channels, quad, plane);
+                        visit(plane, y * self.width + x, place, lane);
+                    }
+                }
+            }
+        }
+    }
+
     fn read_rows(&self, channel: usize, tile_row: usize, rows: &mut [f32]) {
         for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
             let [column, _] = self.cover.place(slot);

@@ -30,6 +30,13 @@ pub struct LightGrad {
     pub(crate) texels: Buffer<Texel>,
 }
 
+impl LightGrad {
+    /// The gradient of each texel, in the order of [`Light::texels`].
+    pub fn texels(&self) -> &[Texel] {
+        &self.texels
+    }
+}
+
 impl Light {
     /// The levels.
     pub fn levels(&self) -> &[Level] {
@@ -44,6 +51,16 @@ impl Light {
     #[inline(always)]
     pub(crate) fn offsets(&self) -> &[usize] {
         self.operator.offsets()
+    }
+    /// All levels, one after the other, each with its apron; then the irradiance map, if there is one.
+    pub fn texels(&self) -> &[Texel] {
+        &self.texels
+    }
+    /// The gradient of this light from that of its texels.
+    pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {
+        let mut texels = self.texels.clone();
+        texels.copy_from_slice(of_texels);
+        LightGrad { texels }
     }
     /// Filters an environment. The operator fits its resolution.
     pub(crate) fn new(machine: &Machine, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {

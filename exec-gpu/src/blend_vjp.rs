@@ -1,12 +1,42 @@
 //! The gradient of blending.
+//!
+//! Every splat of every tile has a slot for its sums over the tile's pixels, at the number that it was emitted with, so
+//! that a Gaussian's slots lie side by side. Where there are more than an array holds, emissions take turns; every
+//! Gaussian adds its slots in the same order, however many turns there are.
 
 use crate::{
-    bin::Tiles, blend::Frame, device::GpuError, machine::Machine, memory::Array, project::Splats, shade::Colors,
+    bin::Tiles,
+    blend::Frame,
+    device::GpuError,
+    executor::GpuExecutor,
+    formulas::blend_vjp::{MOMENTS, PixelBlock},
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    machine::Machine,
+    memory::Array,
+    project::Splats,
+    shade::Colors,
+    source,
+    view::View,
 };
-use specula_core::camera::Camera;
+use specula_core::{bin::TILE_SIZE, camera::Camera, executor::Renderer, scene::BLOCK};
 
 /// Numbers of a splat's gradient before those of its channels: mean2d (2), root of the conic (3), opacity (1).
 pub(crate) const GEOMETRY: usize = 6;
+
+/// The pixels of an invocation: the more there are, the fewer sums go through the workgroup's memory.
+pub(crate) const PIXELS: PixelBlock = PixelBlock { width: 2, height: 2 };
+
+/// Memory of a workgroup that is left for sums, in numbers, by the limits of WebGPU.
+const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
+
+/// Splats whose sums go through the workgroup's memory at once.
+pub(crate) const fn splats_at_once(channels: usize) -> usize {
+    let invocations = (TILE_SIZE * TILE_SIZE) as usize / PIXELS.count();
+    SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))
+}
 
 /// Gradient of a [`Frame`], plane by plane: what is blended, then the transmittance.
 #[derive(Debug)]
@@ -23,14 +53,116 @@ pub struct SplatGrads {
     pub(crate) values: Array,
 }
 
+impl FrameGrad {
+    /// A gradient of so many channels, which lie as [`FrameGrad`] says.
+    pub fn new(size: [usize; 2], channels: usize, values: Array) -> Self {
+        Self { size, channels, values }
+    }
+}
+
+impl SplatGrads {
+    /// Gradients with so many channels, which lie as [`SplatGrads`] says.
+    pub fn new(channels: usize, values: Array) -> Self {
+        Self { channels, values }
+    }
+}
+
+impl GpuExecutor {
+    /// Keeps the gradients of at most so many splats of tiles at once. Results do not depend on it.
+    pub fn limit_slots(&mut self, slots_max: usize) {
+        self.machine.slots_max = slots_max.max(1);
+    }
+
+    /// Gradients of splats on the host, as [`SplatGrads`] lie.
+    pub fn read_splat_grads(&mut self, grads: &SplatGrads) -> Result<Vec<f32>, GpuError> {
+        let mut values = vec![0.0; grads.values.len()];
+        self.download(&grads.values, &mut values)?;
+        Ok(values)
+    }
+}
+
 pub(crate) fn blend_vjp(
-    _machine: &mut Machine,
-    _splats: &Splats,
-    _colors: &Colors,
-    _tiles: &Tiles,
-    _frame: &Frame,
-    _grad: &FrameGrad,
-    _camera: &Camera,
+    machine: &mut Machine,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+    camera: &Camera,
 ) -> Result<SplatGrads, GpuError> {
-    unimplemented!()
+    let channels = colors.channels;
+    debug_assert_eq!((grad.size, grad.channels), (frame.size, channels), "gradients are of what was blended");
+    let slot = GEOMETRY + channels;
+    let sums = machine.take("gradients of splats", splats.count.next_multiple_of(BLOCK) * slot)?;
+    let slots_at_once = machine.slots_max.min((machine.gpu.binding_max() / 4) as usize / slot);
+    let slots = machine.take("gradients of splats in tiles", tiles.count.min(slots_at_once) * slot)?;
+    let way = Way { splats, colors, tiles, frame, grad, slots, sums, view: View::new(camera, splats.count) };
+    // At least once, so that all sums are written.
+    for first in (0..tiles.count.max(1)).step_by(slots_at_once) {
+        way.run_batch(machine, [first, (first + slots_at_once).min(tiles.count)])?;
+    }
+    way.finish(machine)?;
+    Ok(SplatGrads { channels, values: way.sums })
+}
+
+/// What the way back reads and writes.
+struct Way<'a> {
+    splats: &'a Splats,
+    colors: &'a Colors,
+    tiles: &'a Tiles,
+    frame: &'a Frame,
+    grad: &'a FrameGrad,
+    slots: Array,
+    sums: Array,
+    view: View,
+}
+
+impl Way<'_> {
+    /// Emissions from the first to before the last: to their slots, and from there to the sums.
+    fn run_batch(&self, machine: &mut Machine, batch: [usize; 2]) -> Result<(), GpuError> {
+        let batch = batch.map(|emission| emission as u32);
+        let channels = self.colors.channels;
+        let bound = [
+            Uniform(self.view.bytes()),
+            Uniform(bytemuck::cast_slice(&batch)),
+            Of(&self.splats.splats),
+            Of(&self.colors.values),
+            Of(&self.tiles.ranges),
+            Of(&self.tiles.gaussians),
+            Of(&self.tiles.emissions),
+            Of(&self.frame.blended),
+            Of(&self.grad.values),
+            Of(&self.slots),
+        ];
+        let key = format!("{channels} channels");
+        machine.run(&key, "blend_vjp", &|| source::blend_vjp(channels), &bound, Groups::Grid(self.view.tiles()))?;
+        let lanes = self.splats.count.next_multiple_of(BLOCK);
+        self.run_slots(machine, "sum_slots", batch, lanes * (GEOMETRY + channels))
+    }
+
+    /// From moments to gradients, once all sums are there.
+    fn finish(&self, machine: &mut Machine) -> Result<(), GpuError> {
+        self.run_slots(machine, "finish_splats", [0; 2], self.splats.count)
+    }
+
+    fn run_slots(
+        &self,
+        machine: &mut Machine,
+        entry: &'static str,
+        batch: [u32; 2],
+        invocations: usize,
+    ) -> Result<(), GpuError> {
+        let channels = self.colors.channels;
+        let bound = [
+            Uniform(self.view.bytes()),
+            Uniform(bytemuck::cast_slice(&batch)),
+            Of(&self.splats.splats),
+            Of(&self.tiles.order),
+            Of(&self.tiles.offsets),
+            Of(&self.slots),
+            Of(&self.sums),
+        ];
+        let key = format!("{channels} channels");
+        machine.run(&key, entry, &|| source::slots(channels), &bound, Groups::For(invocations))
+    }
 }

@@ -3,7 +3,6 @@
 use crate::{
     blend_vjp::SplatGrads,
     device::GpuError,
-    executor::GpuExecutor,
     kernel::{
         Bound::{Array as Of, Uniform},
         Groups,
@@ -43,13 +42,6 @@ pub(crate) fn observe(
     ];
     let source = || source::observe(channels);
     machine.run(&channels.to_string(), "observe", &source, &bound, Groups::For(splats.count))
-}
-
-impl GpuExecutor {
-    /// Gradients of splats and so many channels from the host, laid out as [`SplatGrads`] are.
-    pub fn upload_splat_grads(&mut self, channels: usize, values: &[f32]) -> Result<SplatGrads, GpuError> {
-        Ok(SplatGrads { channels, values: self.machine.upload("gradients", values)? })
-    }
 }
 
 /// Clones, splits and prunes, and brings Gaussians into the order of space.

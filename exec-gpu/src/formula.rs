@@ -15,14 +15,14 @@ pub struct Field {
     pub place: Place,
 }
 
-/// Where the numbers of a parameter come from.
+/// Where the numbers of a parameter come from, or those of a result go to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// An argument of the function.
+    /// An argument of the function, or what it returns.
     Argument,
     /// A variable of the shader.
     Variable,
-    /// A function of the shader, called with the number's index.
+    /// A function of the shader, called with the number's index, and with the number itself if it is a result.
     Call,
 }
 
@@ -34,7 +34,7 @@ pub fn field(name: &str, len: usize) -> Field {
 pub fn variable(name: &str, len: usize) -> Field {
     Field { name: name.to_owned(), len, place: Place::Variable }
 }
-/// Numbers that a function of the shader gives, one by one.
+/// Numbers that a function of the shader gives or takes, one by one.
 pub fn call(name: &str, len: usize) -> Field {
     Field { name: name.to_owned(), len, place: Place::Call }
 }
@@ -105,38 +105,75 @@ fn numbers_of(field: &Field) -> impl Iterator<Item = String> + '_ {
     })
 }
 
-/// The formula as a function of WGSL. More than one result make a structure, named as the function with a capital.
+/// The formula as a function of WGSL. More than one result that it returns make a structure, named as the function with
+/// a capital.
 pub fn function(formula: &impl Formula) -> String {
     let (name, parameters, results) = (formula.name(), formula.parameters(), formula.results());
     let inputs: Vec<String> = parameters.iter().flat_map(numbers_of).collect();
-    let (statements, numbers) = trace(&inputs, |numbers| formula.evaluate(&mut Inputs::new(numbers)));
+    let (mut statements, numbers) = trace(&inputs, |numbers| formula.evaluate(&mut Inputs::new(numbers)));
     assert_eq!(numbers.len(), results.iter().map(|field| field.len).sum::<usize>(), "{name} gives what it says");
 
     let mut numbers = numbers.into_iter();
-    let values: Vec<String> = results
-        .iter()
-        .map(|field| {
-            let numbers: Vec<String> = numbers.by_ref().take(field.len).collect();
-            if field.len == 1 { numbers.concat() } else { format!("{}({})", type_of(field.len), numbers.join(", ")) }
-        })
-        .collect();
+    let mut returned = Vec::new();
+    for field in &results {
+        let numbers: Vec<String> = numbers.by_ref().take(field.len).collect();
+        match field.place {
+            Place::Argument => returned.push((field, value_of(&numbers))),
+            Place::Variable => push(&mut statements, &format!("{} = {};", field.name, value_of(&numbers))),
+            Place::Call => {
+                numbers.iter().enumerate().for_each(|(k, number)| {
+                    push(&mut statements, &format!("{}({k}u, {number});", field.name));
+                });
+            }
+        }
+    }
     let arguments = parameters.iter().filter(|field| field.place == Place::Argument);
     let arguments: Vec<String> = arguments.map(|field| format!("{}: {}", field.name, type_of(field.len))).collect();
+    let Returned { declared, kind, statement } = Returned::new(&name, &returned);
+    format!("{declared}fn {name}({}){kind} {{\n{statements}{statement}}}\n", arguments.join(", "))
+}
 
-    let mut text = String::new();
-    let (result_type, value) = match (&results[..], &values[..]) {
-        ([only], [value]) => (type_of(only.len), value.clone()),
-        _ => {
-            let structure = capitalized(&name);
-            writeln!(text, "struct {structure} {{").expect("strings take everything");
-            for field in &results {
-                writeln!(text, "    {}: {},", field.name, type_of(field.len)).expect("strings take everything");
+fn push(statements: &mut String, statement: &str) {
+    writeln!(statements, "    {statement}").expect("strings take everything");
+}
+
+/// The expression of these numbers as one value.
+fn value_of(numbers: &[String]) -> String {
+    match numbers {
+        [only] => only.clone(),
+        _ => format!("{}({})", type_of(numbers.len()), numbers.join(", ")),
+    }
+}
+
+/// What a function returns.
+struct Returned {
+    /// The structure that it returns, if it does.
+    declared: String,
+    /// As it follows the arguments.
+    kind: String,
+    statement: String,
+}
+
+impl Returned {
+    fn new(name: &str, results: &[(&Field, String)]) -> Self {
+        let returned = |declared: String, kind: &str, value: &str| Self {
+            declared,
+            kind: format!(" -> {kind}"),
+            statement: format!("    return {value};\n"),
+        };
+        match results {
+            [] => Self { declared: String::new(), kind: String::new(), statement: String::new() },
+            [(only, value)] => returned(String::new(), &type_of(only.len), value),
+            _ => {
+                let structure = capitalized(name);
+                let member = |field: &Field| format!("    {}: {},\n", field.name, type_of(field.len));
+                let members: String = results.iter().map(|(field, _)| member(field)).collect();
+                let values: Vec<&str> = results.iter().map(|(_, value)| value.as_str()).collect();
+                let declared = format!("struct {structure} {{\n{members}}}\n");
+                returned(declared, &structure, &format!("{structure}({})", values.join(", ")))
             }
-            text.push_str("}\n");
-            (structure.clone(), format!("{structure}({})", values.join(", ")))
         }
-    };
-    text + &format!("fn {name}({}) -> {result_type} {{\n{statements}    return {value};\n}}\n", arguments.join(", "))
+    }
 }
 
 /// The name of a structure: `splat_of` becomes `SplatOf`.
@@ -181,5 +218,30 @@ mod tests {
             let v8 = -v1;\n    let v9 = -v2;\n    let v10 = v3 + v6;\n    \
             return MirrorIt(vec3f(v7, v8, v9), v10);\n}\n";
         assert_eq!(function(&Example), expected);
+    }
+
+    struct Stored;
+
+    impl Formula for Stored {
+        fn name(&self) -> String {
+            "store_it".to_owned()
+        }
+        fn parameters(&self) -> Vec<Field> {
+            vec![field("x", 1)]
+        }
+        fn results(&self) -> Vec<Field> {
+            vec![variable("state", 2), call("put", 2)]
+        }
+        fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
+            let x = inputs.number();
+            vec![x, -x, x + x, x.constant(2.0)]
+        }
+    }
+
+    #[test]
+    fn results_go_to_variables_and_functions_of_the_shader() {
+        let expected = "fn store_it(x: f32) {\n    let v0 = x;\n    let v1 = -v0;\n    let v2 = v0 + v0;\n    \
+            state = vec2f(v0, v1);\n    put(0u, v2);\n    put(1u, 2.0f);\n}\n";
+        assert_eq!(function(&Stored), expected);
     }
 }

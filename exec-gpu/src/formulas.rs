@@ -1,6 +1,10 @@
 //! The formulas that kernels use, each with its parameters and results in WGSL.
 
+pub mod blend_vjp;
 pub mod densify;
+pub mod gaussians_vjp;
+pub mod light;
+pub mod optimise;
 
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{

@@ -15,6 +15,7 @@ pub mod formula;
 pub mod formulas;
 mod gaussians_vjp;
 mod kernel;
+mod light_sums;
 pub mod loss;
 mod machine;
 pub mod memory;

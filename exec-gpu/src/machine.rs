@@ -11,13 +11,15 @@ use bytemuck::Pod;
 #[derive(Debug)]
 pub(crate) struct Machine {
     pub(crate) gpu: Gpu,
+    /// Most splats of tiles whose gradients are kept at once, if not as many as an array holds.
+    pub(crate) slots_max: usize,
     pool: Pool,
     kernels: Kernels,
 }
 
 impl Machine {
     pub(crate) fn new(gpu: Gpu) -> Self {
-        Self { gpu, pool: Pool::default(), kernels: Kernels::default() }
+        Self { gpu, slots_max: usize::MAX, pool: Pool::default(), kernels: Kernels::default() }
     }
 
     /// An array of so many numbers, whatever they are.
@@ -38,14 +40,6 @@ impl Machine {
         let array = self.take(what, bytes.len().div_ceil(4))?;
         write(&self.gpu, self.kernels.encoder(&self.gpu), &array, bytes)?;
         Ok(array)
-    }
-
-    /// A copy of an array.
-    pub(crate) fn copy(&mut self, what: &'static str, array: &Array) -> Result<Array, GpuError> {
-        let copy = self.take(what, array.len())?;
-        let size = Some(4 * array.len() as u64);
-        self.kernels.encoder(&self.gpu).copy_buffer_to_buffer(array.buffer(), 0, copy.buffer(), 0, size);
-        Ok(copy)
     }
 
     /// Some numbers of an array, from `first` on. Waits for the device.

@@ -1,30 +1,95 @@
 //! Adam.
 
-use crate::{device::GpuError, machine::Machine, memory::Array};
+use crate::{
+    device::GpuError,
+    kernel::{
+        Bound::{Array as Of, Uniform},
+        Groups,
+    },
+    machine::Machine,
+    memory::Array,
+    source,
+};
+use bytemuck::{Pod, Zeroable};
 use specula_core::{
     executor::Moments,
-    scene::{Environment, Gaussians},
+    optimise::{corrected_epsilon, corrected_rate},
+    scene::{Environment, Gaussians, RadianceActivation},
 };
 
+/// `StepSize` of `optimise.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct StepSize {
+    count: u32,
+    planes: u32,
+    epsilon: f32,
+    is_limited: u32,
+    value_max: f32,
+    padding: [u32; 3],
+}
+
 pub(crate) fn optimise(
-    _machine: &mut Machine,
-    _gaussians: &mut Gaussians<Array>,
-    _moments: &mut Moments<Array>,
-    _grad: &Gaussians<Array>,
-    _rates: &[f32],
-    _step: u32,
+    machine: &mut Machine,
+    gaussians: &mut Gaussians<Array>,
+    moments: &mut Moments<Array>,
+    grad: &Gaussians<Array>,
+    rates: &[f32],
+    step: u32,
 ) -> Result<usize, GpuError> {
-    unimplemented!()
+    adam(machine, &gaussians.values, moments, &grad.values, &Pace { rates, step, value_max: None })
 }
 
 pub(crate) fn optimise_environment(
-    _machine: &mut Machine,
-    _environment: &mut Environment<Array>,
-    _moments: &mut Moments<Array>,
-    _grad: &Array,
-    _rate: f32,
-    _radiance_max: f32,
-    _step: u32,
+    machine: &mut Machine,
+    environment: &mut Environment<Array>,
+    moments: &mut Moments<Array>,
+    grad: &Array,
+    rate: f32,
+    radiance_max: f32,
+    step: u32,
 ) -> Result<usize, GpuError> {
-    unimplemented!()
+    let value_max = (environment.activation == RadianceActivation::Identity).then_some(radiance_max);
+    adam(machine, &environment.values, moments, grad, &Pace { rates: &[rate], step, value_max })
+}
+
+/// How far a step goes.
+struct Pace<'a> {
+    /// Learning rate of every plane.
+    rates: &'a [f32],
+    /// Number of the step, from 1.
+    step: u32,
+    /// Where values stay between zero and a limit, the limit.
+    value_max: Option<f32>,
+}
+
+fn adam(
+    machine: &mut Machine,
+    values: &Array,
+    moments: &mut Moments<Array>,
+    grad: &Array,
+    pace: &Pace<'_>,
+) -> Result<usize, GpuError> {
+    let rates: Vec<f32> = pace.rates.iter().map(|rate| corrected_rate(*rate, pace.step)).collect();
+    let rates = machine.upload("learning rates", &rates)?;
+    let nonfinite = machine.zeros("a count", 1)?;
+    let size = StepSize {
+        count: values.len() as u32,
+        planes: pace.rates.len() as u32,
+        epsilon: corrected_epsilon(pace.step),
+        is_limited: u32::from(pace.value_max.is_some()),
+        value_max: pace.value_max.unwrap_or_default(),
+        padding: [0; 3],
+    };
+    let bound = [
+        Uniform(bytemuck::bytes_of(&size)),
+        Of(&rates),
+        Of(grad),
+        Of(values),
+        Of(&moments.mean),
+        Of(&moments.square),
+        Of(&nonfinite),
+    ];
+    machine.run("optimise", "optimise", &source::optimise, &bound, Groups::For(values.len()))?;
+    Ok(machine.download_count(&nonfinite, 0)? as usize)
 }

@@ -2,6 +2,7 @@
 
 use crate::{
     device::GpuError,
+    executor::GpuExecutor,
     formulas::LevelOf,
     kernel::{
         Bound::{Array as Of, Uniform},
@@ -12,14 +13,15 @@ use crate::{
     source::{self, LightLayout},
 };
 use specula_core::{
+    cubemap::FACE_COUNT,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
 use specula_prefilter::{Operator, SPLIT_SUM, sparse::Sparse};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Numbers of a texel: red, green, blue and nothing.
-const TEXEL_LEN: usize = 4;
+pub(crate) const TEXEL_LEN: usize = 4;
 
 /// A light filtered into levels.
 #[derive(Debug)]
@@ -29,6 +31,8 @@ pub struct Light {
     pub(crate) texels: Array,
     /// The split-sum table of the authors' shading; one entry in other schemes.
     pub(crate) split_sum: Array,
+    /// What they were filtered with.
+    weights: Arc<Weights>,
 }
 
 /// Gradient of a [`Light`], texel by texel.
@@ -48,6 +52,27 @@ pub(crate) struct Weights {
     reductions: Vec<Matrix>,
     rows: Matrix,
     aprons: Matrix,
+    /// The way back, once a gradient has been asked for.
+    transposed: OnceLock<Transposed>,
+}
+
+/// The transposed matrices of a prefilter.
+#[derive(Debug)]
+struct Transposed {
+    reductions: Vec<Matrix>,
+    rows: Matrix,
+    aprons: Matrix,
+}
+
+/// What becomes of a matrix's product.
+#[derive(Clone, Copy, Debug)]
+enum Out<'a> {
+    /// It goes to the texels from some place on.
+    Texels(usize),
+    /// It is added to them.
+    AddedTexels(usize),
+    /// It goes to another array.
+    Other(&'a Array),
 }
 
 /// A sparse matrix on the device.
@@ -70,25 +95,23 @@ impl Matrix {
         })
     }
 
-    /// Its product with the texels from `source` on; within `texels` from `out` on, or, if there are, to `padded`.
-    fn apply(
-        &self,
-        machine: &mut Machine,
-        texels: &Array,
-        [source, out]: [usize; 2],
-        padded: Option<&Array>,
-    ) -> Result<(), GpuError> {
-        let settings = [self.row_count as u32, source as u32, out as u32];
+    /// Its product with the texels from `source` on.
+    fn apply(&self, machine: &mut Machine, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
         let none = machine.take("nothing", TEXEL_LEN)?;
+        let (entry, first, other) = match out {
+            Out::Texels(first) => ("filter_texels", first, &none),
+            Out::AddedTexels(first) => ("add_filtered_texels", first, &none),
+            Out::Other(array) => ("pad_texels", 0, array),
+        };
+        let settings = [self.row_count as u32, source as u32, first as u32];
         let bound = [
             Uniform(bytemuck::cast_slice(&settings)),
             Of(&self.starts),
             Of(&self.columns),
             Of(&self.weights),
             Of(texels),
-            Of(padded.unwrap_or(&none)),
+            Of(other),
         ];
-        let entry = if padded.is_some() { "pad_texels" } else { "filter_texels" };
         machine.run("prefilter", entry, &source::prefilter, &bound, Groups::For(self.row_count))
     }
 }
@@ -106,7 +129,16 @@ impl Weights {
             rows: Matrix::new(machine, &rows.forward)?,
             aprons: Matrix::new(machine, &operator.aprons().forward)?,
             operator,
+            transposed: OnceLock::new(),
         }))
+    }
+
+    fn transposed(&self, machine: &mut Machine) -> Result<&Transposed, GpuError> {
+        if let Some(transposed) = self.transposed.get() {
+            return Ok(transposed);
+        }
+        let transposed = Transposed::new(machine, &self.operator)?;
+        Ok(self.transposed.get_or_init(|| transposed))
     }
 
     fn layout(&self) -> LightLayout {
@@ -120,36 +152,95 @@ impl Weights {
     }
 }
 
+impl Transposed {
+    fn new(machine: &mut Machine, operator: &Operator) -> Result<Self, GpuError> {
+        let resolution = operator.base_resolution();
+        let rows = operator.rows().ok_or(GpuError::LightTooLarge { resolution })?;
+        let reductions: Result<Vec<Matrix>, GpuError> =
+            operator.reductions().map(|(_, reduction)| Matrix::new(machine, &reduction.transposed)).collect();
+        Ok(Self {
+            reductions: reductions?,
+            rows: Matrix::new(machine, &rows.transposed)?,
+            aprons: Matrix::new(machine, &operator.aprons().transposed)?,
+        })
+    }
+}
+
 pub(crate) fn prefilter(
     machine: &mut Machine,
-    weights: &Weights,
+    weights: &Arc<Weights>,
     environment: &Environment<Array>,
 ) -> Result<Light, GpuError> {
     let operator = &weights.operator;
-    let texel_count = 6 * environment.resolution * environment.resolution;
+    let texel_count = texel_count(environment);
     let nodes = machine.take("texels of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
-    let is_exponential = environment.activation == RadianceActivation::Exponential;
-    let settings = [texel_count as u32, u32::from(is_exponential)];
+    let settings = base_of(environment);
     let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes)];
     machine.run("activate", "activate_texels", &source::activate, &bound, Groups::For(texel_count))?;
-    for ((places, _), matrix) in operator.reductions().zip(&weights.reductions) {
-        matrix.apply(machine, &nodes, places, None)?;
+    for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.reductions) {
+        matrix.apply(machine, &nodes, fine, Out::Texels(coarse))?;
     }
-    weights.rows.apply(machine, &nodes, [0, operator.node_count()], None)?;
+    weights.rows.apply(machine, &nodes, 0, Out::Texels(operator.node_count()))?;
     let texels = machine.take("levels of a light", TEXEL_LEN * operator.padded_count())?;
-    weights.aprons.apply(machine, &nodes, [0, 0], Some(&texels))?;
+    weights.aprons.apply(machine, &nodes, 0, Out::Other(&texels))?;
     let split_sum = match weights.key.0 {
         PrefilterScheme::Official => machine.upload("split sums", &SPLIT_SUM)?,
         PrefilterScheme::Exact => machine.upload("split sums", &[[0.0_f32; 2]])?,
     };
-    Ok(Light { layout: weights.layout(), texels, split_sum })
+    Ok(Light { layout: weights.layout(), texels, split_sum, weights: weights.clone() })
 }
 
 pub(crate) fn prefilter_vjp(
-    _machine: &mut Machine,
-    _environment: &Environment<Array>,
-    _light: &Light,
-    _grad: &LightGrad,
+    machine: &mut Machine,
+    environment: &Environment<Array>,
+    light: &Light,
+    grad: &LightGrad,
 ) -> Result<Array, GpuError> {
-    unimplemented!()
+    let operator = &light.weights.operator;
+    let transposed = light.weights.transposed(machine)?;
+    let nodes = machine.take("gradient of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
+    transposed.aprons.apply(machine, &grad.texels, 0, Out::Other(&nodes))?;
+    transposed.rows.apply(machine, &nodes, operator.node_count(), Out::AddedTexels(0))?;
+    for (([fine, coarse], _), matrix) in operator.reductions().rev().zip(transposed.reductions.iter().rev()) {
+        matrix.apply(machine, &nodes, coarse, Out::AddedTexels(fine))?;
+    }
+    let out = machine.take("gradient of an environment", environment.values.len())?;
+    let settings = base_of(environment);
+    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes), Of(&out)];
+    let groups = Groups::For(texel_count(environment));
+    machine.run("activate", "activate_texels_vjp", &source::activate_vjp, &bound, groups)?;
+    Ok(out)
+}
+
+fn texel_count(environment: &Environment<Array>) -> usize {
+    FACE_COUNT * environment.resolution * environment.resolution
+}
+
+/// `Base` of `radiance.wgsl`.
+fn base_of(environment: &Environment<Array>) -> [u32; 2] {
+    let is_exponential = environment.activation == RadianceActivation::Exponential;
+    [texel_count(environment) as u32, u32::from(is_exponential)]
+}
+
+impl GpuExecutor {
+    /// The texels of a light, level by level with their aprons, each of four numbers; the fourth is zero.
+    pub fn read_light(&mut self, light: &Light) -> Result<Vec<f32>, GpuError> {
+        self.read_texels(&light.texels)
+    }
+
+    /// The gradient of a light from that of its texels, as [`Self::read_light`] gives them.
+    pub fn light_grad(&mut self, texels: &[f32]) -> Result<LightGrad, GpuError> {
+        Ok(LightGrad { texels: self.machine.upload("gradient of a light", texels)? })
+    }
+
+    /// The gradient of a light's texels.
+    pub fn read_light_grad(&mut self, grad: &LightGrad) -> Result<Vec<f32>, GpuError> {
+        self.read_texels(&grad.texels)
+    }
+
+    fn read_texels(&mut self, texels: &Array) -> Result<Vec<f32>, GpuError> {
+        let mut values = vec![0.0; texels.len()];
+        self.machine.download(texels, 0, &mut values)?;
+        Ok(values)
+    }
 }

@@ -1,4 +1,4 @@
-//! One formula on the device, for whoever wants to know whether it computes there what it computes on the host.
+//! Parts of stages on the device, for whoever wants to know whether it computes there what is computed on the host.
 
 use crate::{
     device::GpuError,
@@ -8,6 +8,8 @@ use crate::{
         Bound::{Array as Of, Uniform},
         Groups,
     },
+    light_sums::LightSums,
+    prefilter::{Light, LightGrad},
     source,
     trace::trace,
 };
@@ -29,6 +31,30 @@ impl GpuExecutor {
         let mut values = vec![0.0; rows * height];
         self.download(&outputs, &mut values)?;
         Ok(values)
+    }
+
+    /// The gradient of looking a light up, or its irradiance, for rows of a direction, a roughness, and a gradient of
+    /// three colours; a row's eighth number is left out. Rows of the gradient of direction and roughness, and that of
+    /// the light.
+    pub fn look_up_vjp(
+        &mut self,
+        light: &Light,
+        rows: &[[f32; 8]],
+        is_irradiance: bool,
+    ) -> Result<(Vec<[f32; 4]>, LightGrad), GpuError> {
+        let machine = &mut self.machine;
+        let sums = LightSums::new(machine, light)?;
+        let inputs = machine.upload("rows", rows)?;
+        let outputs = machine.take("rows", 4 * rows.len())?;
+        let settings = [rows.len() as u32, u32::from(is_irradiance)];
+        let bound =
+            [Uniform(bytemuck::cast_slice(&settings)), Of(&inputs), Of(&light.texels), Of(&outputs), Of(sums.array())];
+        let key = format!("{:?}", light.layout);
+        let source = || source::probe_light(&light.layout);
+        machine.run(&key, "probe_light", &source, &bound, Groups::For(rows.len()))?;
+        let mut values = vec![[0.0; 4]; rows.len()];
+        machine.download(&outputs, 0, values.as_flattened_mut())?;
+        Ok((values, sums.finish(machine)?))
     }
 }
 

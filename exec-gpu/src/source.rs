@@ -1,24 +1,30 @@
 //! Sources of kernels: constants from core, functions from formulas, and the files that schedule them.
 
 use crate::{
-    blend_vjp::GEOMETRY,
+    blend_vjp::{GEOMETRY, PIXELS, splats_at_once},
     formula::{Formula, function, type_of},
     formulas::{
         BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
         StrengthAt, SurfaceOf, SurfaceOfPixel, TexelsAt,
+        blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
         densify::{CellAt, GradLength, MeasuresOf, PartOf},
+        gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
+        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
+        optimise::AdamStep,
     },
     kernel::GROUP,
+    light_sums::{MIDDLE_STEPS, NUMBER_MAX, SUM_LEN, SUM_WORDS},
     trace::literal,
 };
 use core::fmt::Write;
 use specula_core::{
     bin::{ALPHA_MIN, TILE_SIZE},
     blend::ROOT_SCALE,
+    cubemap::padded_len,
     densify::Action,
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
-    scene::{BLOCK, LOG_SCALE, Layout, MEAN},
+    scene::{BLOCK, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY},
     shade::ShadingForm,
     split_sum,
 };
@@ -31,6 +37,8 @@ pub(crate) const COLUMN: usize = 64;
 pub(crate) const SORT_GROUP: usize = 64;
 /// Bits of a key that are sorted by at once.
 pub(crate) const DIGIT_BITS: u32 = 4;
+/// Numbers that a word tells apart.
+const WORD: f32 = 4_294_967_296.0;
 /// The key of a Gaussian that is not drawn: behind every depth.
 pub(crate) const NOT_DRAWN: u32 = u32::MAX;
 
@@ -75,6 +83,23 @@ impl Source {
     pub(crate) fn flag(mut self, name: &str, value: bool) -> Self {
         constant(&mut self.0, name, "bool", &value.to_string());
         self
+    }
+    /// And how the sums of a light's gradient are kept.
+    pub(crate) fn light_sums(self, texel_count: usize) -> Self {
+        self.with(&format!("const MIDDLE_STEPS: f32 = {};", literal(MIDDLE_STEPS)))
+            .with(&format!("const NUMBER_MAX: f32 = {};", literal(NUMBER_MAX)))
+            .with(&format!("const WORD: f32 = {};", literal(WORD)))
+            .count("EXPONENT_BITS", f32::INFINITY.to_bits() as usize)
+            .count("NOT_A_NUMBER", f32::NAN.to_bits() as usize)
+            .count("SUM_WORDS", SUM_WORDS)
+            .count("SUM_FAULTS", 3 * SUM_WORDS)
+            .count("SUM_LEN", SUM_LEN)
+            .count("LIGHT_TEXELS", texel_count)
+    }
+    /// And whether there is a layer, and where its channels begin.
+    fn channel(self, layer: &str, index: Option<usize>) -> Self {
+        self.flag(&format!("HAS_{layer}"), index.is_some())
+            .count(&format!("{layer}_CHANNEL"), index.unwrap_or_default())
     }
     /// And how many channels there are.
     pub(crate) fn channels(self, channels: usize) -> Self {
@@ -129,18 +154,26 @@ pub(crate) fn project(layout: Layout) -> String {
 pub(crate) fn shade(shading: &ShadingOf, light: Option<&LightLayout>) -> String {
     let source = Source::new().real().camera().planes(shading.layout).channels(shading.blended().count());
     let source = match light {
-        Some(light) => light
-            .declare(source)
-            .formula(&SurfaceOf(*shading))
-            .formula(&LitColorsOf(*shading))
-            .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
-            .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
-            .with(include_str!("shaders/lit.wgsl")),
+        Some(light) => own_light(light.declare(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
     };
     source.with(include_str!("shaders/shade.wgsl")).text()
 }
 
+/// Light that Gaussians look up themselves.
+fn own_light(source: Source, shading: &ShadingOf) -> Source {
+    source
+        .formula(&SurfaceOf(*shading))
+        .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
+        .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
+        .with(include_str!("shaders/lit.wgsl"))
+}
+
+const LIT_CHANNELS: &str = "fn channels_of() -> Channels {
+    let light = own_light(surface_of());
+    return lit_colors_of(light.specular, light.ambient, light.split_sum);
+}
+";
 const UNLIT_CHANNELS: &str = "fn channels_of() -> Channels {\n    return colors_of();\n}\n";
 
 /// Sums.
@@ -152,6 +185,11 @@ pub(crate) fn scan() -> String {
 pub(crate) fn sort() -> String {
     let source = Source::new().count("SORT_GROUP", SORT_GROUP).count("DIGIT_BITS", DIGIT_BITS as usize);
     source.with(include_str!("shaders/sort.wgsl")).text()
+}
+
+/// Measures of splats.
+pub(crate) fn measure() -> String {
+    Source::new().with(include_str!("shaders/measure.wgsl")).text()
 }
 
 /// Depths as keys.
@@ -175,6 +213,28 @@ pub(crate) fn blend(channels: usize) -> String {
     source.channels(channels).with(include_str!("shaders/blend.wgsl")).text()
 }
 
+/// The way back through compositing.
+pub(crate) fn blend_vjp(channels: usize) -> String {
+    let source = Source::new()
+        .real()
+        .camera()
+        .channels(channels)
+        .count("SLOT", MOMENTS + channels)
+        .count("SPLATS_AT_ONCE", splats_at_once(channels))
+        .count("BLOCK_WIDTH", PIXELS.width)
+        .count("BLOCK_HEIGHT", PIXELS.height)
+        .formula(&ReplayStart { block: PIXELS, channels })
+        .formula(&ReplaySplat { block: PIXELS, channels });
+    let pixels = format!("alias Pixels = {};", type_of(PIXELS.count()));
+    source.with(&pixels).with(include_str!("shaders/blend_vjp.wgsl")).text()
+}
+
+/// Sums of what [`blend_vjp`] leaves.
+pub(crate) fn slots(channels: usize) -> String {
+    let source = Source::new().real().camera().count("SLOT", MOMENTS + channels).count("MOMENTS", MOMENTS);
+    source.formula(&MomentsVjp).with(include_str!("shaders/slots.wgsl")).text()
+}
+
 /// Light, pixel by pixel; without a light there is none.
 pub(crate) fn shade_pixels(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
     let source = Source::new()
@@ -193,13 +253,60 @@ pub(crate) fn shade_pixels(surface: &SurfaceOfPixel, light: Option<&LightLayout>
     source.with(include_str!("shaders/pixel.wgsl")).text()
 }
 
+/// The gradient of light, pixel by pixel; without a light there is none of it.
+pub(crate) fn shade_pixels_vjp(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
+    let index_of = |channel: usize| surface.blended.index_of(channel);
+    let source = Source::new()
+        .real()
+        .camera()
+        .formula(surface)
+        .formula(&ColorOfPixelVjp)
+        .formula(&SurfaceOfPixelVjp(*surface))
+        .count("TRANSMITTANCE", surface.blended.count())
+        .count("COLOR_CHANNEL", channel::COLOR)
+        .channel("NORMAL", index_of(channel::NORMAL))
+        .channel("TINT", index_of(channel::TINT))
+        .channel("ROUGHNESS", index_of(channel::ROUGHNESS));
+    let source = match light {
+        Some(light) => light.declare_vjp(source).with(LIT).with(LIT_VJP),
+        None => source.with(UNLIT).with(UNLIT_VJP),
+    };
+    source.with(include_str!("shaders/pixel_vjp.wgsl")).text()
+}
+
 const LIT: &str =
     "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return radiance(direction, roughness);\n}\n";
 const UNLIT: &str = "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return vec3f(0.0);\n}\n";
 
+const LIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    return radiance_vjp(direction, roughness, grad);
+}
+";
+const UNLIT_VJP: &str = "fn light_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    return vec4f(0.0);
+}
+";
+
+/// Sums of a light's gradient to numbers.
+pub(crate) fn light_grad(texel_count: usize) -> String {
+    Source::new().light_sums(texel_count).with(include_str!("shaders/light_grad.wgsl")).text()
+}
+
+/// Colours to sums of a light's gradient.
+pub(crate) fn add_colors(texel_count: usize) -> String {
+    let source = Source::new().light_sums(texel_count).with(include_str!("shaders/light_sums.wgsl"));
+    source.with(include_str!("shaders/add_colors.wgsl")).text()
+}
+
 /// A light's numbers to radiance.
 pub(crate) fn activate() -> String {
-    Source::new().real().with(include_str!("shaders/activate.wgsl")).text()
+    Source::new().real().with(include_str!("shaders/radiance.wgsl")).with(include_str!("shaders/activate.wgsl")).text()
+}
+
+/// Gradients of radiance to those of a light's numbers.
+pub(crate) fn activate_vjp() -> String {
+    let source = Source::new().real().with(include_str!("shaders/radiance.wgsl"));
+    source.with(include_str!("shaders/activate_vjp.wgsl")).text()
 }
 
 /// Sparse matrices.
@@ -233,12 +340,71 @@ impl LightLayout {
             .with(&table("level_resolution", &mut self.places.iter().map(|place| place.1)))
             .with(include_str!("shaders/light.wgsl"))
     }
+
+    /// And the gradient of looking it up.
+    fn declare_vjp(&self, source: Source) -> Source {
+        self.declare(source)
+            .formula(&TexelShares)
+            .formula(&TexelsVjp)
+            .formula(&DirectionVjp)
+            .formula(&RoughnessVjp { levels: self.levels.levels.clone() })
+            .light_sums(self.texel_count())
+            .with(include_str!("shaders/light_sums.wgsl"))
+            .with(include_str!("shaders/light_vjp.wgsl"))
+    }
+
+    /// Texels of all levels and the irradiance map.
+    fn texel_count(&self) -> usize {
+        self.places.last().map_or(0, |(first, resolution)| first + padded_len(*resolution))
+    }
+}
+
+/// The way back through shading and projection; without a light, Gaussians looked none up.
+pub(crate) fn gaussians_vjp(planes: &PlanesVjp, light: Option<&LightLayout>) -> String {
+    let shading = &planes.shading;
+    let source = Source::new()
+        .real()
+        .camera()
+        .planes(shading.layout)
+        .count("SPLAT_PLANES", GEOMETRY + shading.blended().count())
+        .formula(planes);
+    let source = match light {
+        Some(light) => own_light(light.declare_vjp(source), shading)
+            .formula(&LookupVjp(*shading))
+            .formula(&SplitSumVjp)
+            .with(include_str!("shaders/lit_vjp.wgsl")),
+        None => source.with(UNLIT_PLANES),
+    };
+    source.with(include_str!("shaders/gaussians_vjp.wgsl")).text()
+}
+
+const UNLIT_PLANES: &str = "fn put_planes() {\n    planes_vjp();\n}\n";
+
+/// Losses on attributes.
+pub(crate) fn attribute_losses(losses: &AttributeLosses) -> String {
+    let source = Source::new().real().planes(losses.layout);
+    source
+        .count("OPACITY_PLANE", OPACITY)
+        .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
+        .formula(losses)
+        .with(include_str!("shaders/attributes.wgsl"))
+        .text()
+}
+
+/// Adam.
+pub(crate) fn optimise() -> String {
+    Source::new().real().formula(&AdamStep).with(include_str!("shaders/optimise.wgsl")).text()
 }
 
 /// Statements for every row of `inputs`, which write a row of `outputs`.
 pub(crate) fn probe(statements: &str) -> String {
     let source = Source::new().real();
     source.with(&include_str!("shaders/probe.wgsl").replace("    // STATEMENTS\n", statements)).text()
+}
+
+/// The gradient of looking light up, for every row.
+pub(crate) fn probe_light(light: &LightLayout) -> String {
+    light.declare_vjp(Source::new().real()).with(include_str!("shaders/probe_light.wgsl")).text()
 }
 
 /// [`mod@crate::densify`]'s look at a view.

@@ -2,7 +2,7 @@
 
 use specula_core::{
     activation::sigmoid,
-    densify::{DensifyRules, grad_length},
+    densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     loss::{LossWeights, NormalForm},
     plan::Channels,
@@ -14,6 +14,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor,
+    blend_vjp::SplatGrads,
     formulas::densify::{CellAt, GradLength, MeasuresOf, PartOf},
 };
 use specula_tests::{
@@ -385,21 +386,9 @@ fn weights() -> LossWeights {
     }
 }
 
-/// What a view adds, one Gaussian after the other. `reaches` are positive where a Gaussian is drawn.
-fn observed(statistics: &mut Statistics<Vec<f32>>, reaches: &[f32], grads: &[f32], size: [u32; 2]) {
-    let half_size = size.map(|edge| edge as f32 / 2.0);
-    for (gaussian, reach) in reaches.iter().enumerate() {
-        let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
-        let length = grad_length([grads[first], grads[first + BLOCK]], half_size);
-        if *reach > 0.0 && length.is_finite() {
-            statistics.grad_sum[gaussian] += length;
-            statistics.view_count[gaussian] += 1.0;
-        }
-    }
-}
-
-/// Numbers of a splat's gradient: six of its geometry, and three colours.
-const GRAD_PLANES: usize = 9;
+const COLORS: usize = 3;
+/// Numbers of a splat's gradient: six of its geometry, and its colours.
+const GRAD_PLANES: usize = 6 + COLORS;
 
 fn assert_same_statistics(ours: &Statistics<Vec<f32>>, theirs: &Statistics<Vec<f32>>) {
     assert_eq!(ours.view_count, theirs.view_count, "how often Gaussians were seen");
@@ -443,33 +432,21 @@ fn observe_on_both(gpu: &mut GpuExecutor, count: usize, [width, height]: [u32; 2
     let (_, grad) = cpu.loss(&frame, &target, &camera, &weights(), [0.1, 0.2, 0.3]).expect("sizes agree");
     let grads = cpu.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &camera).expect("the CPU goes back");
 
-    let mut theirs = HostScene::new(count, Layout::radiance(0), 22).statistics;
-    let mut plainly = theirs.clone();
-    let on_device = HostScene { gaussians: cloud, ..HostScene::new(count, Layout::radiance(0), 22) }.upload(gpu);
-    let mut ours = on_device.statistics;
-    let reaches: Vec<f32> = splats.records().iter().map(|record| record.reach).collect();
-    let own_splats = gpu.project(&on_device.gaussians, &camera).expect("the device projects");
+    let before = HostScene { gaussians: cloud, ..HostScene::new(count, Layout::radiance(0), 22) };
+    let mut ours = before.upload(gpu);
+    let mut theirs = before.statistics;
+    let own_splats = gpu.project(&ours.gaussians, &camera).expect("the device projects");
     let mut values = grads.values().to_vec();
-    cpu.observe(&mut theirs, &splats, &grads, &camera).expect("the CPU observes");
-    observed(&mut plainly, &reaches, &values, [width, height]);
-    assert_same_statistics(&plainly, &theirs);
-    let mut observe = |statistics: &mut Statistics<_>, values: &[f32]| {
-        let grads = gpu.upload_splat_grads(GRAD_PLANES - 6, values).expect("numbers fit");
-        gpu.observe(statistics, &own_splats, &grads, &camera).expect("the device observes");
-    };
-    observe(&mut ours, &values);
-
-    // A view whose gradients are not all finite.
-    for gaussian in (0..count).step_by(5) {
-        let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
-        values[first + gaussian % 2 * BLOCK] = [f32::NAN, f32::INFINITY, 1e38, 1e17][gaussian / 5 % 4];
+    // The second view has gradients that are not finite, or whose length is not.
+    for _ in 0..2 {
+        let grads = specula_cpu::blend::SplatGrads::of_values(COLORS, &values);
+        cpu.observe(&mut theirs, &splats, &grads, &camera).expect("the CPU observes");
+        let grads = SplatGrads::new(COLORS, gpu.upload(&values).expect("numbers fit"));
+        gpu.observe(&mut ours.statistics, &own_splats, &grads, &camera).expect("the device observes");
+        for gaussian in (0..count).step_by(5) {
+            let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
+            values[first + gaussian % 2 * BLOCK] = [f32::NAN, f32::INFINITY, 1e38, 1e17][gaussian / 5 % 4];
+        }
     }
-    observed(&mut plainly, &reaches, &values, [width, height]);
-    observe(&mut ours, &values);
-    let mut host = plainly.clone();
-    gpu.download(&ours.grad_sum, &mut host.grad_sum).expect("the array has that length");
-    gpu.download(&ours.view_count, &mut host.view_count).expect("the array has that length");
-    assert_same_statistics(&host, &plainly);
-    let seen = plainly.view_count.iter().sum::<f32>();
-    println!("{count} Gaussians, {seen} sights");
+    assert_same_statistics(&ours.download(gpu).statistics, &theirs);
 }

@@ -6,7 +6,8 @@
 @group(0) @binding(3) var<storage, read> tile_counts: array<u32>;
 @group(0) @binding(4) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(5) var<storage, read_write> tiles_of: array<u32>;
-@group(0) @binding(6) var<storage, read_write> gaussians_of: array<u32>;
+@group(0) @binding(6) var<storage, read_write> emissions: array<u32>;
+@group(0) @binding(7) var<storage, read_write> emitted: array<u32>;
 
 // Numbers of tiles in the order of depth, and a zero behind them, whose exclusive sum is that of all.
 @compute @workgroup_size(GROUP)
@@ -23,7 +24,7 @@ fn counts_in_order(
     }
 }
 
-// One element for each tile of each splat.
+// One element for each tile of each splat, numbered in the order of depth, and by number whose it is.
 @compute @workgroup_size(GROUP)
 fn emit(
     @builtin(workgroup_id) group: vec3u,
@@ -46,7 +47,8 @@ fn emit(
         let columns = columns_in_row(shape, row);
         for (var column = columns.x; column < columns.y; column++) {
             tiles_of[next] = row * camera.tiles.x + column;
-            gaussians_of[next] = gaussian;
+            emissions[next] = next;
+            emitted[next] = gaussian;
             next++;
         }
     }

@@ -1,5 +1,11 @@
 // Looking light up: levels one after the other, each six faces with an apron.
 
+// A level and the next one, and the share of the second.
+struct Between {
+    level: u32,
+    share: f32,
+}
+
 fn texel(index: u32) -> vec3f {
     return texels[min(index, arrayLength(&texels) - 1u)].xyz;
 }
@@ -14,9 +20,15 @@ fn radiance_in_level(direction: vec3f, level: u32) -> vec3f {
     return mix(upper, lower, at.lower);
 }
 
-fn radiance(direction: vec3f, roughness: f32) -> vec3f {
+fn levels_at(roughness: f32) -> Between {
     let position = level_of(roughness);
     let sharp = clamp(floor(position), 0.0, f32(LEVELS - 2u));
-    let level = u32(sharp);
-    return mix(radiance_in_level(direction, level), radiance_in_level(direction, level + 1u), position - sharp);
+    return Between(u32(sharp), position - sharp);
+}
+
+fn radiance(direction: vec3f, roughness: f32) -> vec3f {
+    let between = levels_at(roughness);
+    let sharp = radiance_in_level(direction, between.level);
+    let blurred = radiance_in_level(direction, between.level + 1u);
+    return mix(sharp, blurred, between.share);
 }

@@ -34,6 +34,19 @@ fn filter_texels(
     }
 }
 
+// The same, added to what is there.
+@compute @workgroup_size(GROUP)
+fn add_filtered_texels(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let row = linear_index(group, groups, local);
+    if row < product.row_count {
+        texels[product.out_first + row] += product_of_row(row);
+    }
+}
+
 // From texels to levels with aprons.
 @compute @workgroup_size(GROUP)
 fn pad_texels(

@@ -1,4 +1,5 @@
-// Where each tile's splats begin and end among the sorted ones. Tiles without any keep the zeros they start with.
+// Where each tile's splats begin and end among the sorted ones, and whose they are. Tiles without any keep the zeros
+// they start with.
 
 struct RangeSize {
     count: u32,
@@ -6,7 +7,10 @@ struct RangeSize {
 
 @group(0) @binding(0) var<uniform> size: RangeSize;
 @group(0) @binding(1) var<storage, read> tiles_of: array<u32>;
-@group(0) @binding(2) var<storage, read_write> ranges: array<vec2u>;
+@group(0) @binding(2) var<storage, read> emissions_of: array<u32>;
+@group(0) @binding(3) var<storage, read> emitted: array<u32>;
+@group(0) @binding(4) var<storage, read_write> ranges: array<vec2u>;
+@group(0) @binding(5) var<storage, read_write> gaussians_of: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn find_ranges(
@@ -18,6 +22,7 @@ fn find_ranges(
     if place >= size.count {
         return;
     }
+    gaussians_of[place] = emitted[emissions_of[place]];
     let tile = tiles_of[place];
     if place == 0u || tiles_of[place - 1u] != tile {
         ranges[tile].x = place;

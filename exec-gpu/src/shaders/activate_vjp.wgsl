@@ -1,0 +1,23 @@
+// The gradient of a light's radiance to that of its numbers: one invocation a texel.
+
+@group(0) @binding(2) var<storage, read> texels: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> grads: array<f32>;
+
+@compute @workgroup_size(GROUP)
+fn activate_texels_vjp(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let texel = linear_index(group, groups, local);
+    if texel >= base.texel_count {
+        return;
+    }
+    var grad = texels[texel].xyz;
+    if base.is_exponential != 0u {
+        grad *= radiance_of(texel);
+    }
+    grads[3u * texel] = grad.x;
+    grads[3u * texel + 1u] = grad.y;
+    grads[3u * texel + 2u] = grad.z;
+}

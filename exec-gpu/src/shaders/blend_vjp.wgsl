@@ -1,0 +1,159 @@
+// The way back through blending: one workgroup a tile, one invocation a block of its pixels. Splats are replayed front
+// to back, some at once: every invocation leaves the sums over its own pixels in the workgroup's memory, then sums over
+// the invocations go to the slots, one for each splat of each tile, in the order of emission.
+
+const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
+const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
+// A row of sums has a number for each invocation, and one more: rows then begin in different banks of the memory.
+const ROW: u32 = INVOCATIONS + 1u;
+// Splats take the lowest bits of `seen`; this one says that a pixel has not ended.
+const GOES_ON: u32 = 1u << 31u;
+
+// Emissions that have a slot.
+struct Batch {
+    first: u32,
+    end: u32,
+}
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> batch: Batch;
+@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(3) var<storage, read> colors: array<vec4f>;
+@group(0) @binding(4) var<storage, read> ranges: array<vec2u>;
+@group(0) @binding(5) var<storage, read> gaussians_of: array<u32>;
+@group(0) @binding(6) var<storage, read> emissions_of: array<u32>;
+@group(0) @binding(7) var<storage, read> frame: array<f32>;
+@group(0) @binding(8) var<storage, read> frame_grad: array<f32>;
+@group(0) @binding(9) var<storage, read_write> slots: array<f32>;
+
+var<workgroup> sums: array<f32, SPLATS_AT_ONCE * SLOT * ROW>;
+var<workgroup> seen: array<atomic<u32>, 2>;
+var<workgroup> is_over: u32;
+
+var<private> corner: vec2u;
+var<private> pixel_grads: array<vec4f, BLOCK_WIDTH * BLOCK_HEIGHT * CHANNEL_VECTORS>;
+var<private> transmittance: Pixels;
+var<private> remaining: Pixels;
+var<private> first_color: u32;
+var<private> first_sum: u32;
+
+fn pixel_at(number: u32) -> vec2u {
+    return corner + vec2u(number % BLOCK_WIDTH, number / BLOCK_WIDTH);
+}
+
+fn is_inside(pixel: u32) -> bool {
+    return all(pixel_at(pixel) < camera.size);
+}
+
+// Where a number of a pixel lies in pictures: those of a pixel are side by side in `number`.
+fn place_of(number: u32) -> u32 {
+    let pixel = pixel_at(number / (CHANNELS + 1u));
+    return number % (CHANNELS + 1u) * camera.size.x * camera.size.y + pixel.y * camera.size.x + pixel.x;
+}
+
+fn blended(number: u32) -> f32 {
+    if is_inside(number / (CHANNELS + 1u)) {
+        return frame[place_of(number)];
+    }
+    return 0.0;
+}
+
+fn grad_of_blended(number: u32) -> f32 {
+    if is_inside(number / (CHANNELS + 1u)) {
+        return frame_grad[place_of(number)];
+    }
+    return 0.0;
+}
+
+fn light_at_start(pixel: u32) -> f32 {
+    return select(0.0, 1.0, is_inside(pixel));
+}
+
+fn put_sum(number: u32, value: f32) {
+    sums[first_sum + number * ROW] = value;
+}
+
+fn has_slot(emission: u32) -> bool {
+    return batch.first <= emission && emission < batch.end;
+}
+
+// Replays splats; returns a bit for each that an own pixel saw.
+fn replay_splats(first: u32, count: u32, local: u32) -> u32 {
+    let point = vec2f(corner) + 0.5;
+    var seen_here = 0u;
+    var light_left = 0.0;
+    for (var k = 0u; k < count; k++) {
+        let gaussian = gaussians_of[first + k];
+        let splat = splats[gaussian];
+        first_color = gaussian * CHANNEL_VECTORS;
+        first_sum = k * SLOT * ROW + local;
+        let over = replay_splat(splat.root, splat.log2_opacity, point - splat.mean2d);
+        seen_here |= select(0u, 1u << k, over.weight > 0.0);
+        light_left = over.light_left;
+    }
+    return seen_here | select(0u, GOES_ON, light_left > 0.0);
+}
+
+// The sum over the invocations, four side by side.
+fn sum_of_row(row: u32) -> f32 {
+    var parts = vec4f(0.0);
+    let end = row * ROW + INVOCATIONS;
+    for (var k = row * ROW; k < end; k += 4u) {
+        parts += vec4f(sums[k], sums[k + 1u], sums[k + 2u], sums[k + 3u]);
+    }
+    return parts.x + parts.y + (parts.z + parts.w);
+}
+
+fn write_slots(first: u32, count: u32, seen_by_any: u32, local: u32) {
+    for (var row = local; row < count * SLOT; row += INVOCATIONS) {
+        let k = row / SLOT;
+        let emission = emissions_of[first + k];
+        if has_slot(emission) {
+            var sum = 0.0;
+            if (seen_by_any >> k & 1u) != 0u {
+                sum = sum_of_row(row);
+            }
+            slots[(emission - batch.first) * SLOT + row % SLOT] = sum;
+        }
+    }
+}
+
+@compute @workgroup_size(INVOCATIONS)
+fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
+    let range = ranges[tile.y * camera.tiles.x + tile.x];
+    corner = tile.xy * TILE_EDGE + vec2u(local % BLOCKS_ACROSS * BLOCK_WIDTH, local / BLOCKS_ACROSS * BLOCK_HEIGHT);
+    replay_start();
+    if local < 2u {
+        atomicStore(&seen[local], 0u);
+    }
+    workgroupBarrier();
+
+    var first = range.x;
+    var turn = 0u;
+    // Within a tile emissions ascend: behind the batch there is nothing to do.
+    while first < range.y && emissions_of[first] < batch.end {
+        let count = min(SPLATS_AT_ONCE, range.y - first);
+        atomicOr(&seen[turn], replay_splats(first, count, local));
+        if local == 0u {
+            atomicStore(&seen[1u - turn], 0u);
+        }
+        workgroupBarrier();
+        let seen_by_any = atomicLoad(&seen[turn]);
+        write_slots(first, count, seen_by_any, local);
+        if local == 0u {
+            is_over = select(1u, 0u, (seen_by_any & GOES_ON) != 0u);
+        }
+        first += count;
+        turn = 1u - turn;
+        if workgroupUniformLoad(&is_over) != 0u {
+            break;
+        }
+    }
+    // Splats behind pixels that have ended.
+    for (var row = local; row < (range.y - first) * SLOT; row += INVOCATIONS) {
+        let emission = emissions_of[first + row / SLOT];
+        if has_slot(emission) {
+            slots[(emission - batch.first) * SLOT + row % SLOT] = 0.0;
+        }
+    }
+}

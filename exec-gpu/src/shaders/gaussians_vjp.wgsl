@@ -1,0 +1,45 @@
+// The way back through shading and projection: one invocation a Gaussian, and one for each lane that fills up the last
+// block.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(2) var<storage, read> splat_grads: array<f32>;
+@group(0) @binding(3) var<storage, read_write> grads: array<f32>;
+
+var<private> gaussian: u32;
+
+fn splat_grad(number: u32) -> f32 {
+    return splat_grads[(gaussian / BLOCK * SPLAT_PLANES + number) * BLOCK + gaussian % BLOCK];
+}
+
+fn put(plane: u32, grad: f32) {
+    grads[(gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK] = grad;
+}
+
+// Whether any gradient reaches the Gaussian. What is not a number does.
+fn is_touched() -> bool {
+    var bits = 0u;
+    for (var number = 0u; number < SPLAT_PLANES; number++) {
+        bits |= bitcast<u32>(splat_grad(number)) & 0x7fffffffu;
+    }
+    return bits != 0u;
+}
+
+@compute @workgroup_size(GROUP)
+fn gaussians_vjp(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    gaussian = linear_index(group, groups, local);
+    if gaussian >= (camera.gaussian_count + BLOCK - 1u) / BLOCK * BLOCK {
+        return;
+    }
+    if gaussian < camera.gaussian_count && is_touched() {
+        put_planes();
+    } else {
+        for (var plane = 0u; plane < PLANES; plane++) {
+            put(plane, 0.0);
+        }
+    }
+}

@@ -1,0 +1,37 @@
+// The gradient of looking light up, for many rows: one invocation a row.
+
+struct Rows {
+    count: u32,
+    is_irradiance: u32,
+}
+
+struct LookedUp {
+    direction: vec3f,
+    roughness: f32,
+    grad: vec3f,
+    padding: f32,
+}
+
+@group(0) @binding(0) var<uniform> rows: Rows;
+@group(0) @binding(1) var<storage, read> inputs: array<LookedUp>;
+@group(0) @binding(2) var<storage, read> texels: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> outputs: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> light_sums: array<atomic<u32>>;
+
+@compute @workgroup_size(GROUP)
+fn probe_light(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let row = linear_index(group, groups, local);
+    if row >= rows.count {
+        return;
+    }
+    let own = inputs[row];
+    if rows.is_irradiance == 0u {
+        outputs[row] = radiance_vjp(own.direction, own.roughness, own.grad);
+    } else {
+        outputs[row] = vec4f(irradiance_vjp(own.direction, own.grad), 0.0);
+    }
+}

@@ -1,0 +1,603 @@
+//! The gradient of light on the GPU: looked up, pixel by pixel, and through the prefilter.
+
+use specula_core::{
+    camera::Camera,
+    cubemap::{bilinear, bilinear_weights, footprint, padded_len, project},
+    double::Double,
+    dual::Dual,
+    executor::{Executor, RenderRules, Renderer},
+    plan::{Channels, channel},
+    prefilter::{IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, PrefilterScheme, level_of_roughness},
+    random::uniform,
+    scene::{Environment, Gaussians, Image, Layout, RadianceActivation},
+    shade::ShadingRules,
+    vector::Vec3,
+};
+use specula_cpu::CpuExecutor;
+use specula_gpu::{
+    GpuExecutor,
+    formulas::{
+        SurfaceOfPixel,
+        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsVjp},
+    },
+};
+use specula_tests::{
+    compare::{assert_all_close, assert_close},
+    derivative::pull_back,
+    device::executor,
+    formulas::{ROWS, assert_same, camera, numbers_of, side_by_side, uniform_rows},
+    number::{Number, vector},
+    plain,
+    strategies::{random_cloud, random_environment},
+};
+
+/// Sums of some thousand products, each executor's in its own order, as a share of the largest.
+const SAME_SUM: f64 = 1e-6;
+/// Gradients of looking light up, as a share of the largest: differences of texels, divided by the distance between
+/// them, lose a digit.
+const SAME_SLOPE: f64 = 1e-5;
+/// A gradient of a pixel, as a share of its plane's root mean square and of itself: it divides by the coverage and by
+/// the length of a mean normal, so roundings of what was blended count more where either is small.
+const SAME_PIXEL: f64 = 1e-3;
+/// Share of the pixels that may be further apart. The slope of a bilinear mean jumps from texel to texel, so directions
+/// next to a border fall to either side.
+const ON_A_BORDER: f64 = 0.003;
+/// A light's gradient from a picture, root mean square: that of pixels, of which none counts for much.
+const SAME_LIGHT_GRAD: f64 = 1e-4;
+
+#[test]
+fn every_formula_is_on_the_device_what_it_is_on_the_host() {
+    let Some(mut gpu) = executor() else { return };
+    let gpu = &mut gpu;
+    let signed = [-1.0, 1.0];
+    assert_same(gpu, &TexelShares, &uniform_rows(1, &[[0.0, 1.0]; 2]));
+    let texels = uniform_rows(2, &[[0.0, 2.0]; 12]);
+    let places = uniform_rows(3, &[[0.0, 1.0], [0.0, 1.0], [16.0, 16.0], signed, signed, signed]);
+    assert_same(gpu, &TexelsVjp, &side_by_side(&texels, &places));
+    assert_same(gpu, &DirectionVjp, &uniform_rows(4, &[[-1.0, -0.1], [0.2, 0.8], signed, signed, signed]));
+    for (scheme, resolution) in [(PrefilterScheme::Exact, 64), (PrefilterScheme::Official, 64)] {
+        let levels = Levels::new(scheme, resolution).as_slice().to_vec();
+        let bounds = [[0.0, 1.0], [0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [0.0, 2.0]];
+        let grads = uniform_rows(6, &[signed; 3]);
+        assert_same(gpu, &RoughnessVjp { levels }, &side_by_side(&uniform_rows(5, &bounds), &grads));
+    }
+    let surfaces = uniform_rows(7, &[[0.0, 1.0]; 10]);
+    assert_same(gpu, &ColorOfPixelVjp, &side_by_side(&surfaces, &uniform_rows(8, &[signed; 3])));
+    for blended in [Channels::Color, Channels::Training, Channels::Lit, Channels::Surface, Channels::Layers] {
+        let mut bounds = vec![[0.1, 0.9]; blended.count() + 1];
+        bounds.extend([[0.0, 70.0], [0.0, 45.0]]);
+        let pixels = side_by_side(&uniform_rows(9, &bounds), &numbers_of(&camera(70, 45)).repeat(ROWS));
+        let rows = side_by_side(&pixels, &uniform_rows(10, &[signed; 10]));
+        assert_same(gpu, &SurfaceOfPixelVjp(SurfaceOfPixel { blended }), &rows);
+    }
+}
+
+#[test]
+fn no_formula_is_left_out() {
+    let formulas = include_str!("../../exec-gpu/src/formulas/light.rs");
+    let own: String = include_str!("gpu_light.rs").split_whitespace().collect();
+    let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
+    let count = names.inspect(|name| {
+        assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
+    });
+    assert!(count.count() > 5, "formulas are found by how they are written");
+}
+
+/// Colours to add to a few texels: of either sign and of any size.
+fn colors_to_add(count: usize) -> (Vec<u32>, Vec<[f32; 4]>) {
+    let draw = |index: usize, stream: u64| uniform(21, stream, index as u64);
+    let number = |index: usize, stream: u64| {
+        let size = 10.0_f32.powf(-13.0 + 15.0 * draw(index, stream));
+        if draw(index, stream + 3) < 0.5 { size } else { -size }
+    };
+    let places = (0..count).map(|index| (7.0 * draw(index, 9)) as u32).collect();
+    let colors = (0..count).map(|index| [number(index, 0), number(index, 1), number(index, 2), 1.0]).collect();
+    (places, colors)
+}
+
+fn sums_of(gpu: &mut GpuExecutor, places: &[u32], colors: &[[f32; 4]]) -> Vec<f32> {
+    let grad = gpu.add_colors(7, places, colors).expect("colours fit");
+    gpu.read_light_grad(&grad).expect("sums can be read")
+}
+
+#[test]
+fn sums_of_a_light_are_exact_in_any_order() {
+    /// Half a step of 2⁻⁵⁶ for each number, and a few roundings of the sum.
+    const STEP: f64 = 1.4e-17;
+    let Some(mut gpu) = executor() else { return };
+    for count in [0, 1, 10_000] {
+        let (mut places, mut colors) = colors_to_add(count);
+        let sums = sums_of(&mut gpu, &places, &colors);
+        let mut exact = [[0.0_f64; 3]; 7];
+        for (place, color) in places.iter().zip(&colors) {
+            (0..3).for_each(|c| exact[*place as usize][c] += f64::from(color[c]));
+        }
+        for (sum, exact) in sums.chunks_exact(4).zip(exact) {
+            for c in 0..3 {
+                let rounding = 1.5 * f64::from(f32::EPSILON) * exact[c].abs();
+                assert_close(f64::from(sum[c]), exact[c], rounding + STEP * count as f64);
+            }
+            assert_eq!(sum[3], 0.0, "there is no fourth colour");
+        }
+        places.reverse();
+        colors.reverse();
+        assert!(sums_of(&mut gpu, &places, &colors) == sums, "the order changes nothing");
+    }
+}
+
+#[test]
+fn sums_of_a_light_hold_the_largest_numbers_and_tell_what_is_none() {
+    let Some(mut gpu) = executor() else { return };
+    let count = 100_000;
+    for size in [1e30, -1e30] {
+        let sums = sums_of(&mut gpu, &vec![2; count], &vec![[size; 4]; count]);
+        let limited = f64::from(size.signum()) * 32_768.0 * count as f64;
+        assert_close(f64::from(sums[8]), limited, 1e-6 * limited.abs());
+    }
+    let none = [f32::NAN, 1.0, f32::INFINITY, 0.0];
+    let sums = sums_of(&mut gpu, &[3, 3, 4], &[[1.0, 2.0, 3.0, 0.0], none, [0.5; 4]]);
+    assert!(sums[12].is_nan() && !sums[14].is_finite(), "what is no number makes the sum none");
+    assert_eq!([sums[13], sums[16]], [3.0, 0.5], "other sums stay numbers");
+}
+
+/// Where the levels of a light lie, and the irradiance map behind them.
+struct Maps {
+    levels: Vec<Level>,
+    /// First texel and resolution.
+    places: Vec<(usize, usize)>,
+}
+
+impl Maps {
+    fn new(scheme: PrefilterScheme, resolution: usize) -> Self {
+        let levels = Levels::new(scheme, resolution).as_slice().to_vec();
+        let mut resolutions: Vec<usize> = levels.iter().map(|level| level.resolution).collect();
+        if scheme == PrefilterScheme::Official {
+            resolutions.push(IRRADIANCE_RESOLUTION);
+        }
+        let mut first = 0;
+        let mut next = |resolution| {
+            let place = (first, resolution);
+            first += padded_len(resolution);
+            place
+        };
+        Self { levels, places: resolutions.into_iter().map(&mut next).collect() }
+    }
+
+    /// The four texels of a direction in a map, and its place among them.
+    fn corners<R: Number>(&self, direction: Vec3<R>, map: usize) -> ([usize; 4], [R; 2]) {
+        let (first, resolution) = self.places[map];
+        let place = footprint(&project(direction), R::of(resolution as f64));
+        let first = first + place.texel.value() as usize;
+        let corners = [first, first + 1, first + resolution + 2, first + resolution + 3];
+        (corners, [place.right, place.lower])
+    }
+
+    fn in_map<R: Number>(&self, texels: &[f32], direction: Vec3<R>, map: usize) -> Vec3<R> {
+        let (corners, [right, lower]) = self.corners(direction, map);
+        let texel =
+            |first: usize| vector([texels[4 * first], texels[4 * first + 1], texels[4 * first + 2]].map(f64::from));
+        bilinear(corners.map(texel), right, lower)
+    }
+
+    /// The maps that a roughness lies between, and the share of the second.
+    fn between<R: Number>(&self, roughness: R) -> (usize, R) {
+        let position = level_of_roughness(roughness, &self.levels);
+        let sharp = (position.value().floor() as usize).min(self.levels.len() - 2);
+        (sharp, position - R::of(sharp as f64))
+    }
+}
+
+/// One look at a light: direction, roughness, and the gradient of what is seen.
+fn looks(count: usize) -> Vec<[f32; 8]> {
+    let draw = |index: usize, k: usize| match k {
+        3 => 1.2 * uniform(31, k as u64, index as u64) - 0.1,
+        _ => 2.0 * uniform(31, k as u64, index as u64) - 1.0,
+    };
+    (0..count).map(|index| core::array::from_fn(|k| draw(index, k))).collect()
+}
+
+/// What a look at a light gives back: the gradient of direction and roughness; adds that of the texels.
+fn look_vjp(maps: &Maps, texels: &[f32], look: &[f32; 8], is_irradiance: bool, of_texels: &mut [f64]) -> Vec<f64> {
+    let numbers = look.map(f64::from);
+    let seen = |input: &[Dual]| {
+        let direction = Vec3 { x: input[0], y: input[1], z: input[2] };
+        if is_irradiance {
+            return maps.in_map(texels, direction, maps.levels.len()).to_array().to_vec();
+        }
+        let (sharp, share) = maps.between(input[3]);
+        let [near, far] = [sharp, sharp + 1].map(|map| maps.in_map(texels, direction, map));
+        near.add_scaled(share, far - near).to_array().to_vec()
+    };
+    let (sharp, share) = maps.between(Double(numbers[3]));
+    let shares =
+        if is_irradiance { vec![(maps.levels.len(), 1.0)] } else { vec![(sharp, 1.0 - share.0), (sharp + 1, share.0)] };
+    for (map, share) in shares {
+        let (corners, [right, lower]) = maps.corners(vector::<Double>([numbers[0], numbers[1], numbers[2]]), map);
+        for (corner, weight) in corners.into_iter().zip(bilinear_weights(right, lower)) {
+            (0..3).for_each(|c| of_texels[4 * corner + c] += share * weight.0 * numbers[4 + c]);
+        }
+    }
+    pull_back(seen, &numbers[..4], &numbers[4..7])
+}
+
+const SCHEMES: [(PrefilterScheme, usize); 3] =
+    [(PrefilterScheme::Exact, 16), (PrefilterScheme::Exact, 64), (PrefilterScheme::Official, 64)];
+
+fn to_f64(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|x| f64::from(*x)).collect()
+}
+
+fn upload<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>) -> Environment<E::Array>
+where
+    E::Error: core::fmt::Debug,
+{
+    let Environment { resolution, activation, values } = environment;
+    let values = exec.upload(values).expect("texels fit");
+    Environment { resolution: *resolution, activation: *activation, values }
+}
+
+fn light_of<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> E::Light
+where
+    E::Error: core::fmt::Debug,
+{
+    let environment = upload(exec, environment);
+    exec.prefilter(&environment, scheme, LevelRange::ALL).expect("the resolution is allowed")
+}
+
+#[test]
+fn gradients_of_looking_light_up_are_derivatives() {
+    let Some(mut gpu) = executor() else { return };
+    for (scheme, resolution) in SCHEMES {
+        let environment = random_environment(resolution, RadianceActivation::Identity, 4);
+        let light = light_of(&mut gpu, &environment, scheme);
+        let texels = gpu.read_light(&light).expect("a light can be read");
+        let maps = Maps::new(scheme, resolution);
+        for is_irradiance in [false, true] {
+            if is_irradiance && scheme == PrefilterScheme::Exact {
+                continue;
+            }
+            let looks = looks(2000);
+            let (rows, grad) = gpu.look_up_vjp(&light, &looks, is_irradiance).expect("light can be looked up");
+            let grad = to_f64(&gpu.read_light_grad(&grad).expect("a gradient can be read"));
+            let mut exact_grad = vec![0.0; texels.len()];
+            let exact: Vec<f64> =
+                looks.iter().flat_map(|look| look_vjp(&maps, &texels, look, is_irradiance, &mut exact_grad)).collect();
+            assert_mostly_close(&to_f64(rows.as_flattened()), &exact, SAME_SLOPE, ON_A_BORDER);
+            assert_all_close(&grad, &exact_grad, SAME_SLOPE);
+        }
+    }
+}
+
+/// Numbers agree up to `tolerance` times their own size and the root mean square, but for a share of them.
+#[track_caller]
+fn assert_mostly_close(actual: &[f64], expected: &[f64], tolerance: f64, share: f64) {
+    let (far, largest) = far_apart(actual, expected, tolerance);
+    assert!(far <= share, "{far} of all numbers are further apart than {tolerance:e}, at most {largest:e}");
+}
+
+/// The share of numbers that are further apart than that, and the largest distance of those that are not.
+#[track_caller]
+fn far_apart(actual: &[f64], expected: &[f64], tolerance: f64) -> (f64, f64) {
+    assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
+    let mean = (expected.iter().map(|x| x * x).sum::<f64>() / expected.len().max(1) as f64).sqrt();
+    let distances = actual.iter().zip(expected).map(|(a, e)| (a - e).abs() / (mean + e.abs()).max(f64::MIN_POSITIVE));
+    let (near, far): (Vec<f64>, Vec<f64>) = distances.partition(|distance| *distance <= tolerance);
+    (far.len() as f64 / expected.len().max(1) as f64, near.into_iter().fold(0.0, f64::max))
+}
+
+#[test]
+#[should_panic(expected = "further apart")]
+fn numbers_apart_are_not_mostly_close() {
+    assert_mostly_close(&[1.0, 2.1, 3.0], &[1.0, 2.0, 3.0], 0.01, 0.3);
+}
+
+#[test]
+#[should_panic(expected = "further apart")]
+fn nan_is_not_mostly_close() {
+    assert_mostly_close(&[1.0, f64::NAN, 3.0], &[1.0, 2.0, 3.0], 0.01, 0.3);
+}
+
+/// Root mean square of the difference, as a share of that of what is expected; infinite for NaN.
+fn difference(actual: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(actual.len(), expected.len(), "lists of different lengths have no difference");
+    let squared: f64 = actual.iter().zip(expected).map(|(a, e)| (a - e) * (a - e)).sum();
+    let size: f64 = expected.iter().map(|x| x * x).sum::<f64>().max(f64::MIN_POSITIVE);
+    if squared.is_nan() { f64::INFINITY } else { (squared / size).sqrt() }
+}
+
+#[track_caller]
+fn assert_same_grad(actual: &[f64], expected: &[f64], tolerance: f64) {
+    let difference = difference(actual, expected);
+    assert!(difference <= tolerance, "gradients differ by {difference:e}, allowed are {tolerance:e}");
+}
+
+#[test]
+#[should_panic(expected = "differ by")]
+fn gradients_apart_are_not_the_same() {
+    assert_same_grad(&[1.0, 2.001], &[1.0, 2.0], SAME_LIGHT_GRAD);
+}
+
+#[test]
+#[should_panic(expected = "differ by")]
+fn nan_is_not_the_same_gradient() {
+    assert_same_grad(&[1.0, f64::NAN], &[1.0, 2.0], SAME_LIGHT_GRAD);
+}
+
+/// A scene that is lit pixel by pixel.
+struct Scene {
+    cloud: Gaussians<Vec<f32>>,
+    environment: Environment<Vec<f32>>,
+    camera: Camera,
+    rules: RenderRules,
+    seed: u64,
+}
+
+/// What a scene's pixels give back.
+struct Gradient {
+    /// Planes of what was blended, and their gradient.
+    blended: Vec<f32>,
+    grad: Vec<f64>,
+    /// Of the light's texels, and of the environment's numbers.
+    light: Vec<f64>,
+    environment: Vec<f64>,
+}
+
+/// How an executor's results are read; a frame's gradient is made from planes and read back.
+trait Read: Executor {
+    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad;
+    fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]);
+    fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32>;
+}
+
+impl Read for CpuExecutor {
+    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad {
+        frame.grad(planes)
+    }
+    fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]) {
+        frame.read_grad(grad, planes);
+    }
+    fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32> {
+        grad.texels().as_flattened().to_vec()
+    }
+}
+
+impl Read for GpuExecutor {
+    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad {
+        self.frame_grad(frame, planes).expect("planes fit")
+    }
+    fn planes_of(&mut self, _frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]) {
+        self.read_frame_grad(grad, planes).expect("planes can be read");
+    }
+    fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32> {
+        self.read_light_grad(grad).expect("a gradient can be read")
+    }
+}
+
+impl Scene {
+    fn new(count: usize, size: [u32; 2], rules: RenderRules, seed: u64) -> Self {
+        let activation = match rules.scheme {
+            PrefilterScheme::Exact => RadianceActivation::Exponential,
+            PrefilterScheme::Official => RadianceActivation::Identity,
+        };
+        Self {
+            cloud: random_cloud(count, Layout::shaded(Some(1)), seed),
+            environment: random_environment(rules.scheme.resolution_min(), activation, seed),
+            camera: camera(size[0], size[1]),
+            rules,
+            seed,
+        }
+    }
+
+    fn channels(&self) -> Channels {
+        self.rules.blended(self.cloud.layout)
+    }
+
+    fn pixel_count(&self) -> usize {
+        (self.camera.width * self.camera.height) as usize
+    }
+
+    /// A gradient for every plane, as small as that of a mean.
+    fn grad_of_picture(&self) -> Vec<f32> {
+        let size = self.pixel_count();
+        let number = |index: usize| (2.0 * uniform(self.seed, 77, index as u64) - 1.0) / size as f32;
+        (0..(self.channels().count() + 1) * size).map(number).collect()
+    }
+
+    fn gradient<E: Read>(&self, exec: &mut E, grad: &[f32]) -> Gradient
+    where
+        E::Error: core::fmt::Debug,
+    {
+        let Gaussians { count, layout, values } = &self.cloud;
+        let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
+        let environment = upload(exec, &self.environment);
+        let light = self.rules.is_lit.then(|| light_of(exec, &self.environment, self.rules.scheme));
+        let splats = exec.project(&cloud, &self.camera).expect("the executor projects");
+        let colors = exec.shade(&cloud, &self.camera, &splats, light.as_ref(), &self.rules).expect("it shades");
+        let tiles = exec.bin(&splats, &self.camera).expect("it sorts");
+        let frame = exec.blend(&splats, &colors, &tiles, &self.camera).expect("it blends");
+        let mut blended = vec![0.0; grad.len()];
+        exec.read_frame(&frame, &mut blended).expect("the frame has that size");
+        let frame = exec.shade_pixels(frame, light.as_ref(), &self.camera).expect("it shades pixels");
+        let grad = exec.grad_from(&frame, grad);
+        let (grad, light_grad) =
+            exec.shade_pixels_vjp(&frame, light.as_ref(), &self.camera, grad).expect("it goes back");
+        let mut planes = vec![0.0; blended.len()];
+        exec.planes_of(&frame, &grad, &mut planes);
+        let (mut of_light, mut of_environment) = (Vec::new(), Vec::new());
+        if let (Some(light), Some(grad)) = (&light, &light_grad) {
+            of_light = exec.texels_of(grad);
+            let grad = exec.prefilter_vjp(&environment, light, grad).expect("it goes back through the prefilter");
+            of_environment = vec![0.0; self.environment.values.len()];
+            exec.download(&grad, &mut of_environment).expect("a gradient can be read");
+        }
+        assert_eq!(light.is_some(), light_grad.is_some(), "there is a gradient of a light if there is one");
+        Gradient { blended, grad: to_f64(&planes), light: to_f64(&of_light), environment: to_f64(&of_environment) }
+    }
+
+    /// The pixels that something covers in both pictures.
+    fn covered(&self, ours: &Gradient, theirs: &Gradient) -> Vec<usize> {
+        let size = self.pixel_count();
+        let first = self.channels().count() * size;
+        (0..size).filter(|pixel| [ours, theirs].iter().all(|of| of.blended[first + pixel] < 1.0)).collect()
+    }
+}
+
+/// The gradients of two executors agree.
+#[track_caller]
+fn assert_same_gradient(scene: &Scene, ours: &Gradient, theirs: &Gradient) {
+    let covered = scene.covered(ours, theirs);
+    let size = scene.pixel_count();
+    for plane in 0..=scene.channels().count() {
+        let of =
+            |gradient: &Gradient| covered.iter().map(|pixel| gradient.grad[plane * size + pixel]).collect::<Vec<_>>();
+        let (far, largest) = far_apart(&of(ours), &of(theirs), SAME_PIXEL);
+        println!("  plane {plane}: {far:.4} far apart, others {largest:.1e}");
+        assert_mostly_close(&of(ours), &of(theirs), SAME_PIXEL, ON_A_BORDER);
+    }
+    println!("  light: {:.1e}", difference(&ours.light, &theirs.light));
+    println!("  environment: {:.1e}", difference(&ours.environment, &theirs.environment));
+    assert_same_grad(&ours.light, &theirs.light, SAME_LIGHT_GRAD);
+    assert_same_grad(&ours.environment, &theirs.environment, SAME_LIGHT_GRAD);
+}
+
+fn rules(channels: Channels, scheme: PrefilterScheme) -> RenderRules {
+    RenderRules::full(ShadingRules::DEFERRED, scheme, channels)
+}
+
+#[test]
+fn pixels_give_back_what_they_do_on_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    let mut scenes = Vec::new();
+    for scheme in [PrefilterScheme::Exact, PrefilterScheme::Official] {
+        for channels in [Channels::Color, Channels::Training, Channels::Layers] {
+            scenes.push(Scene::new(80, [70, 45], rules(channels, scheme), 1));
+            let unlit = RenderRules { is_lit: false, ..rules(channels, scheme) };
+            scenes.push(Scene::new(80, [70, 45], unlit, 2));
+        }
+    }
+    for (seed, (count, size)) in (3..).zip([(0, [70, 45]), (1, [17, 16]), (200, [1, 1]), (200, [17, 16])]) {
+        scenes.push(Scene::new(count, size, rules(Channels::Training, PrefilterScheme::Exact), seed));
+    }
+    for scene in scenes {
+        println!("{:?}, {:?}, lit {}", scene.channels(), scene.rules.scheme, scene.rules.is_lit);
+        let grad = scene.grad_of_picture();
+        let (ours, theirs) = (scene.gradient(&mut gpu, &grad), scene.gradient(&mut cpu, &grad));
+        assert_same_gradient(&scene, &ours, &theirs);
+        let covered = scene.covered(&ours, &ours);
+        let is_left = |index: &usize| covered.binary_search(&(index % scene.pixel_count())).is_err();
+        let left: Vec<usize> = (0..grad.len()).filter(is_left).collect();
+        assert!(left.iter().all(|k| ours.grad[*k] == f64::from(grad[*k])), "what nothing covers is left as it is");
+    }
+}
+
+#[test]
+fn pixels_give_back_what_plain_loops_do() {
+    let Some(mut gpu) = executor() else { return };
+    let scene = Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 9);
+    let grad = scene.grad_of_picture();
+    let ours = scene.gradient(&mut gpu, &grad);
+    let image = |values: &[f32]| Image {
+        width: scene.camera.width as usize,
+        height: scene.camera.height as usize,
+        channels: scene.channels().count() + 1,
+        values: plain::lift::<Double>(values),
+    };
+    let environment = plain::lift_environment::<Double>(&scene.environment);
+    let operator = plain::Operator::new(environment.resolution);
+    let light = plain::prefilter(&environment, &operator);
+    let (mut exact, mut of_light) = (image(&grad), plain::LightGrad::zero(&light));
+    plain::shade_pixels_vjp(&image(&ours.blended), Some(&light), &scene.camera, &mut exact, Some(&mut of_light));
+    let flat = |texel: &Vec3<Double>| [texel.x.0, texel.y.0, texel.z.0, 0.0];
+    let exact = Gradient {
+        blended: ours.blended.clone(),
+        grad: exact.values.iter().map(|x| x.0).collect(),
+        light: of_light.maps.iter().flatten().flat_map(flat).collect(),
+        environment: plain::prefilter_vjp(&environment, &operator, &of_light).iter().map(|x| x.0).collect(),
+    };
+    assert_same_gradient(&scene, &ours, &exact);
+}
+
+#[test]
+fn a_device_goes_back_to_the_same_bits_twice_and_whatever_it_did_before() {
+    let Some(mut gpu) = executor() else { return };
+    let scene = Scene::new(500, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 11);
+    let grad = scene.grad_of_picture();
+    let gradient = |gpu: &mut GpuExecutor| {
+        let Gradient { grad, light, environment, .. } = scene.gradient(gpu, &grad);
+        (grad, light, environment)
+    };
+    let first = gradient(&mut gpu);
+    let other = Scene::new(37, [70, 45], rules(Channels::Layers, PrefilterScheme::Official), 12);
+    other.gradient(&mut gpu, &other.grad_of_picture());
+    assert!(gradient(&mut gpu) == first, "memory that was used before changes nothing");
+    let mut another = executor().expect("there was one before");
+    assert!(gradient(&mut another) == first, "a new executor computes the same");
+}
+
+#[test]
+fn a_gradient_that_is_no_number_reaches_the_light_as_on_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    let scene = Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 13);
+    let mut grad = scene.grad_of_picture();
+    let size = scene.pixel_count();
+    grad[(channel::COLOR + 1) * size + 22 * 70 + 35] = f32::NAN;
+    let (ours, theirs) = (scene.gradient(&mut gpu, &grad), scene.gradient(&mut cpu, &grad));
+    let nonfinite = |values: &[f64]| values.iter().map(|x| !x.is_finite()).collect::<Vec<_>>();
+    assert!(nonfinite(&ours.light).contains(&true), "the light is told");
+    assert!(nonfinite(&ours.light) == nonfinite(&theirs.light), "the same texels are");
+    assert!(nonfinite(&ours.environment) == nonfinite(&theirs.environment), "so is the same of the environment");
+    assert!(nonfinite(&ours.grad) == nonfinite(&theirs.grad), "and the same of the pixels");
+}
+
+fn random_texels(count: usize) -> Vec<f32> {
+    let number = |k: usize| if k % 4 == 3 { 0.0 } else { 2.0 * uniform(41, 0, k as u64) - 1.0 };
+    (0..4 * count).map(number).collect()
+}
+
+#[test]
+fn the_way_back_through_the_prefilter_is_the_transposed_one() {
+    let Some(mut gpu) = executor() else { return };
+    for (scheme, resolution) in SCHEMES {
+        let environment = random_environment(resolution, RadianceActivation::Identity, 5);
+        let light = light_of(&mut gpu, &environment, scheme);
+        let texels = gpu.read_light(&light).expect("a light can be read");
+        let cotangent = random_texels(texels.len() / 4);
+        let grad = gpu.light_grad(&cotangent).expect("texels fit");
+        let on_device = upload(&mut gpu, &environment);
+        let grad = gpu.prefilter_vjp(&on_device, &light, &grad).expect("the light goes back");
+        let mut back = vec![0.0; environment.values.len()];
+        gpu.download(&grad, &mut back).expect("a gradient can be read");
+        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+        let size = texels.iter().zip(&cotangent).map(|(a, b)| f64::from((a * b).abs())).sum::<f64>();
+        assert_close(dot(&texels, &cotangent), dot(&environment.values, &back), SAME_SUM * size);
+    }
+}
+
+#[test]
+fn the_prefilter_goes_back_as_on_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    for (scheme, resolution) in SCHEMES {
+        for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+            let environment = random_environment(resolution, activation, 6);
+            let light = light_of(&mut cpu, &environment, scheme);
+            let texels = random_texels(light.texels().len());
+            let grad = light.grad(texels.as_chunks().0);
+            let expected = cpu.prefilter_vjp(&environment, &light, &grad).expect("the CPU goes back");
+
+            let light = light_of(&mut gpu, &environment, scheme);
+            let grad = gpu.light_grad(&texels).expect("texels fit");
+            let on_device = upload(&mut gpu, &environment);
+            let grad = gpu.prefilter_vjp(&on_device, &light, &grad).expect("the device goes back");
+            let mut actual = vec![0.0; expected.len()];
+            gpu.download(&grad, &mut actual).expect("a gradient can be read");
+            println!(
+                "{scheme:?} {resolution} {activation:?}: {:.1e}",
+                difference(&to_f64(&actual), &to_f64(&expected))
+            );
+            assert_all_close(&to_f64(&actual), &to_f64(&expected), SAME_SUM);
+        }
+    }
+}
