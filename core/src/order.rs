@@ -1,7 +1,11 @@
 //! Where Gaussians lie in memory: what is near in space is near in memory, so that tiles read what lies together.
 
+use crate::real::Real;
+
 /// Bits of a cell's number along each axis.
 const BITS: u32 = 10;
+/// Bits of a code.
+pub const CODE_BITS: u32 = 3 * BITS;
 
 /// The box around some points.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,16 +32,20 @@ impl Bounds {
     /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of the box. Points
     /// outside, and what is not a number, count to the nearest cell or to the first.
     pub fn code(&self, point: [f32; 3]) -> u32 {
-        let cells = (1 << BITS) as f32;
         let mut code = 0;
         for axis in 0..3 {
-            let share = (point[axis] - self.low[axis]) / (self.high[axis] - self.low[axis]);
-            // A cast takes what is not a number, as in a flat box, to zero.
-            let cell = (share * cells).clamp(0.0, cells - 1.0) as u32;
-            code |= spread(cell) << axis;
+            code |= spread(cell(point[axis], self.low[axis], self.high[axis]) as u32) << axis;
         }
         code
     }
+}
+
+/// Which of 1024 cells between two bounds a coordinate lies in, with its place in the cell as the fraction; zero for what
+/// is not a number, as in a flat box.
+#[inline(always)]
+pub fn cell<R: Real>(x: R, low: R, high: R) -> R {
+    let cells = (1 << BITS) as f32;
+    ((x - low) / (high - low) * cells).clamp(0.0, cells - 1.0)
 }
 
 /// Ten bits, each with two zeros before the next.

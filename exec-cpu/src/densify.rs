@@ -12,10 +12,10 @@ use rayon::prelude::*;
 use specula_core::{
     activation::sigmoid,
     camera::Camera,
-    covariance::scales,
-    densify::{Action, DensifyRules, SPLIT_SHRINK, decide, split_mean},
+    densify::{
+        Action, DensifyRules, decide, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
+    },
     executor::{DensifyReport, Moments, RandomKey, Statistics},
-    real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     vector::{Vec3, vec3},
 };
@@ -46,8 +46,8 @@ pub(crate) fn observe(
 
 #[inline(always)]
 fn grad_lengths<S: Simd>(simd: S, grads: &[f32], [half_width, half_height]: [f32; 2]) -> [f32; BLOCK] {
-    let (x, y) = (Lanes::load(simd, grads) * half_width, Lanes::load(simd, &grads[BLOCK..]) * half_height);
-    x.mul_add(x, y * y).sqrt().to_array()
+    let grad = [Lanes::load(simd, grads), Lanes::load(simd, &grads[BLOCK..])];
+    grad_length(grad, [Lanes::splat(simd, half_width), Lanes::splat(simd, half_height)]).to_array()
 }
 
 /// What becomes of one Gaussian: where it comes from, and which part of a split it is.
@@ -105,10 +105,9 @@ fn decide_all(
     let mut actions: Vec<Action> = (0..gaussians.count)
         .into_par_iter()
         .map(|index| {
-            let mean_grad = statistics.grad_sum[index] / statistics.view_count[index].max(1.0);
+            let mean_grad = mean_grad(statistics.grad_sum[index], statistics.view_count[index]);
             let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
-            let s = scales_of(gaussians, index);
-            decide(rules, mean_grad, opacity, s.x.max(s.y).max(s.z))
+            decide(rules, mean_grad, opacity, largest_scale(take3(gaussians.get(index, LOG_SCALE))))
         })
         .collect();
     limit_growth(&mut actions, statistics, count_max);
@@ -124,7 +123,7 @@ fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count
     if growing.len() <= room {
         return;
     }
-    let mean_grad = |index: usize| statistics.grad_sum[index] / statistics.view_count[index].max(1.0);
+    let mean_grad = |index: usize| mean_grad(statistics.grad_sum[index], statistics.view_count[index]);
     growing.sort_by(|a, b| mean_grad(*b).total_cmp(&mean_grad(*a)).then(a.cmp(b)));
     growing[room..].iter().for_each(|index| actions[*index] = Action::Keep);
 }
@@ -148,23 +147,15 @@ fn heirs(actions: &[Action]) -> (Vec<Heir>, DensifyReport) {
 }
 
 fn become_part(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
-    let [x, y, z] = gaussians.get::<3>(index, MEAN);
-    let mean = split_mean(
-        vec3(x, y, z),
-        scales_of(gaussians, index),
-        gaussians.get::<4>(index, QUAT),
-        key.seed,
-        key.stream,
-        draw,
-    );
+    let [mean, log_scales] = [MEAN, LOG_SCALE].map(|plane| take3(gaussians.get(index, plane)));
+    let noise = take3(part_noise(key.seed, key.stream, draw));
+    let mean = part_mean(mean, log_scales, gaussians.get(index, QUAT), noise);
     gaussians.set(index, MEAN, mean.to_array());
-    let shrunk = gaussians.get::<3>(index, LOG_SCALE).map(|log_scale| log_scale - SPLIT_SHRINK.ln());
-    gaussians.set(index, LOG_SCALE, shrunk);
+    gaussians.set(index, LOG_SCALE, part_log_scales(log_scales).to_array());
 }
 
-fn scales_of(gaussians: &Gaussians<Vec<f32>>, index: usize) -> Vec3<f32> {
-    let [x, y, z] = gaussians.get::<3>(index, LOG_SCALE);
-    scales(vec3(x, y, z))
+fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {
+    vec3(x, y, z)
 }
 
 pub(crate) fn limit_plane(

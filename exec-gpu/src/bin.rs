@@ -10,7 +10,7 @@ use crate::{
     memory::Array,
     project::Splats,
     sort::{Pairs, scan, sort},
-    source,
+    source::{self, COLUMN},
     view::View,
 };
 use specula_core::camera::Camera;
@@ -41,19 +41,26 @@ impl Tiles {
 
 pub(crate) fn bin(machine: &mut Machine, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
     let view = View::new(camera, splats.count);
-    let order = depth_order(machine, splats)?;
+    let measures = Measures::new(machine, splats)?;
+    let count = measures.intersections as usize;
+    let order = depth_order(machine, splats, &measures)?;
     let offsets = machine.take("offsets", splats.count + 1)?;
-    // Not yet known, and not yet written.
-    let none_yet = Emitted::take(machine, 0)?;
-    let counting = none_yet.bound(&view, splats, &order, &offsets);
-    machine.run("bin", "counts_in_order", &source::bin, &counting, Groups::For(splats.count + 1))?;
+    let pairs =
+        Pairs { keys: machine.take("tiles of splats", count)?, items: machine.take("numbers of splats", count)? };
+    let emitted = machine.take("splats of tiles", count)?;
+    let bound = [
+        Uniform(view.bytes()),
+        Of(&splats.splats),
+        Of(&order),
+        Of(&splats.tile_counts),
+        Of(&offsets),
+        Of(&pairs.keys),
+        Of(&pairs.items),
+        Of(&emitted),
+    ];
+    machine.run("bin", "counts_in_order", &source::bin, &bound, Groups::For(splats.count + 1))?;
     scan(machine, &offsets, splats.count + 1)?;
-    let count = machine.download_count(&offsets, splats.count)? as usize;
-
-    let emitted = Emitted::take(machine, count)?;
-    let emitting = emitted.bound(&view, splats, &order, &offsets);
-    machine.run("bin", "emit", &source::bin, &emitting, Groups::For(splats.count))?;
-    let Emitted { pairs, gaussians: emitted } = emitted;
+    machine.run("bin", "emit", &source::bin, &bound, Groups::For(splats.count))?;
     let tile_bits = (view.tile_count() as u32).next_power_of_two().ilog2();
     let Pairs { keys, items: emissions } = sort(machine, pairs, count, tile_bits)?;
 
@@ -66,45 +73,39 @@ pub(crate) fn bin(machine: &mut Machine, splats: &Splats, camera: &Camera) -> Re
     Ok(Tiles { ranges, gaussians, count, emissions, order, offsets })
 }
 
-/// One element for each tile of each splat.
-struct Emitted {
-    /// Tiles, and numbers of the elements.
-    pairs: Pairs,
-    /// The Gaussian of each.
-    gaussians: Array,
+/// What must be known of splats before they are sorted.
+struct Measures {
+    /// Key of the nearest depth.
+    nearest: u32,
+    /// Key of the furthest; nothing is drawn if it is nearer.
+    furthest: u32,
+    /// How many pairs of a tile and a splat there are.
+    intersections: u32,
 }
 
-impl Emitted {
-    fn take(machine: &Machine, count: usize) -> Result<Self, GpuError> {
-        let keys = machine.take("tiles of splats", count)?;
-        let items = machine.take("numbers of splats", count)?;
-        Ok(Self { pairs: Pairs { keys, items }, gaussians: machine.take("splats of tiles", count)? })
-    }
-
-    fn bound<'a>(
-        &'a self,
-        view: &'a View,
-        splats: &'a Splats,
-        order: &'a Array,
-        offsets: &'a Array,
-    ) -> [crate::kernel::Bound<'a>; 8] {
-        [
-            Uniform(view.bytes()),
-            Of(&splats.splats),
-            Of(order),
-            Of(&splats.tile_counts),
-            Of(offsets),
-            Of(&self.pairs.keys),
-            Of(&self.pairs.items),
-            Of(&self.gaussians),
-        ]
+impl Measures {
+    fn new(machine: &mut Machine, splats: &Splats) -> Result<Self, GpuError> {
+        let measures = machine.upload("measures", &[u32::MAX, 0, 0])?;
+        let size = [splats.count as u32];
+        let bound =
+            [Uniform(bytemuck::cast_slice(&size)), Of(&splats.depth_keys), Of(&splats.tile_counts), Of(&measures)];
+        let columns = splats.count.div_ceil(COLUMN);
+        machine.run("measure", "measure", &source::measure, &bound, Groups::For(columns))?;
+        let mut found = [0; 3];
+        machine.download_counts(&measures, &mut found)?;
+        let [nearest, furthest, intersections] = found;
+        Ok(Self { nearest, furthest, intersections })
     }
 }
 
-/// All Gaussians, front to back, ties in their order; behind them those that are not drawn.
-fn depth_order(machine: &mut Machine, splats: &Splats) -> Result<Array, GpuError> {
-    let numbers: Vec<u32> = (0..splats.count as u32).collect();
-    let items = machine.upload("numbers", &numbers)?;
-    let keys = machine.copy("depths", &splats.depth_keys)?;
-    Ok(sort(machine, Pairs { keys, items }, splats.count, u32::BITS)?.items)
+/// All Gaussians, front to back, ties in their order; behind them those that are not drawn. Sorts by no more bits than
+/// their depths differ in.
+fn depth_order(machine: &mut Machine, splats: &Splats, measures: &Measures) -> Result<Array, GpuError> {
+    let (count, nearest) = (splats.count, measures.nearest.min(measures.furthest));
+    let not_drawn = measures.furthest - nearest + 1;
+    let pairs = Pairs { keys: machine.take("depths", count)?, items: machine.take("order", count)? };
+    let settings = [count as u32, nearest, not_drawn];
+    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&splats.depth_keys), Of(&pairs.keys), Of(&pairs.items)];
+    machine.run("depths", "shorten", &source::depths, &bound, Groups::For(count))?;
+    Ok(sort(machine, pairs, count, u32::BITS - not_drawn.leading_zeros())?.items)
 }

@@ -1,6 +1,7 @@
 //! The formulas that kernels use, each with its parameters and results in WGSL.
 
 pub mod blend_vjp;
+pub mod densify;
 pub mod gaussians_vjp;
 pub mod light;
 pub mod loss;

@@ -42,14 +42,6 @@ impl Machine {
         Ok(array)
     }
 
-    /// A copy of an array.
-    pub(crate) fn copy(&mut self, what: &'static str, array: &Array) -> Result<Array, GpuError> {
-        let copy = self.take(what, array.len())?;
-        let size = Some(4 * array.len() as u64);
-        self.kernels.encoder(&self.gpu).copy_buffer_to_buffer(array.buffer(), 0, copy.buffer(), 0, size);
-        Ok(copy)
-    }
-
     /// Some numbers of an array, from `first` on. Waits for the device.
     pub(crate) fn download(&mut self, array: &Array, first: usize, values: &mut [f32]) -> Result<(), GpuError> {
         self.read(array, first, values.len(), |bytes| {
@@ -64,6 +56,20 @@ impl Machine {
         let mut count = 0;
         self.read(array, place, 1, |bytes| count = bytemuck::pod_read_unaligned(&bytes[..4]))?;
         Ok(count)
+    }
+
+    /// The first whole numbers of an array. Waits for the device.
+    pub(crate) fn download_counts(&mut self, array: &Array, counts: &mut [u32]) -> Result<(), GpuError> {
+        self.read(array, 0, counts.len(), |bytes| {
+            let own: &mut [u8] = bytemuck::cast_slice_mut(counts);
+            let len = own.len();
+            own.copy_from_slice(&bytes[..len]);
+        })
+    }
+
+    /// Gives back memory that no array uses.
+    pub(crate) fn forget_memory(&mut self) {
+        self.pool.forget();
     }
 
     fn read(&mut self, array: &Array, first: usize, len: usize, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {

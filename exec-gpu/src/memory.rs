@@ -63,6 +63,11 @@ impl Pool {
         let buffer = place.map_or_else(|| new_buffer(gpu, size), |place| free.swap_remove(place));
         Ok(Array { buffer: Some(buffer), len, pool: self.free.clone() })
     }
+
+    /// Gives back what no array uses.
+    pub(crate) fn forget(&self) {
+        self.free.lock().expect("nobody panics while holding the pool").clear();
+    }
 }
 
 fn new_buffer(gpu: &Gpu, size: u64) -> Buffer {

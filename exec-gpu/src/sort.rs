@@ -8,13 +8,8 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
-    source::{self, SCAN_BLOCK, SORT_BLOCK},
+    source::{self, COLUMN, DIGIT_BITS, SCAN_BLOCK, SORT_GROUP},
 };
-
-/// Digits of a pass.
-const DIGITS: usize = 16;
-/// Bits of a digit.
-const DIGIT_BITS: u32 = DIGITS.ilog2();
 
 /// Replaces every number by the sum of those before it; `len` of them.
 pub(crate) fn scan(machine: &mut Machine, numbers: &Array, len: usize) -> Result<(), GpuError> {
@@ -30,6 +25,15 @@ pub(crate) fn scan(machine: &mut Machine, numbers: &Array, len: usize) -> Result
     Ok(())
 }
 
+/// The numbers from zero on.
+pub(crate) fn numbers(machine: &mut Machine, what: &'static str, len: usize) -> Result<Array, GpuError> {
+    let numbers = machine.take(what, len)?;
+    let size = [len as u32];
+    let bound = [Uniform(bytemuck::cast_slice(&size)), Of(&numbers)];
+    machine.run("numbers", "count_up", &source::numbers, &bound, Groups::For(len))?;
+    Ok(numbers)
+}
+
 /// Keys and what belongs to them.
 #[derive(Debug)]
 pub(crate) struct Pairs {
@@ -39,11 +43,13 @@ pub(crate) struct Pairs {
 
 /// Sorts so many pairs by the lowest bits of their keys; equal keys stay in their order.
 pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u32) -> Result<Pairs, GpuError> {
-    let blocks = len.div_ceil(SORT_BLOCK);
-    let starts = machine.take("digits", DIGITS * blocks)?;
+    let columns = len.div_ceil(COLUMN);
+    let groups = Groups::Count(columns.div_ceil(SORT_GROUP));
+    let starts = machine.take("digits", columns << DIGIT_BITS)?;
     let mut other = Pairs { keys: machine.take("keys", len)?, items: machine.take("items", len)? };
-    for pass in 0..bits.div_ceil(DIGIT_BITS) {
-        let settings = [len as u32, pass * DIGIT_BITS, blocks as u32];
+    for shift in (0..bits).step_by(DIGIT_BITS as usize) {
+        let mask = (1 << DIGIT_BITS.min(bits - shift)) - 1;
+        let settings = [len as u32, columns as u32, shift, mask];
         let bound = [
             Uniform(bytemuck::cast_slice(&settings)),
             Of(&pairs.keys),
@@ -52,10 +58,80 @@ pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u3
             Of(&other.keys),
             Of(&other.items),
         ];
-        machine.run("sort", "count_digits", &source::sort, &bound, Groups::Count(blocks))?;
-        scan(machine, &starts, DIGITS * blocks)?;
-        machine.run("sort", "move_elements", &source::sort, &bound, Groups::Count(blocks))?;
+        machine.run("sort", "count_digits", &source::sort, &bound, groups)?;
+        scan(machine, &starts, columns << DIGIT_BITS)?;
+        machine.run("sort", "move_elements", &source::sort, &bound, groups)?;
         (pairs, other) = (other, pairs);
     }
     Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Gpu;
+    use specula_core::random;
+
+    fn machine() -> Option<Machine> {
+        match Gpu::new("") {
+            Ok(gpu) => Some(Machine::new(gpu)),
+            Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
+            Err(error) => {
+                eprintln!("NOT TESTED, because {error}");
+                None
+            }
+        }
+    }
+
+    fn random_numbers(len: usize, bits: u32) -> Vec<u32> {
+        (0..len).map(|k| (random::bits(7, u64::from(bits), k as u64) >> (64 - bits)) as u32).collect()
+    }
+
+    #[test]
+    fn sums_are_those_of_all_numbers_before() {
+        let Some(mut machine) = machine() else { return };
+        for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
+            let own = random_numbers(len, 10);
+            let array = machine.upload("numbers", &own).expect("numbers fit");
+            scan(&mut machine, &array, len).expect("the device adds");
+            let mut sums = vec![0; len];
+            machine.download_counts(&array, &mut sums).expect("there are so many");
+            let mut before = 0;
+            for (k, sum) in sums.into_iter().enumerate() {
+                assert_eq!(sum, before, "number {k} of {len}");
+                before += own[k];
+            }
+        }
+    }
+
+    #[test]
+    fn pairs_are_sorted_and_equal_keys_stay_in_their_order() {
+        let Some(mut machine) = machine() else { return };
+        for bits in [1, 5, 12, 13, 24, 30, 32] {
+            for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
+                sorts_as_the_host(&mut machine, &random_numbers(len, bits), bits);
+                sorts_as_the_host(&mut machine, &vec![(1 << (bits - 1)) - 1; len], bits);
+            }
+        }
+        // Bits above those that are sorted by change nothing but go along.
+        let keys: Vec<u32> = random_numbers(5000, 32);
+        sorts_as_the_host(&mut machine, &keys, 9);
+    }
+
+    fn sorts_as_the_host(machine: &mut Machine, keys: &[u32], bits: u32) {
+        let len = keys.len();
+        let pairs = Pairs {
+            keys: machine.upload("keys", keys).expect("keys fit"),
+            items: numbers(machine, "items", len).expect("items fit"),
+        };
+        let sorted = sort(machine, pairs, len, bits).expect("the device sorts");
+        let mut own = [vec![0; len], vec![0; len]];
+        machine.download_counts(&sorted.keys, &mut own[0]).expect("there are so many");
+        machine.download_counts(&sorted.items, &mut own[1]).expect("there are so many");
+        let mut order: Vec<u32> = (0..len as u32).collect();
+        let low = u32::MAX >> (32 - bits);
+        order.sort_by_key(|item| keys[*item as usize] & low);
+        assert!(own[1] == order, "{len} items by {bits} bits");
+        assert!(own[0].iter().zip(&order).all(|(key, item)| *key == keys[*item as usize]), "keys go with their items");
+    }
 }

@@ -7,6 +7,7 @@ use crate::{
         BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, FalloffAt, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf,
         SplatOf, SurfaceOf, SurfaceOfPixel, TexelsAt,
         blend_vjp::{MOMENTS, MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
+        densify::{CellAt, GradLength, MeasuresOf, PartOf},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
         loss::{
@@ -24,18 +25,23 @@ use specula_core::{
     bin::TILE_SIZE,
     blend::{LOG2_ALPHA_MIN, ROOT_SCALE, TRANSMITTANCE_MIN},
     cubemap::padded_len,
+    densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
-    scene::{BLOCK, Layout, NORMAL_RESIDUAL_1, OPACITY},
+    scene::{BLOCK, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY},
     shade::ShadingForm,
     split_sum,
 };
 
 /// Numbers that a workgroup sums up at once.
-pub(crate) const SCAN_BLOCK: usize = 1024;
-/// Elements that a workgroup sorts at once.
-pub(crate) const SORT_BLOCK: usize = 2048;
+pub(crate) const SCAN_BLOCK: usize = 4096;
+/// Elements that one invocation goes through where each on its own would be too little to do.
+pub(crate) const COLUMN: usize = 64;
+/// Invocations of a workgroup that sorts: their counters take a quarter of its memory.
+pub(crate) const SORT_GROUP: usize = 64;
+/// Bits of a key that are sorted by at once.
+pub(crate) const DIGIT_BITS: u32 = 4;
 /// Numbers that a word tells apart.
 const WORD: f32 = 4_294_967_296.0;
 /// The key of a Gaussian that is not drawn: behind every depth.
@@ -64,7 +70,7 @@ impl Source {
         count("BLOCK", BLOCK as u32);
         count("GROUP", GROUP);
         count("SCAN_BLOCK", SCAN_BLOCK as u32);
-        count("SORT_BLOCK", SORT_BLOCK as u32);
+        count("COLUMN", COLUMN as u32);
         count("NOT_DRAWN", NOT_DRAWN);
         Self(text).with(include_str!("shaders/index.wgsl"))
     }
@@ -123,6 +129,17 @@ impl Source {
     pub(crate) fn planes(self, layout: Layout) -> Self {
         self.count("PLANES", layout.plane_count()).with(include_str!("shaders/planes.wgsl"))
     }
+    /// And what becomes of Gaussians in densification.
+    pub(crate) fn actions(self) -> Self {
+        self.count("KEEP", Action::Keep as usize)
+            .count("CLONE", Action::Clone as usize)
+            .count("SPLIT", Action::Split as usize)
+            .count("PRUNE", Action::Prune as usize)
+    }
+    /// And how Gaussians come about in densification.
+    pub(crate) fn origins(self) -> Self {
+        self.count("KEPT", 0).count("COPIED", 1).count("FIRST_PART", 2).count("ORIGINS", 4)
+    }
     /// The whole text.
     pub(crate) fn text(self) -> String {
         self.0
@@ -172,7 +189,18 @@ pub(crate) fn scan() -> String {
 
 /// Sorting.
 pub(crate) fn sort() -> String {
-    Source::new().with(include_str!("shaders/sort.wgsl")).text()
+    let source = Source::new().count("SORT_GROUP", SORT_GROUP).count("DIGIT_BITS", DIGIT_BITS as usize);
+    source.with(include_str!("shaders/sort.wgsl")).text()
+}
+
+/// Measures of splats.
+pub(crate) fn measure() -> String {
+    Source::new().with(include_str!("shaders/measure.wgsl")).text()
+}
+
+/// Depths as keys.
+pub(crate) fn depths() -> String {
+    Source::new().with(include_str!("shaders/depths.wgsl")).text()
 }
 
 /// Splats to tiles.
@@ -464,4 +492,50 @@ pub(crate) fn loss_normals(variant: &LossVariant, form: NormalForm) -> String {
     let source = variant.source((TILE_SIZE * TILE_SIZE) as usize, "f32").camera();
     let source = source.formula(&NormalWeight).formula(&NormalLoss { form }).formula(&DepthGrad);
     source.with(include_str!("shaders/loss_normals.wgsl")).text()
+}
+
+/// [`mod@crate::densify`]'s look at a view.
+pub(crate) fn observe(channels: usize) -> String {
+    let source = Source::new().camera().with(include_str!("shaders/bits.wgsl")).formula(&GradLength);
+    source.count("GRAD_PLANES", GEOMETRY + channels).with(include_str!("shaders/observe.wgsl")).text()
+}
+
+/// What becomes of each Gaussian.
+pub(crate) fn densify(layout: Layout) -> String {
+    let source = Source::new().real().planes(layout).with(include_str!("shaders/bits.wgsl")).actions();
+    source.formula(&MeasuresOf { layout }).with(include_str!("shaders/densify.wgsl")).text()
+}
+
+/// What finds no room to grow.
+pub(crate) fn densify_limit() -> String {
+    Source::new().actions().with(include_str!("shaders/densify_limit.wgsl")).text()
+}
+
+/// Gaussians after densification.
+pub(crate) fn densify_heirs(layout: Layout) -> String {
+    let source = Source::new().planes(layout).count("MEAN", MEAN).with(include_str!("shaders/bits.wgsl"));
+    source.actions().origins().formula(&CellAt).with(include_str!("shaders/densify_heirs.wgsl")).text()
+}
+
+/// Their numbers.
+pub(crate) fn densify_gather(layout: Layout) -> String {
+    let source = Source::new().count("PLANES", layout.plane_count()).origins();
+    source.with(include_str!("shaders/densify_gather.wgsl")).text()
+}
+
+/// Parts of what was split.
+pub(crate) fn densify_parts(layout: Layout) -> String {
+    let source = Source::new().real().planes(layout).count("MEAN", MEAN).count("LOG_SCALE", LOG_SCALE).origins();
+    source.formula(&PartOf { layout }).with(include_str!("shaders/densify_parts.wgsl")).text()
+}
+
+/// The limit of a plane.
+pub(crate) fn limit_plane(layout: Layout) -> String {
+    let source = Source::new().count("PLANES", layout.plane_count());
+    source.with(include_str!("shaders/limit_plane.wgsl")).text()
+}
+
+/// Numbers in a row.
+pub(crate) fn numbers() -> String {
+    Source::new().with(include_str!("shaders/numbers.wgsl")).text()
 }

@@ -1,6 +1,8 @@
 // Exclusive sums of a row of numbers: block by block, then the blocks' own sums are added.
 
 const PER_THREAD: u32 = SCAN_BLOCK / GROUP;
+// Invocations whose sums are added up one after the other, before those of whole segments are.
+const SEGMENT: u32 = 16u;
 
 struct ScanSize {
     count: u32,
@@ -11,6 +13,7 @@ struct ScanSize {
 @group(0) @binding(2) var<storage, read_write> block_sums: array<u32>;
 
 var<workgroup> sums: array<u32, GROUP>;
+var<workgroup> segment_sums: array<u32, GROUP / SEGMENT>;
 
 // Every block becomes its exclusive sums; what it came to goes to `block_sums`.
 @compute @workgroup_size(GROUP)
@@ -20,36 +23,33 @@ fn scan_blocks(
     @builtin(local_invocation_index) local: u32,
 ) {
     let first = linear_index(group, groups, local) * PER_THREAD;
-    var own: array<u32, PER_THREAD>;
+    let end = min(first + PER_THREAD, size.count);
     var sum = 0u;
-    for (var k = 0u; k < PER_THREAD; k++) {
-        own[k] = sum;
-        if first + k < size.count {
-            sum += numbers[first + k];
-        }
+    for (var place = first; place < end; place++) {
+        sum += numbers[place];
     }
     sums[local] = sum;
     workgroupBarrier();
+    let segment = local / SEGMENT;
     var before = 0u;
-    for (var reach = 1u; reach < GROUP; reach *= 2u) {
-        if local >= reach {
-            before = sums[local - reach];
-        } else {
-            before = 0u;
-        }
-        workgroupBarrier();
-        sums[local] += before;
-        workgroupBarrier();
+    for (var other = segment * SEGMENT; other < local; other++) {
+        before += sums[other];
     }
-    let start = sums[local] - sum;
-    for (var k = 0u; k < PER_THREAD; k++) {
-        if first + k < size.count {
-            numbers[first + k] = start + own[k];
-        }
+    if local % SEGMENT == SEGMENT - 1u {
+        segment_sums[segment] = before + sum;
+    }
+    workgroupBarrier();
+    for (var other = 0u; other < segment; other++) {
+        before += segment_sums[other];
     }
     let block = group.y * groups.x + group.x;
     if local == GROUP - 1u && block * SCAN_BLOCK < size.count {
-        block_sums[block] = sums[local];
+        block_sums[block] = before + sum;
+    }
+    for (var place = first; place < end; place++) {
+        let number = numbers[place];
+        numbers[place] = before;
+        before += number;
     }
 }
 
@@ -61,13 +61,12 @@ fn add_block_sums(
     @builtin(local_invocation_index) local: u32,
 ) {
     let first = linear_index(group, groups, local) * PER_THREAD;
-    if first >= size.count {
+    let end = min(first + PER_THREAD, size.count);
+    if first >= end {
         return;
     }
     let before = block_sums[group.y * groups.x + group.x];
-    for (var k = 0u; k < PER_THREAD; k++) {
-        if first + k < size.count {
-            numbers[first + k] += before;
-        }
+    for (var place = first; place < end; place++) {
+        numbers[place] += before;
     }
 }

@@ -1,0 +1,49 @@
+// What becomes of each Gaussian: one invocation each.
+
+struct Rules {
+    count: u32,
+    grad_min: f32,
+    split_scale: f32,
+    opacity_min: f32,
+    scale_max: f32,
+}
+
+@group(0) @binding(0) var<uniform> rules: Rules;
+@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(2) var<storage, read> grad_sums: array<f32>;
+@group(0) @binding(3) var<storage, read> view_counts: array<f32>;
+@group(0) @binding(4) var<storage, read_write> actions: array<u32>;
+// Keys that sort what grows by its mean gradient, the largest first, and before all that does not.
+@group(0) @binding(5) var<storage, read_write> growth_keys: array<u32>;
+// How many Gaussians there are of each action.
+@group(0) @binding(6) var<storage, read_write> counts: array<atomic<u32>>;
+
+var<private> gaussian: u32;
+
+// `specula_core::densify::decide`; what is not a number fails every comparison.
+fn decide(mean_grad: f32, opacity: f32, largest_scale: f32) -> u32 {
+    if !(opacity >= rules.opacity_min && largest_scale <= rules.scale_max) {
+        return PRUNE;
+    }
+    if !(mean_grad >= rules.grad_min) {
+        return KEEP;
+    }
+    return select(CLONE, SPLIT, largest_scale > rules.split_scale);
+}
+
+@compute @workgroup_size(GROUP)
+fn decide_all(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    gaussian = linear_index(group, groups, local);
+    if gaussian >= rules.count {
+        return;
+    }
+    let measures = measures_of(grad_sums[gaussian], view_counts[gaussian]);
+    let action = decide(measures.mean_grad, measures.opacity, measures.largest_scale);
+    actions[gaussian] = action;
+    growth_keys[gaussian] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
+    atomicAdd(&counts[action], 1u);
+}

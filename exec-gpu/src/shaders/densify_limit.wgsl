@@ -1,0 +1,30 @@
+// Keeps as they are those that would grow but find no room: one invocation a place in the order of their gradients.
+
+struct Room {
+    count: u32,
+    room: u32,
+}
+
+@group(0) @binding(0) var<uniform> room: Room;
+@group(0) @binding(1) var<storage, read> order: array<u32>;
+@group(0) @binding(2) var<storage, read_write> actions: array<u32>;
+@group(0) @binding(3) var<storage, read_write> counts: array<atomic<u32>>;
+
+@compute @workgroup_size(GROUP)
+fn limit_growth(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let place = linear_index(group, groups, local);
+    if place < room.room || place >= room.count {
+        return;
+    }
+    let gaussian = order[place];
+    let action = actions[gaussian];
+    if action == CLONE || action == SPLIT {
+        actions[gaussian] = KEEP;
+        atomicSub(&counts[action], 1u);
+        atomicAdd(&counts[KEEP], 1u);
+    }
+}
