@@ -117,6 +117,10 @@ pub(crate) struct Train {
     /// training had taken, timeline.json; needs --eval.
     #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval")]
     pub(crate) test_iterations: Vec<u32>,
+    /// What trains and measures: a GPU if there is one (auto), the processor, or the adapter with NAME in its name;
+    /// specula doctor lists them.
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
+    pub(crate) executor: ExecutorChoice,
     #[command(flatten)]
     pub(crate) start: Start,
     #[command(flatten)]

@@ -89,7 +89,7 @@ fn contest(
         background: Background::WHITE.0,
         random_points: 0,
     };
-    let mut training = Training::new(settings, &data.train, points)?;
+    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, points, talk)?;
     let outcome = training.run(name, talk, &[], |_, _| Ok(()))?;
     if outcome.is_interrupted {
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));

@@ -57,8 +57,11 @@ impl From<GpuError> for Failure {
     }
 }
 
-impl From<TrainError<CpuError>> for Failure {
-    fn from(error: TrainError<CpuError>) -> Self {
+impl<E> From<TrainError<E>> for Failure
+where
+    E: Into<Self> + std::error::Error,
+{
+    fn from(error: TrainError<E>) -> Self {
         match error {
             TrainError::Executor(error) => error.into(),
             other => Self::Input(other.to_string()),

@@ -4,22 +4,70 @@ use crate::{
     convention::Reading,
     failure::Failure,
     interrupt,
+    machine::{self, ExecutorChoice},
     progress::{Talk, Work},
     scene::Scene,
     settings::reading_of,
 };
-use specula_cpu::CpuExecutor;
+use specula_core::executor::Executor;
 use specula_train::{
     start::Point,
-    trainer::{Settings, Trainer},
+    trainer::{HostScene, Settings, Trainer},
     view::View,
 };
-use std::time::Instant;
+use std::{fmt, time::Instant};
 
-/// A training on the processor.
+/// A run on some executor.
+pub(crate) trait Run {
+    /// Takes one step.
+    fn step(&mut self) -> Result<(), Failure>;
+    /// Steps taken.
+    fn iteration(&self) -> u32;
+    /// PSNR of the training pictures, in dB, a running mean.
+    fn psnr(&self) -> Option<f64>;
+    /// Gradients left out so far because they were not finite.
+    fn nonfinite(&self) -> usize;
+    /// Gaussians now.
+    fn gaussian_count(&self) -> usize;
+    /// The scene on the host.
+    fn download(&mut self) -> Result<HostScene, Failure>;
+}
+
+impl fmt::Debug for dyn Run {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "Run({})", self.iteration())
+    }
+}
+
+impl<E> Run for Trainer<E>
+where
+    E: Executor,
+    E::Error: Into<Failure> + std::error::Error,
+{
+    fn step(&mut self) -> Result<(), Failure> {
+        self.step().map(drop).map_err(Failure::from)
+    }
+    fn iteration(&self) -> u32 {
+        self.iteration()
+    }
+    fn psnr(&self) -> Option<f64> {
+        self.psnr()
+    }
+    fn nonfinite(&self) -> usize {
+        self.nonfinite()
+    }
+    fn gaussian_count(&self) -> usize {
+        self.gaussians().count
+    }
+    fn download(&mut self) -> Result<HostScene, Failure> {
+        self.download().map_err(Failure::from)
+    }
+}
+
+/// A training, on whatever executor was asked for.
 #[derive(Debug)]
 pub(crate) struct Training {
-    trainer: Trainer<CpuExecutor>,
+    trainer: Box<dyn Run>,
     reading: Reading,
     iterations: u32,
     /// What steps have taken so far, without what was done in between.
@@ -39,9 +87,15 @@ pub(crate) struct Outcome {
 
 impl Training {
     /// Makes ready.
-    pub(crate) fn new(settings: Settings, views: &[View], points: &[Point]) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        choice: &ExecutorChoice,
+        settings: Settings,
+        views: &[View],
+        points: &[Point],
+        talk: Talk,
+    ) -> Result<Self, Failure> {
         let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
-        let trainer = Trainer::new(CpuExecutor::new(), settings, views, points)?;
+        let trainer = machine::train(choice, settings, views, points, talk)?;
         Ok(Self { trainer, reading, iterations, seconds: 0.0 })
     }
 
@@ -54,24 +108,24 @@ impl Training {
         mut pause: impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
         let work = talk.work(what, self.iterations.into());
-        while !self.trainer.is_finished() && !interrupt::is_requested() {
+        while !self.is_finished() && !interrupt::is_requested() {
             let start = Instant::now();
             self.trainer.step()?;
             self.seconds += start.elapsed().as_secs_f64();
             work.done(self.iteration().into(), || self.message());
-            if pauses.contains(&self.iteration()) && !self.trainer.is_finished() {
+            if pauses.contains(&self.iteration()) && !self.is_finished() {
                 pause(self, &work)?;
             }
         }
         work.finish();
         self.warn_of_nonfinite(talk);
-        let is_interrupted = !self.trainer.is_finished();
+        let is_interrupted = !self.is_finished();
         Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
     }
 
     fn message(&self) -> String {
         let psnr = self.trainer.psnr().map_or(String::new(), |psnr| format!("PSNR {psnr:.2} dB, "));
-        format!("{psnr}{} Gaussians", thousands(self.trainer.gaussians().count))
+        format!("{psnr}{} Gaussians", thousands(self.trainer.gaussian_count()))
     }
 
     fn warn_of_nonfinite(&self, talk: Talk) {
@@ -84,6 +138,10 @@ impl Training {
     /// Steps taken.
     pub(crate) fn iteration(&self) -> u32 {
         self.trainer.iteration()
+    }
+
+    fn is_finished(&self) -> bool {
+        self.iteration() >= self.iterations
     }
 
     /// Seconds that steps have taken.

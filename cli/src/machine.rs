@@ -1,6 +1,6 @@
 //! What renders: the processor, or a GPU.
 
-use crate::{failure::Failure, progress::Talk, scene::Scene};
+use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
@@ -8,7 +8,12 @@ use specula_core::{
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::CpuExecutor;
-use specula_train::evaluate::render_view;
+use specula_train::{
+    evaluate::render_view,
+    start::Point,
+    trainer::{Settings, Trainer},
+    view::View,
+};
 
 /// Which executor was asked for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -100,12 +105,26 @@ pub(crate) fn load(
     }
 }
 
+/// A training where it was asked for.
+pub(crate) fn train(
+    choice: &ExecutorChoice,
+    settings: Settings,
+    views: &[View],
+    points: &[Point],
+    talk: Talk,
+) -> Result<Box<dyn Run>, Failure> {
+    match device::choose(choice, talk)? {
+        Some(device) => device.train(settings, views, points),
+        None => Ok(Box::new(Trainer::new(CpuExecutor::new(), settings, views, points)?)),
+    }
+}
+
 #[cfg(feature = "gpu")]
 pub(crate) mod device {
     //! GPUs, where the program knows them.
 
     use super::{ExecutorChoice, Loaded, Machine};
-    use crate::{failure::Failure, progress::Talk, scene::Scene};
+    use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
     use specula_core::{
         executor::{RenderRules, Renderer as _},
         scene::{Environment, Gaussians},
@@ -113,6 +132,11 @@ pub(crate) mod device {
     use specula_gpu::{
         Gpu, GpuExecutor,
         device::{AdapterReport, adapters},
+    };
+    use specula_train::{
+        start::Point,
+        trainer::{Settings, Trainer},
+        view::View,
     };
     use std::path::Path;
 
@@ -170,6 +194,15 @@ pub(crate) mod device {
             let light = light.transpose()?;
             Loaded::boxed(exec, gaussians, light, rules)
         }
+
+        pub(super) fn train(
+            self,
+            settings: Settings,
+            views: &[View],
+            points: &[Point],
+        ) -> Result<Box<dyn Run>, Failure> {
+            Ok(Box::new(Trainer::new(GpuExecutor::new(self.0), settings, views, points)?))
+        }
     }
 }
 
@@ -178,8 +211,9 @@ mod device {
     //! A program that knows no GPUs.
 
     use super::{ExecutorChoice, Machine};
-    use crate::{failure::Failure, progress::Talk, scene::Scene};
+    use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
     use specula_core::{executor::RenderRules, scene::Environment};
+    use specula_train::{start::Point, trainer::Settings, view::View};
 
     /// There is none.
     pub(super) enum Device {}
@@ -200,6 +234,15 @@ mod device {
             _light: Option<Environment<Vec<f32>>>,
             _rules: &RenderRules,
         ) -> Result<Box<dyn Machine>, Failure> {
+            match self {}
+        }
+
+        pub(super) fn train(
+            self,
+            _settings: Settings,
+            _views: &[View],
+            _points: &[Point],
+        ) -> Result<Box<dyn Run>, Failure> {
             match self {}
         }
     }

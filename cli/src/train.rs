@@ -7,7 +7,6 @@ use crate::{
     failure::Failure,
     fit::{Outcome, Training, thousands},
     interrupt,
-    machine::ExecutorChoice,
     output,
     progress::{Talk, Work},
     quality,
@@ -47,7 +46,7 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
 
     let settings =
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
-    let mut training = Training::new(settings, &data.train, &points)?;
+    let mut training = Training::new(&args.executor, settings, &data.train, &points, talk)?;
     drop((core::mem::take(&mut data.train), points));
     interrupt::watch()?;
 
@@ -153,7 +152,7 @@ fn pause(
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
-        let measured = Renderer::new(scene, Channels::Training, &ExecutorChoice::Cpu, QUIET)?.measure(
+        let measured = Renderer::new(scene, Channels::Training, &args.executor, QUIET)?.measure(
             test,
             background,
             &QUIET.work("", 0),
@@ -191,7 +190,7 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, Channels::Training, &ExecutorChoice::Cpu, talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, &args.executor, talk)?;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();

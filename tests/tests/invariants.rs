@@ -3,7 +3,7 @@
 use core::f64::consts::{FRAC_PI_2, LN_2, PI, TAU};
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    activation, bin, blend,
+    activation, blend,
     camera::{Camera, CameraOf},
     color, covariance, cubemap,
     double::Double,
