@@ -8,10 +8,7 @@ use crate::{
     planes::{CENTER, Planes, Row, WideRow, place_in_row},
 };
 use fearless_simd::{Simd, dispatch};
-use specula_core::{
-    loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean},
-    real::Real,
-};
+use specula_core::loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean};
 
 /// Half of SSIM's window.
 const REACH: usize = SSIM_WINDOW / 2;
