@@ -107,8 +107,8 @@ pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
     [through_mean - grad_xy * m.y - grad_xx * m.x * 2.0, grad_xx, grad_xy]
 }
 
-/// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of all windows that see it,
-/// each times the pixel's weight in it.
+/// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of all windows that see
+/// it, each times the pixel's weight in it.
 #[inline(always)]
 pub fn ssim_pixel_vjp<R: Real>(x: R, y: R, [grad_x, grad_xx, grad_xy]: [R; 3]) -> R {
     let through_squares = x * 2.0 * grad_xx + y * grad_xy;

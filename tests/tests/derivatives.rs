@@ -9,6 +9,7 @@ use specula_core::{
     camera::Camera,
     color, covariance, cubemap, depth_normal,
     double::Double,
+    dual::Dual,
     ggx,
     loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
@@ -474,6 +475,17 @@ proptest! {
             };
             loss::ssim_vjp(&moments, g[0]).to_vec()
         }, SAME_DERIVATIVE);
+    }
+
+    /// A pixel adds to the means of x, x² and xy of every window that sees it.
+    #[test]
+    fn pixels_in_windows_are_derived_right(x in 0.0..1.0_f64, y in 0.0..1.0_f64) {
+        assert_vjp(
+            &[x],
+            |x| vec![x[0], x[0] * x[0], x[0] * Dual::of(y)],
+            |x, g| vec![loss::ssim_pixel_vjp(x[0], Double(y), [g[0], g[1], g[2]])],
+            SAME_DERIVATIVE,
+        );
     }
 
     #[test]

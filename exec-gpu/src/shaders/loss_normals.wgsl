@@ -57,6 +57,7 @@ fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
         passed_at(pixel + vec2u(0u, 1u)),
     );
     let weight = normal_weight(passed_at(pixel), around);
+    // False for NaN.
     if !(weight > 0.0) {
         return 0.0;
     }
@@ -74,8 +75,9 @@ fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
 
 // What a pixel's neighbours left for its depth, passed on to what was blended.
 fn gather(place: u32, slot: u32) {
-    let grad = (of_depths[slot + 1u].x + of_depths[slot - 1u].y) + (of_depths[slot + WIDE].z + of_depths[slot - WIDE].w);
-    let own = depth_grad(blended_at(DEPTH_CHANNEL, place), transmittance_at(place), grad);
+    let across = of_depths[slot + 1u].x + of_depths[slot - 1u].y;
+    let down = of_depths[slot + WIDE].z + of_depths[slot - WIDE].w;
+    let own = depth_grad(blended_at(DEPTH_CHANNEL, place), transmittance_at(place), across + down);
     put(DEPTH_CHANNEL, place, own.of_blended);
     grads[CHANNELS * pixel_count() + place] += own.of_transmittance;
 }
