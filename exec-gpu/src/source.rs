@@ -27,6 +27,8 @@ use specula_core::{
 pub(crate) const SCAN_BLOCK: usize = 1024;
 /// Elements that a workgroup sorts at once.
 pub(crate) const SORT_BLOCK: usize = 2048;
+/// Sums that a row of a sparse matrix is divided into.
+pub(crate) const ROW_SUMS: usize = 4;
 /// Numbers that a word tells apart.
 const WORD: f32 = 4_294_967_296.0;
 /// The key of a Gaussian that is not drawn: behind every depth.
@@ -255,7 +257,7 @@ pub(crate) fn activate_vjp() -> String {
 
 /// Sparse matrices.
 pub(crate) fn prefilter() -> String {
-    Source::new().with(include_str!("shaders/prefilter.wgsl")).text()
+    Source::new().count("ROW_SUMS", ROW_SUMS).with(include_str!("shaders/prefilter.wgsl")).text()
 }
 
 /// Where the levels of a light lie.
