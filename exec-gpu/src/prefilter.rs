@@ -10,7 +10,7 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
-    source::{self, LightLayout},
+    source::{self, LightLayout, ROW_SUMS},
 };
 use specula_core::{
     cubemap::FACE_COUNT,
@@ -112,7 +112,7 @@ impl Matrix {
             Of(texels),
             Of(other),
         ];
-        machine.run("prefilter", entry, &source::prefilter, &bound, Groups::For(self.row_count))
+        machine.run("prefilter", entry, &source::prefilter, &bound, Groups::For(ROW_SUMS * self.row_count))
     }
 }
 

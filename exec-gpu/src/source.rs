@@ -42,6 +42,8 @@ pub(crate) const COLUMN: usize = 64;
 pub(crate) const SORT_GROUP: usize = 64;
 /// Bits of a key that are sorted by at once.
 pub(crate) const DIGIT_BITS: u32 = 4;
+/// Sums that a row of a sparse matrix is divided into.
+pub(crate) const ROW_SUMS: usize = 4;
 /// Numbers that a word tells apart.
 const WORD: f32 = 4_294_967_296.0;
 /// The key of a Gaussian that is not drawn: behind every depth.
@@ -323,7 +325,7 @@ pub(crate) fn activate_vjp() -> String {
 
 /// Sparse matrices.
 pub(crate) fn prefilter() -> String {
-    Source::new().with(include_str!("shaders/prefilter.wgsl")).text()
+    Source::new().count("ROW_SUMS", ROW_SUMS).with(include_str!("shaders/prefilter.wgsl")).text()
 }
 
 /// Where the levels of a light lie.

@@ -1,4 +1,5 @@
-// A sparse matrix times texels: one invocation a row.
+// A sparse matrix times texels: four invocations a row, each with every fourth of its taps. Some rows are short and some
+// very long.
 
 struct Product {
     row_count: u32,
@@ -13,12 +14,21 @@ struct Product {
 @group(0) @binding(4) var<storage, read_write> texels: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> padded: array<vec4f>;
 
-fn product_of_row(row: u32) -> vec4f {
+var<workgroup> sums: array<vec4f, GROUP>;
+
+// Of neighbouring invocations; the first of them gets the whole.
+fn product_of_row(row: u32, local: u32) -> vec4f {
     var sum = vec4f(0.0);
-    for (var tap = starts[row]; tap < starts[row + 1u]; tap++) {
-        sum += weights[tap] * texels[product.source_first + columns[tap]];
+    if row < product.row_count {
+        let end = starts[row + 1u];
+        for (var tap = starts[row] + local % ROW_SUMS; tap < end; tap += ROW_SUMS) {
+            sum += weights[tap] * texels[product.source_first + columns[tap]];
+        }
     }
-    return sum;
+    sums[local] = sum;
+    workgroupBarrier();
+    let first = local - local % ROW_SUMS;
+    return (sums[first] + sums[first + 1u]) + (sums[first + 2u] + sums[first + 3u]);
 }
 
 // From some texels to others.
@@ -28,9 +38,10 @@ fn filter_texels(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let row = linear_index(group, groups, local);
-    if row < product.row_count {
-        texels[product.out_first + row] = product_of_row(row);
+    let row = linear_index(group, groups, local) / ROW_SUMS;
+    let texel = product_of_row(row, local);
+    if local % ROW_SUMS == 0u && row < product.row_count {
+        texels[product.out_first + row] = texel;
     }
 }
 
@@ -41,9 +52,10 @@ fn add_filtered_texels(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let row = linear_index(group, groups, local);
-    if row < product.row_count {
-        texels[product.out_first + row] += product_of_row(row);
+    let row = linear_index(group, groups, local) / ROW_SUMS;
+    let texel = product_of_row(row, local);
+    if local % ROW_SUMS == 0u && row < product.row_count {
+        texels[product.out_first + row] += texel;
     }
 }
 
@@ -54,8 +66,9 @@ fn pad_texels(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let row = linear_index(group, groups, local);
-    if row < product.row_count {
-        padded[row] = product_of_row(row);
+    let row = linear_index(group, groups, local) / ROW_SUMS;
+    let texel = product_of_row(row, local);
+    if local % ROW_SUMS == 0u && row < product.row_count {
+        padded[row] = texel;
     }
 }
