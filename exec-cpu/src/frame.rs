@@ -139,7 +139,7 @@ impl Frame {
         let mut values = self.blended.clone();
         values.fill([0.0; BLOCK]);
         self.each_pixel(|plane, pixel, place, lane| {
-            values[place][lane] = planes[plane * self.width * self.height + pixel]
+            values[place][lane] = planes[plane * self.width * self.height + pixel];
         });
         FrameGrad { channels: self.channels, values }
     }
@@ -150,7 +150,8 @@ impl Frame {
             planes[plane * self.width * self.height + pixel] = grad.values[place][lane];
         });
     }
-    /// Visits the planes of each pixel of a covered tile: plane, number of the pixel, quad among those of all tiles, lane.
+    /// Visits the planes of each pixel of a covered tile: plane, number of the pixel, quad among those of all tiles,
+    /// lane.
     fn each_pixel(&self, mut visit: impl FnMut(usize, usize, usize, usize)) {
         for slot in 0..self.cover.tiles.len() {
             let [column, row] = self.cover.place(slot);
