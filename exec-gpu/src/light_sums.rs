@@ -1,9 +1,9 @@
 //! Sums of a light's gradient, which many invocations add to at once.
 //!
-//! Floating-point sums depend on their order, and atomic ones do not exist everywhere. So each number is rounded to whole
-//! steps of 2⁻⁵² and added as an integer of 96 bits: numbers down to the gradients of a mean over millions of pixels
-//! keep their digits, and 2²⁴ of the largest that is taken, 2¹⁸, still fit; what is larger counts as that. A number that
-//! is not finite makes the sum of its colour not finite.
+//! Floating-point sums depend on their order, and atomic ones do not exist everywhere. So each number is rounded to
+//! whole steps of 2⁻⁵² and added as an integer of 96 bits: numbers down to the gradients of a mean over millions of
+//! pixels keep their digits, and 2²⁴ of the largest that is taken, 2¹⁸, still fit; what is larger counts as that. A
+//! number that is not finite makes the sum of its colour not finite.
 
 use crate::{
     device::GpuError,

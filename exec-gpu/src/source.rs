@@ -96,7 +96,9 @@ impl Source {
     pub(crate) fn light_sums(self, texel_count: usize) -> Self {
         self.with(&format!("const MIDDLE_STEPS: f32 = {};", literal(MIDDLE_STEPS)))
             .with(&format!("const NUMBER_MAX: f32 = {};", literal(NUMBER_MAX)))
+            .with(&format!("const MIDDLE_STEP: f32 = {};", literal(1.0 / MIDDLE_STEPS)))
             .with(&format!("const WORD: f32 = {};", literal(WORD)))
+            .with(&format!("const PER_WORD: f32 = {};", literal(1.0 / WORD)))
             .count("EXPONENT_BITS", f32::INFINITY.to_bits() as usize)
             .count("NOT_A_NUMBER", f32::NAN.to_bits() as usize)
             .count("SIGN_BIT", 1 << 31)

@@ -8,9 +8,9 @@ fn digit(place: u32) -> f32 {
 }
 
 fn sum_of(first: u32) -> f32 {
-    let steps = digit(first + 2u) * WORD + (digit(first + 1u) + digit(first) / WORD);
+    let steps = digit(first + 2u) * WORD + (digit(first + 1u) + digit(first) * PER_WORD);
     let faults = light_sums[first + SUM_FAULTS];
-    return select(steps / MIDDLE_STEPS, bitcast<f32>(faults | NOT_A_NUMBER), faults > 0u);
+    return select(steps * MIDDLE_STEP, bitcast<f32>(faults | NOT_A_NUMBER), faults > 0u);
 }
 
 @compute @workgroup_size(GROUP)

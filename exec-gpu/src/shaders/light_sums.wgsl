@@ -1,12 +1,13 @@
-// Sums of colours that many invocations add to at once. A number is so many whole steps; three words are its digits, each
-// of either sign, and the fourth counts what was no number. Whoever comes first, the sum ends up the same.
+// Sums of colours that many invocations add to at once. A number is so many whole steps; three words are its digits,
+// each of either sign, and the fourth counts what was no number. Whoever comes first, the sum ends up the same.
+// Powers of two are multiplied with, which is exact everywhere; a division need not be.
 
 fn add_number(first: u32, number: f32) {
     let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
     let is_negative = number < 0.0 && !is_fault;
     let steps = min(abs(number), NUMBER_MAX) * MIDDLE_STEPS;
     let whole = floor(steps);
-    let high = floor(whole / WORD);
+    let high = floor(whole * PER_WORD);
     var place = first + select(0u, SUM_FAULTS, is_fault);
     var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
     var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);

@@ -1,5 +1,4 @@
-// A sparse matrix times texels: four invocations a row, each with every fourth of its taps. Some rows are short and some
-// very long.
+// A sparse matrix times texels: four invocations a row, each with every fourth of its taps, as some rows are very long.
 
 struct Product {
     row_count: u32,
