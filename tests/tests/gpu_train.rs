@@ -17,7 +17,7 @@ use specula_tests::{
     strategies::{random_cloud, random_environment},
 };
 use specula_train::{
-    evaluate::{measure_view, render_view},
+    evaluate::{mean_quality, measure_view, render_view},
     profile::by_name,
     start::Point,
     trainer::{HostScene, Settings, Trainer},
@@ -26,14 +26,21 @@ use specula_train::{
 
 /// What two trainings may end apart by, in dB: they start equal, and rounding sends them on ways of their own.
 const SAME_QUALITY: f64 = 0.05;
+/// And where light is looked up by pixels: the CPU executor's own results lie 0.09 dB apart once the points that it
+/// starts from are moved by 1e-7.
+const SAME_QUALITY_OF_MIRRORS: f64 = 0.15;
+/// And where Gaussians are split and cloned, of which each decision moves all that follow: there it is 0.4 dB.
+const SAME_QUALITY_OF_GROWN: f64 = 0.5;
 const SIZE: u32 = 48;
-const VIEWS: usize = 6;
+const VIEWS: usize = 20;
+/// Views that are measured.
+const UNSEEN: usize = 6;
 const POINTS: u64 = 400;
 const ITERATIONS: u32 = 200;
 
 /// A cloud that shines, seen from a place on a circle around it.
 fn view(number: usize) -> View {
-    let turn = number as f32 * 0.9;
+    let turn = number as f32 * 0.7;
     let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
     let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, SIZE, SIZE);
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
@@ -76,37 +83,46 @@ where
     (trainer.download().expect("the executor gives back"), trainer.nonfinite())
 }
 
-/// PSNR of a view that no training saw, in dB.
+/// Mean PSNR of views that no training saw, in dB.
 fn quality(scene: &HostScene, settings: &Settings) -> f64 {
-    let (mut exec, profile, unseen) = (CpuExecutor::new(), &settings.profile, view(0));
+    let (mut exec, profile) = (CpuExecutor::new(), &settings.profile);
     let rules = RenderRules::full(profile.shading, profile.scheme, Channels::Color);
-    let light = scene
-        .environment
-        .as_ref()
-        .map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("the light was filtered before"));
-    let image = render_view(&mut exec, &scene.gaussians, light.as_ref(), &unseen.camera, &rules);
-    measure_view(&image.expect("the CPU renders"), &unseen, settings.background).psnr
+    let light = scene.environment.as_ref();
+    let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("it was filtered before"));
+    let unseen = (VIEWS + 1..=VIEWS + UNSEEN).map(view).map(|view| {
+        let image = render_view(&mut exec, &scene.gaussians, light.as_ref(), &view.camera, &rules);
+        measure_view(&image.expect("the CPU renders"), &view, settings.background)
+    });
+    mean_quality(&unseen.collect::<Vec<_>>()).psnr
 }
 
 #[test]
 fn trainings_on_both_executors_end_as_good() {
-    let Some(gpu) = executor() else { return };
-    let mut gpu = Some(gpu);
-    for name in ["3dgs", "paper", "specula"] {
-        let gpu = gpu.take().or_else(executor).expect("there was one before");
-        let (ours, nonfinite) = train(gpu, settings(name), ITERATIONS);
-        let (theirs, _) = train(CpuExecutor::new(), settings(name), ITERATIONS);
-        assert_eq!(nonfinite, 0, "{name}: every gradient is finite");
-        assert_ne!(ours.gaussians.count as u64, POINTS, "densification took part");
-        let (one, other) = (quality(&ours, &settings(name)), quality(&theirs, &settings(name)));
-        let (start, _) = train(CpuExecutor::new(), settings(name), 0);
-        println!(
-            "{name}: {one:.3} and {other:.3} dB, {} and {} Gaussians",
-            ours.gaussians.count, theirs.gaussians.count
-        );
-        assert!(one > quality(&start, &settings(name)) + 1.0, "{name} learns something");
-        assert!((one - other).abs() < SAME_QUALITY, "{name} ends at {one} dB on the GPU and at {other} on the CPU");
+    for (name, apart) in [("3dgs", SAME_QUALITY), ("paper", SAME_QUALITY), ("specula", SAME_QUALITY_OF_MIRRORS)] {
+        let mut settings = settings(name);
+        settings.profile.densification.until = 0;
+        compare(&settings, apart);
     }
+}
+
+#[test]
+fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_little() {
+    compare(&settings("specula"), SAME_QUALITY_OF_GROWN);
+}
+
+fn compare(settings: &Settings, apart: f64) {
+    let Some(gpu) = executor() else { return };
+    let (ours, nonfinite) = train(gpu, settings.clone(), ITERATIONS);
+    let (theirs, _) = train(CpuExecutor::new(), settings.clone(), ITERATIONS);
+    let (start, _) = train(CpuExecutor::new(), settings.clone(), 0);
+    let [one, other, before] = [&ours, &theirs, &start].map(|scene| quality(scene, settings));
+    let name = settings.profile.name;
+    println!("{name}: {one:.3} and {other:.3} dB, {} and {} Gaussians", ours.gaussians.count, theirs.gaussians.count);
+    assert_eq!(nonfinite, 0, "{name}: every gradient is finite");
+    assert!(one > before + 1.0, "{name} learns something: {before} dB at first");
+    assert!((one - other).abs() < apart, "{name} ends at {one} dB on the GPU and at {other} on the CPU");
+    let same_count = ours.gaussians.count.abs_diff(theirs.gaussians.count) * 50 < theirs.gaussians.count;
+    assert!(same_count, "{name} ends with {} Gaussians and with {}", ours.gaussians.count, theirs.gaussians.count);
 }
 
 #[test]
