@@ -59,7 +59,7 @@ impl From<GpuError> for Failure {
 
 impl<E> From<TrainError<E>> for Failure
 where
-    E: Into<Self> + std::error::Error,
+    E: Into<Self> + core::error::Error,
 {
     fn from(error: TrainError<E>) -> Self {
         match error {

@@ -42,7 +42,7 @@ impl fmt::Debug for dyn Run {
 impl<E> Run for Trainer<E>
 where
     E: Executor,
-    E::Error: Into<Failure> + std::error::Error,
+    E::Error: Into<Failure> + core::error::Error,
 {
     fn step(&mut self) -> Result<(), Failure> {
         self.step().map(drop).map_err(Failure::from)

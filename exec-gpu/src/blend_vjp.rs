@@ -25,7 +25,7 @@ use specula_core::{bin::TILE_SIZE, camera::Camera, executor::Renderer, scene::BL
 use wgpu::DeviceType;
 
 /// Numbers of a splat's gradient before those of its channels: mean2d (2), root of the conic (3), opacity (1).
-pub(crate) const GEOMETRY: usize = 6;
+pub const GEOMETRY: usize = 6;
 
 /// Memory of a workgroup that is left for sums, in numbers, by the limits of WebGPU.
 const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
