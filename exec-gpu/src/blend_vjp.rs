@@ -9,7 +9,7 @@ use crate::{
     blend::Frame,
     device::{Gpu, GpuError},
     executor::GpuExecutor,
-    formulas::blend_vjp::{MOMENTS, PixelBlock},
+    formulas::{blend::PixelBlock, blend_vjp::MOMENTS},
     kernel::{
         Bound::{Array as Of, Uniform},
         Groups,

@@ -158,7 +158,8 @@ impl Gpu {
         let limits = wanted_limits(&adapter.limits());
         let descriptor = DeviceDescriptor {
             label: Some("specula"),
-            required_features: Features::empty(),
+            // Nothing needs it: it tells how long kernels take.
+            required_features: adapter.features() & Features::TIMESTAMP_QUERY,
             required_limits: limits.clone(),
             experimental_features: ExperimentalFeatures::disabled(),
             memory_hints: MemoryHints::Performance,

@@ -1,5 +1,6 @@
 //! The formulas that kernels use, each with its parameters and results in WGSL.
 
+pub mod blend;
 pub mod blend_vjp;
 pub mod densify;
 pub mod gaussians_vjp;
@@ -10,7 +11,7 @@ pub mod optimise;
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     bin::{footprint, half_extent},
-    blend::{Falloff, Passage, Stamp, Step, alpha, falloff, stamp, step},
+    blend::{Stamp, stamp},
     camera::CameraOf,
     covariance::rotation,
     cubemap::{FacePoint, footprint as texel_footprint, project as project_to_cube},
@@ -123,50 +124,6 @@ impl Formula for SplatOf {
         numbers.push(splat.depth);
         numbers.extend(splat.root_conic);
         numbers
-    }
-}
-
-/// How strong a splat is at an offset from its mean ([`specula_core::blend::falloff`]).
-#[derive(Clone, Copy, Debug)]
-pub struct FalloffAt;
-
-impl Formula for FalloffAt {
-    fn name(&self) -> String {
-        "falloff_at".to_owned()
-    }
-    fn parameters(&self) -> Vec<Field> {
-        vec![field("root", 3), field("log2_opacity", 1), field("delta", 2)]
-    }
-    fn results(&self) -> Vec<Field> {
-        vec![field("log2_strength", 1), field("offset", 2)]
-    }
-    fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
-        let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
-        let Falloff { offset: [u, w], log2_strength } =
-            falloff(&Stamp { mean2d: [dx.zero(); 2], root, log2_opacity }, dx, dy);
-        vec![log2_strength, u, w]
-    }
-}
-
-/// One splat over a pixel ([`specula_core::blend::step`]).
-#[derive(Clone, Copy, Debug)]
-pub struct BlendStep;
-
-impl Formula for BlendStep {
-    fn name(&self) -> String {
-        "blend_step".to_owned()
-    }
-    fn parameters(&self) -> Vec<Field> {
-        vec![field("log2_strength", 1), field("transmittance", 1), field("left", 1)]
-    }
-    fn results(&self) -> Vec<Field> {
-        vec![field("weight", 1), field("transmittance", 1), field("left", 1)]
-    }
-    fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
-        let log2_strength = inputs.number();
-        let front = Passage { transmittance: inputs.number(), left: inputs.number() };
-        let Step { weight, behind } = step(alpha(log2_strength), front);
-        vec![weight, behind.transmittance, behind.left]
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::{
     device::{Gpu, GpuError},
     memory::{Array, filled},
+    stopwatch::Stopwatch,
 };
 use core::mem;
 use std::collections::HashMap;
@@ -48,6 +49,8 @@ pub(crate) const GROUP: u32 = 256;
 pub(crate) struct Kernels {
     compiled: HashMap<(String, &'static str), Kernel>,
     encoder: Option<CommandEncoder>,
+    /// Times kernels, if that is wanted.
+    pub(crate) stopwatch: Option<Stopwatch>,
 }
 
 impl Kernels {
@@ -58,8 +61,12 @@ impl Kernels {
 
     /// Sends what was recorded to the device.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
-        if let Some(encoder) = mem::take(&mut self.encoder) {
+        if let Some(mut encoder) = mem::take(&mut self.encoder) {
+            let stamps = self.stopwatch.as_ref().map(|stopwatch| stopwatch.stop(gpu, &mut encoder));
             gpu.queue.submit([encoder.finish()]);
+            if let (Some(stopwatch), Some(stamps)) = (&mut self.stopwatch, &stamps) {
+                stopwatch.note(gpu, stamps)?;
+            }
         }
         gpu.check()
     }
@@ -86,7 +93,7 @@ impl Kernels {
             self.compiled.insert(id.clone(), kernel);
         }
         let uniforms: Vec<Option<Buffer>> = bound.iter().map(|bound| uniform(gpu, *bound)).collect::<Result<_, _>>()?;
-        let Kernel { pipeline, layout } = &self.compiled[&id];
+        let layout = &self.compiled[&id].layout;
         let entries: Vec<BindGroupEntry<'_>> = bound
             .iter()
             .zip(&uniforms)
@@ -102,9 +109,13 @@ impl Kernels {
             .collect();
         let group =
             gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
+        if self.stopwatch.as_ref().is_some_and(Stopwatch::is_full) {
+            self.submit(gpu)?;
+        }
+        let Kernel { pipeline, .. } = &self.compiled[&id];
         let encoder = self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
-        let mut pass =
-            encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(entry), timestamp_writes: None });
+        let timestamp_writes = self.stopwatch.as_mut().map(|stopwatch| stopwatch.next_pass(entry));
+        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(entry), timestamp_writes });
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &group, &[]);
         pass.dispatch_workgroups(x, y, 1);

@@ -27,6 +27,7 @@ pub mod project;
 pub mod shade;
 mod sort;
 mod source;
+pub mod stopwatch;
 pub mod trace;
 mod view;
 

@@ -14,7 +14,7 @@ pub(crate) struct Machine {
     pub(crate) gpu: Gpu,
     pub(crate) replay_parts: ReplayParts,
     pool: Pool,
-    kernels: Kernels,
+    pub(crate) kernels: Kernels,
 }
 
 impl Machine {

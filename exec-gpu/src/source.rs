@@ -4,9 +4,10 @@ use crate::{
     blend_vjp::{GEOMETRY, splats_at_once},
     formula::{Formula, function, type_of},
     formulas::{
-        BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, FalloffAt, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf,
-        SplatOf, SurfaceOf, SurfaceOfPixel, TexelsAt,
-        blend_vjp::{MOMENTS, MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
+        ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf, SurfaceOf,
+        SurfaceOfPixel, TexelsAt,
+        blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+        blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
         densify::{CellAt, GradLength, MeasuresOf, PartOf},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
@@ -23,7 +24,7 @@ use crate::{
 use core::fmt::Write;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{LOG2_ALPHA_MIN, ROOT_SCALE, TRANSMITTANCE_MIN},
+    blend::{ROOT_SCALE, TRANSMITTANCE_MIN},
     cubemap::padded_len,
     densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
@@ -62,7 +63,6 @@ impl Source {
         number("EXP2_MAX", EXP2_MAX);
         number("F32_MAX", f32::MAX);
         number("TRANSMITTANCE_MIN", TRANSMITTANCE_MIN);
-        number("LOG2_ALPHA_MIN", LOG2_ALPHA_MIN);
         number("ROOT_SCALE", ROOT_SCALE);
         number("LOG2_E", core::f32::consts::LOG2_E);
         number("TILE_SIZE", TILE_SIZE as f32);
@@ -116,6 +116,12 @@ impl Source {
         self.with(&format!("alias Channels = {};", type_of(channels)))
             .count("CHANNELS", channels)
             .count("CHANNEL_VECTORS", channels.div_ceil(4))
+    }
+    /// And the pixels of an invocation.
+    fn pixels(self, block: PixelBlock) -> Self {
+        let source = self.with(&format!("alias Pixels = {};", type_of(block.count())));
+        let source = source.count("BLOCK_WIDTH", block.width).count("BLOCK_HEIGHT", block.height);
+        source.with(include_str!("shaders/pixels.wgsl"))
     }
     /// And a formula.
     pub(crate) fn formula(self, formula: &impl Formula) -> Self {
@@ -218,9 +224,10 @@ pub(crate) fn ranges() -> String {
 }
 
 /// Compositing.
-pub(crate) fn blend(channels: usize) -> String {
-    let source = Source::new().real().camera().formula(&FalloffAt).formula(&BlendStep);
-    source.channels(channels).with(include_str!("shaders/blend.wgsl")).text()
+pub(crate) fn blend(block: PixelBlock, channels: usize) -> String {
+    let source = Source::new().real().camera().channels(channels).pixels(block);
+    let source = source.formula(&BlendStart { block }).formula(&BlendSplat { block, channels });
+    source.formula(&BlendEnd { block }).with(include_str!("shaders/blend.wgsl")).text()
 }
 
 /// The way back through compositing.
@@ -231,12 +238,10 @@ pub(crate) fn blend_vjp(block: PixelBlock, channels: usize) -> String {
         .channels(channels)
         .count("SLOT", MOMENTS + channels)
         .count("SPLATS_AT_ONCE", splats_at_once(block, channels))
-        .count("BLOCK_WIDTH", block.width)
-        .count("BLOCK_HEIGHT", block.height)
+        .pixels(block)
         .formula(&ReplayStart { block, channels })
         .formula(&ReplaySplat { block, channels });
-    let pixels = format!("alias Pixels = {};", type_of(block.count()));
-    source.with(&pixels).with(include_str!("shaders/blend_vjp.wgsl")).text()
+    source.with(include_str!("shaders/blend_vjp.wgsl")).text()
 }
 
 /// Sums of what [`blend_vjp`] leaves.

@@ -11,8 +11,9 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::formulas::{
-    BlendStep, ColorOfPixel, ColorsOf, Exp2Fraction, FalloffAt, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf,
-    SurfaceOf, SurfaceOfPixel, TexelsAt,
+    ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf, SurfaceOf,
+    SurfaceOfPixel, TexelsAt,
+    blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
 };
 use specula_tests::{
     compare::{assert_psnr, psnr},
@@ -25,6 +26,7 @@ use specula_tests::{
 /// brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
 const RESOLUTION: usize = 16;
+
 fn shading(rules: ShadingRules, channels: Channels) -> ShadingOf {
     ShadingOf { layout: Layout::shaded(Some(3)), rules: RenderRules::full(rules, PrefilterScheme::Exact, channels) }
 }
@@ -35,12 +37,19 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let gpu = &mut gpu;
     assert_same(gpu, &Exp2Fraction, &uniform_rows(1, &[[-0.5, 0.5]]));
     assert_same(gpu, &Log2Mantissa, &uniform_rows(2, &[[0.71, 1.41]]));
-    assert_same(
-        gpu,
-        &FalloffAt,
-        &uniform_rows(3, &[[0.1, 2.0], [-1.0, 1.0], [0.1, 2.0], [-7.0, 0.0], [-3.0, 3.0], [-3.0, 3.0]]),
-    );
-    assert_same(gpu, &BlendStep, &uniform_rows(4, &[[-9.0, 0.2], [0.05, 1.0], [0.05, 1.0]]));
+    for (block, channels) in [
+        (PixelBlock { width: 1, height: 1 }, 12),
+        (PixelBlock { width: 2, height: 1 }, 3),
+        (PixelBlock { width: 4, height: 2 }, 8),
+    ] {
+        assert_same(gpu, &BlendStart { block }, &uniform_rows(3, &vec![[0.0, 1.0]; block.count()]));
+        let mut bounds = vec![[0.1, 0.8], [-0.5, 0.5], [0.1, 0.8], [-3.0, 0.0], [-3.0, 3.0], [-3.0, 3.0]];
+        bounds.extend(vec![[-1.0, 1.0]; channels]);
+        bounds.extend(vec![[0.05, 1.0]; 2 * block.count()]);
+        bounds.extend(vec![[-1.0, 1.0]; block.count() * channels]);
+        assert_same(gpu, &BlendSplat { block, channels }, &uniform_rows(4, &bounds));
+        assert_same(gpu, &BlendEnd { block }, &uniform_rows(3, &vec![[0.0, 1.0]; block.count()]));
+    }
     assert_same(gpu, &TexelsAt, &uniform_rows(5, &[[-1.0, -0.1], [0.2, 0.8], [-1.0, 1.0], [16.0, 16.0]]));
     let levels = Levels::new(PrefilterScheme::Exact, 64).as_slice().to_vec();
     assert_same(gpu, &LevelOf { levels }, &uniform_rows(6, &[[0.0, 1.0]]));
@@ -72,7 +81,9 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_is_left_out() {
-    let formulas = include_str!("../../exec-gpu/src/formulas.rs");
+    let formulas =
+        [include_str!("../../exec-gpu/src/formulas.rs"), include_str!("../../exec-gpu/src/formulas/blend.rs")];
+    let formulas = formulas.concat();
     let own: String = include_str!("gpu.rs").split_whitespace().collect();
     let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
     let count = names.inspect(|name| {

@@ -19,7 +19,8 @@ use specula_gpu::{
     blend_vjp::{ReplayParts, SplatGrads},
     formulas::{
         ShadingOf,
-        blend_vjp::{MomentsVjp, PixelBlock, ReplaySplat, ReplayStart},
+        blend::PixelBlock,
+        blend_vjp::{MomentsVjp, ReplaySplat, ReplayStart},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         optimise::AdamStep,
     },

@@ -1,5 +1,6 @@
 //! The way back through blending.
 
+use super::blend::{PixelBlock, channel_fields};
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     blend::{Moments, Replay, Stamp, falloff, moments_vjp, step_vjp},
@@ -8,32 +9,6 @@ use specula_core::{
 
 /// Numbers that the pixels of a splat are summed up in, before those of its channels: its moments.
 pub const MOMENTS: usize = 6;
-
-/// The pixels of one invocation: a small rectangle of a tile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PixelBlock {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-impl PixelBlock {
-    /// How many there are.
-    pub const fn count(self) -> usize {
-        self.width * self.height
-    }
-    /// Column and row of a pixel.
-    const fn place(self, pixel: usize) -> [usize; 2] {
-        [pixel % self.width, pixel / self.width]
-    }
-}
-
-/// A number of each channel, in vectors of four that are named `array` and begin at `first`.
-fn channel_fields(array: &str, first: &str, channels: usize) -> impl Iterator<Item = Field> + use<> {
-    let name = |c: usize| format!("{array}[{first} + {}u].{}", c / 4, ["x", "y", "z", "w"][c % 4]);
-    (0..channels).map(|c| variable(&name(c), 1)).collect::<Vec<_>>().into_iter()
-}
 
 /// The gradients of the channels in each pixel of an invocation, which stay where they are while splats are replayed.
 fn pixel_grad_fields(block: PixelBlock, channels: usize) -> impl Iterator<Item = Field> {

@@ -1,4 +1,4 @@
-// Tiles to a picture: one workgroup a tile, one invocation a pixel.
+// Tiles to a picture: one workgroup a tile, one invocation a block of its pixels.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -7,38 +7,37 @@
 @group(0) @binding(4) var<storage, read> gaussians_of: array<u32>;
 @group(0) @binding(5) var<storage, read_write> frame: array<f32>;
 
-@compute @workgroup_size(TILE_EDGE, TILE_EDGE)
-fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_id) local: vec3u) {
-    let pixel = tile.xy * TILE_EDGE + local.xy;
-    if any(pixel >= camera.size) {
+var<private> transmittance: Pixels;
+var<private> left: Pixels;
+var<private> sums: array<vec4f, BLOCK_PIXELS * CHANNEL_VECTORS>;
+var<private> first_color: u32;
+
+fn put_pixel(pixel: u32, left: f32) {
+    if !is_inside(pixel) {
         return;
     }
-    let point = vec2f(pixel) + 0.5;
+    let at = pixel_at(pixel);
+    let size = camera.size.x * camera.size.y;
+    let place = at.y * camera.size.x + at.x;
+    for (var c = 0u; c < CHANNELS; c++) {
+        frame[c * size + place] = sums[pixel * CHANNEL_VECTORS + c / 4u][c % 4u];
+    }
+    frame[CHANNELS * size + place] = left;
+}
+
+@compute @workgroup_size(INVOCATIONS)
+fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
+    corner = corner_of(tile.xy, local);
     let range = ranges[tile.y * camera.tiles.x + tile.x];
-    var sums: array<vec4f, CHANNEL_VECTORS>;
-    var transmittance = 1.0;
-    var left = 1.0;
+    blend_start();
+    let point = vec2f(corner) + 0.5;
     for (var k = range.x; k < range.y; k++) {
         let gaussian = gaussians_of[k];
         let splat = splats[gaussian];
-        let strength = falloff_at(splat.root, splat.log2_opacity, point - splat.mean2d).log2_strength;
-        if !(strength >= LOG2_ALPHA_MIN) {
-            continue;
-        }
-        let over = blend_step(strength, transmittance, left);
-        transmittance = over.transmittance;
-        left = over.left;
-        for (var v = 0u; v < CHANNEL_VECTORS; v++) {
-            sums[v] += over.weight * colors[gaussian * CHANNEL_VECTORS + v];
-        }
-        if transmittance < TRANSMITTANCE_MIN {
+        first_color = gaussian * CHANNEL_VECTORS;
+        if blend_splat(splat.root, splat.log2_opacity, point - splat.mean2d) < TRANSMITTANCE_MIN {
             break;
         }
     }
-    let size = camera.size.x * camera.size.y;
-    let place = pixel.y * camera.size.x + pixel.x;
-    for (var c = 0u; c < CHANNELS; c++) {
-        frame[c * size + place] = sums[c / 4u][c % 4u];
-    }
-    frame[CHANNELS * size + place] = left;
+    blend_end();
 }

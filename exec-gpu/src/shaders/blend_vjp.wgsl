@@ -2,8 +2,6 @@
 // to back, some at once: every invocation leaves the sums over its own pixels in the workgroup's memory, then sums over
 // the invocations go to the slots, one for each splat of each tile, in the order of emission.
 
-const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
-const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
 // A row of sums has a number for each invocation, and one more: rows then begin in different banks of the memory.
 const ROW: u32 = INVOCATIONS + 1u;
 // Splats take the lowest bits of `seen`; this one says that a pixel has not ended.
@@ -30,20 +28,11 @@ var<workgroup> sums: array<f32, SPLATS_AT_ONCE * SLOT * ROW>;
 var<workgroup> seen: array<atomic<u32>, 2>;
 var<workgroup> is_over: u32;
 
-var<private> corner: vec2u;
 var<private> pixel_grads: array<vec4f, BLOCK_WIDTH * BLOCK_HEIGHT * CHANNEL_VECTORS>;
 var<private> transmittance: Pixels;
 var<private> remaining: Pixels;
 var<private> first_color: u32;
 var<private> first_sum: u32;
-
-fn pixel_at(number: u32) -> vec2u {
-    return corner + vec2u(number % BLOCK_WIDTH, number / BLOCK_WIDTH);
-}
-
-fn is_inside(pixel: u32) -> bool {
-    return all(pixel_at(pixel) < camera.size);
-}
 
 // Where a number of a pixel lies in pictures: those of a pixel are side by side in `number`.
 fn place_of(number: u32) -> u32 {
@@ -63,10 +52,6 @@ fn grad_of_blended(number: u32) -> f32 {
         return frame_grad[place_of(number)];
     }
     return 0.0;
-}
-
-fn light_at_start(pixel: u32) -> f32 {
-    return select(0.0, 1.0, is_inside(pixel));
 }
 
 fn put_sum(number: u32, value: f32) {
@@ -121,7 +106,7 @@ fn write_slots(first: u32, count: u32, seen_by_any: u32, local: u32) {
 @compute @workgroup_size(INVOCATIONS)
 fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
     let range = ranges[tile.y * camera.tiles.x + tile.x];
-    corner = tile.xy * TILE_EDGE + vec2u(local % BLOCKS_ACROSS * BLOCK_WIDTH, local / BLOCKS_ACROSS * BLOCK_HEIGHT);
+    corner = corner_of(tile.xy, local);
     replay_start();
     if local < 2u {
         atomicStore(&seen[local], 0u);

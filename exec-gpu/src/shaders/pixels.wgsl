@@ -1,0 +1,25 @@
+// The pixels of a tile, divided among invocations: a small rectangle each.
+
+const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
+const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
+const BLOCK_PIXELS: u32 = BLOCK_WIDTH * BLOCK_HEIGHT;
+
+// The first of an invocation's own.
+var<private> corner: vec2u;
+
+fn corner_of(tile: vec2u, local: u32) -> vec2u {
+    return tile * TILE_EDGE + vec2u(local % BLOCKS_ACROSS * BLOCK_WIDTH, local / BLOCKS_ACROSS * BLOCK_HEIGHT);
+}
+
+fn pixel_at(number: u32) -> vec2u {
+    return corner + vec2u(number % BLOCK_WIDTH, number / BLOCK_WIDTH);
+}
+
+fn is_inside(pixel: u32) -> bool {
+    return all(pixel_at(pixel) < camera.size);
+}
+
+// Pixels outside the picture have ended before they begin.
+fn light_at_start(pixel: u32) -> f32 {
+    return select(0.0, 1.0, is_inside(pixel));
+}
