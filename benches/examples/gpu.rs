@@ -2,6 +2,7 @@
 //!
 //! Arguments: part of an adapter's name (empty for any), and after how many seconds no further case is begun.
 
+use core::time::Duration;
 use specula_benches::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
@@ -15,7 +16,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_gpu::{Gpu, GpuError, GpuExecutor, stopwatch::KernelTime};
 use specula_train::profile::{Profile, by_name};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Profiles, pictures and clouds, the easier first.
 const CASES: [(&str, u32, usize); 14] = [
