@@ -10,9 +10,10 @@ use crate::{
     settings::reading_of,
 };
 use specula_core::executor::Executor;
+use specula_cpu::CpuExecutor;
 use specula_train::{
     start::Point,
-    trainer::{HostScene, Settings, Trainer},
+    trainer::{HostScene, Settings, Snapshot, Trainer},
     view::View,
 };
 use std::{fmt, time::Instant};
@@ -31,6 +32,8 @@ pub(crate) trait Run {
     fn gaussian_count(&self) -> usize;
     /// The scene on the host.
     fn download(&mut self) -> Result<HostScene, Failure>;
+    /// Everything that was learned, on the host.
+    fn snapshot(&mut self) -> Result<Snapshot, Failure>;
 }
 
 impl fmt::Debug for dyn Run {
@@ -62,12 +65,48 @@ where
     fn download(&mut self) -> Result<HostScene, Failure> {
         self.download().map_err(Failure::from)
     }
+    fn snapshot(&mut self) -> Result<Snapshot, Failure> {
+        self.snapshot().map_err(Failure::from)
+    }
+}
+
+/// What it takes for the processor to go on where a device gave up.
+#[derive(Debug)]
+pub(crate) struct Rescue {
+    settings: Settings,
+    views: Vec<View>,
+    last: Snapshot,
+}
+
+impl Rescue {
+    /// How many steps are lost at most.
+    const EVERY: u32 = 500;
+
+    /// Of a run that begins.
+    pub(crate) fn new(run: &mut dyn Run, settings: Settings, views: &[View]) -> Result<Self, Failure> {
+        Ok(Self { settings, views: views.to_vec(), last: run.snapshot()? })
+    }
+
+    /// Notes what a run has learned, now and then.
+    fn note(&mut self, run: &mut dyn Run) -> Result<(), Failure> {
+        if run.iteration().is_multiple_of(Self::EVERY) {
+            self.last = run.snapshot()?;
+        }
+        Ok(())
+    }
+
+    /// The run, on the processor.
+    fn go_on(self) -> Result<Box<dyn Run>, Failure> {
+        Ok(Box::new(Trainer::resume(CpuExecutor::new(), self.settings, &self.views, self.last)?))
+    }
 }
 
 /// A training, on whatever executor was asked for.
 #[derive(Debug)]
 pub(crate) struct Training {
     trainer: Box<dyn Run>,
+    /// On a device that may be lost or run out of memory.
+    rescue: Option<Rescue>,
     reading: Reading,
     iterations: u32,
     /// What steps have taken so far, without what was done in between.
@@ -95,8 +134,8 @@ impl Training {
         talk: Talk,
     ) -> Result<Self, Failure> {
         let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
-        let trainer = machine::train(choice, settings, views, points, talk)?;
-        Ok(Self { trainer, reading, iterations, seconds: 0.0 })
+        let (trainer, rescue) = machine::train(choice, settings, views, points, talk)?;
+        Ok(Self { trainer, rescue, reading, iterations, seconds: 0.0 })
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
@@ -110,7 +149,7 @@ impl Training {
         let work = talk.work(what, self.iterations.into());
         while !self.is_finished() && !interrupt::is_requested() {
             let start = Instant::now();
-            self.trainer.step()?;
+            self.step(&work)?;
             self.seconds += start.elapsed().as_secs_f64();
             work.done(self.iteration().into(), || self.message());
             if pauses.contains(&self.iteration()) && !self.is_finished() {
@@ -121,6 +160,19 @@ impl Training {
         self.warn_of_nonfinite(talk);
         let is_interrupted = !self.is_finished();
         Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
+    }
+
+    /// One step, or what happens instead.
+    fn step(&mut self, work: &Work) -> Result<(), Failure> {
+        let done = self.trainer.step().and_then(|()| match &mut self.rescue {
+            Some(rescue) => rescue.note(self.trainer.as_mut()),
+            None => Ok(()),
+        });
+        let Err(failure) = done else { return Ok(()) };
+        let Some(rescue) = self.rescue.take() else { return Err(failure) };
+        work.note(&format!("{failure}; the processor goes on from iteration {}", rescue.last.iteration()));
+        self.trainer = rescue.go_on()?;
+        Ok(())
     }
 
     fn message(&self) -> String {
@@ -171,6 +223,62 @@ pub(crate) fn thousands(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::camera::Camera;
+    use specula_train::profile::by_name;
+
+    /// A run that gives up after three steps.
+    struct Failing(Trainer<CpuExecutor>);
+
+    impl Run for Failing {
+        fn step(&mut self) -> Result<(), Failure> {
+            if self.0.iteration() == 3 {
+                return Err(Failure::Input("the device was lost".to_owned()));
+            }
+            Run::step(&mut self.0)
+        }
+        fn iteration(&self) -> u32 {
+            self.0.iteration()
+        }
+        fn psnr(&self) -> Option<f64> {
+            self.0.psnr()
+        }
+        fn nonfinite(&self) -> usize {
+            self.0.nonfinite()
+        }
+        fn gaussian_count(&self) -> usize {
+            self.0.gaussians().count
+        }
+        fn download(&mut self) -> Result<HostScene, Failure> {
+            Run::download(&mut self.0)
+        }
+        fn snapshot(&mut self) -> Result<Snapshot, Failure> {
+            Run::snapshot(&mut self.0)
+        }
+    }
+
+    fn training(is_rescued: bool) -> Training {
+        let eye = glam::Vec3::new(0.0, -3.0, 0.5);
+        let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 32, 32);
+        let views = [View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }];
+        let points = [Point { position: [0.0; 3], color: [0.5; 3] }, Point { position: [0.1; 3], color: [0.5; 3] }];
+        let profile = by_name("3dgs", 6).expect("a profile of that name");
+        let settings = Settings { profile, iterations: 6, seed: 0, background: [1.0; 3], random_points: 0 };
+        let trainer = Trainer::new(CpuExecutor::new(), settings.clone(), &views, &points).expect("there is a view");
+        let mut run = Failing(trainer);
+        let reading = reading_of(&settings.profile);
+        let rescue = is_rescued.then(|| Rescue::new(&mut run, settings, &views).expect("the processor gives back"));
+        Training { trainer: Box::new(run), rescue, reading, iterations: 6, seconds: 0.0 }
+    }
+
+    #[test]
+    fn the_processor_goes_on_where_a_device_gave_up() {
+        let quiet = Talk { quiet: true };
+        let mut rescued = training(true);
+        let outcome = rescued.run("training", quiet, &[], |_, _| Ok(())).expect("the processor takes over");
+        assert_eq!((outcome.iteration, outcome.is_interrupted), (6, false), "all steps are taken");
+        let lost = training(false).run("training", quiet, &[], |_, _| Ok(()));
+        assert!(lost.is_err(), "a failure of the processor itself is one");
+    }
 
     #[test]
     fn digits_are_grouped_from_the_right() {

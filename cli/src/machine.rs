@@ -1,6 +1,11 @@
 //! What renders: the processor, or a GPU.
 
-use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
+use crate::{
+    failure::Failure,
+    fit::{Rescue, Run},
+    progress::Talk,
+    scene::Scene,
+};
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
@@ -105,17 +110,21 @@ pub(crate) fn load(
     }
 }
 
-/// A training where it was asked for.
+/// A training where it was asked for; on a device, with what it takes to go on without it.
 pub(crate) fn train(
     choice: &ExecutorChoice,
     settings: Settings,
     views: &[View],
     points: &[Point],
     talk: Talk,
-) -> Result<Box<dyn Run>, Failure> {
+) -> Result<(Box<dyn Run>, Option<Rescue>), Failure> {
     match device::choose(choice, talk)? {
-        Some(device) => device.train(settings, views, points),
-        None => Ok(Box::new(Trainer::new(CpuExecutor::new(), settings, views, points)?)),
+        Some(device) => {
+            let mut run = device.train(settings.clone(), views, points)?;
+            let rescue = Rescue::new(run.as_mut(), settings, views)?;
+            Ok((run, Some(rescue)))
+        }
+        None => Ok((Box::new(Trainer::new(CpuExecutor::new(), settings, views, points)?), None)),
     }
 }
 

@@ -288,6 +288,11 @@ fn median(mut values: Vec<f32>) -> f32 {
 
 /// A short training on so many threads.
 fn train(threads: usize, name: &str) -> HostScene {
+    train_with_pause(threads, name, None)
+}
+
+/// A training that, if asked to, is given up after some steps and goes on from what it had learned.
+fn train_with_pause(threads: usize, name: &str, pause: Option<u32>) -> HostScene {
     let views: Vec<View> = (0..4)
         .map(|k| {
             let turn = k as f32 * 1.6;
@@ -308,12 +313,24 @@ fn train(threads: usize, name: &str) -> HostScene {
     let settings = Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had");
     pool.install(|| {
-        let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &points).expect("there are views");
+        let mut trainer = Trainer::new(CpuExecutor::new(), settings.clone(), &views, &points).expect("there are views");
         while !trainer.is_finished() {
+            if Some(trainer.iteration()) == pause {
+                let snapshot = trainer.snapshot().expect("the CPU gives back");
+                trainer =
+                    Trainer::resume(CpuExecutor::new(), settings.clone(), &views, snapshot).expect("there are views");
+            }
             trainer.step().expect("the CPU trains");
         }
         trainer.download().expect("the CPU gives back")
     })
+}
+
+#[test]
+fn a_training_goes_on_to_the_last_bit_from_what_it_had_learned() {
+    for name in ["specula", "3dgs"] {
+        assert_eq!(train(2, name), train_with_pause(2, name, Some(33)), "{name} does not go on as it would have");
+    }
 }
 
 #[test]

@@ -9,12 +9,12 @@ use specula_core::{
     activation::logit,
     camera::Camera,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
     metrics::psnr,
     pipeline::{Fit, Step, StepReport, train_step},
     plan::Channels,
     random,
-    scene::{Environment, Gaussians, OPACITY, RadianceActivation},
+    scene::{Environment, Gaussians, OPACITY, RadianceActivation, len_of_values},
 };
 
 /// What a run is told.
@@ -69,12 +69,7 @@ pub struct Trainer<E: Executor> {
 
 impl<E: Executor> Trainer<E> {
     /// A run over these views that starts from these points, or from random ones if there are none.
-    pub fn new(
-        mut exec: E,
-        settings: Settings,
-        views: &[View],
-        points: &[Point],
-    ) -> Result<Self, TrainError<E::Error>> {
+    pub fn new(exec: E, settings: Settings, views: &[View], points: &[Point]) -> Result<Self, TrainError<E::Error>> {
         if views.is_empty() {
             return Err(TrainError::NoViews);
         }
@@ -85,25 +80,67 @@ impl<E: Executor> Trainer<E> {
             return Err(TrainError::NoPoints);
         }
         let start = gaussians(points, &settings.profile, settings.seed);
+        let light = start_light(&settings.profile);
+        Self::resume(exec, settings, views, Snapshot::start(start, light))
+    }
+
+    /// A run that goes on from what another had learned, with the same settings and views; on the same kind of executor
+    /// it goes on to the last bit.
+    pub fn resume(
+        mut exec: E,
+        settings: Settings,
+        views: &[View],
+        snapshot: Snapshot,
+    ) -> Result<Self, TrainError<E::Error>> {
+        if views.is_empty() {
+            return Err(TrainError::NoViews);
+        }
         let halved: Vec<View> = if settings.profile.coarse_until > 0.0 && all_can_be_halved(views) {
             views.iter().map(View::halved).collect()
         } else {
             Vec::new()
         };
+        let Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite } = snapshot;
+        let HostScene { gaussians: Gaussians { count, layout, values }, environment } = scene;
+        let light = environment.zip(light_moments).map(|(light, moments)| -> Result<_, E::Error> {
+            let Environment { resolution, activation, values } = light;
+            let light = Environment { resolution, activation, values: exec.upload(&values)? };
+            Ok((light, upload_moments(&mut exec, &moments)?))
+        });
         Ok(Self {
-            gaussians: Gaussians { count: start.count, layout: start.layout, values: exec.upload(&start.values)? },
-            moments: zero_moments(&mut exec, start.values.len())?,
-            statistics: zero_statistics(&mut exec, start.count)?,
-            light: start_light(&mut exec, &settings.profile)?,
+            light: light.transpose()?,
+            gaussians: Gaussians { count, layout, values: exec.upload(&values)? },
+            moments: upload_moments(&mut exec, &moments)?,
+            statistics: Statistics {
+                grad_sum: exec.upload(&statistics.grad_sum)?,
+                view_count: exec.upload(&statistics.view_count)?,
+            },
             pictures: [upload_pictures(&mut exec, views)?, upload_pictures(&mut exec, &halved)?],
             extent: extent_of(views),
-            iteration: 0,
-            order: Vec::new(),
-            psnr: None,
-            nonfinite: 0,
+            iteration,
+            order,
+            psnr,
+            nonfinite,
             settings,
             exec,
         })
+    }
+
+    /// Everything that the run has learned so far, on the host.
+    pub fn snapshot(&mut self) -> Result<Snapshot, TrainError<E::Error>> {
+        let scene = self.download()?;
+        let moments = download_moments(&mut self.exec, &self.moments, scene.gaussians.values.len())?;
+        let statistics = Statistics {
+            grad_sum: download(&mut self.exec, &self.statistics.grad_sum, scene.gaussians.count)?,
+            view_count: download(&mut self.exec, &self.statistics.view_count, scene.gaussians.count)?,
+        };
+        let light_moments = match &self.light {
+            Some((light, moments)) => Some(download_moments(&mut self.exec, moments, light.len_of_values())?),
+            None => None,
+        };
+        let Self { iteration, order, psnr, nonfinite, .. } = self;
+        let (iteration, order, psnr, nonfinite) = (*iteration, order.clone(), *psnr, *nonfinite);
+        Ok(Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite })
     }
 
     /// Takes one step, and densifies where the schedule says so.
@@ -245,17 +282,68 @@ impl<E: Executor> Trainer<E> {
 
     /// The scene on the host: Gaussians, and the light if there is one.
     pub fn download(&mut self) -> Result<HostScene, TrainError<E::Error>> {
-        let layout = self.gaussians.layout;
-        let mut values = vec![0.0; specula_core::scene::len_of_values(self.gaussians.count, layout)];
-        self.exec.download(&self.gaussians.values, &mut values)?;
+        let Gaussians { count, layout, .. } = self.gaussians;
+        let values = download(&mut self.exec, &self.gaussians.values, len_of_values(count, layout))?;
         let mut environment = None;
         if let Some((light, _)) = &self.light {
-            let mut values = vec![0.0; light.len_of_values()];
-            self.exec.download(&light.values, &mut values)?;
+            let values = download(&mut self.exec, &light.values, light.len_of_values())?;
             environment = Some(Environment { resolution: light.resolution, activation: light.activation, values });
         }
-        Ok(HostScene { gaussians: Gaussians { count: self.gaussians.count, layout, values }, environment })
+        Ok(HostScene { gaussians: Gaussians { count, layout, values }, environment })
     }
+}
+
+/// What a run has learned, on the host: enough for it to go on, on any executor.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    scene: HostScene,
+    moments: Moments<Vec<f32>>,
+    statistics: Statistics<Vec<f32>>,
+    light_moments: Option<Moments<Vec<f32>>>,
+    iteration: u32,
+    order: Vec<usize>,
+    psnr: Option<f64>,
+    nonfinite: usize,
+}
+
+impl Snapshot {
+    /// Before the first step.
+    fn start(gaussians: Gaussians<Vec<f32>>, environment: Option<Environment<Vec<f32>>>) -> Self {
+        let zeros = |len: usize| Moments { mean: vec![0.0; len], square: vec![0.0; len] };
+        Self {
+            moments: zeros(gaussians.values.len()),
+            statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
+            light_moments: environment.as_ref().map(|light| zeros(light.values.len())),
+            scene: HostScene { gaussians, environment },
+            iteration: 0,
+            order: Vec::new(),
+            psnr: None,
+            nonfinite: 0,
+        }
+    }
+
+    /// Steps that were taken.
+    pub fn iteration(&self) -> u32 {
+        self.iteration
+    }
+}
+
+fn download<E: Executor>(exec: &mut E, array: &E::Array, len: usize) -> Result<Vec<f32>, E::Error> {
+    let mut values = vec![0.0; len];
+    exec.download(array, &mut values)?;
+    Ok(values)
+}
+
+fn download_moments<E: Executor>(
+    exec: &mut E,
+    moments: &Moments<E::Array>,
+    len: usize,
+) -> Result<Moments<Vec<f32>>, E::Error> {
+    Ok(Moments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
+}
+
+fn upload_moments<E: Executor>(exec: &mut E, moments: &Moments<Vec<f32>>) -> Result<Moments<E::Array>, E::Error> {
+    Ok(Moments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? })
 }
 
 /// A scene in host memory.
@@ -281,26 +369,12 @@ fn upload_pictures<E: Executor>(exec: &mut E, views: &[View]) -> Result<Vec<(Cam
     views.iter().map(&mut upload).collect()
 }
 
-fn zero_moments<E: Executor>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {
-    let zeros = vec![0.0; len];
-    Ok(Moments { mean: exec.upload(&zeros)?, square: exec.upload(&zeros)? })
-}
-
-fn zero_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics<E::Array>, E::Error> {
-    let zeros = vec![0.0; count];
-    Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
-}
-
-type TrainedLight<E> = (Environment<<E as Renderer>::Array>, Moments<<E as Renderer>::Array>);
-
-fn start_light<E: Executor>(exec: &mut E, profile: &Profile) -> Result<Option<TrainedLight<E>>, E::Error> {
-    let Some(start) = profile.light else { return Ok(None) };
+fn start_light(profile: &Profile) -> Option<Environment<Vec<f32>>> {
+    let start = profile.light?;
     let number = match start.activation {
         RadianceActivation::Identity => start.radiance,
         RadianceActivation::Exponential => start.radiance.ln(),
     };
     let values = vec![number; 6 * start.resolution * start.resolution * 3];
-    let environment =
-        Environment { resolution: start.resolution, activation: start.activation, values: exec.upload(&values)? };
-    Ok(Some((environment, zero_moments(exec, values.len())?)))
+    Some(Environment { resolution: start.resolution, activation: start.activation, values })
 }
