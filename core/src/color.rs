@@ -62,6 +62,11 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
+/// Whether any pixel of red, green, blue and alpha bytes is not opaque.
+pub fn has_alpha(rgba: &[u8]) -> bool {
+    rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX)
+}
+
 /// A blended colour over a background that shines through: C + T · background.
 #[inline(always)]
 pub fn composite<R: Real>(color: R, transmittance: R, background: R) -> R {

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use specula_core::{
     bin::tile_count,
     camera::Camera,
-    color::{composite, composite_vjp, from_byte, over},
+    color::{composite, composite_vjp, from_byte, has_alpha, over},
     depth_normal::{expected_depth, is_surface},
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
     plan::{Channels, channel},
@@ -57,7 +57,7 @@ impl Target {
             height,
             columns,
             is_empty: quads.chunks_exact(QUADS).map(is_transparent).collect(),
-            has_alpha: rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX),
+            has_alpha: has_alpha(rgba),
             quads,
         }
     }

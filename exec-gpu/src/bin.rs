@@ -92,7 +92,7 @@ impl Measures {
         let columns = splats.count.div_ceil(COLUMN);
         machine.run("measure", "measure", &source::measure, &bound, Groups::For(columns))?;
         let mut found = [0; 3];
-        machine.download_counts(&measures, &mut found)?;
+        machine.download(&measures, 0, &mut found)?;
         let [nearest, furthest, intersections] = found;
         Ok(Self { nearest, furthest, intersections })
     }

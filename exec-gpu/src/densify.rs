@@ -123,7 +123,7 @@ impl Fates {
         let counts = machine.zeros("counts", ACTIONS)?;
         decide_all(machine, gaussians, statistics, rules, [&actions, &growth_keys, &counts])?;
         let mut fates = Self { actions, counts: [0; ACTIONS] };
-        machine.download_counts(&counts, &mut fates.counts)?;
+        machine.download(&counts, 0, &mut fates.counts)?;
         let room = count_max.saturating_sub(count - fates.of(Action::Prune));
         if fates.of(Action::Clone) + fates.of(Action::Split) > room {
             fates.limit_growth(machine, growth_keys, &counts, [count, room])?;
@@ -144,7 +144,7 @@ impl Fates {
         let settings = [count as u32, room as u32];
         let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&order), Of(&self.actions), Of(counts)];
         machine.run("densify", "limit_growth", &source::densify_limit, &bound, Groups::For(count))?;
-        machine.download_counts(counts, &mut self.counts)
+        machine.download(counts, 0, &mut self.counts)
     }
 
     fn of(&self, action: Action) -> usize {
@@ -243,8 +243,8 @@ impl Heirs {
         if self.split_count == 0 {
             return Ok(());
         }
-        let mut parents = vec![0; self.split_count];
-        machine.download_counts(&self.split_parents, &mut parents)?;
+        let mut parents = vec![0_u32; self.split_count];
+        machine.download(&self.split_parents, 0, &mut parents)?;
         let noise: Vec<f32> = parents
             .iter()
             .flat_map(|parent| [0, 1].map(|part| 2 * u64::from(*parent) + part))

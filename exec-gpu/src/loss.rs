@@ -18,6 +18,7 @@ use bytemuck::{Pod, Zeroable};
 use specula_core::{
     bin::tile_count,
     camera::Camera,
+    color::has_alpha,
     loss::{LossReport, LossWeights},
     plan::{Channels, channel},
 };
@@ -39,8 +40,7 @@ impl Target {
         if rgba.len() != expected {
             return Err(GpuError::TargetSize { width, height, expected, found: rgba.len() });
         }
-        let has_alpha = rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX);
-        Ok(Self { size, texels: machine.upload("pixels of a picture", rgba)?, has_alpha })
+        Ok(Self { size, texels: machine.upload("pixels of a picture", rgba)?, has_alpha: has_alpha(rgba) })
     }
 }
 
@@ -182,7 +182,7 @@ impl<'a> Comparison<'a> {
     /// Sums over the tiles, in their order.
     fn report(&self, machine: &mut Machine, weights: &LossWeights) -> Result<LossReport, GpuError> {
         let tiles = self.settings.tile_count();
-        let mut numbers = vec![0.0; self.sums.len()];
+        let mut numbers = vec![0.0_f32; self.sums.len()];
         machine.download(&self.sums, 0, &mut numbers)?;
         let mean = |kinds: core::ops::Range<usize>, is_known: bool| {
             let sum: f64 = numbers[kinds.start * tiles..kinds.end * tiles].iter().map(|sum| f64::from(*sum)).sum();

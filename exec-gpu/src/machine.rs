@@ -42,29 +42,12 @@ impl Machine {
         Ok(array)
     }
 
-    /// Some numbers of an array, from `first` on. Waits for the device.
-    pub(crate) fn download(&mut self, array: &Array, first: usize, values: &mut [f32]) -> Result<(), GpuError> {
-        self.read(array, first, values.len(), |bytes| {
-            let own: &mut [u8] = bytemuck::cast_slice_mut(values);
-            let len = own.len();
-            own.copy_from_slice(&bytes[..len]);
-        })
-    }
-
-    /// One whole number of an array. Waits for the device.
-    pub(crate) fn download_count(&mut self, array: &Array, place: usize) -> Result<u32, GpuError> {
-        let mut count = 0;
-        self.read(array, place, 1, |bytes| count = bytemuck::pod_read_unaligned(&bytes[..4]))?;
-        Ok(count)
-    }
-
-    /// The first whole numbers of an array. Waits for the device.
-    pub(crate) fn download_counts(&mut self, array: &Array, counts: &mut [u32]) -> Result<(), GpuError> {
-        self.read(array, 0, counts.len(), |bytes| {
-            let own: &mut [u8] = bytemuck::cast_slice_mut(counts);
-            let len = own.len();
-            own.copy_from_slice(&bytes[..len]);
-        })
+    /// Some numbers of an array, from `first` on, or whole ones. Waits for the device.
+    pub(crate) fn download<T: Pod>(&mut self, array: &Array, first: usize, values: &mut [T]) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>() == 4, "arrays are of 32 bits each") };
+        let len = values.len();
+        let own: &mut [u8] = bytemuck::cast_slice_mut(values);
+        self.read(array, first, len, |bytes| own.copy_from_slice(&bytes[..own.len()]))
     }
 
     /// Gives back memory that no array uses.

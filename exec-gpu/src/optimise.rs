@@ -91,5 +91,7 @@ fn adam(
         Of(&nonfinite),
     ];
     machine.run("optimise", "optimise", &source::optimise, &bound, Groups::For(values.len()))?;
-    Ok(machine.download_count(&nonfinite, 0)? as usize)
+    let mut count = [0_u32];
+    machine.download(&nonfinite, 0, &mut count)?;
+    Ok(count[0] as usize)
 }

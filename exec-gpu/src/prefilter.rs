@@ -17,7 +17,10 @@ use specula_core::{
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
-use specula_prefilter::{Operator, SPLIT_SUM, sparse::Sparse};
+use specula_prefilter::{
+    Operator, SPLIT_SUM,
+    sparse::{Linear, Sparse},
+};
 use std::sync::{Arc, OnceLock};
 
 /// Numbers of a texel: red, green, blue and nothing.
@@ -48,20 +51,32 @@ pub(crate) struct Weights {
     /// What they are for.
     pub(crate) key: (PrefilterScheme, usize, LevelRange),
     operator: Operator,
+    forward: Matrices,
+    /// The way back, once a gradient has been asked for.
+    transposed: OnceLock<Matrices>,
+}
+
+/// The matrices of a prefilter, or all of them transposed.
+#[derive(Debug)]
+struct Matrices {
     /// From each level of the pyramid to the next.
     reductions: Vec<Matrix>,
     rows: Matrix,
     aprons: Matrix,
-    /// The way back, once a gradient has been asked for.
-    transposed: OnceLock<Transposed>,
 }
 
-/// The transposed matrices of a prefilter.
-#[derive(Debug)]
-struct Transposed {
-    reductions: Vec<Matrix>,
-    rows: Matrix,
-    aprons: Matrix,
+impl Matrices {
+    fn new(machine: &mut Machine, operator: &Operator, of: fn(&Linear) -> &Sparse) -> Result<Self, GpuError> {
+        let resolution = operator.base_resolution();
+        let rows = operator.rows().ok_or(GpuError::LightTooLarge { resolution })?;
+        let reductions: Result<Vec<Matrix>, GpuError> =
+            operator.reductions().map(|(_, reduction)| Matrix::new(machine, of(reduction))).collect();
+        Ok(Self {
+            reductions: reductions?,
+            rows: Matrix::new(machine, of(rows))?,
+            aprons: Matrix::new(machine, of(operator.aprons()))?,
+        })
+    }
 }
 
 /// What becomes of a matrix's product.
@@ -120,24 +135,15 @@ impl Weights {
     pub(crate) fn new(machine: &mut Machine, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Self>, GpuError> {
         let (scheme, resolution, kept) = key;
         let operator = Operator::new(scheme, resolution, kept);
-        let reductions: Result<Vec<Matrix>, GpuError> =
-            operator.reductions().map(|(_, reduction)| Matrix::new(machine, &reduction.forward)).collect();
-        let rows = operator.rows().ok_or(GpuError::LightTooLarge { resolution })?;
-        Ok(Arc::new(Self {
-            key,
-            reductions: reductions?,
-            rows: Matrix::new(machine, &rows.forward)?,
-            aprons: Matrix::new(machine, &operator.aprons().forward)?,
-            operator,
-            transposed: OnceLock::new(),
-        }))
+        let forward = Matrices::new(machine, &operator, |linear| &linear.forward)?;
+        Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new() }))
     }
 
-    fn transposed(&self, machine: &mut Machine) -> Result<&Transposed, GpuError> {
+    fn transposed(&self, machine: &mut Machine) -> Result<&Matrices, GpuError> {
         if let Some(transposed) = self.transposed.get() {
             return Ok(transposed);
         }
-        let transposed = Transposed::new(machine, &self.operator)?;
+        let transposed = Matrices::new(machine, &self.operator, |linear| &linear.transposed)?;
         Ok(self.transposed.get_or_init(|| transposed))
     }
 
@@ -152,20 +158,6 @@ impl Weights {
     }
 }
 
-impl Transposed {
-    fn new(machine: &mut Machine, operator: &Operator) -> Result<Self, GpuError> {
-        let resolution = operator.base_resolution();
-        let rows = operator.rows().ok_or(GpuError::LightTooLarge { resolution })?;
-        let reductions: Result<Vec<Matrix>, GpuError> =
-            operator.reductions().map(|(_, reduction)| Matrix::new(machine, &reduction.transposed)).collect();
-        Ok(Self {
-            reductions: reductions?,
-            rows: Matrix::new(machine, &rows.transposed)?,
-            aprons: Matrix::new(machine, &operator.aprons().transposed)?,
-        })
-    }
-}
-
 pub(crate) fn prefilter(
     machine: &mut Machine,
     weights: &Arc<Weights>,
@@ -177,12 +169,12 @@ pub(crate) fn prefilter(
     let settings = base_of(environment);
     let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes)];
     machine.run("activate", "activate_texels", &source::activate, &bound, Groups::For(texel_count))?;
-    for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.reductions) {
+    for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.forward.reductions) {
         matrix.apply(machine, &nodes, fine, Out::Texels(coarse))?;
     }
-    weights.rows.apply(machine, &nodes, 0, Out::Texels(operator.node_count()))?;
+    weights.forward.rows.apply(machine, &nodes, 0, Out::Texels(operator.node_count()))?;
     let texels = machine.take("levels of a light", TEXEL_LEN * operator.padded_count())?;
-    weights.aprons.apply(machine, &nodes, 0, Out::Other(&texels))?;
+    weights.forward.aprons.apply(machine, &nodes, 0, Out::Other(&texels))?;
     let split_sum = match weights.key.0 {
         PrefilterScheme::Official => machine.upload("split sums", &SPLIT_SUM)?,
         PrefilterScheme::Exact => machine.upload("split sums", &[[0.0_f32; 2]])?,

@@ -96,7 +96,7 @@ mod tests {
             let array = machine.upload("numbers", &own).expect("numbers fit");
             scan(&mut machine, &array, len).expect("the device adds");
             let mut sums = vec![0; len];
-            machine.download_counts(&array, &mut sums).expect("there are so many");
+            machine.download(&array, 0, &mut sums).expect("there are so many");
             let mut before = 0;
             for (k, sum) in sums.into_iter().enumerate() {
                 assert_eq!(sum, before, "number {k} of {len}");
@@ -127,8 +127,8 @@ mod tests {
         };
         let sorted = sort(machine, pairs, len, bits).expect("the device sorts");
         let mut own = [vec![0; len], vec![0; len]];
-        machine.download_counts(&sorted.keys, &mut own[0]).expect("there are so many");
-        machine.download_counts(&sorted.items, &mut own[1]).expect("there are so many");
+        machine.download(&sorted.keys, 0, &mut own[0]).expect("there are so many");
+        machine.download(&sorted.items, 0, &mut own[1]).expect("there are so many");
         let mut order: Vec<u32> = (0..len as u32).collect();
         let low = u32::MAX >> (32 - bits);
         order.sort_by_key(|item| keys[*item as usize] & low);

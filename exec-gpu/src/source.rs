@@ -461,8 +461,10 @@ impl LossVariant {
 /// Invocations of a tile that look at four pixels each.
 const FOUR_PIXELS_EACH: usize = (TILE_SIZE * TILE_SIZE / 4) as usize;
 
-fn windows(source: Source, means: &str) -> Source {
-    let source = source.with(&format!("alias Means = {means};")).count("SSIM_WINDOW", SSIM_WINDOW);
+/// What windows of SSIM share: the type of a mean, and of those that an invocation finds below one another.
+fn windows(source: Source, mean: &str, down: &str) -> Source {
+    let types = format!("alias Means = {mean};\nalias MeansDown = {down};");
+    let source = source.with(&types).count("SSIM_WINDOW", SSIM_WINDOW);
     source.with(include_str!("shaders/loss_windows.wgsl"))
 }
 
@@ -473,7 +475,7 @@ pub(crate) fn loss_marks(variant: &LossVariant) -> String {
 
 /// SSIM.
 pub(crate) fn loss_structure(variant: &LossVariant) -> String {
-    let source = windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f");
+    let source = windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f", "MomentsDown");
     let source = source.formula(&ComparedColors).formula(&MomentsDown).formula(&Windows::<4> { count: 4 });
     let source = source.formula(&Structure).count("FIRST_STRUCTURE_SUM", PIXEL_SUMS);
     source.with(include_str!("shaders/loss_structure.wgsl")).text()
@@ -481,7 +483,7 @@ pub(crate) fn loss_structure(variant: &LossVariant) -> String {
 
 /// Losses pixel by pixel.
 pub(crate) fn loss_pixels(variant: &LossVariant) -> String {
-    let source = windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f");
+    let source = windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f", "Windows38");
     source
         .flag("HAS_STRUCTURE", variant.has_structure)
         .flag("HAS_RESIDUAL", variant.has_residual)

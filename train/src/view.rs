@@ -1,6 +1,9 @@
 //! A picture and where it was taken from.
 
-use specula_core::{camera::Camera, color::over};
+use specula_core::{
+    camera::Camera,
+    color::{has_alpha, over},
+};
 
 /// True normals of a view.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +30,7 @@ pub struct View {
 impl View {
     /// Whether any pixel is not opaque.
     pub fn has_alpha(&self) -> bool {
-        self.rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX)
+        has_alpha(&self.rgba)
     }
 
     /// The view at half its size: means over 2×2 pixels, weighted by alpha; a last odd row or column is left out.

@@ -59,6 +59,14 @@ fn transmittance_at(place: u32) -> f32 {
     return blended[CHANNELS * pixel_count() + place];
 }
 
+// Outside the picture nothing is covered.
+fn passed_at(pixel: vec2u) -> f32 {
+    if is_inside(pixel) {
+        return transmittance_at(place_of(pixel));
+    }
+    return 1.0;
+}
+
 // One of red, green, blue, alpha.
 fn byte_of(texel: u32, channel: u32) -> f32 {
     return f32((texel >> (8u * channel)) & 255u);

@@ -11,14 +11,6 @@ const WIDE: u32 = TILE_EDGE + 2u;
 // Gradients of the depths to the left, right, above and below of each pixel.
 var<workgroup> of_depths: array<vec4f, WIDE * WIDE>;
 
-// Outside the picture nothing is covered.
-fn passed_at(pixel: vec2u) -> f32 {
-    if is_inside(pixel) {
-        return transmittance_at(place_of(pixel));
-    }
-    return 1.0;
-}
-
 fn put(channel: u32, place: u32, grad: f32) {
     grads[channel * pixel_count() + place] = grad;
 }

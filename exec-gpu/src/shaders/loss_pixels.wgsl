@@ -20,7 +20,7 @@ fn partials_at(pixel: vec2u, c: u32) -> vec3f {
 
 fn blur_down(first: vec2u, c: u32, place: u32) {
     let step = vec2u(0u, 1u);
-    let means = windows_3_8(
+    put_down(place, windows_3_8(
         partials_at(first, c),
         partials_at(first + step, c),
         partials_at(first + 2u * step, c),
@@ -39,15 +39,7 @@ fn blur_down(first: vec2u, c: u32, place: u32) {
         partials_at(first + 15u * step, c),
         partials_at(first + 16u * step, c),
         partials_at(first + 17u * step, c),
-    );
-    rows[place] = means.mean_0;
-    rows[place + WIDE] = means.mean_1;
-    rows[place + 2u * WIDE] = means.mean_2;
-    rows[place + 3u * WIDE] = means.mean_3;
-    rows[place + 4u * WIDE] = means.mean_4;
-    rows[place + 5u * WIDE] = means.mean_5;
-    rows[place + 6u * WIDE] = means.mean_6;
-    rows[place + 7u * WIDE] = means.mean_7;
+    ));
 }
 
 fn blur_across(place: u32) -> Windows34 {
@@ -67,14 +59,6 @@ fn blur_across(place: u32) -> Windows34 {
         rows[place + 12u],
         rows[place + 13u],
     );
-}
-
-// Pixels outside the picture pass everything.
-fn passed_at(pixel: vec2u) -> f32 {
-    if is_inside(pixel) {
-        return transmittance_at(place_of(pixel));
-    }
-    return 1.0;
 }
 
 fn texel_at(pixel: vec2u) -> u32 {

@@ -30,7 +30,7 @@ fn pair_at(pixel: vec2u, c: u32) -> vec2f {
 
 fn blur_down(first: vec2u, c: u32, place: u32) {
     let step = vec2u(0u, 1u);
-    let means = moments_down(
+    put_down(place, moments_down(
         pair_at(first, c),
         pair_at(first + step, c),
         pair_at(first + 2u * step, c),
@@ -49,15 +49,7 @@ fn blur_down(first: vec2u, c: u32, place: u32) {
         pair_at(first + 15u * step, c),
         pair_at(first + 16u * step, c),
         pair_at(first + 17u * step, c),
-    );
-    rows[place] = means.mean_0;
-    rows[place + WIDE] = means.mean_1;
-    rows[place + 2u * WIDE] = means.mean_2;
-    rows[place + 3u * WIDE] = means.mean_3;
-    rows[place + 4u * WIDE] = means.mean_4;
-    rows[place + 5u * WIDE] = means.mean_5;
-    rows[place + 6u * WIDE] = means.mean_6;
-    rows[place + 7u * WIDE] = means.mean_7;
+    ));
 }
 
 fn similarity(pixel: vec2u, c: u32, means: vec4f) -> f32 {

@@ -18,6 +18,18 @@ fn place_down(local: u32) -> u32 {
     return local / WIDE * DOWN * WIDE + local % WIDE;
 }
 
+// Puts the means of windows below one another where they belong.
+fn put_down(place: u32, means: MeansDown) {
+    rows[place] = means.mean_0;
+    rows[place + WIDE] = means.mean_1;
+    rows[place + 2u * WIDE] = means.mean_2;
+    rows[place + 3u * WIDE] = means.mean_3;
+    rows[place + 4u * WIDE] = means.mean_4;
+    rows[place + 5u * WIDE] = means.mean_5;
+    rows[place + 6u * WIDE] = means.mean_6;
+    rows[place + 7u * WIDE] = means.mean_7;
+}
+
 // Where the first mean across lies.
 fn place_across(local: u32) -> u32 {
     return local / 4u * WIDE + 4u * (local % 4u);
