@@ -38,6 +38,25 @@ impl Planes {
         let row_start = row * self.columns * self.count * SIZE;
         &self.values[row_start + place_in_row(self.columns, plane, column)..][..SIZE]
     }
+    /// The rows of a plane in the columns of a tile, as many above as below it, in the terms of [`Planes::read_window`].
+    #[inline(always)]
+    pub(crate) fn rows_around<const ROWS: usize>(
+        &self,
+        [column, row]: [usize; 2],
+        plane: usize,
+        is_written: impl Fn(usize) -> bool,
+    ) -> [&Row; ROWS] {
+        let mut rows = [&[0.0; SIZE]; ROWS];
+        for (down, (first, count, from)) in bands(ROWS).into_iter().enumerate() {
+            // Above the first row this wraps to a number that no grid has.
+            let tile_row = (row + down).wrapping_sub(1);
+            if tile_row < self.rows && is_written(tile_row * self.columns + column) {
+                let own = &self.plane([column, tile_row], plane)[from..from + count];
+                rows[first..first + count].iter_mut().zip(own).for_each(|(to, own)| *to = own);
+            }
+        }
+        rows
+    }
     /// A plane of a tile with some rows above and below and half a row to the left and right, into `window`: its `ROWS`
     /// are [`SIZE`] and twice as many more as it reaches up or down. Beyond the picture, and in tiles that nobody wrote,
     /// everything is zero.
@@ -49,10 +68,7 @@ impl Planes {
         is_written: impl Fn(usize) -> bool,
         window: &mut [WideRow; ROWS],
     ) {
-        let reach = (ROWS - SIZE) / 2;
-        // Rows of the window that a row of tiles fills, and the first of its own that they show.
-        let bands = [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)];
-        for (down, (first, count, from)) in bands.into_iter().enumerate() {
+        for (down, (first, count, from)) in bands(ROWS).into_iter().enumerate() {
             let rows = &mut window[first..first + count];
             for across in 0..3 {
                 // Beyond the first row or column these wrap to numbers that no grid has.
@@ -67,6 +83,13 @@ impl Planes {
             }
         }
     }
+}
+
+/// For the row of tiles above, a tile's own and that below: the first of `rows` rows around the tile that it fills, how
+/// many they are, and the first of its own that they show.
+const fn bands(rows: usize) -> [(usize, usize, usize); 3] {
+    let reach = (rows - SIZE) / 2;
+    [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)]
 }
 
 /// The part of wide rows that a tile shows: the left neighbour, the tile itself, or the right one.

@@ -1,11 +1,11 @@
-//! SSIM of two pictures and its gradient, a tile at a time.
+//! SSIM of two pictures and its gradient, a row of tiles at a time: windows down the columns first, then along the rows.
 
 use super::{Comparison, FAR, add_to_row, plane};
 use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
     parts::Pieces,
-    planes::{CENTER, Planes, Row, WideRow, place_in_row},
+    planes::{Planes, Row, place_in_row},
 };
 use fearless_simd::{Simd, dispatch};
 use specula_core::loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean};
@@ -14,50 +14,30 @@ use specula_core::loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vj
 const REACH: usize = SSIM_WINDOW / 2;
 /// Rows that the windows of a tile look at.
 const ROWS: usize = SIZE + 2 * REACH;
-/// Where the first window of a tile begins in a wide row.
-const FIRST: usize = CENTER - REACH;
 
 /// Mean SSIM; adds its gradient.
 ///
 /// Where both pictures show the background alone, SSIM is one and its gradient zero: such tiles are left out.
 pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
-    let Comparison { machine, frame, weights, distance, .. } = comparison;
+    let Comparison { machine, frame, weights, .. } = comparison;
     let cover = &frame.cover;
     let values = 3 * comparison.pixel_count();
     let mut partials = Planes::new(machine, [cover.columns, cover.rows], 9);
     let (rows, rows_of) = partials.parts();
     let factor = -weights.dssim / values as f32;
     let [sum, ..] = comparison.each_tile_row(Pieces::new(rows, &rows_of), |row, partials| {
-        let partials = partials.only();
-        let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 2];
-        let mut sum = 0.0;
         // A colour after the other: so what neighbouring tiles share is still near.
-        for (c, partials) in partials.chunks_exact_mut(3 * cover.columns * SIZE).enumerate() {
-            for column in 0..cover.columns {
-                let size = inside(frame, [column, row]);
-                sum += if distance[row * cover.columns + column] <= 1 {
-                    dispatch!(machine.level, simd => {
-                        compare_tile(simd, planes, distance, [column, row], c, size, factor, &mut windows, partials)
-                    })
-                } else {
-                    (size[0] * size[1]) as f64
-                };
-            }
-        }
-        [sum, 0.0, 0.0, 0.0]
+        let colors = partials.only().chunks_exact_mut(3 * cover.columns * SIZE).enumerate();
+        let sums = colors.map(|(c, partials)| {
+            dispatch!(machine.level, simd => compare_row(simd, comparison, planes, row, c, factor, partials))
+        });
+        [sums.sum(), 0.0, 0.0, 0.0]
     });
     let grad_of = comparison.grad_starts();
     comparison.each_tile_row(Pieces::new(grad, &grad_of), |row, grad| {
         let grad = grad.only();
-        let mut window = [[0.0; 2 * SIZE]; ROWS];
         for c in 0..3 {
-            let tiles = grad.chunks_exact_mut(tile_len(frame.channels));
-            for (slot, tile) in (cover.before_row(row)..).zip(tiles) {
-                let place = cover.place(slot);
-                dispatch!(machine.level, simd => {
-                    add_grads(simd, planes, &partials, distance, place, c, frame, &mut window, tile);
-                });
-            }
+            dispatch!(machine.level, simd => add_grads_of_row(simd, comparison, planes, &partials, row, c, grad));
         }
         [0.0; 4]
     });
@@ -82,111 +62,189 @@ fn window_lanes<S: Simd>(simd: S) -> Window<S> {
     lanes
 }
 
-/// Sum of SSIM of one colour over a tile, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a factor.
-/// The windows are memory to work in.
+/// Windows down the columns of a row of tiles, of the tile that is looked at and its neighbours. What is pushed now is
+/// read a tile later: by then it has reached the cache, where a vector may begin anywhere.
+struct Strip<const PLANES: usize> {
+    rows: [[[f32; STRIP_TILES * SIZE]; SIZE]; PLANES],
+    /// Tiles that it holds; the last but one is looked at.
+    tiles: usize,
+}
+
+/// Tiles that a strip has room for, before it begins anew.
+const STRIP_TILES: usize = 8;
+
+impl<const PLANES: usize> Strip<PLANES> {
+    /// Left of the picture there is nothing.
+    #[inline(always)]
+    fn new() -> Self {
+        Self { rows: [[[0.0; STRIP_TILES * SIZE]; SIZE]; PLANES], tiles: 1 }
+    }
+
+    /// Takes in the next tile: windows down the columns of these rows, or zeros.
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, window: &Window<S>, rows: Option<&[[Lanes<S>; PLANES]; ROWS]>) {
+        const KEPT: usize = 2;
+        if self.tiles == STRIP_TILES {
+            let last = (STRIP_TILES - KEPT) * SIZE;
+            self.rows.as_flattened_mut().iter_mut().for_each(|row| row.copy_within(last.., 0));
+            self.tiles = KEPT;
+        }
+        let first = self.tiles * SIZE;
+        for row in 0..SIZE {
+            for plane in 0..PLANES {
+                let to = &mut self.rows[plane][row][first..first + SIZE];
+                match rows {
+                    Some(rows) => window_mean(window, |tap| rows[row + tap][plane]).store(to),
+                    None => to.fill(0.0),
+                }
+            }
+        }
+        self.tiles += 1;
+    }
+
+    /// Whole windows of a row of the last tile but one.
+    #[inline(always)]
+    fn along<S: Simd>(&self, simd: S, window: &Window<S>, row: usize) -> [Lanes<S>; PLANES] {
+        let first = (self.tiles - 2) * SIZE - REACH;
+        let mut along = [Lanes::splat(simd, 0.0); PLANES];
+        for plane in 0..PLANES {
+            let row = &self.rows[plane][row];
+            along[plane] = window_mean(window, |tap| Lanes::load(simd, &row[first + tap..first + tap + SIZE]));
+        }
+        along
+    }
+}
+
+/// Sum of SSIM of one colour over a row of tiles, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a
+/// factor.
+#[inline(always)]
+fn compare_row<S: Simd>(
+    simd: S,
+    comparison: &Comparison<'_>,
+    planes: &Planes,
+    row: usize,
+    c: usize,
+    factor: f32,
+    partials: &mut [Row],
+) -> f64 {
+    let Comparison { frame, distance, .. } = comparison;
+    let columns = frame.cover.columns;
+    let distance = &distance[row * columns..][..columns];
+    let window = window_lanes(simd);
+    let factor = Lanes::splat(simd, factor);
+    let mut moments = [[factor; 4]; ROWS];
+    let mut strip = Strip::new();
+    let mut sum = 0.0;
+    for next in 0..=columns {
+        let is_near = next < columns && distance[next] <= 2;
+        if is_near {
+            read_moments(simd, comparison, planes, [next, row], c, &mut moments);
+        }
+        strip.push(&window, is_near.then_some(&moments));
+        let Some(column) = next.checked_sub(1) else { continue };
+        let size = inside(frame, [column, row]);
+        sum += if distance[column] <= 1 {
+            compare_tile(simd, &strip, &window, size, factor, partials, [columns, column])
+        } else {
+            (size[0] * size[1]) as f64
+        };
+    }
+    sum
+}
+
+/// x, y, x² + y² and x y in the columns of a tile, of all rows that its windows look at.
+#[inline(always)]
+fn read_moments<S: Simd>(
+    simd: S,
+    comparison: &Comparison<'_>,
+    planes: &Planes,
+    place: [usize; 2],
+    c: usize,
+    moments: &mut [[Lanes<S>; 4]; ROWS],
+) {
+    let is_written = |tile: usize| comparison.distance[tile] < FAR;
+    let rendered = planes.rows_around::<ROWS>(place, plane::RENDERED + c, is_written);
+    let truth = planes.rows_around::<ROWS>(place, plane::TRUTH + c, is_written);
+    for row in 0..ROWS {
+        moments[row] = SsimMoments::products(Lanes::load(simd, rendered[row]), Lanes::load(simd, truth[row]));
+    }
+}
+
 #[inline(always)]
 fn compare_tile<S: Simd>(
     simd: S,
-    planes: &Planes,
-    distance: &[u32],
-    place: [usize; 2],
-    c: usize,
+    strip: &Strip<4>,
+    window: &Window<S>,
     [columns, rows]: [usize; 2],
-    factor: f32,
-    [rendered, truth]: &mut [[WideRow; ROWS]; 2],
+    factor: Lanes<S>,
     partials: &mut [Row],
+    [all_columns, column]: [usize; 2],
 ) -> f64 {
-    let window = window_lanes(simd);
-    let zero = Lanes::splat(simd, 0.0);
-    let factor = Lanes::splat(simd, factor);
-    let is_written = |tile: usize| distance[tile] < FAR;
-    planes.read_window(place, plane::RENDERED + c, is_written, rendered);
-    planes.read_window(place, plane::TRUTH + c, is_written, truth);
-    let mut across = [[zero; 4]; ROWS];
-    for row in 0..ROWS {
-        across[row] = blur_moments(simd, &rendered[row], &truth[row], &window);
-    }
-    let all_columns = partials.len() / (3 * SIZE);
-    let mut sum = zero;
+    let mut sum = Lanes::splat(simd, 0.0);
     for row in 0..SIZE {
-        let mut blurred = [zero; 4];
-        for k in 0..4 {
-            blurred[k] = window_mean(&window, |tap| across[row + tap][k]);
-        }
-        let moments = SsimMoments::of_means(blurred);
+        let moments = SsimMoments::of_means(strip.along(simd, window, row));
         let count = if row < rows { columns } else { 0 };
         sum = sum + ssim(&moments).keep_first(count);
         let own = ssim_vjp(&moments, factor);
         for k in 0..3 {
-            own[k].keep_first(count).store(&mut partials[place_in_row(all_columns, k, place[0]) + row]);
+            own[k].keep_first(count).store(&mut partials[place_in_row(all_columns, k, column) + row]);
         }
     }
     f64::from(sum.sum())
 }
 
-/// E\[x\], E\[y\], E\[x² + y²\] and E\[xy\] of sixteen windows of a row.
+/// Every window passes its gradients on to a colour of the pixels of a row of tiles.
 #[inline(always)]
-fn blur_moments<S: Simd>(simd: S, x: &WideRow, y: &WideRow, window: &Window<S>) -> [Lanes<S>; 4] {
-    let (mut squares, mut products) = ([0.0; 2 * SIZE], [0.0; 2 * SIZE]);
-    for half in 0..2 {
-        let (x, y) = (Lanes::load(simd, &x[half * SIZE..]), Lanes::load(simd, &y[half * SIZE..]));
-        let [_, _, both_squares, product] = SsimMoments::products(x, y);
-        both_squares.store(&mut squares[half * SIZE..]);
-        product.store(&mut products[half * SIZE..]);
+fn add_grads_of_row<S: Simd>(
+    simd: S,
+    comparison: &Comparison<'_>,
+    planes: &Planes,
+    partials: &Planes,
+    row: usize,
+    c: usize,
+    grad: &mut [Quad],
+) {
+    let Comparison { frame, distance, .. } = comparison;
+    let cover = &frame.cover;
+    let (columns, len) = (cover.columns, tile_len(frame.channels));
+    let window = window_lanes(simd);
+    let mut rows = [[Lanes::splat(simd, 0.0); 3]; ROWS];
+    let mut strip = Strip::new();
+    for next in 0..=columns {
+        let is_near = next < columns && distance[row * columns + next] <= 2;
+        if is_near {
+            for k in 0..3 {
+                let own = partials.rows_around::<ROWS>([next, row], 3 * c + k, |tile| distance[tile] <= 1);
+                for row in 0..ROWS {
+                    rows[row][k] = Lanes::load(simd, own[row]);
+                }
+            }
+        }
+        strip.push(&window, is_near.then_some(&rows));
+        let Some(column) = next.checked_sub(1) else { continue };
+        if let Some(slot) = cover.slot(row * columns + column) {
+            let tile = &mut grad[(slot - cover.before_row(row)) * len..][..len];
+            add_grads(simd, &strip, &window, planes, [column, row], c, frame, tile);
+        }
     }
-    [
-        blur_row(simd, x, window),
-        blur_row(simd, y, window),
-        blur_row(simd, &squares, window),
-        blur_row(simd, &products, window),
-    ]
 }
 
-/// Sixteen windows of a row.
-#[inline(always)]
-fn blur_row<S: Simd>(simd: S, row: &WideRow, window: &Window<S>) -> Lanes<S> {
-    window_mean(window, |tap| Lanes::load(simd, &row[FIRST + tap..FIRST + tap + SIZE]))
-}
-
-/// Every window passes its gradients on to a colour of the pixels of a tile.
 #[inline(always)]
 fn add_grads<S: Simd>(
     simd: S,
+    strip: &Strip<3>,
+    window: &Window<S>,
     planes: &Planes,
-    partials: &Planes,
-    distance: &[u32],
     place: [usize; 2],
     c: usize,
     frame: &Frame,
-    partial: &mut [WideRow; ROWS],
     tile: &mut [Quad],
 ) {
-    let window = window_lanes(simd);
-    let mut blur = |k: usize| {
-        partials.read_window(place, 3 * c + k, |tile| distance[tile] <= 1, partial);
-        blur_plane(simd, partial, &window)
-    };
-    let (of_x, of_xx, of_xy) = (blur(0), blur(1), blur(2));
     let (rendered, truth) = (planes.plane(place, plane::RENDERED + c), planes.plane(place, plane::TRUTH + c));
     let [columns, rows] = inside(frame, place);
     for row in 0..rows {
         let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
-        let own = ssim_pixel_vjp(x, y, [of_x[row], of_xx[row], of_xy[row]]).keep_first(columns);
+        let own = ssim_pixel_vjp(x, y, strip.along(simd, window, row)).keep_first(columns);
         add_to_row(tile, frame.channels, c, row, &own.to_array());
     }
-}
-
-/// SSIM's window over a plane of a tile.
-#[inline(always)]
-fn blur_plane<S: Simd>(simd: S, plane: &[WideRow; ROWS], window: &Window<S>) -> [Lanes<S>; SIZE] {
-    let zero = Lanes::splat(simd, 0.0);
-    let mut across = [zero; ROWS];
-    for row in 0..ROWS {
-        across[row] = blur_row(simd, &plane[row], window);
-    }
-    let mut blurred = [zero; SIZE];
-    for row in 0..SIZE {
-        blurred[row] = window_mean(window, |tap| across[row + tap]);
-    }
-    blurred
 }
