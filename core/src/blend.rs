@@ -54,11 +54,24 @@ pub fn falloff<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> Falloff<R> {
     Falloff { offset, log2_strength: log2_strength(stamp.log2_opacity, offset) }
 }
 
-/// Scaled W δ. It is linear in δ, so the offset of one pixel and the step to another add up.
+/// Scaled W δ.
 #[inline(always)]
 pub fn scaled_offset<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> [R; 2] {
     let [xx, yx, yy] = stamp.root;
     [xx * dx, yx.mul_add(dx, yy * dy)]
+}
+
+/// Scaled W δ of the point from which means are measured, −W mean.
+#[inline(always)]
+pub fn offset_of_origin<R: Real>(stamp: &Stamp<R>) -> [R; 2] {
+    let [x, y] = stamp.mean2d;
+    scaled_offset(stamp, -x, -y)
+}
+
+/// Scaled W δ of a pixel: it is linear in the pixel, so what the origin has is added to W p.
+#[inline(always)]
+pub fn offset_from<R: Real>(of_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
+    [xx.mul_add(x, of_origin[0]), yx.mul_add(x, yy.mul_add(y, of_origin[1]))]
 }
 
 /// log₂ (opacity · 2^(−|W δ|²)) at a scaled offset; opacities are at most one.

@@ -3,7 +3,7 @@
 use crate::{
     bin::Tiles,
     buffer::{Buffer, Pool},
-    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, tile_len},
+    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, quad_origin, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
     parts::{Pieces, each_part},
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use specula_core::{
     blend::{
         Moments, Passage, Replay, Stamp, Step, StepGrad, alpha, column_of, goes_on, is_seen, log2_strength,
-        may_be_seen_in_column, moments_vjp, scaled_offset, stamp, step, step_vjp,
+        may_be_seen_in_column, moments_vjp, offset_from, offset_of_origin, stamp, step, step_vjp,
     },
     camera::Camera,
     plan::Channels,
@@ -25,8 +25,11 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended.
-const SPLATS_AT_ONCE: usize = 32;
+/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended: a bit each.
+const SPLATS_AT_ONCE: usize = u64::BITS as usize;
+
+/// And on the way back, where more is kept of each.
+const REPLAYED_AT_ONCE: usize = 32;
 
 /// Gradient of each splat and of its channels.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,33 +108,36 @@ fn blend_channels<const C: usize>(
     Frame { width, height, channels: C, cover, blended, shaded: None, seen }
 }
 
-// From a tile's first quad to each of its quads.
-const QUAD_X: Quad = [0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0, 0.0, 4.0, 8.0, 12.0];
-const QUAD_Y: Quad = [0.0, 0.0, 0.0, 0.0, 4.0, 4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 8.0, 12.0, 12.0, 12.0, 12.0];
+/// Centres of the pixels of each quad, from the tile's corner.
+const CENTERS: [[Quad; 2]; QUADS] = centers();
 
-/// A splat's stamp in every lane, and the tile's corner from its centre.
-#[inline(always)]
-fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> (Stamp<Lanes<S>>, [f32; 2]) {
-    let Stamp { mean2d, root, log2_opacity } = stamp_of(record);
-    let splat = |value: f32| Lanes::splat(simd, value);
-    let lanes = Stamp {
-        mean2d: [splat(mean2d[0]), splat(mean2d[1])],
-        root: [splat(root[0]), splat(root[1]), splat(root[2])],
-        log2_opacity: splat(log2_opacity),
-    };
-    (lanes, [origin[0] - mean2d[0], origin[1] - mean2d[1]])
+const fn centers() -> [[Quad; 2]; QUADS] {
+    let mut centers = [[[0.0; BLOCK]; 2]; QUADS];
+    let mut k = 0;
+    while k < QUADS * BLOCK {
+        let (quad, lane) = (k / BLOCK, k % BLOCK);
+        let [x, y] = quad_origin(quad);
+        centers[quad][0][lane] = x as f32 + PIXEL_X[lane];
+        centers[quad][1][lane] = y as f32 + PIXEL_Y[lane];
+        k += 1;
+    }
+    centers
 }
 
 #[inline(always)]
-fn stamp_of(record: &SplatRecord) -> Stamp<f32> {
-    stamp(record.mean2d, record.root_conic, record.log2_opacity)
+fn centers_of<S: Simd>(simd: S, quad: usize) -> [Lanes<S>; 2] {
+    let [x, y] = &CENTERS[quad];
+    [Lanes::load(simd, x), Lanes::load(simd, y)]
 }
 
-/// Some splats, number by number, so that a vector holds one number of many.
+/// Some splats as a tile sees them, number by number, so that a vector holds one number of many.
 struct Stamps {
+    /// From the tile's corner.
     mean2d: [[f32; SPLATS_AT_ONCE]; 2],
     root: [[f32; SPLATS_AT_ONCE]; 3],
     log2_opacity: [f32; SPLATS_AT_ONCE],
+    /// Scaled offset of the tile's corner.
+    of_corner: [[f32; SPLATS_AT_ONCE]; 2],
 }
 
 impl Stamps {
@@ -139,93 +145,76 @@ impl Stamps {
         mean2d: [[0.0; SPLATS_AT_ONCE]; 2],
         root: [[0.0; SPLATS_AT_ONCE]; 3],
         log2_opacity: [0.0; SPLATS_AT_ONCE],
+        of_corner: [[0.0; SPLATS_AT_ONCE]; 2],
     };
 
+    /// Takes in some splats; returns for each quad of the tile a bit for each that may touch it.
     #[inline(always)]
-    fn read(&mut self, records: &[SplatRecord; SPLATS_AT_ONCE]) {
-        for (k, record) in records.iter().enumerate() {
+    fn read<S: Simd>(
+        &mut self,
+        simd: S,
+        records: &[SplatRecord],
+        origin: [f32; 2],
+        list: &[AtomicU32],
+    ) -> [u64; QUADS] {
+        for (k, gaussian) in list.iter().enumerate() {
+            let record = &records[gaussian.load(Relaxed) as usize];
             for axis in 0..2 {
-                self.mean2d[axis][k] = record.mean2d[axis];
+                self.mean2d[axis][k] = record.mean2d[axis] - origin[axis];
             }
             for entry in 0..3 {
                 self.root[entry][k] = record.root_conic[entry];
             }
             self.log2_opacity[k] = record.log2_opacity;
         }
-    }
-
-    /// For each quad of a tile a bit for each of the first `count` splats that may touch it.
-    #[inline(always)]
-    fn splats_to_try<S: Simd>(&self, simd: S, origin: [f32; 2], count: usize) -> [u32; QUADS] {
         let mut splats = [0; QUADS];
-        for first in (0..SPLATS_AT_ONCE).step_by(BLOCK) {
-            if first < count {
-                self.add_splats_to_try(simd, origin, first, &mut splats);
-            }
+        for first in (0..list.len()).step_by(BLOCK) {
+            self.scale(simd, first, &mut splats);
         }
-        let known = u32::MAX >> (SPLATS_AT_ONCE - count);
+        let known = u64::MAX >> (SPLATS_AT_ONCE - list.len());
         for quad in 0..QUADS {
             splats[quad] &= known;
         }
         splats
     }
 
+    /// Scales the roots of a block of splats, notes what the tile's corner has of them, and adds their bits.
     #[inline(always)]
-    fn add_splats_to_try<S: Simd>(&self, simd: S, origin: [f32; 2], first: usize, splats: &mut [u32; QUADS]) {
+    fn scale<S: Simd>(&mut self, simd: S, first: usize, splats: &mut [u64; QUADS]) {
         let load = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::load(simd, &numbers[first..]);
-        let corner = [
-            Lanes::splat(simd, origin[0]) - load(&self.mean2d[0]),
-            Lanes::splat(simd, origin[1]) - load(&self.mean2d[1]),
-        ];
         let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
-        let stamp = stamp(corner, root, load(&self.log2_opacity));
+        let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
+        for entry in 0..3 {
+            stamp.root[entry].store(&mut self.root[entry][first..]);
+        }
+        let of_corner = offset_of_origin(&stamp);
+        for axis in 0..2 {
+            of_corner[axis].store(&mut self.of_corner[axis][first..]);
+        }
         for across in 0..QUADS_ACROSS {
-            let column = column_of(&stamp, pixel_bounds(corner[0], across));
+            let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
             for down in 0..QUADS_ACROSS {
-                let mask = may_be_seen_in_column(&stamp, &column, pixel_bounds(corner[1], down));
-                splats[down * QUADS_ACROSS + across] |= (mask.bits() as u32) << first;
+                let mask = may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
+                splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
             }
         }
     }
+
+    /// Scaled offset of some pixels from a splat.
+    #[inline(always)]
+    fn offset<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+        let splat = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::splat(simd, numbers[k]);
+        let [of_u, of_w] = &self.of_corner;
+        let [xx, yx, yy] = &self.root;
+        offset_from([splat(of_u), splat(of_w)], [splat(xx), splat(yx), splat(yy)], centers)
+    }
 }
 
-/// Offsets of the first and the last pixel of a quad along an axis, from that of the tile's corner.
+/// Offsets of the first and the last pixel of a quad from a splat's centre, along an axis.
 #[inline(always)]
-fn pixel_bounds<S: Simd>(corner: Lanes<S>, quad: usize) -> [Lanes<S>; 2] {
+fn pixel_bounds<S: Simd>(mean: Lanes<S>, quad: usize) -> [Lanes<S>; 2] {
     let first = (quad * QUAD) as f32 + 0.5;
-    [corner + first, corner + (first + (QUAD - 1) as f32)]
-}
-
-/// A splat as the quads of a tile see it: scaled offsets of the pixels of the first quad, and steps to the others.
-struct Stamped<S: Simd> {
-    first: [Lanes<S>; 2],
-    steps: [Quad; 2],
-    log2_opacity: Lanes<S>,
-}
-
-impl<S: Simd> Stamped<S> {
-    #[inline(always)]
-    fn new(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Self {
-        let (stamp, [x, y]) = stamp_on_tile(simd, record, origin);
-        let [u, w] = scaled_offset(&stamp, Lanes::from_array(simd, QUAD_X), Lanes::from_array(simd, QUAD_Y));
-        Self {
-            first: scaled_offset(&stamp, Lanes::from_array(simd, PIXEL_X) + x, Lanes::from_array(simd, PIXEL_Y) + y),
-            steps: [u.to_array(), w.to_array()],
-            log2_opacity: stamp.log2_opacity,
-        }
-    }
-    /// Scaled offsets of the first quad, then steps to the others.
-    #[inline(always)]
-    fn to_arrays(&self) -> [Quad; 4] {
-        [self.first[0].to_array(), self.first[1].to_array(), self.steps[0], self.steps[1]]
-    }
-    /// Visits some quads, each with the scaled offsets of its pixels.
-    #[inline(always)]
-    fn for_each_quad(&self, quads: u16, mut visit: impl FnMut(usize, [Lanes<S>; 2])) {
-        for_each_bit(quads, |quad| {
-            visit(quad, [self.first[0] + self.steps[0][quad], self.first[1] + self.steps[1][quad]]);
-        });
-    }
+    [-mean + first, -mean + (first + (QUAD - 1) as f32)]
 }
 
 /// Visits the quads whose bits are set.
@@ -252,22 +241,17 @@ fn blend_tile<S: Simd, const C: usize>(
     left.as_flattened_mut().fill(1.0);
     let (channels, left) = (channels.as_chunks_mut::<C>().0, &mut left[..QUADS]);
     let mut transmittance = [[1.0; BLOCK]; QUADS];
-    let mut near = Near::<C>::none();
-    let (mut stamps, mut stamped) = (Stamps::NONE, [[[0.0; BLOCK]; 4]; SPLATS_AT_ONCE]);
+    let (mut stamps, mut near) = (Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
         if transmittance.iter().all(|quad| goes_on(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
             continue;
         }
-        near.read(records, colors, list);
-        stamps.read(&near.records);
-        for k in 0..list.len() {
-            stamped[k] = Stamped::new(simd, &near.records[k], origin).to_arrays();
-        }
+        read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in stamps.splats_to_try(simd, origin, list.len()).into_iter().enumerate() {
+        for (quad, splats) in stamps.read(simd, records, origin, list).into_iter().enumerate() {
             let passage = [&mut transmittance[quad], &mut left[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &near, &stamped, quad, splats, &mut channels[quad], passage);
+            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, &mut channels[quad], passage);
         }
         transpose_back(simd, &seen_by_quad, seen);
     }
@@ -278,13 +262,13 @@ fn blend_tile<S: Simd, const C: usize>(
 #[inline(always)]
 fn blend_quad<S: Simd, const C: usize>(
     simd: S,
-    near: &Near<C>,
-    stamped: &[[Quad; 4]; SPLATS_AT_ONCE],
+    stamps: &Stamps,
+    colors: &[[f32; C]; SPLATS_AT_ONCE],
     quad: usize,
-    mut splats: u32,
+    mut splats: u64,
     channels: &mut [Quad; C],
     [transmittance, left]: [&mut Quad; 2],
-) -> u32 {
+) -> u64 {
     let front = Lanes::load(simd, transmittance);
     let mut alive = goes_on(front);
     if splats == 0 || alive.bits() == 0 {
@@ -296,20 +280,19 @@ fn blend_quad<S: Simd, const C: usize>(
     for c in 0..C {
         sums[c] = Lanes::load(simd, &channels[c]);
     }
+    let centers = centers_of(simd, quad);
     let mut seen = 0;
     while splats != 0 {
         let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
         splats &= splats - 1;
-        let [u, w, u_steps, w_steps] = &stamped[k];
-        let offset = [Lanes::load(simd, u) + u_steps[quad], Lanes::load(simd, w) + w_steps[quad]];
-        let strength = log2_strength(Lanes::splat(simd, near.records[k].log2_opacity), offset);
+        let strength = log2_strength(Lanes::splat(simd, stamps.log2_opacity[k]), stamps.offset(simd, k, centers));
         let Step { weight, behind } = step(alpha(strength), passage);
         // Without a branch: whether a quad is touched is hard to foretell.
-        seen |= u32::from((alive & is_seen(strength)).bits() != 0) << k;
+        seen |= u64::from((alive & is_seen(strength)).bits() != 0) << k;
         alive = goes_on(behind.transmittance);
         passage = behind;
         for c in 0..C {
-            sums[c] = weight.mul_add(Lanes::splat(simd, near.colors[k][c]), sums[c]);
+            sums[c] = weight.mul_add(Lanes::splat(simd, colors[k][c]), sums[c]);
         }
     }
     passage.transmittance.store(transmittance);
@@ -322,32 +305,46 @@ fn blend_quad<S: Simd, const C: usize>(
 
 /// For each splat a bit for each quad, from a bit for each splat of each quad.
 #[inline(always)]
-fn transpose_back<S: Simd>(simd: S, splats: &[u32; QUADS], quads: &mut [u16]) {
-    let (splats, zero) = (u32x16::from_slice(simd, splats), u32x16::splat(simd, 0));
-    for (k, quads) in quads.iter_mut().enumerate() {
-        *quads = (splats & u32x16::splat(simd, 1 << k)).simd_gt(zero).to_bitmask() as u16;
+fn transpose_back<S: Simd>(simd: S, splats: &[u64; QUADS], quads: &mut [u16]) {
+    let zero = u32x16::splat(simd, 0);
+    for (half, quads) in quads.chunks_mut(HALF_BITS).enumerate() {
+        let splats = splats.map(|splats| (splats >> (half * HALF_BITS)) as u32);
+        let splats = u32x16::from_slice(simd, &splats);
+        for (k, quads) in quads.iter_mut().enumerate() {
+            *quads = (splats & u32x16::splat(simd, 1 << k)).simd_gt(zero).to_bitmask() as u16;
+        }
     }
 }
+
+/// Bits that a lane holds.
+const HALF_BITS: usize = 32;
 
 /// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
 /// for memory overlap.
 struct Near<const C: usize> {
-    records: [SplatRecord; SPLATS_AT_ONCE],
-    colors: [[f32; C]; SPLATS_AT_ONCE],
+    records: [SplatRecord; REPLAYED_AT_ONCE],
+    colors: [[f32; C]; REPLAYED_AT_ONCE],
 }
 
 impl<const C: usize> Near<C> {
     #[inline(always)]
     fn none() -> Self {
-        Self { records: [SplatRecord::default(); SPLATS_AT_ONCE], colors: [[0.0; C]; SPLATS_AT_ONCE] }
+        Self { records: [SplatRecord::default(); REPLAYED_AT_ONCE], colors: [[0.0; C]; REPLAYED_AT_ONCE] }
     }
     #[inline(always)]
     fn read(&mut self, records: &[SplatRecord], colors: &[f32], list: &[AtomicU32]) {
-        for ((gaussian, record), color) in list.iter().zip(&mut self.records).zip(&mut self.colors) {
-            let gaussian = gaussian.load(Relaxed) as usize;
-            *record = records[gaussian];
-            color.copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
+        for (gaussian, record) in list.iter().zip(&mut self.records) {
+            *record = records[gaussian.load(Relaxed) as usize];
         }
+        read_colors(&mut self.colors, colors, list);
+    }
+}
+
+#[inline(always)]
+fn read_colors<const C: usize>(near: &mut [[f32; C]], colors: &[f32], list: &[AtomicU32]) {
+    for (gaussian, color) in list.iter().zip(near) {
+        let gaussian = gaussian.load(Relaxed) as usize;
+        color.copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
     }
 }
 
@@ -445,8 +442,8 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     let grad = grad[..QUADS * C].as_chunks::<C>().0;
     let mut near = Near::<C>::none();
     let mut weights = [[0.0; BLOCK]; QUADS];
-    let out = out.chunks_mut(SPLATS_AT_ONCE * (GEOMETRY + C));
-    for ((list, seen), out) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks(SPLATS_AT_ONCE)).zip(out) {
+    let out = out.chunks_mut(REPLAYED_AT_ONCE * (GEOMETRY + C));
+    for ((list, seen), out) in list.chunks(REPLAYED_AT_ONCE).zip(seen.chunks(REPLAYED_AT_ONCE)).zip(out) {
         if seen.iter().all(|quads| *quads == 0) {
             out.fill(0.0);
             continue;
@@ -476,11 +473,13 @@ fn splat_vjp<S: Simd, const C: usize>(
     weights: &mut [Quad; QUADS],
     out: &mut [f32],
 ) {
-    let splat = Stamped::new(simd, record, origin);
+    let stamp = stamp_on_tile(simd, record, origin);
+    let of_corner = offset_of_origin(&stamp);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = Moments::zero(zero);
-    splat.for_each_quad(seen, |index, offset| {
+    for_each_bit(seen, |index| {
+        let offset = offset_from(of_corner, stamp.root, centers_of(simd, index));
         let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);
         let replay = Replay {
@@ -488,7 +487,7 @@ fn splat_vjp<S: Simd, const C: usize>(
             remaining: Lanes::load(simd, &quad.remaining),
         };
         let StepGrad { log_strength, weight, behind } =
-            step_vjp(log2_strength(splat.log2_opacity, offset), replay, along);
+            step_vjp(log2_strength(stamp.log2_opacity, offset), replay, along);
         behind.transmittance.store(&mut quad.transmittance);
         behind.remaining.store(&mut quad.remaining);
         weight.store(&mut weights[index]);
@@ -508,7 +507,17 @@ fn splat_vjp<S: Simd, const C: usize>(
     sums[GEOMETRY..GEOMETRY + C].copy_from_slice(&grad_colors);
     sum_each(&sums[..GEOMETRY + C], out);
     let moments = Moments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
-    write_geometry(&moments_vjp(&stamp_of(record), record.opacity, &moments), out);
+    let stamp = specula_core::blend::stamp(record.mean2d, record.root_conic, record.log2_opacity);
+    write_geometry(&moments_vjp(&stamp, record.opacity, &moments), out);
+}
+
+/// A splat's stamp in every lane, its mean from the tile's corner.
+#[inline(always)]
+fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamp<Lanes<S>> {
+    let splat = |value: f32| Lanes::splat(simd, value);
+    let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
+    let mean2d = [splat(x - origin[0]), splat(y - origin[1])];
+    stamp(mean2d, [splat(xx), splat(yx), splat(yy)], splat(record.log2_opacity))
 }
 
 /// Σ color · grad over the channels of a quad, as two sums side by side.
