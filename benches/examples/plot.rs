@@ -7,6 +7,9 @@ use serde_json::{Map, Value};
 use std::{fs, path::Path};
 
 const SIZE: (u32, u32) = (900, 500);
+/// Sizes of letters, in the picture's units.
+const TITLE: i32 = 24;
+const LABEL: i32 = 20;
 const COLORS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
 
 /// A training: its name, and PSNR after so many seconds.
@@ -38,12 +41,18 @@ fn draw(out: &Path, title: &str, trainings: &[Training]) -> Result<(), Box<dyn E
     let area = SVGBackend::new(out, SIZE).into_drawing_area();
     area.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&area)
-        .caption(title, ("sans-serif", 20))
+        .caption(title, ("sans-serif", TITLE))
         .margin(15)
-        .x_label_area_size(40)
-        .y_label_area_size(50)
+        .x_label_area_size(3 * LABEL)
+        .y_label_area_size(4 * LABEL)
         .build_cartesian_2d(0.0..end * 1.02, low..high)?;
-    chart.configure_mesh().x_desc("seconds of training").y_desc("PSNR of the test views, dB").draw()?;
+    chart
+        .configure_mesh()
+        .label_style(("sans-serif", LABEL))
+        .axis_desc_style(("sans-serif", LABEL))
+        .x_desc("seconds of training")
+        .y_desc("PSNR of the test views, dB")
+        .draw()?;
     for (training, color) in trainings.iter().zip(COLORS.iter().cycle()) {
         let line = LineSeries::new(training.points.iter().copied(), color.stroke_width(2)).point_size(3);
         chart
@@ -53,6 +62,7 @@ fn draw(out: &Path, title: &str, trainings: &[Training]) -> Result<(), Box<dyn E
     }
     chart
         .configure_series_labels()
+        .label_font(("sans-serif", LABEL))
         .position(SeriesLabelPosition::LowerRight)
         .background_style(WHITE)
         .border_style(BLACK)
