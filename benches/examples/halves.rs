@@ -1,5 +1,5 @@
-//! What pictures lose by halves: all that `Storage::F16` stores so, and each kind of number alone, the means among them,
-//! which it keeps in full. On the torus, and on the models whose folders are named.
+//! What pictures lose by halves: all that `Storage::F16` stores so, and each kind of number alone, means and scales among
+//! them, which it keeps in full. On the torus, and on the models whose folders are named.
 
 use core::ops::Range;
 use specula_benches::{camera, environment, scene::LIGHT, torus, trained::Trained};

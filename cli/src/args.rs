@@ -309,8 +309,8 @@ pub(crate) struct MachineOptions {
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
     /// How it stores Gaussians and light: in full (f32), or as halves (f16), which take about half of a GPU's memory
-    /// and change colours by less than a step of 8 bits nearly everywhere. Means are stored in full either way, the
-    /// arithmetic is the same, and the processor rounds as a GPU stores.
+    /// and change colours by less than a step of 8 bits nearly everywhere. Means and scales are stored in full either
+    /// way, the arithmetic is the same, and the processor rounds as a GPU stores.
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
 }

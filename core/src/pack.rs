@@ -1,6 +1,6 @@
 //! Half precision for what is only looked at: f32 to compute, f16 to store.
 
-use crate::scene::{BLOCK, Gaussians, LOG_SCALE, Layout};
+use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;
 
 /// How an executor stores the numbers of Gaussians and the texels of a filtered light.
@@ -9,13 +9,14 @@ pub enum Storage {
     /// In full: what training needs.
     #[default]
     F32,
-    /// As halves, two to a word, but the means in full: pictures alone.
+    /// As halves, two to a word, but means and scales in full: pictures alone.
     F16,
 }
 
-/// First planes of a Gaussian that are always stored in full: its mean. At a distance of 4 from the origin halves are
-/// 2⁻⁸ apart, which is more than a pixel of most pictures.
-pub const FULL_PLANES: usize = LOG_SCALE;
+/// First planes of a Gaussian that are always stored in full: its mean and its scales. At a distance of 4 from the origin
+/// halves are 2⁻⁸ apart, which is more than a pixel of most pictures; and where two scales are nearly equal, rounding
+/// makes another axis the shortest, and so another normal.
+pub const FULL_PLANES: usize = QUAT;
 
 impl Storage {
     /// Words of 32 bits that a Gaussian takes.
