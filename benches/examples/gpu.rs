@@ -1,113 +1,346 @@
-//! What a GPU takes for pictures and for steps of training, in one table; see `scripts/bench-gpu`.
+//! What a GPU takes for pictures and for steps of training, and for each of their stages, beside what it could do at
+//! best; see `scripts/bench-gpu`.
 //!
-//! Arguments: part of an adapter's name (empty for any), and after how many seconds no further case is begun.
+//! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case that would take longer
+//! than is left is not begun.
 
-use core::time::Duration;
-use specula_benches::{camera, environment, torus};
+use core::{fmt, time::Duration};
+use specula_benches::{
+    scene::{Scene, View},
+    stages::{Amounts, Meter, Stage, measure_picture, measure_step},
+    work::work_of,
+};
 use specula_core::{
-    camera::Camera,
-    executor::{Executor, Moments, RenderRules, Statistics},
+    executor::Renderer,
     metrics::psnr,
-    pipeline::{Fit, Step, render, train_step},
-    plan::Channels,
+    pack::Storage,
+    pipeline::render,
     prefilter::LevelRange,
     scene::{Environment, Gaussians},
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::{Gpu, GpuError, GpuExecutor, stopwatch::KernelTime};
-use specula_train::profile::{Profile, by_name};
+use specula_gpu::{Gpu, GpuError, GpuExecutor, GpuViewer, ceilings::Ceilings, viewer::Stored};
+use specula_train::evaluate::render_view;
 use std::time::Instant;
 
-/// Profiles, pictures and clouds, the easier first.
-const CASES: [(&str, u32, usize); 14] = [
-    ("3dgs", 200, 10_000),
-    ("specula", 200, 10_000),
-    ("3dgs", 400, 10_000),
-    ("specula", 400, 10_000),
-    ("3dgs", 400, 100_000),
-    ("paper", 400, 100_000),
-    ("specula", 400, 100_000),
-    ("3dgs", 800, 100_000),
-    ("specula", 800, 100_000),
-    ("specula", 800, 200_000),
-    ("specula", 1600, 200_000),
-    ("specula", 800, 1_000_000),
-    ("specula", 1600, 1_000_000),
-    ("specula", 1600, 5_000_000),
+/// A profile, and the sizes of a picture and of a cloud.
+#[derive(Clone, Copy, Debug)]
+struct Case(&'static str, u32, usize);
+
+/// The easier first.
+const CASES: [Case; 14] = [
+    Case("3dgs", 200, 10_000),
+    Case("specula", 200, 10_000),
+    Case("3dgs", 400, 10_000),
+    Case("specula", 400, 10_000),
+    Case("3dgs", 400, 100_000),
+    Case("paper", 400, 100_000),
+    Case("specula", 400, 100_000),
+    Case("3dgs", 800, 100_000),
+    Case("specula", 800, 100_000),
+    Case("specula", 800, 200_000),
+    Case("specula", 1600, 200_000),
+    Case("specula", 800, 1_000_000),
+    Case("specula", 1600, 1_000_000),
+    Case("specula", 1600, 5_000_000),
 ];
 /// What a measurement may take; more repetitions are made until then.
 const PATIENCE: Duration = Duration::from_secs(2);
 const REPETITIONS_MAX: usize = 100;
-const LIGHT: usize = 64;
+/// A stage is run so often; the fastest counts, and the first also compiles kernels.
+const STAGE_RUNS: usize = 3;
+/// What a case takes, in pictures and steps of both executors: those that are timed, and their stages one by one.
+const ROUNDS: f64 = 12.0;
+const MEBIBYTE: f64 = 1_048_576.0;
+
+impl Case {
+    /// Pixels and Gaussians, which all times grow with.
+    fn extent(&self) -> f64 {
+        f64::from(self.1 * self.1) + self.2 as f64
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(profile, size, count) = self;
+        write!(out, "{profile} | {size} × {size} | {count}")
+    }
+}
 
 fn main() -> Result<(), GpuError> {
+    let start = Instant::now();
     let mut arguments = std::env::args().skip(1);
     let name = arguments.next().unwrap_or_default();
-    let budget: u64 = arguments.next().and_then(|seconds| seconds.parse().ok()).unwrap_or(400);
-    let mut gpu = GpuExecutor::new(Gpu::new(&name)?);
-    let info = gpu.gpu().info();
-    println!("{} ({}, {} {})\n", info.name, info.backend, info.driver, info.driver_info);
-    println!("| profile | pixels | Gaussians | picture, ms | as the CPU | step, ms | CPU's step, ms |");
-    println!("|---|---|---|---|---|---|---|");
-    let start = Instant::now();
-    let mut kernels = Vec::new();
-    for (profile, size, count) in CASES {
-        if start.elapsed() > Duration::from_secs(budget) {
-            println!("| {profile} | {size} × {size} | {count} | not begun: {budget} s are over | | | |");
-            continue;
-        }
-        match measure(&mut gpu, profile, size, count) {
-            Ok(times) => kernels.push((format!("{profile}, {size} × {size}, {count} Gaussians"), times)),
-            Err(error) => println!("| {profile} | {size} × {size} | {count} | {error} | | | |"),
+    let budget = arguments.next().and_then(|seconds| seconds.parse().ok()).unwrap_or(400.0);
+    let mut bench = Bench::new(GpuExecutor::new(Gpu::new(&name)?))?;
+    println!(
+        "| profile | pixels | Gaussians | stored | picture, ms | as the CPU | MiB | step, ms | CPU's step, ms | MiB |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for case in CASES {
+        let left: f64 = budget - start.elapsed().as_secs_f64();
+        let expected = bench.pace * case.extent() * ROUNDS + 4.0 * PATIENCE.as_secs_f64();
+        if expected > left {
+            println!("| {case} | left out: it would take {expected:.0} s, and {left:.0} s are left | | | | | | |");
+        } else if let Err(error) = bench.measure(&case) {
+            println!("| {case} | {error} | | | | | | |");
         }
     }
-    for (case, times) in &kernels {
-        print_kernels(case, times);
-    }
+    bench.print_stages();
     Ok(())
 }
 
-/// Prints a row; returns the times of the kernels of a step.
-fn measure(
-    gpu: &mut GpuExecutor,
-    profile: &str,
-    size: u32,
-    count: usize,
-) -> Result<Vec<(&'static str, KernelTime)>, GpuError> {
-    let mut cpu = CpuExecutor::new();
-    let mut ours = Scene::new(gpu, profile, size, count)?;
-    let mut theirs = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
-    let agreement = psnr(mean_squared_difference(&ours.picture(gpu)?, &theirs.picture(&mut cpu).expect("it renders")));
-    let picture = median(|| {
-        ours.render(gpu)?;
-        gpu.finish()
-    })?;
-    let step = median(|| {
-        ours.train(gpu)?;
-        gpu.finish()
-    })?;
-    let cpu_step = median(|| theirs.train(&mut cpu)).expect("the CPU trains");
-    println!(
-        "| {profile} | {size} × {size} | {count} | {:.2} | {agreement:.0} dB | {:.2} | {:.2} |",
-        picture * 1e3,
-        step * 1e3,
-        cpu_step * 1e3
-    );
-    if !gpu.watch_kernels(true) {
-        return Ok(Vec::new());
-    }
-    ours.train(gpu)?;
-    let times = gpu.kernel_times();
-    gpu.watch_kernels(false);
-    times
+/// A device, and what was found out about it.
+struct Bench {
+    viewer: GpuViewer,
+    ceilings: Option<Ceilings>,
+    /// The slowest picture and step of both executors so far, in seconds for each pixel and Gaussian.
+    pace: f64,
+    stages: Vec<(Case, Storage, Vec<StageTime>)>,
 }
 
-fn print_kernels(case: &str, times: &[(&'static str, KernelTime)]) {
-    let mut times = times.to_vec();
-    times.sort_by(|(_, one), (_, other)| other.seconds.total_cmp(&one.seconds));
-    println!("\nKernels of a step, {case}:\n\n| kernel | runs | ms |\n|---|---|---|");
-    for (entry, KernelTime { runs, seconds }) in times {
-        println!("| `{entry}` | {runs} | {:.3} |", seconds * 1e3);
+impl Bench {
+    /// Measures what the device could do at best.
+    fn new(mut exec: GpuExecutor) -> Result<Self, GpuError> {
+        let info = exec.gpu().info();
+        println!("{} ({}, {} {})\n", info.name, info.backend, info.driver, info.driver_info);
+        let ceilings = exec.ceilings()?;
+        exec.forget_memory();
+        match ceilings {
+            Some(Ceilings { bytes, operations }) => {
+                println!("Copies {:.1} GB/s, multiplies and adds {:.0} GFLOP/s.\n", bytes * 1e-9, operations * 1e-9);
+            }
+            None => println!("Kernels cannot be timed here.\n"),
+        }
+        Ok(Self { viewer: GpuViewer::new(exec, Storage::F32), ceilings, pace: 0.0, stages: Vec::new() })
+    }
+
+    /// Prints the rows of a case, and remembers its stages.
+    fn measure(&mut self, case: &Case) -> Result<(), GpuError> {
+        let reference = Reference::new(case);
+        let in_full = self.measure_pictures(case, Storage::F32, &reference)?;
+        let halves = self.measure_pictures(case, Storage::F16, &reference)?;
+        let (step, memory) = self.measure_steps(case, &reference)?;
+        let of_cpu = reference.step;
+        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, of_cpu * 1e3, memory as f64 / MEBIBYTE];
+        println!("| {case} | f32 | {in_full} | {step_ms:.2} | {cpu_ms:.2} | {mebibytes:.0} |");
+        println!("| {case} | f16 | {halves} | | | |");
+        self.pace = self.pace.max((2.0 * in_full.seconds + step + of_cpu) / case.extent());
+        Ok(())
+    }
+
+    fn measure_pictures(&mut self, case: &Case, storage: Storage, like: &Reference) -> Result<Picture, GpuError> {
+        self.viewer.executor().forget_memory();
+        self.viewer.set_storage(storage);
+        let stand = Stand::new(&mut self.viewer, &like.scene)?;
+        let picture = stand.measure(&mut self.viewer, &like.image)?;
+        let mut stamps = Stamps { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
+        if self.viewer.executor().watch_kernels(true) {
+            stand.measure_stages(&mut self.viewer, &mut stamps)?;
+            self.viewer.executor().watch_kernels(false);
+        }
+        self.stages.push((*case, storage, stamps.times));
+        Ok(picture)
+    }
+
+    /// Seconds of a step, and bytes of the device that it takes.
+    fn measure_steps(&mut self, case: &Case, like: &Reference) -> Result<(f64, u64), GpuError> {
+        let Case(profile, size, count) = *case;
+        let exec = self.viewer.executor();
+        exec.forget_memory();
+        let mut scene = Scene::new(exec, profile, size, count)?;
+        let seconds = median(|| {
+            scene.train(exec)?;
+            exec.finish()
+        })?;
+        let memory = exec.memory();
+        let mut stamps = Stamps { amounts: like.amounts, times: Vec::new() };
+        if exec.watch_kernels(true) {
+            measure_step(exec, &mut scene, &mut stamps)?;
+            exec.watch_kernels(false);
+        }
+        self.stages.push((*case, Storage::F32, stamps.times));
+        Ok((seconds, memory))
+    }
+}
+
+/// A case on the CPU.
+struct Reference {
+    scene: Scene<CpuExecutor>,
+    image: Vec<f32>,
+    /// Seconds of a step.
+    step: f64,
+    amounts: Amounts,
+}
+
+impl Reference {
+    fn new(case: &Case) -> Self {
+        let Case(profile, size, count) = *case;
+        let mut cpu = CpuExecutor::new();
+        let mut scene = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
+        let step = median(|| scene.train(&mut cpu)).expect("the CPU trains");
+        let light = scene.filtered(&mut cpu).expect("64 is a power of two");
+        let Scene { rules, camera, cloud, .. } = &scene;
+        let image = render_view(&mut cpu, cloud, light.as_ref(), camera, rules).expect("the CPU renders");
+        let amounts = Amounts {
+            gaussians: count,
+            layout: cloud.layout,
+            storage: Storage::F32,
+            pixels: image.pixel_count(),
+            rules: *rules,
+            work: work_of(&mut cpu, cloud, camera),
+        };
+        Self { image: image.values, step, amounts, scene }
+    }
+}
+
+/// A scene that is only looked at.
+struct Stand<'a> {
+    cloud: Gaussians<Stored>,
+    sky: Option<Environment<Stored>>,
+    like: &'a Scene<CpuExecutor>,
+}
+
+/// What a picture takes, and how close it is to the CPU's.
+struct Picture {
+    seconds: f64,
+    agreement: f64,
+    /// Bytes on the device.
+    memory: u64,
+}
+
+impl fmt::Display for Picture {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { seconds, agreement, memory } = self;
+        write!(out, "{:.2} | {agreement:.0} dB | {:.0}", seconds * 1e3, *memory as f64 / MEBIBYTE)
+    }
+}
+
+impl<'a> Stand<'a> {
+    fn new(viewer: &mut GpuViewer, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
+        let sky = like.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
+        Ok(Self { cloud: viewer.store(&like.cloud)?, sky: sky.transpose()?, like })
+    }
+
+    fn filtered(&self, viewer: &mut GpuViewer) -> Result<Option<specula_gpu::prefilter::Light>, GpuError> {
+        let scheme = self.like.profile.scheme;
+        self.sky.as_ref().map(|sky| viewer.prefilter(sky, scheme, LevelRange::ALL)).transpose()
+    }
+
+    /// A picture, light filtered first.
+    fn measure(&self, viewer: &mut GpuViewer, truth: &[f32]) -> Result<Picture, GpuError> {
+        let Scene { camera, rules, .. } = self.like;
+        let seconds = median(|| {
+            let light = self.filtered(viewer)?;
+            render(viewer, &self.cloud, light.as_ref(), camera, rules)?;
+            viewer.executor().finish()
+        })?;
+        let memory = viewer.executor().memory();
+        let light = self.filtered(viewer)?;
+        let image = render_view(viewer, &self.cloud, light.as_ref(), camera, rules)?;
+        Ok(Picture { seconds, agreement: psnr(mean_squared_difference(&image.values, truth)), memory })
+    }
+
+    fn measure_stages(&self, viewer: &mut GpuViewer, meter: &mut Stamps) -> Result<(), GpuError> {
+        let light = self.filtered(viewer)?;
+        let Scene { camera, rules, .. } = self.like;
+        measure_picture(viewer, &View { cloud: &self.cloud, light: light.as_ref(), camera, rules }, meter)
+    }
+}
+
+/// What a stage takes on the device.
+struct StageTime {
+    stage: Stage,
+    amounts: Amounts,
+    seconds: f64,
+    /// The kernel that takes the most, and its seconds.
+    slowest: (&'static str, f64),
+}
+
+/// Measures stages by the device's own clock.
+struct Stamps {
+    amounts: Amounts,
+    times: Vec<StageTime>,
+}
+
+/// An executor on a device.
+trait OnDevice: Renderer<Error = GpuError> {
+    fn device(&mut self) -> &mut GpuExecutor;
+}
+
+impl OnDevice for GpuExecutor {
+    fn device(&mut self) -> &mut GpuExecutor {
+        self
+    }
+}
+
+impl OnDevice for GpuViewer {
+    fn device(&mut self) -> &mut GpuExecutor {
+        self.executor()
+    }
+}
+
+impl<E: OnDevice> Meter<E> for Stamps {
+    fn measure<I, O>(
+        &mut self,
+        exec: &mut E,
+        stage: Stage,
+        mut prepare: impl FnMut(&mut E) -> Result<I, GpuError>,
+        mut run: impl FnMut(&mut E, I) -> Result<O, GpuError>,
+    ) -> Result<(), GpuError> {
+        let mut fastest: Option<StageTime> = None;
+        for _ in 0..STAGE_RUNS {
+            let prepared = prepare(exec)?;
+            exec.device().kernel_times()?;
+            run(exec, prepared)?;
+            let times = exec.device().kernel_times()?;
+            let seconds = times.iter().map(|(_, time)| time.seconds).sum();
+            let slowest = times.iter().map(|(entry, time)| (*entry, time.seconds));
+            let slowest = slowest.max_by(|(_, one), (_, other)| one.total_cmp(other)).unwrap_or(("", 0.0));
+            if fastest.as_ref().is_none_or(|fastest| seconds < fastest.seconds) {
+                fastest = Some(StageTime { stage, amounts: self.amounts, seconds, slowest });
+            }
+        }
+        self.times.extend(fastest);
+        Ok(())
+    }
+}
+
+impl Bench {
+    /// Prints what stages take, and which share of the ceilings they reach.
+    fn print_stages(&self) {
+        let Some(ceilings) = self.ceilings else { return };
+        println!(
+            "\n| profile | pixels | Gaussians | stored | stage | ms | most of it | MB | GB/s | of copying | Gpairs/s \
+             | GFLOP/s | of multiplying |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+        );
+        for (case, storage, times) in &self.stages {
+            let stored = if *storage == Storage::F32 { "f32" } else { "f16" };
+            times.iter().for_each(|time| println!("| {case} | {stored} | {} |", time.cells(&ceilings)));
+        }
+    }
+}
+
+impl StageTime {
+    fn cells(&self, ceilings: &Ceilings) -> String {
+        let Self { stage, amounts, seconds, slowest: (entry, most) } = self;
+        let share = |rate: f64, ceiling: f64| format!("{:.1} | {:.0} %", rate * 1e-9, 100.0 * rate / ceiling);
+        let rate = |amount: usize| amount as f64 / seconds;
+        let bytes = amounts.bytes(*stage).map_or(" | | ".to_owned(), |bytes| {
+            format!("{:.1} | {}", bytes as f64 * 1e-6, share(rate(bytes), ceilings.bytes))
+        });
+        let pairs = match stage {
+            Stage::Blend | Stage::BlendVjp => format!("{:.2}", rate(amounts.elements(*stage)) * 1e-9),
+            _ => String::new(),
+        };
+        let operations = amounts.operations(*stage);
+        let operations = operations.map_or(" | ".to_owned(), |count| share(rate(count), ceilings.operations));
+        format!(
+            "`{}` | {:.3} | `{entry}` {:.0} % | {bytes} | {pairs} | {operations}",
+            stage.name(),
+            seconds * 1e3,
+            100.0 * most / seconds
+        )
     }
 }
 
@@ -128,84 +361,4 @@ fn median<E>(mut run: impl FnMut() -> Result<(), E>) -> Result<f64, E> {
 fn mean_squared_difference(one: &[f32], other: &[f32]) -> f64 {
     let sum: f64 = one.iter().zip(other).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
     sum / one.len() as f64
-}
-
-/// A scene and everything that a training knows of it, on an executor.
-struct Scene<E: Executor> {
-    profile: Profile,
-    rules: RenderRules,
-    camera: Camera,
-    cloud: Gaussians<E::Array>,
-    moments: Moments<E::Array>,
-    light: Option<(Environment<E::Array>, Moments<E::Array>)>,
-    statistics: Statistics<E::Array>,
-    target: E::Target,
-}
-
-impl<E: Executor> Scene<E> {
-    fn new(exec: &mut E, name: &str, size: u32, count: usize) -> Result<Self, E::Error> {
-        let profile = by_name(name, 7000).expect("a profile of that name");
-        let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
-        let cloud = torus(count, &profile);
-        let light = environment(LIGHT);
-        let zeros = |exec: &mut E, len: usize| exec.upload(&vec![0.0; len]);
-        let light = profile.light.map(|_| -> Result<_, E::Error> {
-            let moments = Moments { mean: zeros(exec, light.values.len())?, square: zeros(exec, light.values.len())? };
-            let Environment { resolution, activation, values } = &light;
-            Ok((
-                Environment { resolution: *resolution, activation: *activation, values: exec.upload(values)? },
-                moments,
-            ))
-        });
-        Ok(Self {
-            rules: RenderRules::full(profile.shading, profile.scheme, channels),
-            camera: camera(size),
-            moments: Moments { mean: zeros(exec, cloud.values.len())?, square: zeros(exec, cloud.values.len())? },
-            statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
-            target: exec.target(size as usize, size as usize, &vec![128; (size * size * 4) as usize])?,
-            light: light.transpose()?,
-            cloud: Gaussians { count, layout: cloud.layout, values: exec.upload(&cloud.values)? },
-            profile,
-        })
-    }
-
-    /// A picture, light filtered first.
-    fn render(&mut self, exec: &mut E) -> Result<E::Frame, E::Error> {
-        let light = match &self.light {
-            Some((light, _)) => Some(exec.prefilter(light, self.profile.scheme, LevelRange::ALL)?),
-            None => None,
-        };
-        render(exec, &self.cloud, light.as_ref(), &self.camera, &self.rules)
-    }
-
-    fn picture(&mut self, exec: &mut E) -> Result<Vec<f32>, E::Error> {
-        let frame = self.render(exec)?;
-        let planes = self.rules.blended(self.cloud.layout).count() + 1;
-        let mut values = vec![0.0; planes * (self.camera.width * self.camera.height) as usize];
-        exec.read_frame(&frame, &mut values)?;
-        Ok(values)
-    }
-
-    /// One step that changes nothing: all rates are zero.
-    fn train(&mut self, exec: &mut E) -> Result<(), E::Error> {
-        let rates = vec![0.0; self.cloud.layout.plane_count()];
-        let step = Step {
-            camera: &self.camera,
-            target: &self.target,
-            background: [1.0; 3],
-            rules: &self.rules,
-            weights: &self.profile.weights,
-            rates: &rates,
-            environment_rate: 0.0,
-            radiance_max: 100.0,
-            number: 1,
-        };
-        let mut fit = Fit {
-            gaussians: &mut self.cloud,
-            moments: &mut self.moments,
-            environment: self.light.as_mut().map(|(light, moments)| (light, moments)),
-            statistics: &mut self.statistics,
-        };
-        train_step(exec, &mut fit, &step).map(drop)
-    }
 }

@@ -1,5 +1,10 @@
-//! A generated scene for the benches: Gaussians on a torus, the same on every machine; and what there is to do in it.
+//! A generated scene for the benches: Gaussians on a torus, the same on every machine; what there is to do in it, and
+//! what measures it on any executor.
 
+pub mod groups;
+pub mod scene;
+pub mod stages;
+pub mod trained;
 pub mod work;
 
 use core::f32::consts::TAU;

@@ -6,8 +6,11 @@ use specula_core::{
     bin::TILE_SIZE,
     blend::{Passage, Stamp, Step, alpha, falloff, goes_on, may_be_seen, stamp, step},
     camera::Camera,
+    executor::Renderer,
+    scene::Gaussians,
 };
 use specula_cpu::{
+    CpuExecutor,
     bin::Tiles,
     project::{SplatRecord, Splats},
     shade::Colors,
@@ -33,6 +36,13 @@ impl fmt::Display for Work {
         let Self { intersections, processed, significant } = self;
         write!(out, "{intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen")
     }
+}
+
+/// What there is to blend in a picture of this cloud.
+pub fn work_of(exec: &mut CpuExecutor, cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Work {
+    let splats = exec.project(cloud, camera).expect("the CPU projects");
+    let tiles = exec.bin(&splats, camera).expect("the CPU bins");
+    count(&splats, &tiles)
 }
 
 /// Counts the pairs of pixels and splats.

@@ -4,6 +4,7 @@
 
 use crate::{background::Background, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use specula_core::pack::Storage;
 use specula_io::latlong::UpAxis;
 use std::path::PathBuf;
 
@@ -296,10 +297,36 @@ pub(crate) struct Look {
     /// How to read the attributes, where the scene does not say it or says it wrongly.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    #[command(flatten)]
+    pub(crate) machine: MachineOptions,
+}
+
+/// What renders a scene.
+#[derive(Args, Debug)]
+pub(crate) struct MachineOptions {
     /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
     /// lists them.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
+    /// How it stores Gaussians and light: in full (f32), or as halves (f16), which take about half of a GPU's memory
+    /// and change colours by less than a step of 8 bits nearly everywhere. Means and scales are stored in full either
+    /// way, the arithmetic is the same, and the processor rounds as a GPU stores.
+    #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
+    pub(crate) storage: StorageName,
+}
+
+impl MachineOptions {
+    /// An executor with its numbers in full.
+    pub(crate) fn in_full(executor: &ExecutorChoice) -> Self {
+        Self { executor: executor.clone(), storage: StorageName::F32 }
+    }
+    /// How it stores numbers.
+    pub(crate) fn storage(&self) -> Storage {
+        match self.storage {
+            StorageName::F32 => Storage::F32,
+            StorageName::F16 => Storage::F16,
+        }
+    }
 }
 
 /// How a file of light is read.
@@ -374,10 +401,8 @@ pub(crate) struct Eval {
     /// How to read the attributes, where the scene does not say it or says it wrongly.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
-    /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
-    /// lists them.
-    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
-    pub(crate) executor: ExecutorChoice,
+    #[command(flatten)]
+    pub(crate) machine: MachineOptions,
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,
@@ -479,6 +504,15 @@ impl Split {
     pub(crate) fn has_train(self) -> bool {
         self != Self::Test
     }
+}
+
+/// How numbers are stored where a scene is rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StorageName {
+    /// In full.
+    F32,
+    /// As halves, two to a word.
+    F16,
 }
 
 /// Which axis a file of light has above.

@@ -5,7 +5,7 @@ mod page;
 mod sheets;
 
 use crate::{
-    args::Demo,
+    args::{Demo, MachineOptions},
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
@@ -103,7 +103,8 @@ fn contest(
     model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
 
-    let mut renderer = Renderer::new(scene.clone(), Channels::Training, &ExecutorChoice::Cpu, talk)?;
+    let mut renderer =
+        Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
     let work = talk.work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
     work.finish();

@@ -21,7 +21,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.background);
     let place = opened.folder.clone().zip(opened.iteration);
 
-    let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.executor, talk)?;
+    let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine, talk)?;
     let work = talk.work("measuring", views.len() as u64);
     let measured = renderer.measure(&views, background, &work)?;
     work.finish();

@@ -1,6 +1,7 @@
 //! What renders: the processor, or a GPU.
 
 use crate::{
+    args::MachineOptions,
     failure::Failure,
     fit::{Rescue, Run},
     progress::Talk,
@@ -64,26 +65,6 @@ struct Loaded<E: Renderer> {
     light: Option<E::Light>,
 }
 
-impl<E> Loaded<E>
-where
-    E: Renderer + Send + 'static,
-    E::Array: Send,
-    E::Light: Send,
-    E::Error: Into<Failure>,
-{
-    /// Filters the light, if there is one.
-    fn boxed(
-        mut exec: E,
-        gaussians: Gaussians<E::Array>,
-        light: Option<Environment<E::Array>>,
-        rules: &RenderRules,
-    ) -> Result<Box<dyn Machine>, Failure> {
-        let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels));
-        let light = light.transpose().map_err(Into::into)?;
-        Ok(Box::new(Self { exec, gaussians, light }))
-    }
-}
-
 impl<E> Machine for Loaded<E>
 where
     E: Renderer + Send,
@@ -96,18 +77,22 @@ where
     }
 }
 
-/// A scene, loaded where it was asked to be rendered; `light` is what it looks up.
+/// A scene, loaded where it was asked to be rendered; `light` is what it looks up. The Gaussians are rounded already.
 pub(crate) fn load(
-    choice: &ExecutorChoice,
+    options: &MachineOptions,
     scene: Scene,
     light: Option<Environment<Vec<f32>>>,
     rules: &RenderRules,
     talk: Talk,
 ) -> Result<Box<dyn Machine>, Failure> {
-    match device::choose(choice, talk)? {
-        Some(device) => device.load(scene, light, rules),
-        None => Loaded::boxed(CpuExecutor::new(), scene.gaussians, light, rules),
+    if let Some(device) = device::choose(&options.executor, talk)? {
+        return device.load(scene, light, rules, options.storage());
     }
+    let mut exec = CpuExecutor::new();
+    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels));
+    let mut light = light.transpose().map_err(Failure::from)?;
+    light.iter_mut().for_each(|light| light.round(options.storage()));
+    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light }))
 }
 
 /// A training where it was asked for; on a device, with what it takes to go on without it.
@@ -136,10 +121,11 @@ pub(crate) mod device {
     use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
     use specula_core::{
         executor::{RenderRules, Renderer as _},
-        scene::{Environment, Gaussians},
+        pack::Storage,
+        scene::Environment,
     };
     use specula_gpu::{
-        Gpu, GpuExecutor,
+        Gpu, GpuExecutor, GpuViewer,
         device::{AdapterReport, adapters},
     };
     use specula_train::{
@@ -192,16 +178,16 @@ pub(crate) mod device {
             scene: Scene,
             light: Option<Environment<Vec<f32>>>,
             rules: &RenderRules,
+            storage: Storage,
         ) -> Result<Box<dyn Machine>, Failure> {
-            let mut exec = GpuExecutor::new(self.0);
-            let Gaussians { count, layout, values } = scene.gaussians;
-            let gaussians = Gaussians { count, layout, values: exec.upload(&values)? };
-            let light = light.map(|light| -> Result<_, Failure> {
-                let Environment { resolution, activation, values } = light;
-                Ok(Environment { resolution, activation, values: exec.upload(&values)? })
+            let mut exec = GpuViewer::new(GpuExecutor::new(self.0), storage);
+            let gaussians = exec.store(&scene.gaussians)?;
+            let light = light.map(|light| {
+                let environment = light.with_values(exec.upload(&light.values)?);
+                exec.prefilter(&environment, rules.scheme, rules.levels)
             });
             let light = light.transpose()?;
-            Loaded::boxed(exec, gaussians, light, rules)
+            Ok(Box::new(Loaded { exec, gaussians, light }))
         }
 
         pub(super) fn train(
@@ -221,7 +207,7 @@ mod device {
 
     use super::{ExecutorChoice, Machine};
     use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
-    use specula_core::{executor::RenderRules, scene::Environment};
+    use specula_core::{executor::RenderRules, pack::Storage, scene::Environment};
     use specula_train::{start::Point, trainer::Settings, view::View};
 
     /// There is none.
@@ -242,6 +228,7 @@ mod device {
             _scene: Scene,
             _light: Option<Environment<Vec<f32>>>,
             _rules: &RenderRules,
+            _storage: Storage,
         ) -> Result<Box<dyn Machine>, Failure> {
             match self {}
         }

@@ -1,12 +1,11 @@
 //! `specula render`: pictures of a scene, layer by layer.
 
 use crate::{
-    args::{Look, Render},
+    args::{Look, MachineOptions, Render},
     background::Background,
     dataset,
     failure::Failure,
     look::Tour,
-    machine::ExecutorChoice,
     output,
     pictures::Layer,
     progress::Talk,
@@ -49,7 +48,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.look.background);
     job.write_truths(&truths, background)?;
     let mut verification = match args.verify_omissions {
-        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.executor, talk)?),
+        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.machine, talk)?),
         false => None,
     };
     job.run(opened, talk, |index, image| match &mut verification {
@@ -69,8 +68,8 @@ struct Verification {
 }
 
 impl Verification {
-    fn new(scene: Scene, channels: Channels, executor: &ExecutorChoice, talk: Talk) -> Result<Self, Failure> {
-        Ok(Self { in_full: Renderer::in_full(scene, channels, executor, talk)?, channels, largest: 0.0 })
+    fn new(scene: Scene, channels: Channels, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
+        Ok(Self { in_full: Renderer::in_full(scene, channels, options, talk)?, channels, largest: 0.0 })
     }
 
     /// Renders a view again with nothing left out.
@@ -146,7 +145,7 @@ impl Job<'_> {
     ) -> Result<(), Failure> {
         let background = opened.background(self.look.background);
         let form = opened.scene.reading.shading.form;
-        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.executor, talk)?;
+        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.machine, talk)?;
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
         let make = |index: usize| {
             let image = renderer.view(&self.tour.cameras[index].1)?;
@@ -223,7 +222,7 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{convention::Reading, progress::Talk};
+    use crate::{convention::Reading, machine::ExecutorChoice, progress::Talk};
     use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
 
     /// A Gaussian in front of the camera, grey from everywhere.
@@ -239,9 +238,9 @@ mod tests {
     fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
         let talk = Talk { quiet: true };
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
-        let mut planned =
-            Renderer::new(scene(), Channels::Color, &ExecutorChoice::Cpu, talk).unwrap().view(&camera).unwrap();
-        let mut verification = Verification::new(scene(), Channels::Color, &ExecutorChoice::Cpu, talk).unwrap();
+        let options = MachineOptions::in_full(&ExecutorChoice::Cpu);
+        let mut planned = Renderer::new(scene(), Channels::Color, &options, talk).unwrap().view(&camera).unwrap();
+        let mut verification = Verification::new(scene(), Channels::Color, &options, talk).unwrap();
         verification.compare(&camera, &planned).unwrap();
         assert_eq!(verification.largest, 0.0);
 

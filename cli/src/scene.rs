@@ -1,17 +1,18 @@
 //! A scene as it is looked at: opened, ready to be rendered, measured and saved.
 
 use crate::{
-    args::{EnvOptions, ProfileName},
+    args::{EnvOptions, MachineOptions, ProfileName},
     background::Background,
     convention::{self, Reading},
     failure::Failure,
-    machine::{self, ExecutorChoice, Machine},
+    machine::{self, Machine},
     progress::{Talk, Work},
     relay::relay,
 };
 use specula_core::{
     camera::Camera,
     executor::RenderRules,
+    pack::Storage,
     plan::{Channels, Needs, Plan},
     prefilter::{Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image, RadianceActivation},
@@ -93,6 +94,12 @@ impl Scene {
         Plan::new(layout, &needs, self.levels().as_ref(), &asked)
     }
 
+    /// The same with the numbers of its Gaussians as they are stored, so that the plan looks at what is rendered.
+    fn rounded(mut self, storage: Storage) -> Self {
+        storage.round(&mut self.gaussians);
+        self
+    }
+
     /// The levels that the light is filtered into, if there is one and it can be looked up.
     pub(crate) fn levels(&self) -> Option<Levels> {
         let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
@@ -152,29 +159,26 @@ pub(crate) struct Renderer {
 
 impl Renderer {
     /// Renders with nothing but what these channels need.
-    pub(crate) fn new(
-        scene: Scene,
-        channels: Channels,
-        executor: &ExecutorChoice,
-        talk: Talk,
-    ) -> Result<Self, Failure> {
+    pub(crate) fn new(scene: Scene, channels: Channels, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
+        let scene = scene.rounded(options.storage());
         let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(scene, rules, executor, talk)
+        Self::with_rules(scene, rules, options, talk)
     }
 
     /// Renders the same with nothing left out.
     pub(crate) fn in_full(
         scene: Scene,
         channels: Channels,
-        executor: &ExecutorChoice,
+        options: &MachineOptions,
         talk: Talk,
     ) -> Result<Self, Failure> {
+        let scene = scene.rounded(options.storage());
         let Plan { full, .. } = scene.plan(channels);
-        Self::with_rules(scene, full, executor, talk)
+        Self::with_rules(scene, full, options, talk)
     }
 
     /// Filters the light, if it is looked up.
-    fn with_rules(scene: Scene, rules: RenderRules, executor: &ExecutorChoice, talk: Talk) -> Result<Self, Failure> {
+    fn with_rules(scene: Scene, rules: RenderRules, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
         let light = scene.light.as_ref().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
         let light = light.map(|light| fitting(light, rules.scheme));
         if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
@@ -182,7 +186,7 @@ impl Renderer {
                 "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
             ));
         }
-        Ok(Self { machine: machine::load(executor, scene, light, &rules, talk)?, rules })
+        Ok(Self { machine: machine::load(options, scene, light, &rules, talk)?, rules })
     }
 
     /// A view: the channels, then transmittance.

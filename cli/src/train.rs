@@ -1,7 +1,7 @@
 //! `specula train`: from pictures to a model.
 
 use crate::{
-    args::Train,
+    args::{MachineOptions, Train},
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
@@ -151,11 +151,8 @@ fn pause(
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
-        let measured = Renderer::new(scene, Channels::Training, &args.executor, QUIET)?.measure(
-            test,
-            background,
-            &QUIET.work("", 0),
-        )?;
+        let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(&args.executor), QUIET)?
+            .measure(test, background, &QUIET.work("", 0))?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
     }
@@ -189,7 +186,7 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, Channels::Training, &args.executor, talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(&args.executor), talk)?;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();

@@ -130,22 +130,16 @@ fn a_gpu_renders_what_the_processor_renders() {
     }
     let tiny = Tiny::new();
     printed(&mut train(&tiny, "model"));
-    for executor in ["cpu", "gpu"] {
+    for (executor, storage) in [("cpu", "f32"), ("gpu", "f32"), ("cpu", "f16"), ("gpu", "f16")] {
         let mut render = specula();
-        render.arg("render").arg(tiny.path("model")).args([
-            "--turntable",
-            "2",
-            "--size",
-            "40,32",
-            "--executor",
-            executor,
-        ]);
-        printed(render.arg("--verify-omissions").arg("-o").arg(tiny.path(executor)));
+        render.arg("render").arg(tiny.path("model")).args(["--turntable", "2", "--size", "40,32"]);
+        render.args(["--executor", executor, "--storage", storage, "--verify-omissions"]);
+        printed(render.arg("-o").arg(tiny.path(&format!("{executor}-{storage}"))));
     }
-    for layer in ["rgb", "normal", "alpha"] {
-        let of = |executor: &str| tiny.path(executor).join(layer).join("00001.png");
+    for (layer, storage) in ["rgb", "normal", "alpha"].iter().flat_map(|layer| [(layer, "f32"), (layer, "f16")]) {
+        let of = |executor: &str| tiny.path(&format!("{executor}-{storage}")).join(layer).join("00001.png");
         let difference = largest_difference(&of("cpu"), &of("gpu"));
-        assert!(difference <= ROUNDED, "{layer} differs by {difference}");
+        assert!(difference <= ROUNDED, "{layer} in {storage} differs by {difference}");
     }
 }
 

@@ -1,11 +1,64 @@
 //! Half precision for what is only looked at: f32 to compute, f16 to store.
 
+use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;
 
-/// Two numbers as halves in one word, the first in the low bits: WGSL's `pack2x16float`. Rounds to nearest even;
-/// what exceeds 65504 becomes infinite, so callers limit first.
+/// How an executor stores the numbers of Gaussians and the texels of a filtered light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Storage {
+    /// In full: what training needs.
+    #[default]
+    F32,
+    /// As halves, two to a word, but means and scales in full: pictures alone.
+    F16,
+}
+
+/// First planes of a Gaussian that are always stored in full: its mean and its scales. At a distance of 4 from the origin
+/// halves are 2⁻⁸ apart, which is more than a pixel of most pictures; and where two scales are nearly equal, rounding
+/// makes another axis the shortest, and so another normal.
+pub const FULL_PLANES: usize = QUAT;
+
+impl Storage {
+    /// Words of 32 bits that a Gaussian takes.
+    pub const fn words(self, layout: Layout) -> usize {
+        match self {
+            Self::F32 => layout.plane_count(),
+            Self::F16 => FULL_PLANES + (layout.plane_count() - FULL_PLANES).div_ceil(2),
+        }
+    }
+
+    /// A texel as it comes back from where it is stored.
+    pub fn texel(self, texel: [f32; 4]) -> [f32; 4] {
+        match self {
+            Self::F32 => texel,
+            Self::F16 => texel.map(rounded),
+        }
+    }
+
+    /// Makes every number of Gaussians what comes back from where it is stored.
+    pub fn round<A: AsMut<[f32]>>(self, gaussians: &mut Gaussians<A>) {
+        if self == Self::F16 {
+            let block_len = gaussians.block_len();
+            let blocks = gaussians.values.as_mut().chunks_mut(block_len);
+            blocks.flat_map(|block| &mut block[FULL_PLANES * BLOCK..]).for_each(|number| *number = rounded(*number));
+        }
+    }
+}
+
+/// The nearest half, ties to the even one. Finite numbers beyond ±65504 become that; infinity and what is no number
+/// stay so.
+fn half(number: f32) -> f16 {
+    let limit = f32::from(f16::MAX);
+    f16::from_f32(if number.is_finite() { number.clamp(-limit, limit) } else { number })
+}
+
+fn rounded(number: f32) -> f32 {
+    half(number).to_f32()
+}
+
+/// Two numbers as the nearest halves in one word, the first in the low bits, as WGSL's `pack2x16float` has them.
 pub fn pack2(a: f32, b: f32) -> u32 {
-    u32::from(f16::from_f32(a).to_bits()) | u32::from(f16::from_f32(b).to_bits()) << 16
+    u32::from(half(a).to_bits()) | u32::from(half(b).to_bits()) << 16
 }
 
 /// The two numbers of [`pack2`], exactly.
@@ -15,17 +68,34 @@ pub fn unpack2(word: u32) -> [f32; 2] {
     [low.to_f32(), high.to_f32()]
 }
 
-/// Packs numbers two by two; a last odd one is paired with zero. `words` holds half as many, rounded up.
-pub fn pack(values: &[f32], words: &mut [u32]) {
-    for (pair, word) in values.chunks(2).zip(words) {
-        *word = pack2(pair[0], pair.get(1).copied().unwrap_or(0.0));
+/// Gaussians as halves. A block of words has the [`FULL_PLANES`] as they are, then one plane of words for two of
+/// numbers; a last odd one is paired with zeros. There are [`Storage::words`] for each Gaussian of each block.
+pub fn pack<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, words: &mut [u32]) {
+    let words_of_block = BLOCK * Storage::F16.words(gaussians.layout);
+    let blocks = gaussians.values.as_ref().chunks(gaussians.block_len());
+    for (numbers, words) in blocks.zip(words.chunks_mut(words_of_block)) {
+        let (full, halves) = numbers.split_at(FULL_PLANES * BLOCK);
+        let (full_words, half_words) = words.split_at_mut(FULL_PLANES * BLOCK);
+        full.iter().zip(full_words).for_each(|(number, word)| *word = number.to_bits());
+        for (planes, words) in halves.chunks(2 * BLOCK).zip(half_words.chunks_mut(BLOCK)) {
+            let (first, second) = planes.split_at(BLOCK);
+            for (k, word) in words.iter_mut().enumerate() {
+                *word = pack2(first[k], second.get(k).copied().unwrap_or(0.0));
+            }
+        }
     }
 }
 
-/// Unpacks what [`pack`] has packed.
-pub fn unpack(words: &[u32], values: &mut [f32]) {
-    for (pair, word) in values.chunks_mut(2).zip(words) {
-        let unpacked = unpack2(*word);
-        pair.copy_from_slice(&unpacked[..pair.len()]);
+/// Numbers of Gaussians in the order of [`Gaussians`], from what [`pack`] made of them.
+pub fn unpack(words: &[u32], layout: Layout, values: &mut [f32]) {
+    let words_of_block = BLOCK * Storage::F16.words(layout);
+    for (numbers, words) in values.chunks_mut(BLOCK * layout.plane_count()).zip(words.chunks(words_of_block)) {
+        let (full, halves) = numbers.split_at_mut(FULL_PLANES * BLOCK);
+        let (full_words, half_words) = words.split_at(FULL_PLANES * BLOCK);
+        full.iter_mut().zip(full_words).for_each(|(number, word)| *number = f32::from_bits(*word));
+        for (plane, numbers) in halves.chunks_mut(BLOCK).enumerate() {
+            let words = &half_words[plane / 2 * BLOCK..];
+            numbers.iter_mut().zip(words).for_each(|(number, word)| *number = unpack2(*word)[plane % 2]);
+        }
     }
 }

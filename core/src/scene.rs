@@ -94,6 +94,10 @@ pub const fn len_of_values(count: usize, layout: Layout) -> usize {
 }
 
 impl<A> Gaussians<A> {
+    /// The same Gaussians with their numbers elsewhere.
+    pub fn with_values<B>(&self, values: B) -> Gaussians<B> {
+        Gaussians { count: self.count, layout: self.layout, values }
+    }
     /// Numbers in a block.
     pub fn block_len(&self) -> usize {
         BLOCK * self.layout.plane_count()
@@ -147,6 +151,10 @@ pub struct Environment<A> {
 }
 
 impl<A> Environment<A> {
+    /// The same light with its numbers elsewhere.
+    pub fn with_values<B>(&self, values: B) -> Environment<B> {
+        Environment { resolution: self.resolution, activation: self.activation, values }
+    }
     /// Numbers in all texels.
     pub fn len_of_values(&self) -> usize {
         6 * self.resolution * self.resolution * 3

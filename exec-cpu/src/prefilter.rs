@@ -5,6 +5,7 @@ use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::FACE_COUNT,
+    pack::Storage,
     prefilter::Level,
     scene::{Environment, RadianceActivation},
 };
@@ -61,6 +62,10 @@ impl Light {
         let mut texels = self.texels.clone();
         texels.copy_from_slice(of_texels);
         LightGrad { texels }
+    }
+    /// Makes every texel what comes back from where it is stored so: what other executors look up.
+    pub fn round(&mut self, storage: Storage) {
+        self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }
     /// Filters an environment. The operator fits its resolution.
     pub(crate) fn new(machine: &Machine, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {

@@ -181,6 +181,11 @@ impl Gpu {
         &self.info
     }
 
+    /// Whether the adapter is a program that computes on the CPU.
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == DeviceType::Cpu
+    }
+
     /// Largest array that a shader may see, in bytes.
     pub(crate) fn binding_max(&self) -> u64 {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)

@@ -21,6 +21,7 @@ use specula_core::{
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     loss::{LossReport, LossWeights},
+    pack::Storage,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians},
 };
@@ -45,7 +46,17 @@ impl GpuExecutor {
         &self.machine.gpu
     }
 
-    fn weights(&mut self, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Weights>, GpuError> {
+    /// Bytes of the device that arrays take, those included that are kept to be used again.
+    pub fn memory(&self) -> u64 {
+        self.machine.memory()
+    }
+
+    /// Gives back memory that no array uses.
+    pub fn forget_memory(&mut self) {
+        self.machine.forget_memory();
+    }
+
+    pub(crate) fn weights(&mut self, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Weights>, GpuError> {
         let (scheme, resolution, _) = key;
         let least = scheme.resolution_min();
         if resolution < least || !resolution.is_power_of_two() {
@@ -90,11 +101,11 @@ impl Renderer for GpuExecutor {
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
         let weights = self.weights((scheme, environment.resolution, levels))?;
-        prefilter(&mut self.machine, &weights, environment)
+        prefilter(&mut self.machine, &weights, &environment.with_values(&environment.values), Storage::F32)
     }
 
     fn project(&mut self, gaussians: &Gaussians<Array>, camera: &Camera) -> Result<Splats, GpuError> {
-        project(&mut self.machine, gaussians, camera)
+        project(&mut self.machine, &gaussians.with_values(&gaussians.values), Storage::F32, camera)
     }
 
     fn shade(
@@ -105,7 +116,8 @@ impl Renderer for GpuExecutor {
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, GpuError> {
-        shade(&mut self.machine, gaussians, camera, splats, light, rules)
+        let gaussians = gaussians.with_values(&gaussians.values);
+        shade(&mut self.machine, &gaussians, Storage::F32, camera, splats, light, rules)
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {

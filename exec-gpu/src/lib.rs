@@ -8,6 +8,7 @@
 pub mod bin;
 pub mod blend;
 pub mod blend_vjp;
+pub mod ceilings;
 mod densify;
 pub mod device;
 pub mod executor;
@@ -30,6 +31,8 @@ mod source;
 pub mod stopwatch;
 pub mod trace;
 mod view;
+pub mod viewer;
 
 pub use device::{Gpu, GpuError};
 pub use executor::GpuExecutor;
+pub use viewer::GpuViewer;

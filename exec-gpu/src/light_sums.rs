@@ -37,7 +37,7 @@ pub(crate) struct LightSums {
 impl LightSums {
     /// Zeros for this light.
     pub(crate) fn new(machine: &mut Machine, light: &Light) -> Result<Self, GpuError> {
-        Self::zeros(machine, light.texels.len() / TEXEL_LEN)
+        Self::zeros(machine, light.layout.texel_count())
     }
 
     fn zeros(machine: &mut Machine, texel_count: usize) -> Result<Self, GpuError> {

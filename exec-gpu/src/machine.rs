@@ -55,6 +55,11 @@ impl Machine {
         self.pool.forget();
     }
 
+    /// Bytes of all arrays, and of those that are kept to be used again.
+    pub(crate) fn memory(&self) -> u64 {
+        self.pool.bytes()
+    }
+
     fn read(&mut self, array: &Array, first: usize, len: usize, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
         if len == 0 {
             return Ok(());

@@ -1,7 +1,7 @@
 //! Arrays on the device, and how bytes get there and back.
 
 use crate::device::{Gpu, GpuError};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use wgpu::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
 
 /// Buffers are made in steps of a quarter of a power of two, so that those of a growing scene fit again.
@@ -15,7 +15,7 @@ pub struct Array {
     /// `None` only while being dropped.
     buffer: Option<Buffer>,
     len: usize,
-    pool: Arc<Mutex<Vec<Buffer>>>,
+    pool: Arc<Mutex<Shelf>>,
 }
 
 impl Array {
@@ -38,7 +38,7 @@ impl Array {
 impl Drop for Array {
     fn drop(&mut self) {
         if let (Some(buffer), Ok(mut pool)) = (self.buffer.take(), self.pool.lock()) {
-            pool.push(buffer);
+            pool.free.push(buffer);
         }
     }
 }
@@ -46,7 +46,25 @@ impl Drop for Array {
 /// Where arrays come from and go back to.
 #[derive(Debug, Default)]
 pub(crate) struct Pool {
-    free: Arc<Mutex<Vec<Buffer>>>,
+    shelf: Arc<Mutex<Shelf>>,
+}
+
+/// Buffers that no array uses, and how many bytes there are in all.
+#[derive(Debug, Default)]
+struct Shelf {
+    free: Vec<Buffer>,
+    bytes: u64,
+}
+
+impl Shelf {
+    /// A buffer of this size, a new one if there is none.
+    fn take(&mut self, gpu: &Gpu, size: u64) -> Buffer {
+        if let Some(place) = self.free.iter().position(|buffer| buffer.size() == size) {
+            return self.free.swap_remove(place);
+        }
+        self.bytes += size;
+        new_buffer(gpu, size)
+    }
 }
 
 impl Pool {
@@ -58,15 +76,23 @@ impl Pool {
             return Err(GpuError::TooLarge { what, bytes, limit });
         }
         let size = size_class(bytes).min(limit);
-        let mut free = self.free.lock().expect("nobody panics while holding the pool");
-        let place = free.iter().position(|buffer| buffer.size() == size);
-        let buffer = place.map_or_else(|| new_buffer(gpu, size), |place| free.swap_remove(place));
-        Ok(Array { buffer: Some(buffer), len, pool: self.free.clone() })
+        let buffer = self.shelf().take(gpu, size);
+        Ok(Array { buffer: Some(buffer), len, pool: self.shelf.clone() })
     }
 
     /// Gives back what no array uses.
     pub(crate) fn forget(&self) {
-        self.free.lock().expect("nobody panics while holding the pool").clear();
+        let mut shelf = self.shelf();
+        shelf.bytes -= shelf.free.drain(..).map(|buffer| buffer.size()).sum::<u64>();
+    }
+
+    /// Bytes of all buffers, whether arrays use them or not.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.shelf().bytes
+    }
+
+    fn shelf(&self) -> MutexGuard<'_, Shelf> {
+        self.shelf.lock().expect("nobody panics while holding the pool")
     }
 }
 

@@ -14,6 +14,7 @@ use crate::{
 };
 use specula_core::{
     cubemap::FACE_COUNT,
+    pack::{Storage, unpack2},
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
@@ -25,6 +26,14 @@ use std::sync::{Arc, OnceLock};
 
 /// Numbers of a texel: red, green, blue and nothing.
 pub(crate) const TEXEL_LEN: usize = 4;
+
+/// Words that a texel of a filtered light takes.
+fn texel_words(storage: Storage) -> usize {
+    match storage {
+        Storage::F32 => TEXEL_LEN,
+        Storage::F16 => TEXEL_LEN / 2,
+    }
+}
 
 /// A light filtered into levels.
 #[derive(Debug)]
@@ -86,8 +95,8 @@ enum Out<'a> {
     Texels(usize),
     /// It is added to them.
     AddedTexels(usize),
-    /// It goes to another array.
-    Other(&'a Array),
+    /// It goes to another array, and is stored there in this way.
+    Other(&'a Array, Storage),
 }
 
 /// A sparse matrix on the device.
@@ -113,10 +122,10 @@ impl Matrix {
     /// Its product with the texels from `source` on.
     fn apply(&self, machine: &mut Machine, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
         let none = machine.take("nothing", TEXEL_LEN)?;
-        let (entry, first, other) = match out {
-            Out::Texels(first) => ("filter_texels", first, &none),
-            Out::AddedTexels(first) => ("add_filtered_texels", first, &none),
-            Out::Other(array) => ("pad_texels", 0, array),
+        let (entry, first, other, storage) = match out {
+            Out::Texels(first) => ("filter_texels", first, &none, Storage::F32),
+            Out::AddedTexels(first) => ("add_filtered_texels", first, &none, Storage::F32),
+            Out::Other(array, storage) => ("pad_texels", 0, array, storage),
         };
         let settings = [self.row_count as u32, source as u32, first as u32];
         let bound = [
@@ -127,7 +136,8 @@ impl Matrix {
             Of(texels),
             Of(other),
         ];
-        machine.run("prefilter", entry, &source::prefilter, &bound, Groups::For(ROW_SUMS * self.row_count))
+        let (key, source) = (format!("prefilter {storage:?}"), || source::prefilter(storage));
+        machine.run(&key, entry, &source, &bound, Groups::For(ROW_SUMS * self.row_count))
     }
 }
 
@@ -147,13 +157,14 @@ impl Weights {
         Ok(self.transposed.get_or_init(|| transposed))
     }
 
-    fn layout(&self) -> LightLayout {
+    fn layout(&self, storage: Storage) -> LightLayout {
         let levels = self.operator.levels().to_vec();
         let offsets = self.operator.offsets();
         let places = offsets[..offsets.len() - 1].iter().enumerate();
         LightLayout {
             places: places.map(|(level, first)| (*first, self.operator.resolution(level))).collect(),
             levels: LevelOf { levels },
+            storage,
         }
     }
 }
@@ -161,25 +172,26 @@ impl Weights {
 pub(crate) fn prefilter(
     machine: &mut Machine,
     weights: &Arc<Weights>,
-    environment: &Environment<Array>,
+    environment: &Environment<&Array>,
+    storage: Storage,
 ) -> Result<Light, GpuError> {
     let operator = &weights.operator;
     let texel_count = texel_count(environment);
     let nodes = machine.take("texels of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
     let settings = base_of(environment);
-    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes)];
+    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(environment.values), Of(&nodes)];
     machine.run("activate", "activate_texels", &source::activate, &bound, Groups::For(texel_count))?;
     for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.forward.reductions) {
         matrix.apply(machine, &nodes, fine, Out::Texels(coarse))?;
     }
     weights.forward.rows.apply(machine, &nodes, 0, Out::Texels(operator.node_count()))?;
-    let texels = machine.take("levels of a light", TEXEL_LEN * operator.padded_count())?;
-    weights.forward.aprons.apply(machine, &nodes, 0, Out::Other(&texels))?;
+    let texels = machine.take("levels of a light", texel_words(storage) * operator.padded_count())?;
+    weights.forward.aprons.apply(machine, &nodes, 0, Out::Other(&texels, storage))?;
     let split_sum = match weights.key.0 {
         PrefilterScheme::Official => machine.upload("split sums", &SPLIT_SUM)?,
         PrefilterScheme::Exact => machine.upload("split sums", &[[0.0_f32; 2]])?,
     };
-    Ok(Light { layout: weights.layout(), texels, split_sum, weights: weights.clone() })
+    Ok(Light { layout: weights.layout(storage), texels, split_sum, weights: weights.clone() })
 }
 
 pub(crate) fn prefilter_vjp(
@@ -191,7 +203,7 @@ pub(crate) fn prefilter_vjp(
     let operator = &light.weights.operator;
     let transposed = light.weights.transposed(machine)?;
     let nodes = machine.take("gradient of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
-    transposed.aprons.apply(machine, &grad.texels, 0, Out::Other(&nodes))?;
+    transposed.aprons.apply(machine, &grad.texels, 0, Out::Other(&nodes, Storage::F32))?;
     transposed.rows.apply(machine, &nodes, operator.node_count(), Out::AddedTexels(0))?;
     for (([fine, coarse], _), matrix) in operator.reductions().rev().zip(transposed.reductions.iter().rev()) {
         matrix.apply(machine, &nodes, coarse, Out::AddedTexels(fine))?;
@@ -204,12 +216,12 @@ pub(crate) fn prefilter_vjp(
     Ok(out)
 }
 
-fn texel_count(environment: &Environment<Array>) -> usize {
+fn texel_count<A>(environment: &Environment<A>) -> usize {
     FACE_COUNT * environment.resolution * environment.resolution
 }
 
 /// `Base` of `radiance.wgsl`.
-fn base_of(environment: &Environment<Array>) -> [u32; 2] {
+fn base_of<A>(environment: &Environment<A>) -> [u32; 2] {
     let is_exponential = environment.activation == RadianceActivation::Exponential;
     [texel_count(environment) as u32, u32::from(is_exponential)]
 }
@@ -217,7 +229,12 @@ fn base_of(environment: &Environment<Array>) -> [u32; 2] {
 impl GpuExecutor {
     /// The texels of a light, level by level with their aprons, each of four numbers; the fourth is zero.
     pub fn read_light(&mut self, light: &Light) -> Result<Vec<f32>, GpuError> {
-        self.read_texels(&light.texels)
+        if light.layout.storage == Storage::F32 {
+            return self.read_texels(&light.texels);
+        }
+        let mut words = vec![0; light.texels.len()];
+        self.machine.download(&light.texels, 0, &mut words)?;
+        Ok(words.into_iter().flat_map(unpack2).collect())
     }
 
     /// The gradient of a light from that of its texels, as [`Self::read_light`] gives them.

@@ -11,7 +11,7 @@ use crate::{
     source,
     view::View,
 };
-use specula_core::{camera::Camera, scene::Gaussians};
+use specula_core::{camera::Camera, pack::Storage, scene::Gaussians};
 
 /// Numbers of a splat in memory.
 pub(crate) const SPLAT_LEN: usize = 12;
@@ -30,10 +30,11 @@ pub struct Splats {
 
 pub(crate) fn project(
     machine: &mut Machine,
-    gaussians: &Gaussians<Array>,
+    gaussians: &Gaussians<&Array>,
+    storage: Storage,
     camera: &Camera,
 ) -> Result<Splats, GpuError> {
-    let (count, layout) = (gaussians.count, gaussians.layout);
+    let Gaussians { count, layout, values } = *gaussians;
     let splats = Splats {
         count,
         splats: machine.take("splats", SPLAT_LEN * count)?,
@@ -41,13 +42,9 @@ pub(crate) fn project(
         tile_counts: machine.take("numbers of tiles", count)?,
     };
     let view = View::new(camera, count);
-    let bound = [
-        Uniform(view.bytes()),
-        Of(&gaussians.values),
-        Of(&splats.splats),
-        Of(&splats.depth_keys),
-        Of(&splats.tile_counts),
-    ];
-    machine.run(&format!("{layout:?}"), "project", &|| source::project(layout), &bound, Groups::For(count))?;
+    let bound =
+        [Uniform(view.bytes()), Of(values), Of(&splats.splats), Of(&splats.depth_keys), Of(&splats.tile_counts)];
+    let (key, source) = (format!("{layout:?} {storage:?}"), || source::project(layout, storage));
+    machine.run(&key, "project", &source, &bound, Groups::For(count))?;
     Ok(splats)
 }

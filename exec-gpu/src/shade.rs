@@ -14,7 +14,7 @@ use crate::{
     source,
     view::View,
 };
-use specula_core::{camera::Camera, executor::RenderRules, scene::Gaussians};
+use specula_core::{camera::Camera, executor::RenderRules, pack::Storage, scene::Gaussians};
 
 /// The channels of each Gaussian, side by side, filled up to whole vectors of four.
 #[derive(Debug)]
@@ -25,7 +25,8 @@ pub struct Colors {
 
 pub(crate) fn shade(
     machine: &mut Machine,
-    gaussians: &Gaussians<Array>,
+    gaussians: &Gaussians<&Array>,
+    storage: Storage,
     camera: &Camera,
     splats: &Splats,
     light: Option<&Light>,
@@ -37,11 +38,12 @@ pub(crate) fn shade(
     let view = View::new(camera, gaussians.count);
     let own_light = light.filter(|_| shading.looks_light_up());
     let layout = own_light.map(|light| &light.layout);
-    let mut bound = vec![Uniform(view.bytes()), Of(&gaussians.values), Of(&splats.depth_keys), Of(&colors.values)];
+    let mut bound = vec![Uniform(view.bytes()), Of(gaussians.values), Of(&splats.depth_keys), Of(&colors.values)];
     if let Some(light) = own_light {
         bound.extend([Of(&light.texels), Of(&light.split_sum)]);
     }
-    let key = format!("{shading:?} {layout:?}");
-    machine.run(&key, "shade", &|| source::shade(&shading, layout), &bound, Groups::For(gaussians.count))?;
+    let key = format!("{shading:?} {storage:?} {layout:?}");
+    let source = || source::shade(&shading, storage, layout);
+    machine.run(&key, "shade", &source, &bound, Groups::For(gaussians.count))?;
     Ok(colors)
 }

@@ -28,6 +28,7 @@ use specula_core::{
     cubemap::padded_len,
     densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
+    pack::{FULL_PLANES, Storage, pack2, unpack2},
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
     scene::{BLOCK, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY},
@@ -139,6 +140,38 @@ impl Source {
     pub(crate) fn planes(self, layout: Layout) -> Self {
         self.count("PLANES", layout.plane_count()).with(include_str!("shaders/planes.wgsl"))
     }
+    /// And the planes of a Gaussian, however they are stored.
+    fn stored_planes(self, layout: Layout, storage: Storage) -> Self {
+        match storage {
+            Storage::F32 => self.planes(layout),
+            Storage::F16 => self
+                .count("WORDS", storage.words(layout))
+                .count("FULL_PLANES", FULL_PLANES)
+                .with(include_str!("shaders/half_planes.wgsl")),
+        }
+    }
+    /// And the texels of a filtered light.
+    fn texels(self, storage: Storage) -> Self {
+        match storage {
+            Storage::F32 => self.with(include_str!("shaders/texels.wgsl")),
+            Storage::F16 => self.halves().with(include_str!("shaders/half_texels.wgsl")),
+        }
+    }
+    /// And the bits of halves beside those of numbers in full.
+    fn halves(self) -> Self {
+        const HALF_MIN: f32 = 1.0 / 16_384.0;
+        let half = |number: f32| pack2(number, 0.0) as usize;
+        self.count("HALF_SIGN", half(-0.0))
+            .count("HALF_INFINITY", half(f32::INFINITY))
+            .count("HALF_NOT_A_NUMBER", half(f32::NAN))
+            .count("F32_SIGN", (-0.0_f32).to_bits() as usize)
+            .count("F32_INFINITY", f32::INFINITY.to_bits() as usize)
+            .count("F32_OF_HALF_MAX", unpack2(pack2(f32::MAX, 0.0))[0].to_bits() as usize)
+            .count("F32_OF_HALF_MIN", HALF_MIN.to_bits() as usize)
+            .count("F32_OF_HALF_BIAS", (HALF_MIN / 2.0).to_bits() as usize)
+            .count("DROPPED_BITS", 23 - 10)
+            .with(&format!("const SMALLEST_HALVES: f32 = {};", literal(1.0 / unpack2(1)[0])))
+    }
     /// And what becomes of Gaussians in densification.
     pub(crate) fn actions(self) -> Self {
         self.count("KEEP", Action::Keep as usize)
@@ -161,14 +194,15 @@ fn constant(text: &mut String, name: &str, kind: &str, value: &str) {
 }
 
 /// [`mod@crate::project`]'s kernel.
-pub(crate) fn project(layout: Layout) -> String {
-    let source = Source::new().real().camera().planes(layout).formula(&SplatOf { layout });
+pub(crate) fn project(layout: Layout, storage: Storage) -> String {
+    let source = Source::new().real().camera().stored_planes(layout, storage).formula(&SplatOf { layout });
     source.with(include_str!("shaders/project.wgsl")).text()
 }
 
 /// [`mod@crate::shade`]'s kernel; without a light, Gaussians look none up.
-pub(crate) fn shade(shading: &ShadingOf, light: Option<&LightLayout>) -> String {
-    let source = Source::new().real().camera().planes(shading.layout).channels(shading.blended().count());
+pub(crate) fn shade(shading: &ShadingOf, storage: Storage, light: Option<&LightLayout>) -> String {
+    let source = Source::new().real().camera().stored_planes(shading.layout, storage);
+    let source = source.channels(shading.blended().count());
     let source = match light {
         Some(light) => own_light(light.declare(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
@@ -263,7 +297,7 @@ pub(crate) fn shade_pixels(surface: &SurfaceOfPixel, light: Option<&LightLayout>
         .count("LIGHT_CHANNEL", channel::LIGHT);
     let source = match light {
         Some(light) => light.declare(source).with(LIT),
-        None => source.with(UNLIT),
+        None => source.texels(Storage::F32).with(UNLIT),
     };
     source.with(include_str!("shaders/pixel.wgsl")).text()
 }
@@ -284,7 +318,7 @@ pub(crate) fn shade_pixels_vjp(surface: &SurfaceOfPixel, light: Option<&LightLay
         .channel("ROUGHNESS", index_of(channel::ROUGHNESS));
     let source = match light {
         Some(light) => light.declare_vjp(source),
-        None => source.with(UNLIT_LOOK),
+        None => source.texels(Storage::F32).with(UNLIT_LOOK),
     };
     source.with(include_str!("shaders/pixel_vjp.wgsl")).text()
 }
@@ -330,9 +364,10 @@ pub(crate) fn activate_vjp() -> String {
     source.with(include_str!("shaders/activate_vjp.wgsl")).text()
 }
 
-/// Sparse matrices.
-pub(crate) fn prefilter() -> String {
-    Source::new().count("ROW_SUMS", ROW_SUMS).with(include_str!("shaders/prefilter.wgsl")).text()
+/// Sparse matrices; texels of levels are stored so.
+pub(crate) fn prefilter(storage: Storage) -> String {
+    let source = Source::new().count("ROW_SUMS", ROW_SUMS).texels(storage);
+    source.with(include_str!("shaders/prefilter.wgsl")).text()
 }
 
 /// Where the levels of a light lie.
@@ -342,6 +377,8 @@ pub(crate) struct LightLayout {
     pub(crate) levels: LevelOf,
     /// First texel and resolution of each level, and of the irradiance map if there is one.
     pub(crate) places: Vec<(usize, usize)>,
+    /// How their texels are stored.
+    pub(crate) storage: Storage,
 }
 
 impl LightLayout {
@@ -355,6 +392,7 @@ impl LightLayout {
         };
         source
             .count("LEVELS", self.levels.levels.len())
+            .texels(self.storage)
             .formula(&self.levels)
             .formula(&TexelsAt)
             .with(&table("level_start", &mut self.places.iter().map(|place| place.0)))
@@ -376,7 +414,7 @@ impl LightLayout {
     }
 
     /// Texels of all levels and the irradiance map.
-    fn texel_count(&self) -> usize {
+    pub(crate) fn texel_count(&self) -> usize {
         self.places.last().map_or(0, |(first, resolution)| first + padded_len(*resolution))
     }
 }
@@ -416,6 +454,11 @@ pub(crate) fn attribute_losses(losses: &AttributeLosses) -> String {
 /// Adam.
 pub(crate) fn optimise() -> String {
     Source::new().real().formula(&AdamStep).with(include_str!("shaders/optimise.wgsl")).text()
+}
+
+/// What a device can do at best.
+pub(crate) fn ceilings() -> String {
+    Source::new().with(include_str!("shaders/ceilings.wgsl")).text()
 }
 
 /// Statements for every row of `inputs`, which write a row of `outputs`.

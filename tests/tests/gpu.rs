@@ -3,20 +3,24 @@
 use specula_core::{
     camera::Camera,
     executor::{RenderRules, Renderer},
+    pack::{self, FULL_PLANES, Storage},
     pipeline::render,
-    plan::Channels,
+    plan::{Channels, channel},
     prefilter::{LevelRange, Levels, PrefilterScheme},
-    scene::{Environment, Gaussians, Layout, RadianceActivation},
+    scene::{BLOCK, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::formulas::{
-    ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf, SurfaceOf,
-    SurfaceOfPixel, TexelsAt,
-    blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+use specula_gpu::{
+    GpuViewer,
+    formulas::{
+        ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf, SurfaceOf,
+        SurfaceOfPixel, TexelsAt,
+        blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+    },
 };
 use specula_tests::{
-    compare::{assert_psnr, psnr},
+    compare::{assert_all_close, assert_psnr, psnr},
     device::executor,
     formulas::{ROWS, assert_same, camera, gaussian_rows, numbers_of, side_by_side, uniform_rows},
     strategies::{random_cloud, random_environment},
@@ -118,16 +122,28 @@ impl Scene {
     where
         E::Error: core::fmt::Debug,
     {
-        let Gaussians { count, layout, values } = &self.cloud;
-        let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
-        let Environment { resolution, activation, values } = &self.environment;
-        let values = exec.upload(values).expect("texels fit");
-        let environment = Environment { resolution: *resolution, activation: *activation, values };
-        let light = layout.is_shaded().then(|| {
+        let cloud = self.cloud.with_values(exec.upload(&self.cloud.values).expect("numbers fit"));
+        let light = self.light(exec);
+        self.picture_of(exec, &cloud, light.as_ref())
+    }
+
+    /// The light, filtered, if the Gaussians look any up.
+    fn light<E: Renderer>(&self, exec: &mut E) -> Option<E::Light>
+    where
+        E::Error: core::fmt::Debug,
+    {
+        let environment = self.environment.with_values(exec.upload(&self.environment.values).expect("texels fit"));
+        self.cloud.layout.is_shaded().then(|| {
             exec.prefilter(&environment, self.rules.scheme, LevelRange::ALL).expect("the resolution is allowed")
-        });
-        let frame = render(exec, &cloud, light.as_ref(), &self.camera, &self.rules).expect("the executor renders");
-        let channels = self.rules.blended(*layout).count() + 1;
+        })
+    }
+
+    fn picture_of<E: Renderer>(&self, exec: &mut E, cloud: &Gaussians<E::Array>, light: Option<&E::Light>) -> Vec<f64>
+    where
+        E::Error: core::fmt::Debug,
+    {
+        let frame = render(exec, cloud, light, &self.camera, &self.rules).expect("the executor renders");
+        let channels = self.rules.blended(cloud.layout).count() + 1;
         let mut values = vec![0.0; channels * (self.camera.width * self.camera.height) as usize];
         exec.read_frame(&frame, &mut values).expect("the frame has that size");
         values.iter().map(|x| f64::from(*x)).collect()
@@ -187,5 +203,152 @@ fn many_splats_and_no_splats_are_sorted_into_tiles() {
     for count in [0, 1, 15, 2047, 2049, 20_000] {
         let scene = Scene::new(count, Layout::radiance(0), rules, 5);
         assert_psnr(&scene.picture(&mut gpu), &scene.picture(&mut cpu), SAME_FRAME);
+    }
+}
+
+/// A viewer on the first adapter.
+fn viewer(storage: Storage) -> Option<GpuViewer> {
+    executor().map(|exec| GpuViewer::new(exec, storage))
+}
+
+impl Scene {
+    /// The picture of a viewer, which stores the Gaussians.
+    fn viewed(&self, viewer: &mut GpuViewer) -> Vec<f64> {
+        let cloud = viewer.store(&self.cloud).expect("numbers fit");
+        let light = self.light(viewer);
+        self.picture_of(viewer, &cloud, light.as_ref())
+    }
+
+    /// The CPU's picture of numbers that are rounded as they are stored.
+    fn rounded(&self, storage: Storage) -> Vec<f64> {
+        let mut cpu = CpuExecutor::new();
+        let mut cloud = self.cloud.clone();
+        storage.round(&mut cloud);
+        let mut light = self.light(&mut cpu);
+        light.iter_mut().for_each(|light| light.round(storage));
+        self.picture_of(&mut cpu, &cloud, light.as_ref())
+    }
+}
+
+#[test]
+fn a_viewer_of_halves_shows_what_the_processor_shows_of_rounded_numbers() {
+    let Some(mut viewer) = viewer(Storage::F16) else { return };
+    let variants = every_variant().into_iter().filter(|(_, rules)| rules.channels == Channels::Training);
+    for (seed, (layout, rules)) in (0..).zip(variants) {
+        let scene = Scene::new(80, layout, rules, seed);
+        let (ours, theirs) = (scene.viewed(&mut viewer), scene.rounded(Storage::F16));
+        let in_full = psnr(&scene.rounded(Storage::F32), &theirs);
+        println!("{:?}: {:.1} dB; {in_full:.1} dB from full", rules.shading.form, psnr(&ours, &theirs));
+        assert_psnr(&ours, &theirs, SAME_FRAME);
+        assert!(psnr(&ours, &theirs) > in_full, "rounding counts for more than what the executors differ by");
+    }
+}
+
+#[test]
+fn a_viewer_of_numbers_in_full_is_the_executor() {
+    let Some(mut viewer) = viewer(Storage::F32) else { return };
+    for rules in [ShadingRules::PAPER, ShadingRules::DEFERRED] {
+        let rules = RenderRules::full(rules, PrefilterScheme::Exact, Channels::Training);
+        let scene = Scene::new(80, Layout::shaded(Some(1)), rules, 3);
+        assert!(scene.viewed(&mut viewer) == scene.picture(viewer.executor()), "the same kernels give the same bits");
+    }
+}
+
+/// Numbers at the edges of halves: the largest, beyond it, steps between two halves, the smallest, and none at all.
+const EDGES: [f32; 20] = [
+    65_504.0,
+    65_519.0,
+    65_520.0,
+    1e9,
+    -7e4,
+    f32::MAX,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::NAN,
+    1.0 + 1.0 / 2048.0,
+    1.0 + 3.0 / 2048.0,
+    -1.0 - 1.0 / 2047.0,
+    6.103_515_6e-5,
+    6.1e-5,
+    5.960_464_5e-8,
+    2.980_232_2e-8,
+    8.940_697e-8,
+    1e-9,
+    -0.0,
+    0.0,
+];
+
+#[test]
+fn gaussians_come_back_from_a_device_as_the_processor_rounds_them() {
+    let Some(mut viewer) = viewer(Storage::F16) else { return };
+    for layout in [Layout::radiance(3), Layout::shaded(Some(3)), Layout::shaded(None)] {
+        let mut cloud = random_cloud(EDGES.len(), layout, 4);
+        for (gaussian, number) in EDGES.into_iter().enumerate() {
+            (0..layout.plane_count()).for_each(|plane| cloud.set(gaussian, plane, [number]));
+        }
+        let stored = viewer.store(&cloud).expect("numbers fit");
+        let mut back = vec![0.0; cloud.values.len()];
+        viewer.download(&stored.values, &mut back).expect("there are as many");
+        Storage::F16.round(&mut cloud);
+        let bits = |values: &[f32]| values.iter().map(|x| x.to_bits()).collect::<Vec<u32>>();
+        assert!(bits(&back) == bits(&cloud.values), "{layout:?}");
+
+        let words = FULL_PLANES + (layout.plane_count() - FULL_PLANES).div_ceil(2);
+        assert_eq!(stored.values.bytes(), 4 * words * EDGES.len().next_multiple_of(BLOCK), "two numbers to a word");
+    }
+}
+
+#[test]
+fn kernels_read_halves_at_the_edges() {
+    /// As a share of the largest number of a colour.
+    const SAME_COLOR: f64 = 1e-6;
+    let Some(mut viewer) = viewer(Storage::F16) else { return };
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Layers);
+    let mut scene = Scene::new(1, Layout::shaded(Some(0)), rules, 6);
+    scene.cloud.set(0, MEAN, [0.0; 3]);
+    scene.cloud.set(0, LOG_SCALE, [-0.5; 3]);
+    scene.cloud.set(0, OPACITY, [9.0]);
+    for colors in [[65_504.0, 1e9, -7e4], [6.1e-5, 5.960_464_5e-8, 8.940_697e-8], [1.0 + 3.0 / 2048.0, -1e-6, 0.1]] {
+        scene.cloud.set(0, scene.cloud.layout.sh_start(), colors);
+        let (ours, theirs) = (scene.viewed(&mut viewer), scene.rounded(Storage::F16));
+        let size = (scene.camera.width * scene.camera.height) as usize;
+        for plane in channel::RESIDUAL..channel::RESIDUAL + 3 {
+            let [ours, theirs] = [&ours, &theirs].map(|picture| &picture[plane * size..(plane + 1) * size]);
+            assert!(theirs.iter().any(|x| *x != 0.0), "the Gaussian is seen");
+            assert_all_close(ours, theirs, SAME_COLOR);
+        }
+    }
+}
+
+#[test]
+fn a_light_is_rounded_on_a_device_as_on_the_processor() {
+    let Some(mut viewer) = viewer(Storage::F16) else { return };
+    let mut environment = random_environment(RESOLUTION, RadianceActivation::Identity, 8);
+    for (index, radiance) in environment.values.iter_mut().enumerate() {
+        *radiance *= 10.0_f32.powi(index as i32 % 19 - 9);
+    }
+    let mut edges = environment.clone();
+    edges.values.fill(0.0);
+    for (texel, edge) in EDGES.into_iter().enumerate() {
+        edges.values[30 * texel] = edge;
+    }
+    for environment in [environment, edges] {
+        let environment = environment.with_values(viewer.upload(&environment.values).expect("texels fit"));
+        let mut levels = |storage: Storage| {
+            viewer.set_storage(storage);
+            let light = viewer.prefilter(&environment, PrefilterScheme::Exact, LevelRange::ALL);
+            let light = light.expect("the resolution is allowed");
+            viewer.executor().read_light(&light).expect("levels can be read")
+        };
+        let (in_full, halves) = (levels(Storage::F32), levels(Storage::F16));
+        for (number, half) in in_full.iter().zip(&halves) {
+            let [expected, _] = pack::unpack2(pack::pack2(*number, 0.0));
+            assert!(
+                half.to_bits() == expected.to_bits() || (half.is_nan() && expected.is_nan()),
+                "{number} became {half}, not {expected}"
+            );
+        }
+        let is_beyond = |x: &f32| x.is_finite() && *x > 65_504.0;
+        assert!(in_full.iter().any(is_beyond) && in_full.iter().any(|x| *x > 0.0 && *x < 6e-5), "edges are there");
     }
 }

@@ -7,11 +7,13 @@ use specula_core::{
     camera::{Camera, CameraOf},
     color, covariance, cubemap,
     double::Double,
-    ggx, loss, pack,
+    ggx, loss,
+    pack::{self, Storage},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape},
     random,
     real::Real,
+    scene::{BLOCK, Layout, MEAN},
     sh,
     shade::{self, Material, ShadingRules},
     split_sum,
@@ -20,7 +22,7 @@ use specula_core::{
 use specula_tests::{
     compare::{ROUNDING_F32, ROUNDING_F64, assert_all_close, assert_close, relative_difference},
     number::{Number, take3, values_of, vector},
-    strategies::{any_vector, camera, log_scales, quat, same_every_time, unit_vector},
+    strategies::{any_vector, camera, cloud, log_scales, quat, same_every_time, unit_vector},
 };
 
 /// Products of some twenty roundings of `f64`, amplified by the division by a variance.
@@ -548,13 +550,22 @@ mod numbers {
         }
 
         #[test]
-        fn packing_rounds_by_half_a_unit_of_eleven_bits(values in vec(-6e4..6e4_f32, 0..9)) {
-            let (mut words, mut back) = (vec![0; values.len().div_ceil(2)], vec![0.0; values.len()]);
-            pack::pack(&values, &mut words);
-            pack::unpack(&words, &mut back);
-            for (value, back) in values.iter().zip(&back) {
-                prop_assert!((value - back).abs() <= value.abs() / 2048.0 + 3e-8, "{value} became {back}");
-            }
+        fn packing_rounds_by_half_a_unit_of_eleven_bits(a in -6e4..6e4_f32, exponent in -30..0_i32) {
+            let value = a * (exponent as f32).exp2();
+            let [back, _] = pack::unpack2(pack::pack2(value, 0.0));
+            prop_assert!((value - back).abs() <= value.abs() / 2048.0 + 3e-8, "{value} became {back}");
+        }
+
+        #[test]
+        fn gaussians_that_are_packed_come_out_rounded(cloud in cloud(1..40, Layout::shaded(Some(1)))) {
+            let mut cloud = cloud;
+            let mut words = vec![0; cloud.count.next_multiple_of(BLOCK) * Storage::F16.words(cloud.layout)];
+            pack::pack(&cloud, &mut words);
+            let mut back = cloud.with_values(vec![0.0; cloud.values.len()]);
+            pack::unpack(&words, cloud.layout, &mut back.values);
+            prop_assert_eq!(back.get::<6>(0, MEAN), cloud.get::<6>(0, MEAN), "means and scales are kept in full");
+            Storage::F16.round(&mut cloud);
+            prop_assert!(back == cloud, "every other number is the nearest half");
         }
 
         #[test]

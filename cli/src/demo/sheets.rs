@@ -2,7 +2,7 @@
 
 use super::data::LIGHTS;
 use crate::{
-    args::{EnvOptions, Up},
+    args::{EnvOptions, MachineOptions, Up},
     background::Background,
     failure::Failure,
     look::Tour,
@@ -151,7 +151,7 @@ fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<RgbIm
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = preview(&cube.values, cube.resolution);
         let mut row = vec![Panel::new(picture::tone_map_latlong(&map), light)];
-        let mut renderer = Renderer::new(scene, Channels::Color, &ExecutorChoice::Cpu, talk)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
         for view in RELIT.into_iter().flat_map(|name| named(test, name)) {
             let own = shown(&mut renderer, &view.camera, Layer::Rgb)?;
             row.push(Panel::new(enlarged(&own), "specula, relit"));

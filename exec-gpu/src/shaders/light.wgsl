@@ -7,7 +7,7 @@ struct Between {
 }
 
 fn texel(index: u32) -> vec3f {
-    return texels[min(index, arrayLength(&texels) - 1u)].xyz;
+    return color_of(texels[min(index, arrayLength(&texels) - 1u)]);
 }
 
 fn radiance_in_level(direction: vec3f, level: u32) -> vec3f {

@@ -1,6 +1,6 @@
 // Gaussians that look light up themselves.
 
-@group(0) @binding(4) var<storage, read> texels: array<vec4f>;
+@group(0) @binding(4) var<storage, read> texels: array<Texel>;
 @group(0) @binding(5) var<storage, read> split_sums: array<vec2f>;
 
 // Four neighbouring entries of the split-sum table, by the first of them, and how far between them a place lies.

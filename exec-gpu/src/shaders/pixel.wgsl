@@ -2,7 +2,7 @@
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;
-@group(0) @binding(2) var<storage, read> texels: array<vec4f>;
+@group(0) @binding(2) var<storage, read> texels: array<Texel>;
 @group(0) @binding(3) var<storage, read_write> shaded: array<f32>;
 
 var<private> place: u32;

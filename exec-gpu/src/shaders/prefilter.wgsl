@@ -11,7 +11,7 @@ struct Product {
 @group(0) @binding(2) var<storage, read> columns: array<u32>;
 @group(0) @binding(3) var<storage, read> weights: array<f32>;
 @group(0) @binding(4) var<storage, read_write> texels: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> padded: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> padded: array<Texel>;
 
 var<workgroup> sums: array<vec4f, GROUP>;
 
@@ -68,6 +68,6 @@ fn pad_texels(
     let row = linear_index(group, groups, local) / ROW_SUMS;
     let texel = product_of_row(row, local);
     if local % ROW_SUMS == 0u && row < product.row_count {
-        padded[row] = texel;
+        padded[row] = texel_of(texel);
     }
 }

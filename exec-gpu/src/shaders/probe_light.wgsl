@@ -14,7 +14,7 @@ struct LookedUp {
 
 @group(0) @binding(0) var<uniform> rows: Rows;
 @group(0) @binding(1) var<storage, read> inputs: array<LookedUp>;
-@group(0) @binding(2) var<storage, read> texels: array<vec4f>;
+@group(0) @binding(2) var<storage, read> texels: array<Texel>;
 @group(0) @binding(3) var<storage, read_write> outputs: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> light_sums: array<atomic<u32>>;
 

@@ -1,7 +1,7 @@
 // Gaussians to channels: one invocation a Gaussian.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<storage, read> values: array<f32>;
+@group(0) @binding(1) var<storage, read> values: array<Stored>;
 @group(0) @binding(2) var<storage, read> depth_keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> colors: array<f32>;
 

@@ -1,0 +1,113 @@
+//! The torus under its sky on any executor: as a training knows it, and as it is looked at.
+
+use crate::{camera, environment, torus};
+use specula_core::{
+    camera::Camera,
+    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
+    pipeline::{Fit, Step, train_step},
+    plan::Channels,
+    prefilter::LevelRange,
+    scene::{Environment, Gaussians},
+};
+use specula_train::profile::{Profile, by_name};
+
+/// Texels along an edge of the sky's faces.
+pub const LIGHT: usize = 64;
+
+/// A scene and everything that a training knows of it.
+#[derive(Debug)]
+pub struct Scene<E: Executor> {
+    /// How it is trained.
+    pub profile: Profile,
+    /// How it is rendered.
+    pub rules: RenderRules,
+    /// From where.
+    pub camera: Camera,
+    /// The Gaussians.
+    pub cloud: Gaussians<E::Array>,
+    /// Their running means.
+    pub moments: Moments<E::Array>,
+    /// The sky and its running means, where the profile has light.
+    pub light: Option<(Environment<E::Array>, Moments<E::Array>)>,
+    statistics: Statistics<E::Array>,
+    /// Grey, to be compared with.
+    pub target: E::Target,
+    /// Learning rates, all zero.
+    pub rates: Vec<f32>,
+}
+
+/// A cloud as it is looked at.
+#[derive(Debug)]
+pub struct View<'a, E: Renderer> {
+    /// The Gaussians.
+    pub cloud: &'a Gaussians<E::Array>,
+    /// Their light.
+    pub light: Option<&'a E::Light>,
+    /// From where.
+    pub camera: &'a Camera,
+    /// How.
+    pub rules: &'a RenderRules,
+}
+
+impl<E: Executor> Scene<E> {
+    /// The torus of so many Gaussians, seen in so many pixels squared.
+    pub fn new(exec: &mut E, profile: &str, size: u32, count: usize) -> Result<Self, E::Error> {
+        let profile = by_name(profile, 7000).expect("a profile of that name");
+        let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
+        let cloud = torus(count, &profile);
+        let light = profile.light.map(|_| upload_sky(exec));
+        let grey = vec![128; (size * size * 4) as usize];
+        Ok(Self {
+            rules: RenderRules::full(profile.shading, profile.scheme, channels),
+            camera: camera(size),
+            moments: zero_moments(exec, cloud.values.len())?,
+            light: light.transpose()?,
+            statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
+            target: exec.target(size as usize, size as usize, &grey)?,
+            rates: vec![0.0; cloud.layout.plane_count()],
+            cloud: cloud.with_values(exec.upload(&cloud.values)?),
+            profile,
+        })
+    }
+
+    /// The sky, filtered.
+    pub fn filtered(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
+        let light = self.light.as_ref();
+        light.map(|(light, _)| exec.prefilter(light, self.profile.scheme, LevelRange::ALL)).transpose()
+    }
+
+    /// One step that changes nothing, as all rates are zero.
+    pub fn train(&mut self, exec: &mut E) -> Result<(), E::Error> {
+        let step = Step {
+            camera: &self.camera,
+            target: &self.target,
+            background: [1.0; 3],
+            rules: &self.rules,
+            weights: &self.profile.weights,
+            rates: &self.rates,
+            environment_rate: 0.0,
+            radiance_max: 100.0,
+            number: 1,
+        };
+        let mut fit = Fit {
+            gaussians: &mut self.cloud,
+            moments: &mut self.moments,
+            environment: self.light.as_mut().map(|(light, moments)| (light, moments)),
+            statistics: &mut self.statistics,
+        };
+        train_step(exec, &mut fit, &step).map(drop)
+    }
+}
+
+fn zeros<E: Renderer>(exec: &mut E, len: usize) -> Result<E::Array, E::Error> {
+    exec.upload(&vec![0.0; len])
+}
+
+fn zero_moments<E: Renderer>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {
+    Ok(Moments { mean: zeros(exec, len)?, square: zeros(exec, len)? })
+}
+
+fn upload_sky<E: Renderer>(exec: &mut E) -> Result<(Environment<E::Array>, Moments<E::Array>), E::Error> {
+    let sky = environment(LIGHT);
+    Ok((sky.with_values(exec.upload(&sky.values)?), zero_moments(exec, sky.values.len())?))
+}

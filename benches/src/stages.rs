@@ -1,0 +1,231 @@
+//! The stages of a picture and of a step of training, one by one, on any executor.
+
+use crate::{
+    scene::{LIGHT, Scene, View},
+    work::Work,
+};
+use core::cell::RefCell;
+use specula_core::{
+    cubemap::FACE_COUNT,
+    executor::{Executor, RenderRules, Renderer},
+    pack::{FULL_PLANES, Storage},
+    pipeline::render,
+    plan::Channels,
+    prefilter::LevelRange,
+    scene::{DIFFUSE, Layout},
+};
+
+/// A stage, or all stages of a picture or of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "they are named as core's methods are")]
+pub enum Stage {
+    Prefilter,
+    Project,
+    Shade,
+    Bin,
+    Blend,
+    ShadePixels,
+    Frame,
+    Loss,
+    ShadePixelsVjp,
+    BlendVjp,
+    GaussiansVjp,
+    PrefilterVjp,
+    Optimise,
+    TrainStep,
+}
+
+impl Stage {
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Prefilter => "prefilter",
+            Self::Project => "project",
+            Self::Shade => "shade",
+            Self::Bin => "bin",
+            Self::Blend => "blend",
+            Self::ShadePixels => "shade_pixels",
+            Self::Frame => "frame",
+            Self::Loss => "loss",
+            Self::ShadePixelsVjp => "shade_pixels_vjp",
+            Self::BlendVjp => "blend_vjp",
+            Self::GaussiansVjp => "gaussians_vjp",
+            Self::PrefilterVjp => "prefilter_vjp",
+            Self::Optimise => "optimise",
+            Self::TrainStep => "train_step",
+        }
+    }
+}
+
+/// What a scene has, from which follows what its stages have to do.
+#[derive(Clone, Copy, Debug)]
+pub struct Amounts {
+    /// How many Gaussians there are.
+    pub gaussians: usize,
+    /// What planes they have.
+    pub layout: Layout,
+    /// How they are stored.
+    pub storage: Storage,
+    /// Pixels of the picture.
+    pub pixels: usize,
+    /// How it is rendered.
+    pub rules: RenderRules,
+    /// What there is to blend.
+    pub work: Work,
+}
+
+/// Bytes of a number.
+const NUMBER: usize = size_of::<f32>();
+/// Numbers of a splat on a device: its geometry, its depth and how many tiles it touches.
+const SPLAT: usize = 14;
+/// Numbers of a splat's gradient beside those of its channels.
+const GEOMETRY: usize = 6;
+
+impl Amounts {
+    /// What throughput counts: Gaussians, pixels, texels, pairs of a pixel and a splat, or steps.
+    pub fn elements(&self, stage: Stage) -> usize {
+        match stage {
+            Stage::Prefilter | Stage::PrefilterVjp => FACE_COUNT * LIGHT * LIGHT,
+            Stage::Project | Stage::Shade | Stage::Bin | Stage::GaussiansVjp | Stage::Optimise => self.gaussians,
+            Stage::Blend | Stage::BlendVjp => self.work.processed,
+            Stage::ShadePixels | Stage::Frame | Stage::Loss | Stage::ShadePixelsVjp => self.pixels,
+            Stage::TrainStep => 1,
+        }
+    }
+
+    /// Bytes that a stage has to read and write once, on a device: an estimate, without the light, which stays in caches.
+    /// None where several kernels go over the same memory again and again, so that the count would say little.
+    pub fn bytes(&self, stage: Stage) -> Option<usize> {
+        let Self { gaussians, layout, pixels, work: Work { intersections, .. }, .. } = *self;
+        let channels = self.rules.blended(layout).count();
+        // Of a pixel: its channels and the transmittance; of a splat in a tile: its number, itself and its channels.
+        let (pixel, splat) = (channels + 1, 1 + SPLAT - 2 + channels.next_multiple_of(4));
+        let grad = GEOMETRY + channels;
+        let numbers = match stage {
+            Stage::Project => gaussians * (self.words_of(DIFFUSE) + SPLAT),
+            Stage::Shade => {
+                gaussians * (self.words_of(self.rules.numbers_read(layout)) + 1 + channels.next_multiple_of(4))
+            }
+            Stage::Blend => intersections * splat + pixels * pixel,
+            Stage::ShadePixels => pixels * (pixel + 3),
+            Stage::ShadePixelsVjp => pixels * 3 * pixel,
+            Stage::BlendVjp => intersections * (splat + 2 * grad) + pixels * 2 * pixel + gaussians * grad,
+            Stage::GaussiansVjp => gaussians * (self.rules.numbers_read(layout) + grad + layout.plane_count()),
+            // A gradient is read; numbers and two means are read and written.
+            Stage::Optimise => gaussians * 7 * layout.plane_count(),
+            _ => return None,
+        };
+        Some(NUMBER * numbers)
+    }
+
+    /// Words that so many numbers of a Gaussian take, its means among them.
+    fn words_of(&self, numbers: usize) -> usize {
+        match self.storage {
+            Storage::F32 => numbers,
+            Storage::F16 => FULL_PLANES + (numbers - FULL_PLANES).div_ceil(2),
+        }
+    }
+
+    /// Operations of a stage, counted from core's formulas: for each pair the offset (2), the exponent (4), 2ˣ (16), α
+    /// (2), the step (5) and a multiply-add for each channel; 49 and two for each channel on the way back; for each
+    /// pixel and colour of SSIM 520.
+    pub fn operations(&self, stage: Stage) -> Option<usize> {
+        let channels = self.rules.blended(self.layout).count();
+        match stage {
+            Stage::Blend => Some(self.work.processed * (29 + 2 * channels)),
+            Stage::BlendVjp => Some(self.work.processed * (49 + 4 * channels)),
+            Stage::Loss => Some(self.pixels * 3 * 520),
+            _ => None,
+        }
+    }
+}
+
+/// What measures stages.
+pub trait Meter<E: Renderer> {
+    /// Measures a stage, as often as it likes; what `prepare` does is no part of it.
+    fn measure<I, O>(
+        &mut self,
+        exec: &mut E,
+        stage: Stage,
+        prepare: impl FnMut(&mut E) -> Result<I, E::Error>,
+        run: impl FnMut(&mut E, I) -> Result<O, E::Error>,
+    ) -> Result<(), E::Error>;
+}
+
+fn nothing<E: Renderer>(_: &mut E) -> Result<(), E::Error> {
+    Ok(())
+}
+
+/// The stages of a picture, then all of them for its colours alone.
+pub fn measure_picture<E: Renderer>(
+    exec: &mut E,
+    view: &View<'_, E>,
+    meter: &mut impl Meter<E>,
+) -> Result<(), E::Error> {
+    let View { cloud, light, camera, rules } = *view;
+    let splats = exec.project(cloud, camera)?;
+    let colors = exec.shade(cloud, camera, &splats, light, rules)?;
+    let tiles = exec.bin(&splats, camera)?;
+    let blend = |exec: &mut E| exec.blend(&splats, &colors, &tiles, camera);
+
+    meter.measure(exec, Stage::Project, nothing, |exec, ()| exec.project(cloud, camera))?;
+    meter.measure(exec, Stage::Shade, nothing, |exec, ()| exec.shade(cloud, camera, &splats, light, rules))?;
+    meter.measure(exec, Stage::Bin, nothing, |exec, ()| exec.bin(&splats, camera))?;
+    meter.measure(exec, Stage::Blend, nothing, |exec, ()| blend(exec))?;
+    if rules.is_deferred(cloud.layout) {
+        meter.measure(exec, Stage::ShadePixels, blend, |exec, frame| exec.shade_pixels(frame, light, camera))?;
+    }
+    let rules = RenderRules { channels: Channels::Color, ..*rules };
+    meter.measure(exec, Stage::Frame, nothing, |exec, ()| render(exec, cloud, light, camera, &rules))
+}
+
+/// The other stages of a step: the light, the loss, and the way back to an update that changes nothing.
+pub fn measure_step<E: Executor>(
+    exec: &mut E,
+    scene: &mut Scene<E>,
+    meter: &mut impl Meter<E>,
+) -> Result<(), E::Error> {
+    let light = scene.filtered(exec)?;
+    let light = light.as_ref();
+    let Scene { profile, rules, camera, cloud, moments, target, rates, .. } = scene;
+    let (camera, rules, weights) = (&*camera, &*rules, &profile.weights);
+    let splats = exec.project(cloud, camera)?;
+    let colors = exec.shade(cloud, camera, &splats, light, rules)?;
+    let tiles = exec.bin(&splats, camera)?;
+    let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
+    let is_deferred = rules.is_deferred(cloud.layout);
+    if is_deferred {
+        frame = exec.shade_pixels(frame, light, camera)?;
+    }
+    let loss = |exec: &mut E| exec.loss(&frame, target, camera, weights, [1.0; 3]).map(|(_, grad)| grad);
+    meter.measure(exec, Stage::Loss, nothing, |exec, ()| loss(exec))?;
+
+    let (mut frame_grad, mut light_grad) = (loss(exec)?, None);
+    if is_deferred {
+        let back = |exec: &mut E, grad| exec.shade_pixels_vjp(&frame, light, camera, grad);
+        meter.measure(exec, Stage::ShadePixelsVjp, loss, back)?;
+        (frame_grad, light_grad) = back(exec, frame_grad)?;
+    }
+    let blend_vjp = |exec: &mut E| exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, camera);
+    meter.measure(exec, Stage::BlendVjp, nothing, |exec, ()| blend_vjp(exec))?;
+
+    let grads = blend_vjp(exec)?;
+    // Gradients are made of the very Gaussians that are updated.
+    let cloud = RefCell::new(cloud);
+    let back = |exec: &mut E| exec.gaussians_vjp(&**cloud.borrow(), camera, &splats, light, rules, weights, &grads);
+    meter.measure(exec, Stage::GaussiansVjp, nothing, |exec, ()| back(exec))?;
+    meter.measure(
+        exec,
+        Stage::Optimise,
+        |exec| back(exec).map(|(grad, _)| grad),
+        |exec, grad| exec.optimise(&mut **cloud.borrow_mut(), moments, grad, rates, 1),
+    )?;
+
+    light_grad = light_grad.or(back(exec)?.1);
+    if let (Some((environment, _)), Some(light), Some(grad)) = (&scene.light, light, &light_grad) {
+        let (scheme, levels) = (profile.scheme, LevelRange::ALL);
+        meter.measure(exec, Stage::Prefilter, nothing, |exec, ()| exec.prefilter(environment, scheme, levels))?;
+        meter.measure(exec, Stage::PrefilterVjp, nothing, |exec, ()| exec.prefilter_vjp(environment, light, grad))?;
+    }
+    Ok(())
+}

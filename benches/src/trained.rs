@@ -1,0 +1,37 @@
+//! A model that specula has trained.
+
+use specula_core::{
+    camera::Camera,
+    scene::{Environment, Gaussians},
+};
+use specula_cpu::order::sort_in_space;
+use specula_io::{
+    cameras,
+    model_folder::{self, Model},
+};
+use specula_train::profile::{Profile, by_name};
+use std::path::Path;
+
+/// What is in its folder. Attributes are as they stand in the file, which is near enough to measure with.
+#[derive(Debug)]
+pub struct Trained {
+    /// The Gaussians, in the order that a training keeps them in.
+    pub cloud: Gaussians<Vec<f32>>,
+    /// Their light.
+    pub light: Option<Environment<Vec<f32>>>,
+    /// What they were trained as.
+    pub profile: Profile,
+    /// All cameras.
+    pub cameras: Vec<Camera>,
+}
+
+impl Trained {
+    /// Opens a folder.
+    pub fn open(folder: &Path) -> Self {
+        let Model { gaussians: mut cloud, light, info, .. } = model_folder::open(folder).expect("a model's folder");
+        let cameras = cameras::read(&folder.join("cameras.json")).expect("a model has its cameras");
+        sort_in_space(&mut cloud);
+        let profile = by_name(&info.expect("specula trained it").profile, 30_000).expect("a profile of that name");
+        Self { cloud, light, profile, cameras: cameras.into_iter().map(|(_, camera)| camera).collect() }
+    }
+}

@@ -1,0 +1,16 @@
+// One number of the Gaussian at hand: sixteen Gaussians make a block, whose first planes are stored in full, and then
+// two planes of halves to a word.
+
+alias Stored = u32;
+
+fn stored_word(place: u32) -> u32 {
+    return values[(gaussian / BLOCK * WORDS + place) * BLOCK + gaussian % BLOCK];
+}
+
+fn plane(number: u32) -> f32 {
+    if number < FULL_PLANES {
+        return bitcast<f32>(stored_word(number));
+    }
+    let half = number - FULL_PLANES;
+    return unpack2x16float(stored_word(FULL_PLANES + half / 2u))[half % 2u];
+}

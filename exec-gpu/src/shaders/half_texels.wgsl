@@ -1,0 +1,29 @@
+// A texel of a light as it is stored: its colour as halves, and a fourth of them that is zero.
+
+alias Texel = vec2u;
+
+// The bits of the nearest half, ties to the even one, as `pack.rs` rounds; adapters may cut `pack2x16float` off. Finite
+// numbers beyond the largest half become that; infinity and what is no number stay so.
+fn half_of(number: f32) -> u32 {
+    let bits = bitcast<u32>(number);
+    let sign = (bits >> 16u) & HALF_SIGN;
+    let size = bits & ~F32_SIGN;
+    if size >= F32_INFINITY {
+        return sign | select(HALF_INFINITY, HALF_NOT_A_NUMBER, size > F32_INFINITY);
+    }
+    let limited = min(size, F32_OF_HALF_MAX);
+    if limited < F32_OF_HALF_MIN {
+        return sign | u32(round(bitcast<f32>(limited) * SMALLEST_HALVES));
+    }
+    // The bits that are dropped, and a last one that decides ties.
+    let rounded = limited + (1u << (DROPPED_BITS - 1u)) - 1u + ((limited >> DROPPED_BITS) & 1u);
+    return sign | ((rounded - F32_OF_HALF_BIAS) >> DROPPED_BITS);
+}
+
+fn texel_of(numbers: vec4f) -> Texel {
+    return vec2u(half_of(numbers.x) | (half_of(numbers.y) << 16u), half_of(numbers.z));
+}
+
+fn color_of(texel: Texel) -> vec3f {
+    return vec3f(unpack2x16float(texel.x), unpack2x16float(texel.y).x);
+}
