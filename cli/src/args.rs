@@ -2,11 +2,12 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
-use crate::{background::Background, machine::ExecutorChoice, pictures::Layer};
+use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::{Serialize, Serializer};
 use specula_core::pack::Storage;
 use specula_io::latlong::UpAxis;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Scenes of 3D Gaussians that carry a shading function: fitted to pictures, rendered, taken apart, relit.
 ///
@@ -68,13 +69,21 @@ pub(crate) struct Demo {
 /// MODEL becomes a folder that tools for Gaussian splatting know: point_cloud/iteration_N/point_cloud.ply,
 /// cameras.json, cfg_args; beside them the light, as light/iteration_N/environment.exr.
 ///
-/// Ctrl-C finishes the step, saves what there is and ends with exit code 130.
-#[derive(Args, Debug)]
+/// Ctrl-C finishes the step, saves what there is and ends with exit code 130. With --resume the training goes on from
+/// there, or from the last MODEL/checkpoint.safetensors if the program was killed, to the same model, bit for bit, that
+/// it would have come to. What it was told stands in MODEL/config.toml and need not be said again; what shapes the
+/// model cannot be changed on the way, but --iterations can: schedules stretch along, so that the rest of the run is
+/// that of the longer one, also where the shorter one was finished.
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
 #[command(after_help = "\
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7000
   specula train data/chair -m out/plain --eval --profile 3dgs
   specula train data/toaster -m out/ablation --eval --profile paper --no-residual
+  specula train -m out/chair --resume                       go on after Ctrl-C, a crash or a power cut
+  specula train -m out/chair --resume --iterations 30000    go on for longer than was asked for
+  specula train data/drums -m out/drums --config out/chair/config.toml    another scene, told the same
 Profiles:
   specula    whatever measures best; the default
   paper      the paper's equations and weights to the letter
@@ -82,13 +91,16 @@ Profiles:
   3dgs       plain Gaussian splatting, spherical harmonics alone")]
 pub(crate) struct Train {
     /// Folder of the data set.
-    #[arg(value_name = "DATASET", required_unless_present = "source_path")]
+    #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config"])]
+    #[serde(skip)]
     pub(crate) dataset: Option<PathBuf>,
     /// Folder of the data set, as the field's tools name it.
     #[arg(long, short, alias = "source_path", value_name = "DATASET", conflicts_with = "dataset")]
+    #[serde(skip)]
     pub(crate) source_path: Option<PathBuf>,
     /// Folder for the model; made if it is not there.
     #[arg(long, short, aliases = ["model_path", "output"], short_alias = 'o', value_name = "MODEL")]
+    #[serde(skip)]
     pub(crate) model_path: PathBuf,
     /// Kind of training.
     #[arg(long, value_enum, default_value_t = ProfileName::Specula)]
@@ -104,6 +116,7 @@ pub(crate) struct Train {
     pub(crate) eval: bool,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
+    #[serde(serialize_with = "as_typed")]
     pub(crate) seed: u64,
     /// Behind transparent pictures; white by default where pictures are transparent, else black.
     #[arg(long, value_name = "black|white|R,G,B", conflicts_with = "white_background")]
@@ -119,21 +132,57 @@ pub(crate) struct Train {
     #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval")]
     pub(crate) test_iterations: Vec<u32>,
     /// What trains and measures: a GPU if there is one (auto), the processor, or the adapter with NAME in its name;
-    /// specula doctor lists them.
+    /// specula doctor lists them. Where a GPU fails on the way, the processor goes on from the last checkpoint.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
     #[command(flatten)]
+    #[serde(flatten)]
+    pub(crate) again: Again,
+    #[command(flatten)]
+    #[serde(flatten)]
     pub(crate) start: Start,
     #[command(flatten)]
+    #[serde(flatten)]
     pub(crate) losses: Losses,
     #[command(flatten)]
+    #[serde(flatten)]
     pub(crate) ablation: Ablate,
     #[command(flatten)]
+    #[serde(flatten)]
     pub(crate) densify: Densify,
 }
 
+impl Train {
+    /// The folder of the data set.
+    pub(crate) fn source(&self) -> Result<&Path, Failure> {
+        let named = self.dataset.as_ref().or(self.source_path.as_ref());
+        let no_name = || Failure::Input("no data set is named, nor in the file of settings; add its folder".into());
+        named.map(PathBuf::as_path).ok_or_else(no_name)
+    }
+}
+
+/// How a training goes on, or follows another.
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[command(next_help_heading = "Going on")]
+pub(crate) struct Again {
+    /// Go on from the checkpoint in MODEL, with the settings of MODEL/config.toml.
+    #[arg(long)]
+    #[serde(skip)]
+    pub(crate) resume: bool,
+    /// Options that are not given are those of this file, such as the config.toml beside another model.
+    #[arg(long, value_name = "FILE.toml")]
+    #[serde(skip)]
+    pub(crate) config: Option<PathBuf>,
+    /// Write MODEL/checkpoint.safetensors after every so many steps, in place of the one before; 0 for none but that on
+    /// Ctrl-C and at the end.
+    #[arg(long, alias = "checkpoint_every", value_name = "N", default_value_t = 1000)]
+    pub(crate) checkpoint_every: u32,
+}
+
 /// What training starts from.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Start")]
 pub(crate) struct Start {
     /// Points to start from, instead of DATASET/points3d.ply.
@@ -157,7 +206,8 @@ pub(crate) struct Start {
 }
 
 /// What is minimised. Weights that are not given are the profile's.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Losses")]
 pub(crate) struct Losses {
     /// Weight of 1 − SSIM; that of |C − C_gt| becomes one minus it, unless given.
@@ -193,7 +243,8 @@ pub(crate) struct Losses {
 }
 
 /// What the paper's ablation leaves out.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Ablation")]
 pub(crate) struct Ablate {
     /// Without the sparse loss.
@@ -211,7 +262,8 @@ pub(crate) struct Ablate {
 }
 
 /// How Gaussians are added and removed. What is not given is the profile's.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Densification")]
 pub(crate) struct Densify {
     /// First step after which Gaussians are added and removed.
@@ -439,7 +491,8 @@ pub(crate) struct Doctor {
 }
 
 /// Kinds of training, and of reading what was trained.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
 pub(crate) enum ProfileName {
     /// Whatever measures best.
     Specula,
@@ -449,6 +502,7 @@ pub(crate) enum ProfileName {
     Official,
     /// Plain Gaussian splatting.
     #[value(name = "3dgs")]
+    #[serde(rename = "3dgs")]
     Plain,
 }
 
@@ -465,7 +519,8 @@ impl ProfileName {
 }
 
 /// Who looks the light up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
 pub(crate) enum LightPer {
     /// Each Gaussian; colours are blended.
     Gaussian,
@@ -530,6 +585,14 @@ impl From<Up> for UpAxis {
             Up::Y => Self::Y,
             Up::Z => Self::Z,
         }
+    }
+}
+
+/// A number as it is typed: TOML's are shorter.
+fn as_typed<S: Serializer>(number: &u64, out: S) -> Result<S::Ok, S::Error> {
+    match i64::try_from(*number) {
+        Ok(number) => out.serialize_i64(number),
+        Err(_) => out.collect_str(number),
     }
 }
 

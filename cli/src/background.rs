@@ -1,6 +1,7 @@
 //! What is behind the Gaussians.
 
-use core::str::FromStr;
+use core::{fmt, str::FromStr};
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 use specula_io::model_folder::ModelInfo;
 use specula_train::view::View;
@@ -48,6 +49,20 @@ impl FromStr for Background {
     }
 }
 
+/// As it is typed.
+impl fmt::Display for Background {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [r, g, b] = self.0;
+        write!(out, "{r},{g},{b}")
+    }
+}
+
+impl Serialize for Background {
+    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_str(self)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +71,7 @@ mod tests {
     fn names_and_numbers_are_colours_and_nothing_else_is() {
         assert_eq!("white".parse(), Ok(Background::WHITE));
         assert_eq!("0.25, 0.5,1".parse(), Ok(Background([0.25, 0.5, 1.0])));
+        assert_eq!(Background([0.1, 0.5, 1.0]).to_string().parse(), Ok(Background([0.1, 0.5, 1.0])));
         for wrong in ["", "grey", "1,2,3", "0,0", "0,0,0,0", "NaN,0,0"] {
             assert!(wrong.parse::<Background>().is_err(), "{wrong:?} passed for a colour");
         }

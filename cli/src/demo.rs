@@ -9,7 +9,7 @@ use crate::{
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Training, thousands},
+    fit::{Start, Training, thousands},
     interrupt,
     machine::ExecutorChoice,
     output,
@@ -30,7 +30,6 @@ use specula_train::{
     start::{Point, random_points},
     trainer::Settings,
 };
-use std::path::Path;
 
 /// Steps of each training: about a minute on two cores.
 pub(crate) const ITERATIONS: u32 = 1500;
@@ -89,7 +88,9 @@ fn contest(
         background: Background::WHITE.0,
         random_points: 0,
     };
-    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, points, talk)?;
+    let reload = || Ok((data.train.clone(), points.to_vec()));
+    let mut training =
+        Training::new(&ExecutorChoice::Cpu, settings, &data.train, &Start::Points(points), &reload, talk)?;
     let outcome = training.run(name, talk, &[], |_, _| Ok(()))?;
     if outcome.is_interrupted {
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
@@ -129,14 +130,10 @@ fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo
         white_background: true,
         eval: true,
         downscale: 1,
-        source_path: absolute(&args.output.join("data")),
+        source_path: output::absolute(&args.output.join("data")),
         seed: SEED,
         rest,
     }
-}
-
-fn absolute(path: &Path) -> String {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
 }
 
 fn results(contestants: &[Contestant]) -> Value {

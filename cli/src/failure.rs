@@ -15,6 +15,9 @@ pub(crate) enum Failure {
     /// What was asked for cannot be.
     #[error("{0}")]
     Input(String),
+    /// A device gave up; another executor may go on.
+    #[error("{0}")]
+    Device(String),
     /// Something that should not happen.
     #[error("{0}; this is a fault of the program")]
     Internal(String),
@@ -30,11 +33,16 @@ impl Failure {
     /// What the program exits with: 0 fine, 1 its own fault, 2 bad input, 130 interrupted.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::File(_) | Self::Input(_) => 2,
+            Self::File(_) | Self::Input(_) | Self::Device(_) => 2,
             Self::Internal(_) => 1,
             Self::Interrupted(_) => 130,
             Self::BrokenPipe => 0,
         }
+    }
+
+    /// Whether it lies with a device, so that the processor may do better.
+    pub(crate) fn is_of_device(&self) -> bool {
+        matches!(self, Self::Device(_) | Self::Internal(_))
     }
 }
 
@@ -52,6 +60,10 @@ impl From<GpuError> for Failure {
     fn from(error: GpuError) -> Self {
         match error {
             GpuError::Refused { .. } | GpuError::TargetSize { .. } => Self::Internal(error.to_string()),
+            GpuError::OutOfMemory
+            | GpuError::Lost { .. }
+            | GpuError::TooLarge { .. }
+            | GpuError::LightTooLarge { .. } => Self::Device(error.to_string()),
             other => Self::Input(other.to_string()),
         }
     }
@@ -67,6 +79,21 @@ where
             other => Self::Input(other.to_string()),
         }
     }
+}
+
+/// Of arguments.
+impl From<clap::Error> for Failure {
+    fn from(error: clap::Error) -> Self {
+        Self::Input(sentence_of(&error))
+    }
+}
+
+/// What is wrong with arguments, as one sentence like any other.
+pub(crate) fn sentence_of(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty()).collect();
+    words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ")
 }
 
 /// Of writing to stdout.

@@ -1,6 +1,7 @@
 //! Training, watched: progress, what is done at certain steps, an orderly end on Ctrl-C.
 
 use crate::{
+    checkpoint::Checkpoints,
     convention::Reading,
     failure::Failure,
     interrupt,
@@ -70,43 +71,39 @@ where
     }
 }
 
-/// What it takes for the processor to go on where a device gave up.
+/// Where a run starts.
 #[derive(Debug)]
-pub(crate) struct Rescue {
-    settings: Settings,
-    views: Vec<View>,
-    last: Snapshot,
+pub(crate) enum Start<'a> {
+    /// At its beginning, from points.
+    Points(&'a [Point]),
+    /// From what it had learned when it was put aside.
+    Learned(&'a Snapshot),
 }
 
-impl Rescue {
-    /// How many steps are lost at most.
-    const EVERY: u32 = 500;
+/// Pictures and points of a training, read again.
+pub(crate) type Reload<'a> = dyn Fn() -> Result<(Vec<View>, Vec<Point>), Failure> + 'a;
 
-    /// Of a run that begins.
-    pub(crate) fn new(run: &mut dyn Run, settings: Settings, views: &[View]) -> Result<Self, Failure> {
-        Ok(Self { settings, views: views.to_vec(), last: run.snapshot()? })
-    }
+/// What it takes for the processor to go on where a device gave up.
+struct Rescue<'a> {
+    settings: Settings,
+    reload: &'a Reload<'a>,
+}
 
-    /// Notes what a run has learned, now and then.
-    fn note(&mut self, run: &mut dyn Run) -> Result<(), Failure> {
-        if run.iteration().is_multiple_of(Self::EVERY) {
-            self.last = run.snapshot()?;
-        }
-        Ok(())
-    }
-
-    /// The run, on the processor.
-    fn go_on(self) -> Result<Box<dyn Run>, Failure> {
-        Ok(Box::new(Trainer::resume(CpuExecutor::new(), self.settings, &self.views, self.last)?))
+impl fmt::Debug for Rescue<'_> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("Rescue")
     }
 }
 
 /// A training, on whatever executor was asked for.
 #[derive(Debug)]
-pub(crate) struct Training {
+pub(crate) struct Training<'a> {
     trainer: Box<dyn Run>,
+    /// What trains: what was asked for, or the processor after a device gave up.
+    choice: ExecutorChoice,
     /// On a device that may be lost or run out of memory.
-    rescue: Option<Rescue>,
+    rescue: Option<Rescue<'a>>,
+    checkpoints: Option<Checkpoints>,
     reading: Reading,
     iterations: u32,
     /// What steps have taken so far, without what was done in between.
@@ -124,18 +121,26 @@ pub(crate) struct Outcome {
     pub(crate) is_interrupted: bool,
 }
 
-impl Training {
-    /// Makes ready.
+impl<'a> Training<'a> {
+    /// Makes ready. `reload` is asked for pictures and points where a device gives up.
     pub(crate) fn new(
         choice: &ExecutorChoice,
         settings: Settings,
         views: &[View],
-        points: &[Point],
+        start: &Start<'_>,
+        reload: &'a Reload<'a>,
         talk: Talk,
     ) -> Result<Self, Failure> {
         let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
-        let (trainer, rescue) = machine::train(choice, settings, views, points, talk)?;
-        Ok(Self { trainer, rescue, reading, iterations, seconds: 0.0 })
+        let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start, talk)?;
+        let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
+        let rescue = is_on_device.then_some(Rescue { settings, reload });
+        Ok(Self { trainer, choice, rescue, checkpoints: None, reading, iterations, seconds: 0.0 })
+    }
+
+    /// Puts what was learned aside on the way, and at the end; so many seconds have gone by.
+    pub(crate) fn with_checkpoints(self, checkpoints: Checkpoints, seconds: f64) -> Self {
+        Self { checkpoints: Some(checkpoints), seconds, ..self }
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
@@ -146,14 +151,14 @@ impl Training {
         pauses: &[u32],
         mut pause: impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
-        let work = talk.work(what, self.iterations.into());
-        while !self.is_finished() && !interrupt::is_requested() {
-            let start = Instant::now();
-            self.step(&work)?;
-            self.seconds += start.elapsed().as_secs_f64();
-            work.done(self.iteration().into(), || self.message());
-            if pauses.contains(&self.iteration()) && !self.is_finished() {
-                pause(self, &work)?;
+        let work = talk.work(what, self.iterations.into()).gone_on(self.iteration().into(), self.seconds);
+        loop {
+            let is_at_end = self.is_finished() || interrupt::is_requested();
+            let done = if is_at_end { self.put_aside(&work) } else { self.advance(pauses, &work, &mut pause) };
+            match done {
+                Err(failure) => self.go_on_without_device(failure, &work)?,
+                Ok(()) if is_at_end => break,
+                Ok(()) => {}
             }
         }
         work.finish();
@@ -162,16 +167,55 @@ impl Training {
         Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
     }
 
-    /// One step, or what happens instead.
-    fn step(&mut self, work: &Work) -> Result<(), Failure> {
-        let done = self.trainer.step().and_then(|()| match &mut self.rescue {
-            Some(rescue) => rescue.note(self.trainer.as_mut()),
-            None => Ok(()),
-        });
-        let Err(failure) = done else { return Ok(()) };
-        let Some(rescue) = self.rescue.take() else { return Err(failure) };
-        work.note(&format!("{failure}; the processor goes on from iteration {}", rescue.last.iteration()));
-        self.trainer = rescue.go_on()?;
+    /// A step, and what is done after it.
+    fn advance(
+        &mut self,
+        pauses: &[u32],
+        work: &Work,
+        pause: &mut impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let start = Instant::now();
+        self.trainer.step()?;
+        self.seconds += start.elapsed().as_secs_f64();
+        work.done(self.iteration().into(), || self.message());
+        if pauses.contains(&self.iteration()) && !self.is_finished() {
+            pause(self, work)?;
+        }
+        // After the pause: who goes on from here has not missed it.
+        let is_due = self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.is_due(self.iteration()));
+        if is_due { self.put_aside(work) } else { Ok(()) }
+    }
+
+    /// Writes a checkpoint where there is none of this iteration. A full disk is no reason to stop: there may be room
+    /// when the next one comes.
+    fn put_aside(&mut self, work: &Work) -> Result<(), Failure> {
+        let Some(checkpoints) = &mut self.checkpoints else { return Ok(()) };
+        if checkpoints.last() == Some(self.trainer.iteration()) {
+            return Ok(());
+        }
+        match checkpoints.write(self.trainer.snapshot()?, self.seconds) {
+            Err(failure @ Failure::File(_)) => {
+                work.note(&format!("{failure}; the training goes on without this checkpoint"));
+                Ok(())
+            }
+            done => done,
+        }
+    }
+
+    /// Goes on with the processor, from the last checkpoint or else from the start, where a device gave up: what the
+    /// device holds then may be half of a step.
+    fn go_on_without_device(&mut self, failure: Failure, work: &Work) -> Result<(), Failure> {
+        if !failure.is_of_device() {
+            return Err(failure);
+        }
+        let Some(Rescue { settings, reload }) = self.rescue.take() else { return Err(failure) };
+        let saved = self.checkpoints.as_ref().filter(|checkpoints| checkpoints.last().is_some());
+        work.note(&format!("{failure}; {}", saved.map_or_else(from_the_start, from_checkpoint)));
+        let (views, points) = reload()?;
+        let learned = saved.map(Checkpoints::read).transpose()?;
+        let start = learned.as_ref().map_or(Start::Points(&points), Start::Learned);
+        self.trainer = Box::new(machine::begin(CpuExecutor::new(), settings, &views, &start)?);
+        self.choice = ExecutorChoice::Cpu;
         Ok(())
     }
 
@@ -196,6 +240,16 @@ impl Training {
         self.iteration() >= self.iterations
     }
 
+    /// What trains now.
+    pub(crate) fn choice(&self) -> &ExecutorChoice {
+        &self.choice
+    }
+
+    /// The checkpoint of the last step that was taken, if it could be written.
+    pub(crate) fn is_put_aside(&self) -> bool {
+        self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.last() == Some(self.iteration()))
+    }
+
     /// Seconds that steps have taken.
     pub(crate) fn seconds(&self) -> f64 {
         self.seconds
@@ -205,6 +259,18 @@ impl Training {
     pub(crate) fn scene(&mut self) -> Result<Scene, Failure> {
         Ok(Scene::of_training(self.trainer.download()?, self.reading))
     }
+}
+
+fn from_checkpoint(checkpoints: &Checkpoints) -> String {
+    let (place, last) = (checkpoints.place(), checkpoints.last().unwrap_or_default());
+    format!(
+        "iteration {last} is in {place:?}, from where the processor goes on; to do that later press Ctrl-C, and start \
+         again with --resume --executor cpu"
+    )
+}
+
+fn from_the_start() -> String {
+    "there is no checkpoint yet, so the processor begins again".to_owned()
 }
 
 /// A number in groups of three digits.
@@ -223,8 +289,10 @@ pub(crate) fn thousands(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkpoint;
     use specula_core::camera::Camera;
     use specula_train::profile::by_name;
+    use std::path::Path;
 
     /// A run that gives up after three steps.
     struct Failing(Trainer<CpuExecutor>);
@@ -232,7 +300,7 @@ mod tests {
     impl Run for Failing {
         fn step(&mut self) -> Result<(), Failure> {
             if self.0.iteration() == 3 {
-                return Err(Failure::Input("the device was lost".to_owned()));
+                return Err(Failure::Device("the device was lost".to_owned()));
             }
             Run::step(&mut self.0)
         }
@@ -256,28 +324,120 @@ mod tests {
         }
     }
 
-    fn training(is_rescued: bool) -> Training {
+    const POINTS: [Point; 2] =
+        [Point { position: [0.0; 3], color: [0.5; 3] }, Point { position: [0.1; 3], color: [0.5; 3] }];
+    const QUIET: Talk = Talk { quiet: true };
+
+    fn views() -> Vec<View> {
         let eye = glam::Vec3::new(0.0, -3.0, 0.5);
         let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 32, 32);
-        let views = [View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }];
-        let points = [Point { position: [0.0; 3], color: [0.5; 3] }, Point { position: [0.1; 3], color: [0.5; 3] }];
+        vec![View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }]
+    }
+
+    fn settings() -> Settings {
         let profile = by_name("3dgs", 6).expect("a profile of that name");
-        let settings = Settings { profile, iterations: 6, seed: 0, background: [1.0; 3], random_points: 0 };
-        let trainer = Trainer::new(CpuExecutor::new(), settings.clone(), &views, &points).expect("there is a view");
-        let mut run = Failing(trainer);
-        let reading = reading_of(&settings.profile);
-        let rescue = is_rescued.then(|| Rescue::new(&mut run, settings, &views).expect("the processor gives back"));
-        Training { trainer: Box::new(run), rescue, reading, iterations: 6, seconds: 0.0 }
+        Settings { profile, iterations: 6, seed: 0, background: [1.0; 3], random_points: 0 }
+    }
+
+    fn reload() -> Result<(Vec<View>, Vec<Point>), Failure> {
+        Ok((views(), POINTS.to_vec()))
+    }
+
+    /// A training whose run gives up after three steps; on a device it leaves the rest to the processor.
+    fn training(is_on_device: bool, folder: &Path, every: u32) -> Training<'static> {
+        let trainer = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
+        let facts = checkpoint::facts_of(&settings(), String::new(), &views());
+        Training {
+            trainer: Box::new(Failing(trainer)),
+            choice: ExecutorChoice::Gpu(String::new()),
+            rescue: is_on_device.then(|| Rescue { settings: settings(), reload: &reload }),
+            checkpoints: Some(Checkpoints::new(folder, every, facts)),
+            reading: reading_of(&settings().profile),
+            iterations: 6,
+            seconds: 0.0,
+        }
+    }
+
+    fn run(training: &mut Training<'_>) -> Result<HostScene, Failure> {
+        let outcome = training.run("training", QUIET, &[], |_, _| Ok(()))?;
+        assert_eq!((outcome.iteration, outcome.is_interrupted), (6, false), "all steps are taken");
+        training.trainer.download()
     }
 
     #[test]
     fn the_processor_goes_on_where_a_device_gave_up() {
-        let quiet = Talk { quiet: true };
-        let mut rescued = training(true);
-        let outcome = rescued.run("training", quiet, &[], |_, _| Ok(())).expect("the processor takes over");
-        assert_eq!((outcome.iteration, outcome.is_interrupted), (6, false), "all steps are taken");
-        let lost = training(false).run("training", quiet, &[], |_, _| Ok(()));
-        assert!(lost.is_err(), "a failure of the processor itself is one");
+        let mut whole = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
+        for _ in 0..6 {
+            whole.step().expect("the processor trains");
+        }
+        let expected = whole.download().expect("the processor gives back");
+        // From the second step, or from the start where there is no checkpoint.
+        for every in [2, 0] {
+            let folder = tempfile::tempdir().expect("there is room");
+            let mut rescued = training(true, folder.path(), every);
+            assert_eq!(run(&mut rescued).expect("the processor takes over"), expected, "a checkpoint every {every}");
+            assert_eq!(rescued.choice(), &ExecutorChoice::Cpu, "what measures follows");
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    #[test]
+    fn the_processor_goes_on_where_a_real_device_went_away() {
+        use specula_gpu::{Gpu, GpuExecutor};
+        let gpu = match Gpu::new("") {
+            Ok(gpu) => gpu,
+            Err(error) => {
+                assert!(std::env::var_os("CI").is_none(), "CI needs an adapter: {error}");
+                return eprintln!("NOT TESTED, because {error}");
+            }
+        };
+        let fuse = gpu.fuse();
+        let folder = tempfile::tempdir().expect("there is room");
+        let mut training = training(true, folder.path(), 2);
+        training.trainer =
+            Box::new(Trainer::new(GpuExecutor::new(gpu), settings(), &views(), &POINTS).expect("the device is there"));
+        let mut learned = None;
+        let outcome = training.run("training", QUIET, &[3], |training, _| {
+            if learned.is_none() {
+                learned = Some(training.checkpoints.as_ref().expect("there are checkpoints").read()?);
+                fuse();
+            }
+            Ok(())
+        });
+        assert_eq!(outcome.expect("the processor takes over").iteration, 6, "all steps are taken");
+
+        let learned = learned.expect("the device was there for three steps");
+        assert_eq!(learned.iteration, 2, "the last checkpoint before");
+        let mut expected =
+            Trainer::resume(CpuExecutor::new(), settings(), &views(), &learned).expect("it is the same training");
+        while !expected.is_finished() {
+            expected.step().expect("the processor trains");
+        }
+        let expected = expected.download().expect("the processor gives back");
+        assert_eq!(training.trainer.download().expect("the processor gives back"), expected);
+    }
+
+    #[test]
+    fn a_failure_of_the_processor_itself_is_one() {
+        let folder = tempfile::tempdir().expect("there is room");
+        assert!(run(&mut training(false, folder.path(), 2)).is_err(), "nothing can go on");
+        assert_eq!(checkpoint_of(folder.path()), 2, "what was saved stays");
+    }
+
+    fn checkpoint_of(folder: &Path) -> u32 {
+        specula_io::checkpoint::read(folder).expect("it was written").facts.iteration
+    }
+
+    #[test]
+    fn a_full_disk_is_no_reason_to_stop() {
+        let folder = tempfile::tempdir().expect("there is room");
+        let file = folder.path().join("file");
+        std::fs::write(&file, "mine").expect("there is room");
+        let mut training = training(true, &file, 1);
+        training.trainer =
+            Box::new(Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view"));
+        run(&mut training).expect("it goes on");
+        assert!(!training.is_put_aside(), "and says that there is no checkpoint");
     }
 
     #[test]

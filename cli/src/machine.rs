@@ -3,21 +3,21 @@
 use crate::{
     args::MachineOptions,
     failure::Failure,
-    fit::{Rescue, Run},
+    fit::{Run, Start},
     progress::Talk,
     scene::Scene,
 };
 use core::{fmt, str::FromStr};
+use serde::{Serialize, Serializer};
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::{Executor, RenderRules, Renderer},
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::CpuExecutor;
 use specula_train::{
     evaluate::render_view,
-    start::Point,
-    trainer::{Settings, Trainer},
+    trainer::{Settings, TrainError, Trainer},
     view::View,
 };
 
@@ -43,6 +43,24 @@ impl FromStr for ExecutorChoice {
             ("gpu", name) => Ok(Self::Gpu(name.to_owned())),
             _ => Err("use auto, cpu, gpu or gpu:NAME, where `specula doctor` lists the names".to_owned()),
         }
+    }
+}
+
+/// As it is typed.
+impl fmt::Display for ExecutorChoice {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => out.write_str("auto"),
+            Self::Cpu => out.write_str("cpu"),
+            Self::Gpu(name) if name.is_empty() => out.write_str("gpu"),
+            Self::Gpu(name) => write!(out, "gpu:{name}"),
+        }
+    }
+}
+
+impl Serialize for ExecutorChoice {
+    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_str(self)
     }
 }
 
@@ -95,21 +113,34 @@ pub(crate) fn load(
     Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light }))
 }
 
-/// A training where it was asked for; on a device, with what it takes to go on without it.
+/// A training where it was asked for, and whether that is a device, which may fail. One that fails at once leaves it to
+/// the processor.
 pub(crate) fn train(
     choice: &ExecutorChoice,
     settings: Settings,
     views: &[View],
-    points: &[Point],
+    start: &Start<'_>,
     talk: Talk,
-) -> Result<(Box<dyn Run>, Option<Rescue>), Failure> {
-    match device::choose(choice, talk)? {
-        Some(device) => {
-            let mut run = device.train(settings.clone(), views, points)?;
-            let rescue = Rescue::new(run.as_mut(), settings, views)?;
-            Ok((run, Some(rescue)))
+) -> Result<(Box<dyn Run>, bool), Failure> {
+    if let Some(device) = device::choose(choice, talk)? {
+        match device.train(settings.clone(), views, start) {
+            Err(failure) if failure.is_of_device() => talk.note(&format!("{failure}; the processor takes over")),
+            run => return Ok((run?, true)),
         }
-        None => Ok((Box::new(Trainer::new(CpuExecutor::new(), settings, views, points)?), None)),
+    }
+    Ok((Box::new(begin(CpuExecutor::new(), settings, views, start)?), false))
+}
+
+/// A run from its start on an executor.
+pub(crate) fn begin<E: Executor>(
+    exec: E,
+    settings: Settings,
+    views: &[View],
+    start: &Start<'_>,
+) -> Result<Trainer<E>, TrainError<E::Error>> {
+    match start {
+        Start::Points(points) => Trainer::new(exec, settings, views, points),
+        Start::Learned(snapshot) => Trainer::resume(exec, settings, views, snapshot),
     }
 }
 
@@ -117,8 +148,13 @@ pub(crate) fn train(
 pub(crate) mod device {
     //! GPUs, where the program knows them.
 
-    use super::{ExecutorChoice, Loaded, Machine};
-    use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
+    use super::{ExecutorChoice, Loaded, Machine, begin};
+    use crate::{
+        failure::Failure,
+        fit::{Run, Start},
+        progress::Talk,
+        scene::Scene,
+    };
     use specula_core::{
         executor::{RenderRules, Renderer as _},
         pack::Storage,
@@ -128,11 +164,7 @@ pub(crate) mod device {
         Gpu, GpuExecutor, GpuViewer,
         device::{AdapterReport, adapters},
     };
-    use specula_train::{
-        start::Point,
-        trainer::{Settings, Trainer},
-        view::View,
-    };
+    use specula_train::{trainer::Settings, view::View};
     use std::path::Path;
 
     /// A device that was opened.
@@ -194,9 +226,9 @@ pub(crate) mod device {
             self,
             settings: Settings,
             views: &[View],
-            points: &[Point],
+            start: &Start<'_>,
         ) -> Result<Box<dyn Run>, Failure> {
-            Ok(Box::new(Trainer::new(GpuExecutor::new(self.0), settings, views, points)?))
+            Ok(Box::new(begin(GpuExecutor::new(self.0), settings, views, start)?))
         }
     }
 }
@@ -206,9 +238,14 @@ mod device {
     //! A program that knows no GPUs.
 
     use super::{ExecutorChoice, Machine};
-    use crate::{failure::Failure, fit::Run, progress::Talk, scene::Scene};
+    use crate::{
+        failure::Failure,
+        fit::{Run, Start},
+        progress::Talk,
+        scene::Scene,
+    };
     use specula_core::{executor::RenderRules, pack::Storage, scene::Environment};
-    use specula_train::{start::Point, trainer::Settings, view::View};
+    use specula_train::{trainer::Settings, view::View};
 
     /// There is none.
     pub(super) enum Device {}
@@ -237,7 +274,7 @@ mod device {
             self,
             _settings: Settings,
             _views: &[View],
-            _points: &[Point],
+            _start: &Start<'_>,
         ) -> Result<Box<dyn Run>, Failure> {
             match self {}
         }
@@ -254,6 +291,9 @@ mod tests {
         assert_eq!("cpu".parse(), Ok(ExecutorChoice::Cpu));
         assert_eq!("gpu".parse(), Ok(ExecutorChoice::Gpu(String::new())));
         assert_eq!("gpu:llvmpipe".parse(), Ok(ExecutorChoice::Gpu("llvmpipe".to_owned())));
+        for typed in ["auto", "cpu", "gpu", "gpu:llvmpipe"] {
+            assert_eq!(typed.parse().map(|choice: ExecutorChoice| choice.to_string()).as_deref(), Ok(typed));
+        }
         assert!("cuda".parse::<ExecutorChoice>().is_err());
         assert!("cpu:0".parse::<ExecutorChoice>().is_err());
     }

@@ -2,6 +2,8 @@
 
 mod args;
 mod background;
+mod checkpoint;
+mod config;
 mod convention;
 mod dataset;
 mod demo;
@@ -41,7 +43,7 @@ fn main() -> ExitCode {
         Err(error) => return explain(&error),
     };
     // A panic has told of itself already.
-    match std::panic::catch_unwind(|| run(&arguments)) {
+    match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
@@ -80,10 +82,6 @@ fn explain(error: &clap::Error) -> ExitCode {
         eprint!("{error}");
         return ExitCode::from(2);
     }
-    let text = error.to_string();
-    let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty()).collect();
-    let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
-    eprintln!("specula: {sentence}; see specula --help");
+    eprintln!("specula: {}; see specula --help", failure::sentence_of(error));
     ExitCode::from(2)
 }

@@ -21,6 +21,11 @@ pub(crate) fn say_json(value: &serde_json::Value) -> Result<(), Failure> {
     say(&format!("{value:#}"))
 }
 
+/// A path that does not depend on the working folder, as text.
+pub(crate) fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
+}
+
 /// Makes a folder, and makes sure that files can be written to it: before long work, not after.
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {

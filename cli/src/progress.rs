@@ -67,6 +67,13 @@ impl Work {
         }
     }
 
+    /// So many steps are behind it already, and took so many seconds.
+    pub(crate) fn gone_on(self, steps: u64, seconds: f64) -> Self {
+        let bar = self.bar.with_elapsed(Duration::from_secs_f64(seconds.max(0.0))).with_position(steps);
+        bar.reset_eta();
+        Self { bar, ..self }
+    }
+
     /// So many steps there are, as it turns out.
     pub(crate) fn set_steps(&self, steps: u64) {
         self.bar.set_length(steps);

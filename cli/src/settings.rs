@@ -8,9 +8,9 @@ use crate::{
 use specula_core::{scene::Layout, shade::ShadingForm};
 use specula_train::profile::{self, Ablation, Profile};
 
-/// The profile that was asked for, with everything that was asked for beside it.
-pub(crate) fn profile_of(args: &Train) -> Result<Profile, Failure> {
-    let mut profile = profile::by_name(args.profile.name(), args.iterations).expect("every name has a profile");
+/// The profile that was asked for, with everything that was asked for beside it, for a run of so many iterations.
+pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failure> {
+    let mut profile = profile::by_name(args.profile.name(), iterations).expect("every name has a profile");
     set_start(&mut profile, &args.start)?;
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);

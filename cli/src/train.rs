@@ -3,19 +3,23 @@
 use crate::{
     args::{MachineOptions, Train},
     background::Background,
+    checkpoint::{self, Checkpoints},
+    config,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Outcome, Training, thousands},
+    fit::{Outcome, Start, Training, thousands},
     interrupt, output,
     progress::{Talk, Work},
     quality,
-    scene::{Renderer, Scene},
+    scene::Renderer,
     settings,
 };
 use serde_json::{Map, Value, json};
 use specula_core::plan::Channels;
 use specula_io::{
+    self as io,
     cameras::NamedCamera,
+    checkpoint::Facts,
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
 };
@@ -23,7 +27,7 @@ use specula_train::{
     evaluate::{ViewQuality, mean_quality},
     profile::Profile,
     start::{Point, random_points},
-    trainer::Settings,
+    trainer::{Settings, Snapshot},
     view::View,
 };
 use std::path::Path;
@@ -35,38 +39,117 @@ const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
 pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
-    let profile = settings::profile_of(args)?;
+    let profile = settings::profile_of(args, args.iterations)?;
     let mut data = load(args, talk)?;
     let background = background_of(args, &data);
-    let points = points_of(args, &mut data);
-    let info = info_of(args, &profile, background, &data);
-    output::make_folder(&args.model_path)?;
-    save_inputs(args, &profile, &data, &points)?;
-
     let settings =
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
-    let mut training = Training::new(&args.executor, settings, &data.train, &points, talk)?;
-    drop((core::mem::take(&mut data.train), points));
+    let info = info_of(args, &settings.profile, background, &data)?;
+    let facts = checkpoint::facts_of(&settings, config::text_of(args)?, &data.train);
+    let saved = if args.again.resume { Some(saved(args, &settings, &facts)?) } else { None };
+    let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
+    let checkpoints = make_folder(args, &settings.profile, &data, &points, facts, saved.as_ref(), talk)?;
+
+    let reload = || {
+        let mut data = load(args, QUIET)?;
+        let points = points_of(args, &mut data);
+        Ok((data.train, points))
+    };
+    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Learned(&saved.snapshot));
+    let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
+    let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
+    let mut training = training.with_checkpoints(checkpoints, seconds);
+    drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
     let outcome = training
         .run("training", talk, &pauses, |training, work| pause(args, training, &info, &data.test, background, work))?;
-    finish(args, training.scene()?, info, outcome, &data.test, background, talk)
+    finish(args, &mut training, info, outcome, &data.test, background, talk)
 }
 
-fn source_of(args: &Train) -> &Path {
-    args.dataset.as_ref().or(args.source_path.as_ref()).expect("one of them is required")
+/// What a training had come to when it was put aside.
+#[derive(Debug)]
+struct Saved {
+    snapshot: Snapshot,
+    seconds: f64,
+}
+
+/// The training in the folder of the model, where it is this one but for its length.
+fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Failure> {
+    let saved = io::checkpoint::read(&args.model_path)?;
+    let then = &saved.facts;
+    let refuse = |what: String| {
+        let place = io::checkpoint::place(&args.model_path);
+        Err(Failure::Input(format!("the checkpoint {place:?} {what}, or start without --resume")))
+    };
+    if let Some(what) = config::contradiction(&facts.config, &then.config) {
+        return refuse(format!("is of a training with {what}; leave the option as it was"));
+    }
+    if (facts.views, &facts.pictures) != (then.views, &then.pictures) {
+        return refuse(format!(
+            "is of a training on {} pictures, and the {} in {:?} are not the same; name the folder of those",
+            then.views,
+            facts.views,
+            args.source()?
+        ));
+    }
+    if then.iteration > args.iterations {
+        return refuse(format!(
+            "is of iteration {}, and --iterations {} is less; ask for as many at least",
+            then.iteration, args.iterations
+        ));
+    }
+    let profile = settings::profile_of(args, then.iterations)?;
+    let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
+    if checkpoint::words_of(&same) != then.settings {
+        return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
+    }
+    Ok(Saved { seconds: then.seconds, snapshot: checkpoint::snapshot_of(saved) })
+}
+
+/// Makes the folder of the model, with what is known before the first step.
+fn make_folder(
+    args: &Train,
+    profile: &Profile,
+    data: &Dataset,
+    points: &[Point],
+    facts: Facts,
+    saved: Option<&Saved>,
+    talk: Talk,
+) -> Result<Checkpoints, Failure> {
+    let folder = &args.model_path;
+    output::make_folder(folder)?;
+    model_folder::remove_unfinished(folder);
+    config::save(folder, &facts.config)?;
+    let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
+    if let Some(Saved { snapshot, .. }) = saved {
+        let (taken, all) = (snapshot.iteration, args.iterations);
+        talk.note(&match taken == all {
+            true => format!("all {all} iterations are taken already; to go on for longer, ask for more --iterations"),
+            false => format!("going on from iteration {taken} of {all}"),
+        });
+        return Ok(checkpoints.gone_on(taken));
+    }
+    if checkpoints.place().is_file() {
+        talk.note(&format!(
+            "{:?} is of an earlier training, whose place this one takes; to go on with that one instead, press Ctrl-C \
+             now and add --resume",
+            checkpoints.place()
+        ));
+    }
+    save_inputs(args, profile, data, points)?;
+    Ok(checkpoints)
 }
 
 fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
     let points = args.start.points.clone();
     let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points };
-    let data = dataset::load(source_of(args), &options, talk)?;
+    let source = args.source()?;
+    let data = dataset::load(source, &options, talk)?;
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {:?}, so there is nothing to measure; add transforms_test.json or leave --eval out",
-            source_of(args)
+            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json or leave --eval out"
         )));
     }
     Ok(data)
@@ -86,7 +169,7 @@ fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
     }
 }
 
-fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> ModelInfo {
+fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> Result<ModelInfo, Failure> {
     let [shading, axis, prefilter] = settings::reading_of(profile).words();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
@@ -98,7 +181,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
     rest.insert("train_views".into(), data.train.len().into());
     rest.insert("test_views".into(), data.test.len().into());
     rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
-    ModelInfo {
+    Ok(ModelInfo {
         version: env!("CARGO_PKG_VERSION").into(),
         profile: profile.name.into(),
         shading: if is_shaded { shading } else { "radiance" }.into(),
@@ -106,14 +189,10 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         white_background: background == Background::WHITE,
         eval: args.eval,
         downscale: args.resolution,
-        source_path: absolute(source_of(args)),
+        source_path: output::absolute(args.source()?),
         seed: args.seed,
         rest,
-    }
-}
-
-fn absolute(path: &Path) -> String {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
+    })
 }
 
 fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
@@ -122,8 +201,8 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     let is_white = background_of(args, data) == Background::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
-        ("source_path", absolute(source_of(args)).into()),
-        ("model_path", absolute(&args.model_path).into()),
+        ("source_path", output::absolute(args.source()?).into()),
+        ("model_path", output::absolute(&args.model_path).into()),
         ("images", "images".into()),
         ("resolution", args.resolution.into()),
         ("white_background", is_white.into()),
@@ -137,7 +216,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
 /// What is done at a step in between.
 fn pause(
     args: &Train,
-    training: &mut Training,
+    training: &mut Training<'_>,
     info: &ModelInfo,
     test: &[View],
     background: Background,
@@ -151,7 +230,7 @@ fn pause(
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
-        let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(&args.executor), QUIET)?
+        let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), QUIET)?
             .measure(test, background, &QUIET.work("", 0))?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
@@ -162,7 +241,7 @@ fn pause(
 /// Saves, measures and says what came out.
 fn finish(
     args: &Train,
-    scene: Scene,
+    training: &mut Training<'_>,
     mut info: ModelInfo,
     outcome: Outcome,
     test: &[View],
@@ -170,14 +249,18 @@ fn finish(
     talk: Talk,
 ) -> Result<(), Failure> {
     let Outcome { iteration, seconds, is_interrupted } = outcome;
+    let scene = training.scene()?;
     let count = scene.gaussians.count;
     info.rest.insert("gaussians".into(), count.into());
     info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
     scene.save(&args.model_path, iteration, &info)?;
     let place = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
+        let model = args.model_path.display();
+        let goes_on = format!("; specula train -m {model} --resume goes on");
         return Err(Failure::Interrupted(format!(
-            "interrupted after iteration {iteration}, which is saved in {place:?}"
+            "interrupted after iteration {iteration}, which is saved in {place:?}{}",
+            if training.is_put_aside() { &goes_on } else { "" }
         )));
     }
     talk.note(&format!("saved {place:?}"));
@@ -186,7 +269,7 @@ fn finish(
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(&args.executor), talk)?;
+    let mut renderer = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, background, &work)?;
     work.finish();

@@ -1,10 +1,13 @@
 //! The machine: which adapter, what it allows, and what went wrong on it.
 
-use core::fmt;
-use std::sync::{Arc, Mutex};
+use core::{fmt, panic::AssertUnwindSafe};
+use std::{
+    panic,
+    sync::{Arc, Mutex},
+};
 use wgpu::{
-    Adapter, AdapterInfo, Backends, Device, DeviceDescriptor, DeviceType, ExperimentalFeatures, Features, Instance,
-    InstanceDescriptor, Limits, MemoryHints, PollType, Queue, Trace,
+    Adapter, AdapterInfo, Backends, Device, DeviceDescriptor, DeviceLostReason, DeviceType, ExperimentalFeatures,
+    Features, Instance, InstanceDescriptor, Limits, MemoryHints, PollType, Queue, Trace,
 };
 
 /// Why a stage could not run.
@@ -42,7 +45,7 @@ pub enum GpuError {
         limit: u64,
     },
     /// The device is gone.
-    #[error("the device was lost: {reason}; what was saved before can be used on, also by the CPU")]
+    #[error("the device was lost: {reason}; try again, or use the CPU")]
     Lost {
         /// What the driver said.
         reason: String,
@@ -172,7 +175,7 @@ impl Gpu {
         let of_errors = fault.clone();
         device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
         let of_loss = fault.clone();
-        device.set_device_lost_callback(move |_, reason| keep_first(&of_loss, GpuError::Lost { reason }));
+        device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
         Ok(Self { device, queue, info, limits, fault })
     }
 
@@ -196,16 +199,37 @@ impl Gpu {
         self.limits.max_compute_workgroups_per_dimension
     }
 
-    /// What went wrong since the last call, if anything did.
+    /// What went wrong since the last call, if anything did. A device that was lost stays so.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
-        self.fault.lock().expect("nobody panics while noting a fault").take().map_or(Ok(()), Err)
+        let mut fault = self.fault.lock().expect("nobody panics while noting a fault");
+        match &*fault {
+            Some(lost @ GpuError::Lost { .. }) => Err(lost.clone()),
+            _ => fault.take().map_or(Ok(()), Err),
+        }
+    }
+
+    /// Why a call failed that says so itself: what was noted before is the cause, if there is anything.
+    pub(crate) fn cause_of(&self, error: &dyn fmt::Display) -> GpuError {
+        self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
     /// Waits until everything that was submitted is done.
     pub(crate) fn wait(&self) -> Result<(), GpuError> {
-        let waited = self.device.poll(PollType::wait_indefinitely());
+        // wgpu panics where a driver says while it is waited for that the device is gone. By then it has let go of its
+        // locks and told of the loss, and nothing of ours is half done.
+        let poll = || self.device.poll(PollType::wait_indefinitely());
+        let waited = panic::catch_unwind(AssertUnwindSafe(poll));
         self.check()?;
-        waited.map(drop).map_err(|error| GpuError::Lost { reason: error.to_string() })
+        match waited {
+            Ok(waited) => waited.map(drop).map_err(|error| GpuError::Lost { reason: error.to_string() }),
+            Err(_) => Err(GpuError::Lost { reason: "the driver gave it up".to_owned() }),
+        }
+    }
+
+    /// What ends the device when it is called, as a driver may at any time: whatever is asked of it afterwards fails.
+    pub fn fuse(&self) -> impl Fn() + Send + 'static {
+        let device = self.device.clone();
+        move || device.destroy()
     }
 }
 
@@ -216,6 +240,15 @@ fn wanted_limits(adapter: &Limits) -> Limits {
         max_buffer_size: adapter.max_buffer_size,
         ..Limits::default()
     }
+}
+
+/// A loss is the cause of whatever else goes wrong, so it counts more.
+fn keep_loss(fault: &Mutex<Option<GpuError>>, how: DeviceLostReason, reason: String) {
+    let reason = match how {
+        DeviceLostReason::Destroyed => "it was closed".to_owned(),
+        DeviceLostReason::Unknown => reason,
+    };
+    *fault.lock().expect("nobody panics while noting a fault") = Some(GpuError::Lost { reason });
 }
 
 fn keep_first(fault: &Mutex<Option<GpuError>>, error: GpuError) {

@@ -58,12 +58,13 @@ struct Shelf {
 
 impl Shelf {
     /// A buffer of this size, a new one if there is none.
-    fn take(&mut self, gpu: &Gpu, size: u64) -> Buffer {
+    fn take(&mut self, gpu: &Gpu, size: u64) -> Result<Buffer, GpuError> {
         if let Some(place) = self.free.iter().position(|buffer| buffer.size() == size) {
-            return self.free.swap_remove(place);
+            return Ok(self.free.swap_remove(place));
         }
+        let buffer = new_buffer(gpu, size)?;
         self.bytes += size;
-        new_buffer(gpu, size)
+        Ok(buffer)
     }
 }
 
@@ -76,7 +77,7 @@ impl Pool {
             return Err(GpuError::TooLarge { what, bytes, limit });
         }
         let size = size_class(bytes).min(limit);
-        let buffer = self.shelf().take(gpu, size);
+        let buffer = self.shelf().take(gpu, size)?;
         Ok(Array { buffer: Some(buffer), len, pool: self.shelf.clone() })
     }
 
@@ -96,13 +97,15 @@ impl Pool {
     }
 }
 
-fn new_buffer(gpu: &Gpu, size: u64) -> Buffer {
-    gpu.device.create_buffer(&BufferDescriptor {
+/// Where there is no memory for it, that is known at once, and no array is made of nothing.
+fn new_buffer(gpu: &Gpu, size: u64) -> Result<Buffer, GpuError> {
+    let buffer = gpu.device.create_buffer(&BufferDescriptor {
         label: None,
         size,
         usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
         mapped_at_creation: false,
-    })
+    });
+    gpu.check().map(|()| buffer)
 }
 
 /// The next size that buffers are made in.
@@ -117,7 +120,7 @@ pub(crate) fn filled(gpu: &Gpu, bytes: &[u8], usage: BufferUsages) -> Result<Buf
     let size = (bytes.len() as u64).next_multiple_of(4).max(16);
     let buffer = gpu.device.create_buffer(&BufferDescriptor { label: None, size, usage, mapped_at_creation: true });
     let mapped = buffer.get_mapped_range_mut(..);
-    let mut mapped = mapped.map_err(|error| GpuError::Refused { reason: error.to_string() })?;
+    let mut mapped = mapped.map_err(|error| gpu.cause_of(&error))?;
     mapped.slice(..bytes.len()).copy_from_slice(bytes);
     drop(mapped);
     buffer.unmap();
@@ -154,14 +157,52 @@ pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, fir
 pub(crate) fn read(gpu: &Gpu, staging: &Buffer, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
     staging.map_async(MapMode::Read, .., |_| ());
     gpu.wait()?;
-    let view = staging.get_mapped_range(..).map_err(|error| GpuError::Refused { reason: error.to_string() })?;
+    let view = staging.get_mapped_range(..).map_err(|error| gpu.cause_of(&error))?;
     take(&view);
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::size_class;
+    use super::*;
+
+    /// What a process may address where memory is to run out, in KiB: a driver and a few arrays fit.
+    const LITTLE: u64 = 6 << 20;
+
+    #[test]
+    #[ignore = "takes all memory of its process; another test runs it in one that has little"]
+    fn an_array_that_does_not_fit_is_refused_and_others_still_fit() {
+        let gpu = Gpu::new("").expect("there is an adapter, or this is not run");
+        let pool = Pool::default();
+        let len = gpu.binding_max() as usize / 4;
+        let most = (2 * LITTLE * 1024 / gpu.binding_max()) as usize;
+        let taken: Vec<Result<Array, GpuError>> = (0..most).map(|_| pool.take(&gpu, "too much", len)).collect();
+        assert!(taken[0].is_ok(), "one fits");
+        let refused: Vec<&GpuError> = taken.iter().filter_map(|array| array.as_ref().err()).collect();
+        assert!(refused.iter().all(|error| **error == GpuError::OutOfMemory), "{refused:?}");
+        assert!(!refused.is_empty(), "{most} arrays fit where half of them should not");
+        drop(taken);
+        pool.forget();
+        gpu.wait().expect("the device is still there");
+        pool.take(&gpu, "little", 1000).expect("there is memory again");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn memory_that_runs_out_is_no_panic() {
+        if let Err(error) = Gpu::new("") {
+            assert!(std::env::var_os("CI").is_none(), "CI needs an adapter: {error}");
+            eprintln!("NOT TESTED, because {error}");
+            return;
+        }
+        let name = "memory::tests::an_array_that_does_not_fit_is_refused_and_others_still_fit";
+        let script = format!("ulimit -v {LITTLE} && exec \"$0\" --ignored --exact {name}");
+        let tests = std::env::current_exe().expect("this is a program");
+        let output =
+            std::process::Command::new("sh").args(["-c", &script]).arg(tests).output().expect("there is a shell");
+        let told = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && told.contains("1 passed"), "{told}");
+    }
 
     #[test]
     fn sizes_come_in_few_steps_and_waste_a_quarter_at_most() {

@@ -208,6 +208,38 @@ pub enum Error {
         /// Rows.
         height: usize,
     },
+    /// No training was put aside in a folder.
+    #[error(
+        "no checkpoint.safetensors in {path:?}; a training writes one every --checkpoint-every steps, on Ctrl-C and at \
+         its end: name its folder, or start without --resume"
+    )]
+    NoCheckpoint {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A checkpoint that says or holds something else than it should.
+    #[error("cannot read {place} of the checkpoint {path:?}: {cause}; copy the file again, or start without --resume")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// The header, or a tensor.
+        place: String,
+        /// What is wrong with it.
+        cause: String,
+    },
+    /// A checkpoint of another version of the format.
+    #[error(
+        "the checkpoint {path:?} is of format {found}, and this program knows format {known}; go on with the program \
+         that wrote it, or start without --resume"
+    )]
+    CheckpointFormat {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        found: u32,
+        /// The format that is known.
+        known: u32,
+    },
     /// No trained model in a folder.
     #[error(
         "no point_cloud/iteration_{iteration}/point_cloud.ply in {path:?}; name the folder that training wrote to, \

@@ -9,8 +9,10 @@
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
+//! * [`checkpoint`]: a training put aside, so that it can go on
 
 pub mod cameras;
+pub mod checkpoint;
 mod cube;
 pub mod dataset;
 mod error;

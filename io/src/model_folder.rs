@@ -9,6 +9,7 @@
 //!         cfg_args                                  settings, as Python prints them
 //!         specula.json                              settings, as specula reads them
 //!         results.json, per_view.json               quality on the test views
+//!         checkpoint.safetensors                    a training put aside; see [`crate::checkpoint`]
 //! ```
 
 use crate::{
@@ -98,6 +99,11 @@ pub fn save_inputs(
     cameras::write(&folder.join("cameras.json"), &[test, train].concat())?;
     points_ply::write(&folder.join("input.ply"), points)?;
     whole_file::write_bytes(&folder.join("cfg_args"), namespace(cfg_args).as_bytes())
+}
+
+/// Removes what a program that was killed had half written; a folder that is not there has nothing of the kind.
+pub fn remove_unfinished(folder: &Path) {
+    whole_file::remove_unfinished(folder);
 }
 
 /// Writes a model at an iteration. Earlier iterations stay.

@@ -10,6 +10,8 @@ use tempfile::{Builder, NamedTempFile};
 
 /// Bytes gathered before they go to the operating system.
 const BUFFER_SIZE: usize = 1 << 20;
+/// How the names of files begin that are not finished.
+const UNFINISHED: &str = ".unfinished-";
 
 /// Writes a file with `fill`, making its folder where there is none; until all is written, nothing is seen of it.
 pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> Result<()> {
@@ -43,10 +45,20 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
+/// Removes files of a folder that were being written when their program was killed. What cannot be removed stays: it
+/// is in nobody's way but for its size.
+pub(crate) fn remove_unfinished(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    let is_unfinished = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(UNFINISHED);
+    for entry in entries.flatten().filter(is_unfinished) {
+        let _ = fs::remove_file(entry.path());
+    }
+}
+
 /// A file without a name that lasts, with the permissions of any other new file.
 fn temporary(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
-    builder.prefix(".unfinished-");
+    builder.prefix(UNFINISHED);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
@@ -79,6 +91,16 @@ mod tests {
         assert!(sentence.contains("a.txt") && sentence.contains("make room"), "{sentence}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file stayed behind");
+    }
+
+    #[test]
+    fn what_a_killed_program_left_is_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = temporary(folder.path()).unwrap().keep().unwrap();
+        write_bytes(&folder.path().join("a.txt"), b"").unwrap();
+        assert!(kept.1.is_file(), "a program that is killed leaves its file");
+        remove_unfinished(folder.path());
+        assert!(!kept.1.is_file() && folder.path().join("a.txt").is_file(), "the wrong file is gone");
     }
 
     #[test]

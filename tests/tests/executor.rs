@@ -318,7 +318,7 @@ fn train_with_pause(threads: usize, name: &str, pause: Option<u32>) -> HostScene
             if Some(trainer.iteration()) == pause {
                 let snapshot = trainer.snapshot().expect("the CPU gives back");
                 trainer =
-                    Trainer::resume(CpuExecutor::new(), settings.clone(), &views, snapshot).expect("there are views");
+                    Trainer::resume(CpuExecutor::new(), settings.clone(), &views, &snapshot).expect("there are views");
             }
             trainer.step().expect("the CPU trains");
         }

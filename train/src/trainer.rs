@@ -43,6 +43,12 @@ pub enum TrainError<E> {
         "a training needs at least one point to start from, and there is none; give a point cloud or more random points"
     )]
     NoPoints,
+    /// What was learned does not belong to the run that is to go on from it.
+    #[error("what was learned is not of a training with these settings and views: {what}")]
+    OtherRun {
+        /// What does not fit.
+        what: &'static str,
+    },
     /// The executor failed.
     #[error(transparent)]
     Executor(#[from] E),
@@ -81,7 +87,7 @@ impl<E: Executor> Trainer<E> {
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = start_light(&settings.profile);
-        Self::resume(exec, settings, views, Snapshot::start(start, light))
+        Self::resume(exec, settings, views, &Snapshot::start(start, light))
     }
 
     /// A run that goes on from what another had learned, with the same settings and views; on the same kind of executor
@@ -90,37 +96,39 @@ impl<E: Executor> Trainer<E> {
         mut exec: E,
         settings: Settings,
         views: &[View],
-        snapshot: Snapshot,
+        snapshot: &Snapshot,
     ) -> Result<Self, TrainError<E::Error>> {
         if views.is_empty() {
             return Err(TrainError::NoViews);
         }
+        snapshot.belongs_to(&settings, views.len()).map_err(|what| TrainError::OtherRun { what })?;
         let halved: Vec<View> = if settings.profile.coarse_until > 0.0 && all_can_be_halved(views) {
             views.iter().map(View::halved).collect()
         } else {
             Vec::new()
         };
         let Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite } = snapshot;
-        let HostScene { gaussians: Gaussians { count, layout, values }, environment } = scene;
-        let light = environment.zip(light_moments).map(|(light, moments)| -> Result<_, E::Error> {
-            let Environment { resolution, activation, values } = light;
-            let light = Environment { resolution, activation, values: exec.upload(&values)? };
-            Ok((light, upload_moments(&mut exec, &moments)?))
+        let HostScene { gaussians, environment } = scene;
+        let light = environment.as_ref().zip(light_moments.as_ref()).map(|(light, moments)| -> Result<_, E::Error> {
+            let Environment { resolution, activation, ref values } = *light;
+            let light = Environment { resolution, activation, values: exec.upload(values)? };
+            Ok((light, upload_moments(&mut exec, moments)?))
         });
+        let Gaussians { count, layout, ref values } = *gaussians;
         Ok(Self {
             light: light.transpose()?,
-            gaussians: Gaussians { count, layout, values: exec.upload(&values)? },
-            moments: upload_moments(&mut exec, &moments)?,
+            gaussians: Gaussians { count, layout, values: exec.upload(values)? },
+            moments: upload_moments(&mut exec, moments)?,
             statistics: Statistics {
                 grad_sum: exec.upload(&statistics.grad_sum)?,
                 view_count: exec.upload(&statistics.view_count)?,
             },
             pictures: [upload_pictures(&mut exec, views)?, upload_pictures(&mut exec, &halved)?],
             extent: extent_of(views),
-            iteration,
-            order,
-            psnr,
-            nonfinite,
+            iteration: *iteration,
+            order: order.clone(),
+            psnr: *psnr,
+            nonfinite: *nonfinite,
             settings,
             exec,
         })
@@ -296,14 +304,22 @@ impl<E: Executor> Trainer<E> {
 /// What a run has learned, on the host: enough for it to go on, on any executor.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    scene: HostScene,
-    moments: Moments<Vec<f32>>,
-    statistics: Statistics<Vec<f32>>,
-    light_moments: Option<Moments<Vec<f32>>>,
-    iteration: u32,
-    order: Vec<usize>,
-    psnr: Option<f64>,
-    nonfinite: usize,
+    /// Gaussians, and the light if there is one.
+    pub scene: HostScene,
+    /// Adam's moments of the Gaussians.
+    pub moments: Moments<Vec<f32>>,
+    /// What densification has seen since it last acted, a number for each Gaussian.
+    pub statistics: Statistics<Vec<f32>>,
+    /// Adam's moments of the light.
+    pub light_moments: Option<Moments<Vec<f32>>>,
+    /// Steps that were taken.
+    pub iteration: u32,
+    /// Views that come before any comes again, the next one last.
+    pub order: Vec<usize>,
+    /// PSNR of the training pictures, in dB, a running mean.
+    pub psnr: Option<f64>,
+    /// Gradients left out so far because they were not finite.
+    pub nonfinite: usize,
 }
 
 impl Snapshot {
@@ -322,9 +338,32 @@ impl Snapshot {
         }
     }
 
-    /// Steps that were taken.
-    pub fn iteration(&self) -> u32 {
-        self.iteration
+    /// Whether a run with these settings and so many views can go on from here; if not, what does not fit.
+    fn belongs_to(&self, settings: &Settings, view_count: usize) -> Result<(), &'static str> {
+        let HostScene { gaussians: Gaussians { count, layout, values }, environment } = &self.scene;
+        let profile = &settings.profile;
+        let has_moments =
+            |moments: &Moments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
+        let is_light = match (environment, &self.light_moments, profile.light) {
+            (Some(light), Some(moments), Some(start)) => {
+                let len = light.len_of_values();
+                (light.resolution, light.activation) == (start.resolution, start.activation)
+                    && light.values.len() == len
+                    && has_moments(moments, len)
+            }
+            (None, None, None) => true,
+            _ => false,
+        };
+        let Statistics { grad_sum, view_count: seen } = &self.statistics;
+        let checks = [
+            (*layout == profile.layout, "the Gaussians have other attributes"),
+            (values.len() == len_of_values(*count, *layout), "numbers of Gaussians are missing"),
+            (has_moments(&self.moments, values.len()), "moments of Gaussians are missing"),
+            ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
+            (is_light, "the light is another"),
+            (self.order.iter().all(|view| *view < view_count), "there are fewer views"),
+        ];
+        checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
     }
 }
 

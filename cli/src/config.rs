@@ -1,0 +1,196 @@
+//! Settings of a training as a file: every line of `config.toml` is an option of `specula train`.
+
+use crate::{
+    args::{Arguments, Command, Train},
+    failure::Failure,
+    output,
+};
+use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
+use specula_io::{Error, checkpoint};
+use std::{
+    ffi::OsString,
+    fs,
+    path::{Path, PathBuf},
+};
+use toml::{Table, Value};
+
+/// What may be other when a training goes on: where and for how long it computes, and what is looked at on the way.
+/// Whether a data set is the same is not told by its path.
+const FREE: [&str; 6] =
+    ["iterations", "executor", "checkpoint-every", "save-iterations", "test-iterations", "source-path"];
+/// What a file of settings is for.
+const NAME: &str = "config.toml";
+
+/// The arguments with those of a file beneath them, where they ask for one: what is given on the command line counts.
+pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
+    let Command::Train(train) = &arguments.command else { return Ok(arguments) };
+    let folder = &train.model_path;
+    if train.again.resume && !checkpoint::place(folder).is_file() {
+        return Err(Error::NoCheckpoint { path: folder.clone() }.into());
+    }
+    let saved = train.again.resume.then(|| folder.join(NAME));
+    match train.again.config.clone().or(saved) {
+        Some(path) => over(&path, &std::env::args_os().collect::<Vec<_>>()),
+        None => Ok(arguments),
+    }
+}
+
+/// The words of a command line over the settings of a file.
+fn over(path: &Path, words: &[OsString]) -> Result<Arguments, Failure> {
+    let text = fs::read_to_string(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    let wrong = |cause: &str| Failure::Input(format!("cannot understand {path:?}: {cause}"));
+    let table: Table = text.parse().map_err(|error: toml::de::Error| wrong(&first_line(&error, &text)))?;
+
+    let command = Arguments::command();
+    let matches = command.clone().try_get_matches_from(words)?;
+    let given = matches.subcommand_matches("train").expect("only a training has a file of settings");
+    let mut train = command.find_subcommand("train").expect("it is there").clone();
+    train.build();
+    let given: Vec<&Arg> = train
+        .get_arguments()
+        .filter(|arg| matches!(given.value_source(arg.get_id().as_str()), Some(ValueSource::CommandLine)))
+        .collect();
+    let is_overridden = |arg: &Arg| {
+        let excludes = |one: &Arg, other: &Arg| train.get_arg_conflicts_with(one).contains(&other);
+        given.iter().any(|other| *other == arg || excludes(arg, other) || excludes(other, arg))
+    };
+
+    let mut beneath = Vec::new();
+    for (key, value) in &table {
+        let known = train.get_arguments().find(|arg| arg.get_long() == Some(key));
+        let arg = known.ok_or_else(|| wrong(&format!("{key:?} is no option of specula train")))?;
+        if !is_overridden(arg) {
+            let word =
+                word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
+            beneath.extend(word.map(OsString::from));
+        }
+    }
+    let place = 1 + words.iter().position(|word| word == "train").expect("a training is asked for");
+    let all = [&words[..place], &beneath, &words[place..]].concat();
+    Arguments::try_parse_from(all).map_err(|error| wrong(&crate::failure::sentence_of(&error)))
+}
+
+/// What the parser said, with its line.
+fn first_line(error: &toml::de::Error, text: &str) -> String {
+    let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+    format!("line {line}: {}", error.message())
+}
+
+/// A setting as it is typed; none where it says what holds in any case. `None` where it is no setting.
+fn word(key: &str, value: &Value) -> Option<Option<String>> {
+    let joined = |values: &[Value]| values.iter().map(plain).collect::<Option<Vec<String>>>().map(|all| all.join(","));
+    Some(match value {
+        Value::Boolean(is_on) => is_on.then(|| format!("--{key}")),
+        Value::Array(values) if values.is_empty() => None,
+        Value::Array(values) => Some(format!("--{key}={}", joined(values)?)),
+        other => Some(format!("--{key}={}", plain(other)?)),
+    })
+}
+
+fn plain(value: &Value) -> Option<String> {
+    match value {
+        Value::String(text) => Some(text.clone()),
+        Value::Integer(number) => Some(number.to_string()),
+        Value::Float(number) => Some(number.to_string()),
+        _ => None,
+    }
+}
+
+/// Settings of a training, as its `config.toml` says them; paths do not depend on the working folder.
+pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
+    let mut args = args.clone();
+    args.start.points = args.start.points.map(|path| absolute(&path));
+    let unfit = |error: &dyn core::fmt::Display| Failure::Input(format!("cannot write the settings: {error}"));
+    let mut table = Table::new();
+    table.insert("source-path".into(), output::absolute(args.source()?).into());
+    table.extend(Table::try_from(&args).map_err(|error| unfit(&error))?);
+    toml::to_string(&table).map_err(|error| unfit(&error))
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    output::absolute(path).into()
+}
+
+/// Writes the settings of a training beside its model.
+pub(crate) fn save(folder: &Path, text: &str) -> Result<(), Failure> {
+    output::write_text(&folder.join(NAME), text)
+}
+
+/// What two files of settings say otherwise of what shapes a model, as words for a sentence.
+pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
+    let [now, then] = [now, then].map(|text| text.parse::<Table>().unwrap_or_default());
+    let said = |table: &Table, key: &str| match table.get(key) {
+        Some(value) => format!("--{key} {}", plain(value).unwrap_or_else(|| value.to_string())),
+        None => format!("no --{key}"),
+    };
+    let mut keys = now.keys().chain(then.keys()).filter(|key| !FREE.contains(&key.as_str()));
+    let key = keys.find(|key| now.get(*key) != then.get(*key))?;
+    Some(format!("{}, not {}", said(&then, key), said(&now, key)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Vec<OsString> {
+        line.split(' ').map(OsString::from).collect()
+    }
+
+    fn train_of(arguments: Arguments) -> Train {
+        match arguments.command {
+            Command::Train(train) => *train,
+            other => panic!("{other:?} is no training"),
+        }
+    }
+
+    fn config(text: &str) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().expect("there is room");
+        let path = folder.path().join(NAME);
+        fs::write(&path, text).expect("there is room");
+        (folder, path)
+    }
+
+    #[test]
+    fn settings_come_back_from_their_file_and_the_command_line_counts_more() {
+        let line = "specula train data -m out --profile paper --densify-grad-threshold 1.9e-4 --no-sparse -w \
+                    --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1";
+        let one = train_of(Arguments::parse_from(words(line)));
+        let text = text_of(&one).expect("paths are UTF-8");
+        let (_folder, path) = config(&text);
+
+        let again = train_of(over(&path, &words("specula --quiet train -m other --config x")).expect("it was written"));
+        assert_eq!(text_of(&again).expect("paths are UTF-8"), text);
+        let changed = "specula train drums -m other --config x --save-iterations 5 --points p.ply --profile 3dgs \
+                       --background black";
+        let changed = train_of(over(&path, &words(changed)).expect("it was written"));
+        assert_eq!((changed.save_iterations.as_slice(), changed.start.random_points), (&[5][..], None));
+        assert_eq!((changed.white_background, changed.dataset), (false, Some("drums".into())));
+        assert_eq!(changed.losses.lambda_normal, Some(0.1), "what is not given comes from the file");
+    }
+
+    #[test]
+    fn a_file_that_is_wrong_is_refused_with_its_place() {
+        for (text, word) in [
+            ("iterations = 7\nprofile = ", "line 2"),
+            ("lambda-norm = 1", "lambda-norm"),
+            ("iterations = 0", "0"),
+            ("profile = \"best\"", "best"),
+            ("seed = {}", "seed"),
+            ("[losses]\nlambda-normal = 1", "losses"),
+        ] {
+            let (_folder, path) = config(text);
+            let refused = over(&path, &words("specula train data -m out --config x")).map(train_of);
+            let sentence = refused.expect_err("it is wrong").to_string();
+            assert!(sentence.contains(NAME) && sentence.contains(word), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn only_what_shapes_a_model_contradicts() {
+        assert_eq!(contradiction("iterations = 9\nseed = 1", "iterations = 7\nseed = 1\nexecutor = \"cpu\""), None);
+        let other = contradiction("profile = \"paper\"", "profile = \"specula\"");
+        assert_eq!(other.as_deref(), Some("--profile specula, not --profile paper"));
+        let added = contradiction("lambda-normal = 0.5", "");
+        assert_eq!(added.as_deref(), Some("no --lambda-normal, not --lambda-normal 0.5"));
+    }
+}

@@ -1,0 +1,202 @@
+//! Trainings that are interrupted, killed and taken up again, through the program.
+
+mod tiny;
+
+use assert_cmd::cargo::cargo_bin;
+use core::time::Duration;
+use serde_json::Value;
+use specula_core::random;
+use specula_io::{checkpoint, model_folder::gaussians_at};
+use std::{fs, path::Path, process::Stdio, thread};
+use tiny::{Tiny, specula, train};
+
+/// Steps of a training that is interrupted.
+const ITERATIONS: u32 = 120;
+/// Words of such a training; densification takes part.
+const WORDS: [&str; 10] = [
+    "--iterations",
+    "120",
+    "--random-points",
+    "200",
+    "--light-resolution",
+    "16",
+    "--densification-interval",
+    "10",
+    "--checkpoint-every",
+    "1",
+];
+
+/// What a training leaves: Gaussians and light, to the last bit.
+fn model_of(folder: &Path, iteration: u32) -> [Vec<u8>; 2] {
+    [gaussians_at(folder, iteration), specula_io::model_folder::light_at(folder, iteration)]
+        .map(|path| fs::read(path).unwrap())
+}
+
+fn started(tiny: &Tiny, model: &str) -> assert_cmd::Command {
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model)).args(WORDS).args(["--executor", "cpu"]);
+    command
+}
+
+fn resumed(tiny: &Tiny, model: &str) -> assert_cmd::Command {
+    let mut command = specula();
+    command.arg("train").arg("-m").arg(tiny.path(model)).arg("--resume");
+    command
+}
+
+/// What a command says on stderr when it is refused.
+fn refusal(command: &mut assert_cmd::Command) -> String {
+    let output = command.assert().code(2).get_output().clone();
+    String::from_utf8(output.stderr).unwrap()
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[cfg(unix)]
+mod killed {
+    use super::*;
+    use std::process::{Child, Command};
+
+    /// The training of `WORDS` as a process: from its start, or from its checkpoint where there is one.
+    fn spawned(tiny: &Tiny, model: &str) -> Child {
+        let mut command = Command::new(cargo_bin!("specula"));
+        command.arg("train").arg("-m").arg(tiny.path(model));
+        if checkpoint::place(&tiny.path(model)).is_file() {
+            command.arg("--resume");
+        } else {
+            command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu"]);
+        }
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    }
+
+    /// Sends a signal after some time, and waits for the end.
+    fn end(mut child: Child, signal: &str, milliseconds: u64) -> Option<i32> {
+        thread::sleep(Duration::from_millis(milliseconds));
+        Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status().unwrap();
+        child.wait().unwrap().code()
+    }
+
+    /// Ends a training again and again, wherever it happens to be; then lets it come to its end.
+    fn ends_as_if_nothing_had_happened(signal: &str, codes: &[Option<i32>]) {
+        const TIMES: u64 = 6;
+        const LONGEST: u64 = 500;
+        let tiny = Tiny::new();
+        started(&tiny, "whole").assert().success();
+        let model = tiny.path("model");
+        for k in 0..TIMES {
+            let code = end(spawned(&tiny, "model"), signal, random::bits(5, 0, k) % LONGEST);
+            assert!(codes.contains(&code), "{signal} ended the program with {code:?}");
+            if checkpoint::place(&model).is_file() {
+                let saved = checkpoint::read(&model).unwrap();
+                assert!(saved.facts.iteration <= ITERATIONS, "a checkpoint from beyond the end");
+            }
+        }
+        assert!(spawned(&tiny, "model").wait().unwrap().success(), "nothing ended the last one");
+        assert!(model_of(&model, ITERATIONS) == model_of(&tiny.path("whole"), ITERATIONS), "the models differ");
+        let names = fs::read_dir(&model).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let left: Vec<String> = names.filter(|name| name.starts_with('.')).collect();
+        assert!(left.is_empty(), "{left:?} stayed behind");
+    }
+
+    #[test]
+    fn a_training_that_is_killed_goes_on_to_the_same_bits() {
+        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)]);
+    }
+
+    #[test]
+    fn a_training_that_is_interrupted_goes_on_to_the_same_bits() {
+        // Before it watches for signals, one ends it as it ends any program.
+        ends_as_if_nothing_had_happened("-INT", &[None, Some(130), Some(0)]);
+    }
+}
+
+#[test]
+fn a_finished_training_goes_on_for_longer() {
+    let tiny = Tiny::new();
+    let model = tiny.path("model");
+    train(&tiny, "model").args(["--eval", "--test-iterations", "10"]).assert().success();
+    assert!(resumed(&tiny, "model").output().unwrap().status.success(), "there is nothing left to do, which is fine");
+    let output = resumed(&tiny, "model").args(["--iterations", "40"]).output().unwrap();
+    let talk = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && talk.contains("going on from iteration 30 of 40"), "{talk}");
+
+    let timeline = json(&model.join("timeline.json"));
+    let seconds = ["ours_10", "ours_30", "ours_40"].map(|key| timeline[key]["seconds"].as_f64().unwrap());
+    assert!(seconds.is_sorted(), "time goes on: {seconds:?}");
+    assert_eq!(json(&model.join("specula.json"))["iterations"], 40);
+    assert_eq!(checkpoint::read(&model).unwrap().facts.iteration, 40);
+
+    // And once more, as it was told the last time.
+    resumed(&tiny, "model").assert().success();
+    let fewer = refusal(resumed(&tiny, "model").args(["--iterations", "39"]));
+    assert!(fewer.contains("iteration 40") && fewer.contains("--iterations 39"), "{fewer}");
+}
+
+#[test]
+fn only_the_same_training_goes_on() {
+    let tiny = Tiny::new();
+    let nothing = refusal(&mut resumed(&tiny, "model"));
+    assert!(nothing.contains("no checkpoint.safetensors") && !tiny.path("model").exists(), "{nothing}");
+
+    train(&tiny, "model").assert().success();
+    let before = fs::read(checkpoint::place(&tiny.path("model"))).unwrap();
+    for (words, expected) in [
+        (&["--profile", "paper"][..], "--profile specula, not --profile paper"),
+        (&["--seed", "1"], "--seed 0, not --seed 1"),
+        (&["--lambda-normal", "0.5"], "no --lambda-normal"),
+        (&["--eval"], "--eval"),
+        (&["--resolution", "2"], "--resolution"),
+        (&["--light-resolution", "32"], "--light-resolution 16"),
+    ] {
+        let sentence = refusal(resumed(&tiny, "model").args(words));
+        assert!(sentence.contains(expected) && sentence.contains("checkpoint.safetensors"), "{sentence}");
+        assert_eq!(sentence.lines().count(), 1, "one sentence is expected: {sentence}");
+    }
+    let picture = tiny.file("train/r_3.png");
+    let kept = fs::read(&picture).unwrap();
+    fs::copy(tiny.file("train/r_4.png"), &picture).unwrap();
+    let sentence = refusal(&mut resumed(&tiny, "model"));
+    assert!(sentence.contains("11 pictures") && sentence.contains("not the same"), "{sentence}");
+    fs::write(&picture, kept).unwrap();
+
+    fs::write(checkpoint::place(&tiny.path("model")), &before[..before.len() / 2]).unwrap();
+    let sentence = refusal(&mut resumed(&tiny, "model"));
+    assert!(sentence.contains("checkpoint.safetensors") && sentence.contains("copy the file again"), "{sentence}");
+    fs::write(checkpoint::place(&tiny.path("model")), &before).unwrap();
+
+    // A data set that was moved is still the same.
+    fs::rename(tiny.data(), tiny.path("moved")).unwrap();
+    assert!(refusal(&mut resumed(&tiny, "model")).contains("data"), "the old place is named");
+    resumed(&tiny, "model").arg(tiny.path("moved")).assert().success();
+}
+
+#[test]
+fn settings_of_one_training_are_those_of_another() {
+    let tiny = Tiny::new();
+    train(&tiny, "one").args(["--no-sparse", "--save-iterations", "5"]).assert().success();
+    let mut other = specula();
+    other.arg("train").arg("-m").arg(tiny.path("other")).arg("--config").arg(tiny.path("one/config.toml"));
+    other.assert().success();
+    for iteration in [5, 30] {
+        let [one, other] = ["one", "other"].map(|model| model_of(&tiny.path(model), iteration));
+        assert!(one == other, "the models differ");
+    }
+}
+
+#[test]
+fn another_executor_goes_on() {
+    let report = specula().args(["doctor", "--json"]).output().unwrap();
+    let report: Value = serde_json::from_slice(&report.stdout).unwrap();
+    if report["adapters"].as_array().unwrap().is_empty() {
+        assert!(std::env::var_os("CI").is_none(), "CI needs an adapter");
+        eprintln!("NOT TESTED, because there is no adapter");
+        return;
+    }
+    let tiny = Tiny::new();
+    train(&tiny, "model").args(["--executor", "cpu"]).assert().success();
+    resumed(&tiny, "model").args(["--executor", "gpu", "--iterations", "32"]).assert().success();
+    resumed(&tiny, "model").args(["--executor", "cpu", "--iterations", "34"]).assert().success();
+    assert!(gaussians_at(&tiny.path("model"), 34).is_file(), "the processor ends what the device went on with");
+}

@@ -1,0 +1,340 @@
+//! A training put aside: `checkpoint.safetensors` in the folder of a model.
+//!
+//! ```text
+//! length of the header, 8 bytes
+//! header: JSON of safetensors; "__metadata__" has one entry, "specula", which is JSON again
+//! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16]: parameters and Adam's moments
+//! grad_sum, view_count                          f32 [Gaussians]: what densification has seen
+//! light, light.mean, light.square               f32 [6, resolution, resolution, 3], where there is a light
+//! order                                         u32 [views]: those that come before any comes again
+//! ```
+//!
+//! All numbers are little-endian. No memory is asked for before the size of the file says that it can be filled.
+
+use crate::{
+    error::{Error, Result},
+    whole_file,
+};
+use core::fmt::Display;
+use safetensors::{
+    Dtype,
+    tensor::{Metadata, TensorInfo},
+};
+use serde::{Deserialize, Serialize};
+use specula_core::{
+    cubemap::FACE_COUNT,
+    executor::{Moments, Statistics},
+    scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
+};
+use std::{
+    collections::HashMap,
+    fs::File,
+    io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+/// Version of the format, which changes when an older program would misread a file.
+const FORMAT: u32 = 1;
+/// The entry of the header's metadata that is ours.
+const KEY: &str = "specula";
+/// Bytes that say how long the header is.
+const LENGTH_SIZE: u64 = 8;
+/// The longest header that is read: a thousand times what is written.
+const HEADER_MAX: u64 = 1 << 22;
+/// Numbers turned into bytes at once.
+const PIECE: usize = 1 << 16;
+
+/// Everything that a training needs to go on.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    /// The Gaussians.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// Adam's moments of the Gaussians.
+    pub moments: Moments<Vec<f32>>,
+    /// What densification has seen since it last acted.
+    pub statistics: Statistics<Vec<f32>>,
+    /// The light and its moments, where there is one.
+    pub light: Option<(Environment<Vec<f32>>, Moments<Vec<f32>>)>,
+    /// Views that come before any comes again, the next one last.
+    pub order: Vec<u32>,
+    /// What else is to be known.
+    pub facts: Facts,
+}
+
+/// How far a training had come, and what it was told.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Facts {
+    /// Version of the program.
+    pub program: String,
+    /// Steps taken.
+    pub iteration: u32,
+    /// Steps of the whole training.
+    pub iterations: u32,
+    /// Seconds that they took.
+    pub seconds: f64,
+    /// PSNR of the training pictures, in dB, a running mean.
+    pub psnr: Option<f64>,
+    /// Gradients left out because they were not finite.
+    pub nonfinite: usize,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// What was asked for: the text of `config.toml`.
+    pub config: String,
+    /// What that came to, every number of it.
+    pub settings: String,
+    /// How many pictures there are.
+    pub views: usize,
+    /// A sum over names, cameras and pixels, which tells one data set from another.
+    pub pictures: String,
+}
+
+/// What the header says beside the tensors.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    format: u32,
+    facts: Facts,
+    gaussians: usize,
+    is_shaded: bool,
+    sh_degree: Option<u8>,
+    light: Option<LightHeader>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct LightHeader {
+    resolution: usize,
+    is_exponential: bool,
+}
+
+/// What every version of the header says.
+#[derive(Deserialize)]
+struct AnyHeader {
+    format: u32,
+}
+
+/// Where the checkpoint of a model is.
+pub fn place(folder: &Path) -> PathBuf {
+    folder.join("checkpoint.safetensors")
+}
+
+/// Writes the checkpoint of a model in place of the one before.
+pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
+    whole_file::write(&place(folder), |out| {
+        let tensors = tensors_of(checkpoint);
+        let header = header_bytes(checkpoint, &tensors)?;
+        out.write_all(&(header.len() as u64).to_le_bytes())?;
+        out.write_all(&header)?;
+        tensors.iter().try_for_each(|tensor| write_words(out, tensor.words))
+    })
+}
+
+/// A tensor that is written: its name, type and shape, and its numbers as words of 32 bits.
+struct Tensor<'a> {
+    name: &'static str,
+    dtype: Dtype,
+    shape: Vec<usize>,
+    words: &'a [u32],
+}
+
+fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
+    let Checkpoint { gaussians, moments, statistics, light, order, .. } = checkpoint;
+    let blocks = shape_of_gaussians(gaussians.count, gaussians.layout);
+    let mut tensors = vec![
+        numbers("gaussians", &blocks, &gaussians.values),
+        numbers("gaussians.mean", &blocks, &moments.mean),
+        numbers("gaussians.square", &blocks, &moments.square),
+        numbers("grad_sum", &[gaussians.count], &statistics.grad_sum),
+        numbers("view_count", &[gaussians.count], &statistics.view_count),
+    ];
+    if let Some((light, moments)) = light {
+        let faces = shape_of_light(light.resolution);
+        tensors.push(numbers("light", &faces, &light.values));
+        tensors.push(numbers("light.mean", &faces, &moments.mean));
+        tensors.push(numbers("light.square", &faces, &moments.square));
+    }
+    tensors.push(Tensor { name: "order", dtype: Dtype::U32, shape: vec![order.len()], words: order });
+    tensors
+}
+
+fn numbers<'a>(name: &'static str, shape: &[usize], values: &'a [f32]) -> Tensor<'a> {
+    Tensor { name, dtype: Dtype::F32, shape: shape.to_vec(), words: bytemuck::cast_slice(values) }
+}
+
+fn shape_of_gaussians(count: usize, layout: Layout) -> [usize; 3] {
+    [count.div_ceil(BLOCK), layout.plane_count(), BLOCK]
+}
+
+fn shape_of_light(resolution: usize) -> [usize; 4] {
+    [FACE_COUNT, resolution, resolution, 3]
+}
+
+fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<Vec<u8>> {
+    let Checkpoint { gaussians, light, facts, .. } = checkpoint;
+    let header = Header {
+        format: FORMAT,
+        facts: facts.clone(),
+        gaussians: gaussians.count,
+        is_shaded: gaussians.layout.is_shaded(),
+        sh_degree: gaussians.layout.sh_degree,
+        light: light.as_ref().map(|(light, _)| LightHeader {
+            resolution: light.resolution,
+            is_exponential: light.activation == RadianceActivation::Exponential,
+        }),
+    };
+    let ours = HashMap::from([(KEY.to_owned(), serde_json::to_string(&header)?)]);
+    let mut start = 0;
+    let infos = tensors.iter().map(|Tensor { name, dtype, shape, words }| {
+        let end = start + size_of_val(*words);
+        let info = TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets: (start, end) };
+        start = end;
+        ((*name).to_owned(), info)
+    });
+    let metadata = Metadata::new(Some(ours), infos.collect()).map_err(io::Error::other)?;
+    let mut bytes = serde_json::to_vec(&metadata)?;
+    // Tensors begin at a multiple of eight bytes.
+    bytes.resize(bytes.len().next_multiple_of(LENGTH_SIZE as usize), b' ');
+    Ok(bytes)
+}
+
+fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
+    words.chunks(PIECE).try_for_each(|piece| {
+        let bytes: Vec<[u8; 4]> = piece.iter().map(|word| word.to_le_bytes()).collect();
+        out.write_all(bytes.as_flattened())
+    })
+}
+
+/// Reads the checkpoint of a model.
+pub fn read(folder: &Path) -> Result<Checkpoint> {
+    let mut reader = Reader::open(folder)?;
+    let Header { facts, gaussians: count, is_shaded, sh_degree, light, .. } = reader.header()?;
+    if sh_degree.is_some_and(|degree| degree > 3) {
+        return Err(reader.refuse("the header", "harmonics have a degree from 0 to 3"));
+    }
+    let appearance = if is_shaded { Appearance::Shaded } else { Appearance::Radiance };
+    let layout = Layout { appearance, sh_degree };
+    let blocks = shape_of_gaussians(count, layout);
+    let values = reader.numbers("gaussians", &blocks)?;
+    Ok(Checkpoint {
+        gaussians: Gaussians { count, layout, values },
+        moments: reader.moments(["gaussians.mean", "gaussians.square"], &blocks)?,
+        statistics: Statistics {
+            grad_sum: reader.numbers("grad_sum", &[count])?,
+            view_count: reader.numbers("view_count", &[count])?,
+        },
+        light: light.map(|light| reader.light(light)).transpose()?,
+        order: reader.order()?,
+        facts,
+    })
+}
+
+/// A checkpoint whose header has been understood.
+struct Reader {
+    path: PathBuf,
+    file: File,
+    /// Where the tensors begin.
+    start: u64,
+    metadata: Metadata,
+}
+
+impl Reader {
+    /// Reads the header, and makes sure that the tensors that it names fill the file.
+    fn open(folder: &Path) -> Result<Self> {
+        let path = place(folder);
+        let mut file = match File::open(&path) {
+            Err(cause) if cause.kind() == ErrorKind::NotFound => {
+                return Err(Error::NoCheckpoint { path: folder.to_owned() });
+            }
+            file => file.map_err(Error::reading(&path))?,
+        };
+        let size = file.metadata().map_err(Error::reading(&path))?.len();
+        let refuse = |cause: &dyn Display| broken(&path, "the header", cause);
+
+        let mut length = [0; LENGTH_SIZE as usize];
+        file.read_exact(&mut length).map_err(|_| refuse(&format_args!("the file has {size} bytes")))?;
+        let length = u64::from_le_bytes(length);
+        if length > size.saturating_sub(LENGTH_SIZE).min(HEADER_MAX) {
+            return Err(refuse(&format_args!("it would take {length} of {size} bytes")));
+        }
+        let mut header = vec![0; length as usize];
+        file.read_exact(&mut header).map_err(Error::reading(&path))?;
+        let metadata: Metadata = serde_json::from_slice(&header).map_err(|error| refuse(&error))?;
+
+        let start = LENGTH_SIZE + length;
+        let expected = start.saturating_add(metadata.data_len() as u64);
+        if expected != size {
+            return Err(broken(
+                &path,
+                "the tensors",
+                &format_args!("they should end after {expected} bytes, not {size}"),
+            ));
+        }
+        Ok(Self { path, file, start, metadata })
+    }
+
+    fn refuse(&self, place: &str, cause: impl Display) -> Error {
+        broken(&self.path, place, &cause)
+    }
+
+    /// What the header says beside the tensors.
+    fn header(&self) -> Result<Header> {
+        let ours = self.metadata.metadata().as_ref().and_then(|all| all.get(KEY));
+        let ours = ours.ok_or_else(|| self.refuse("the header", "it is not of specula"))?;
+        let refuse = |error: serde_json::Error| self.refuse("the header", error);
+        let AnyHeader { format } = serde_json::from_str(ours).map_err(refuse)?;
+        if format != FORMAT {
+            return Err(Error::CheckpointFormat { path: self.path.clone(), found: format, known: FORMAT });
+        }
+        serde_json::from_str(ours).map_err(refuse)
+    }
+
+    fn numbers(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+        let info = self.info(name, Dtype::F32)?;
+        if info.shape != shape {
+            let cause = format!("its shape is {:?} rather than {shape:?}", info.shape);
+            return Err(self.refuse(&format!("tensor {name:?}"), cause));
+        }
+        let bits: Vec<u32> = self.words(name, &info)?;
+        Ok(bits.into_iter().map(f32::from_bits).collect())
+    }
+
+    fn moments(&mut self, [mean, square]: [&str; 2], shape: &[usize]) -> Result<Moments<Vec<f32>>> {
+        Ok(Moments { mean: self.numbers(mean, shape)?, square: self.numbers(square, shape)? })
+    }
+
+    fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, Moments<Vec<f32>>)> {
+        let LightHeader { resolution, is_exponential } = header;
+        let faces = shape_of_light(resolution);
+        let activation = if is_exponential { RadianceActivation::Exponential } else { RadianceActivation::Identity };
+        let light = Environment { resolution, activation, values: self.numbers("light", &faces)? };
+        Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
+    }
+
+    /// Of any length: there may be as many views as one likes.
+    fn order(&mut self) -> Result<Vec<u32>> {
+        let info = self.info("order", Dtype::U32)?;
+        self.words("order", &info)
+    }
+
+    fn info(&self, name: &str, dtype: Dtype) -> Result<TensorInfo> {
+        let refuse = |cause: &dyn Display| self.refuse(&format!("tensor {name:?}"), cause);
+        let info = self.metadata.info(name).ok_or_else(|| refuse(&"it is not there"))?;
+        if info.dtype != dtype {
+            return Err(refuse(&format_args!("its numbers are {} rather than {dtype}", info.dtype)));
+        }
+        Ok(info.clone())
+    }
+
+    /// The numbers of a tensor, which lies in the file as its header was checked against it.
+    fn words(&mut self, name: &str, info: &TensorInfo) -> Result<Vec<u32>> {
+        let (start, end) = info.data_offsets;
+        let mut words = vec![0_u32; (end - start) / size_of::<u32>()];
+        let found = self.file.seek(SeekFrom::Start(self.start + start as u64));
+        let read = found.and_then(|_| self.file.read_exact(bytemuck::cast_slice_mut(&mut words)));
+        read.map_err(|cause| self.refuse(&format!("tensor {name:?}"), cause))?;
+        words.iter_mut().for_each(|word| *word = u32::from_le(*word));
+        Ok(words)
+    }
+}
+
+fn broken(path: &Path, place: &str, cause: &dyn Display) -> Error {
+    Error::Checkpoint { path: path.to_owned(), place: place.to_owned(), cause: cause.to_string() }
+}

@@ -1,0 +1,225 @@
+//! Checkpoints: what comes back, and that no file can make the reader panic or ask for memory in vain.
+
+use serde_json::{Value, json};
+use specula_core::{
+    executor::{Moments, Statistics},
+    random,
+    scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
+};
+use specula_io::{
+    Error,
+    checkpoint::{self, Checkpoint, Facts},
+};
+use std::{fs, path::Path};
+use tempfile::TempDir;
+
+const COUNT: usize = 19;
+const RESOLUTION: usize = 2;
+
+/// Numbers of any bits, NaN among them: what is read is compared bit by bit.
+fn numbers(stream: u64, len: usize) -> Vec<f32> {
+    (0..len as u64).map(|k| f32::from_bits(random::bits(1, stream, k) as u32)).collect()
+}
+
+fn example(layout: Layout) -> Checkpoint {
+    let len = len_of_values(COUNT, layout);
+    let moments = |stream: u64, len: usize| Moments { mean: numbers(stream, len), square: numbers(stream + 1, len) };
+    let light = layout.is_shaded().then(|| {
+        let len = 6 * RESOLUTION * RESOLUTION * 3;
+        let activation = RadianceActivation::Exponential;
+        (Environment { resolution: RESOLUTION, activation, values: numbers(10, len) }, moments(11, len))
+    });
+    Checkpoint {
+        gaussians: Gaussians { count: COUNT, layout, values: numbers(1, len) },
+        moments: moments(2, len),
+        statistics: Statistics { grad_sum: numbers(4, COUNT), view_count: numbers(5, COUNT) },
+        light,
+        order: vec![3, 0, 7],
+        facts: Facts { iteration: 40, psnr: Some(21.0 / 0.7), seconds: 0.1 + 0.2, seed: u64::MAX, ..Facts::default() },
+    }
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+/// All numbers as bits, in order.
+fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
+    let Checkpoint { gaussians, moments, statistics, light, .. } = checkpoint;
+    let light = light.iter().flat_map(|(light, moments)| [&light.values, &moments.mean, &moments.square]);
+    [&gaussians.values, &moments.mean, &moments.square, &statistics.grad_sum, &statistics.view_count]
+        .into_iter()
+        .chain(light)
+        .flat_map(|values| bits(values))
+        .collect()
+}
+
+#[test]
+fn every_bit_comes_back() {
+    for layout in [Layout::shaded(Some(3)), Layout::shaded(None), Layout::radiance(0)] {
+        let folder = tempfile::tempdir().unwrap();
+        let written = example(layout);
+        checkpoint::write(folder.path(), &written).unwrap();
+        let read = checkpoint::read(folder.path()).unwrap();
+        assert_eq!(all_bits(&read), all_bits(&written));
+        assert_eq!((&read.order, &read.facts), (&written.order, &written.facts));
+        assert_eq!((read.gaussians.count, read.gaussians.layout), (COUNT, layout));
+        let kinds =
+            |checkpoint: &Checkpoint| checkpoint.light.as_ref().map(|(light, _)| (light.resolution, light.activation));
+        assert_eq!(kinds(&read), kinds(&written));
+    }
+}
+
+#[test]
+fn equal_trainings_are_equal_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = || {
+        checkpoint::write(folder.path(), &example(Layout::shaded(Some(1)))).unwrap();
+        fs::read(checkpoint::place(folder.path())).unwrap()
+    };
+    assert!(bytes() == bytes(), "two files of the same training differ");
+}
+
+/// A checkpoint on disk, to be spoilt.
+struct Spoilt {
+    folder: TempDir,
+    bytes: Vec<u8>,
+}
+
+impl Spoilt {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        checkpoint::write(folder.path(), &example(Layout::shaded(Some(1)))).unwrap();
+        let bytes = fs::read(checkpoint::place(folder.path())).unwrap();
+        Self { folder, bytes }
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn read(&self, bytes: &[u8]) -> Result<Checkpoint, Error> {
+        fs::write(checkpoint::place(self.path()), bytes).unwrap();
+        checkpoint::read(self.path())
+    }
+
+    /// The file is refused in a sentence with these words, its path and a remedy.
+    fn refuses(&self, bytes: &[u8], words: &[&str]) {
+        let sentence = self.read(bytes).expect_err("it is spoilt").to_string();
+        for word in [words, &["checkpoint.safetensors", "--resume"]].concat() {
+            assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
+        }
+    }
+
+    /// The file with another header.
+    fn with_header(&self, edit: impl FnOnce(&mut Value)) -> Vec<u8> {
+        let length = 8 + u64::from_le_bytes(self.bytes[..8].try_into().unwrap()) as usize;
+        let mut header: Value = serde_json::from_slice(&self.bytes[8..length]).unwrap();
+        edit(&mut header);
+        let header = serde_json::to_vec(&header).unwrap();
+        [&(header.len() as u64).to_le_bytes()[..], &header, &self.bytes[length..]].concat()
+    }
+
+    /// The file with another entry of ours in its header.
+    fn with_ours(&self, key: &str, value: Value) -> Vec<u8> {
+        self.with_header(|header| {
+            let text = &mut header["__metadata__"]["specula"];
+            let mut ours: Value = serde_json::from_str(text.as_str().unwrap()).unwrap();
+            ours[key] = value;
+            *text = ours.to_string().into();
+        })
+    }
+}
+
+#[test]
+fn a_folder_without_a_checkpoint_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let sentence = checkpoint::read(folder.path()).unwrap_err().to_string();
+    assert!(sentence.contains(folder.path().to_str().unwrap()) && sentence.contains("--resume"), "{sentence}");
+}
+
+#[test]
+fn a_file_that_is_cut_short_anywhere_is_refused() {
+    let spoilt = Spoilt::new();
+    for len in (0..spoilt.bytes.len()).step_by(13) {
+        spoilt.refuses(&spoilt.bytes[..len], &[]);
+    }
+    spoilt.refuses(&[&spoilt.bytes[..], &[0]].concat(), &["the tensors"]);
+}
+
+#[test]
+fn random_bytes_are_refused_and_random_changes_harm_nobody() {
+    const TRIES: u64 = 400;
+    let spoilt = Spoilt::new();
+    for k in 0..TRIES {
+        let len = random::bits(2, k, 0) % 3000;
+        let bytes: Vec<u8> = (1..=len).map(|byte| random::bits(2, k, byte) as u8).collect();
+        spoilt.refuses(&bytes, &[]);
+        // With a header that is short enough to be looked at.
+        let short = [&(len / 2).to_le_bytes()[..], &bytes].concat();
+        spoilt.refuses(&short, &["the header"]);
+
+        let mut changed = spoilt.bytes.clone();
+        let place = random::bits(3, k, 0) as usize % changed.len();
+        changed[place] ^= 1 << (random::bits(3, k, 1) % 8);
+        // A bit of a number is another number; anything else is refused. Neither panics.
+        let _ = spoilt.read(&changed);
+    }
+}
+
+#[test]
+fn headers_that_promise_too_much_ask_for_no_memory() {
+    let spoilt = Spoilt::new();
+    for length in [u64::MAX, u64::MAX - 7, 1 << 40, spoilt.bytes.len() as u64] {
+        let mut bytes = spoilt.bytes.clone();
+        bytes[..8].copy_from_slice(&length.to_le_bytes());
+        spoilt.refuses(&bytes, &["the header"]);
+    }
+    for count in [json!(1_u64 << 60), json!(u64::MAX), json!(COUNT + 1), json!(COUNT + 32), json!(0), json!(-1)] {
+        spoilt.refuses(&spoilt.with_ours("gaussians", count), &[]);
+    }
+    for resolution in [json!(u64::MAX), json!(1_u64 << 40), json!(3), json!(0)] {
+        let light = json!({"resolution": resolution, "is_exponential": true});
+        spoilt.refuses(&spoilt.with_ours("light", light), &["\"light\""]);
+    }
+    let huge = json!({"dtype": "F32", "shape": [1_u64 << 62, 1_u64 << 62], "data_offsets": [0, 8]});
+    spoilt.refuses(&spoilt.with_header(|header| header["grad_sum"] = huge), &["the header"]);
+}
+
+#[test]
+fn tensors_that_are_missing_or_odd_are_named() {
+    let spoilt = Spoilt::new();
+    let names = ["gaussians", "gaussians.mean", "gaussians.square", "grad_sum", "view_count", "light", "light.mean"];
+    for name in [&names[..], &["light.square", "order"]].concat() {
+        let renamed = spoilt.with_header(|header| {
+            let info = header[name].take();
+            header.as_object_mut().unwrap().remove(name);
+            header["another"] = info;
+        });
+        spoilt.refuses(&renamed, &[&format!("{name:?}"), "not there"]);
+        let other_kind = if name == "order" { "F32" } else { "I32" };
+        spoilt.refuses(&spoilt.with_header(|header| header[name]["dtype"] = other_kind.into()), &[name, other_kind]);
+    }
+    for name in names {
+        let len = |header: &Value| header[name]["shape"].as_array().unwrap().iter().filter_map(Value::as_u64).product();
+        let flat = spoilt.with_header(|header| {
+            let len: u64 = len(header);
+            header[name]["shape"] = json!([1, len]);
+        });
+        spoilt.refuses(&flat, &[&format!("{name:?}"), "shape"]);
+    }
+}
+
+#[test]
+fn headers_that_are_not_ours_are_refused() {
+    let spoilt = Spoilt::new();
+    spoilt.refuses(&spoilt.with_header(|header| header["__metadata__"] = json!({})), &["not of specula"]);
+    spoilt.refuses(&spoilt.with_header(|header| header["__metadata__"]["specula"] = json!("?")), &["the header"]);
+    spoilt.refuses(&spoilt.with_ours("format", json!(2)), &["format 2", "format 1"]);
+    spoilt.refuses(&spoilt.with_ours("format", json!("one")), &["the header"]);
+    spoilt.refuses(&spoilt.with_ours("facts", json!({})), &["the header"]);
+    spoilt.refuses(&spoilt.with_ours("sh_degree", json!(9)), &["degree"]);
+    let mut bytes = spoilt.bytes.clone();
+    bytes[12] = 0xff;
+    spoilt.refuses(&bytes, &["the header"]);
+}
