@@ -197,7 +197,7 @@ pub fn measure_step<E: Executor>(
     if is_deferred {
         frame = exec.shade_pixels(frame, light, camera)?;
     }
-    let loss = |exec: &mut E| exec.loss(&frame, target, camera, weights, [1.0; 3]).map(|(_, grad)| grad);
+    let loss = |exec: &mut E| exec.loss(&frame, target, camera, weights, [1.0; 3]);
     meter.measure(exec, Stage::Loss, nothing, |exec, ()| loss(exec))?;
 
     let (mut frame_grad, mut light_grad) = (loss(exec)?, None);

@@ -49,7 +49,7 @@ impl Failure {
 impl From<CpuError> for Failure {
     fn from(error: CpuError) -> Self {
         match error {
-            CpuError::LightResolution { .. } => Self::Input(error.to_string()),
+            CpuError::LightResolution { .. } | CpuError::TooManySplats => Self::Input(error.to_string()),
             other => Self::Internal(other.to_string()),
         }
     }
@@ -60,10 +60,9 @@ impl From<GpuError> for Failure {
     fn from(error: GpuError) -> Self {
         match error {
             GpuError::Refused { .. } | GpuError::TargetSize { .. } => Self::Internal(error.to_string()),
-            GpuError::OutOfMemory
-            | GpuError::Lost { .. }
-            | GpuError::TooLarge { .. }
-            | GpuError::LightTooLarge { .. } => Self::Device(error.to_string()),
+            GpuError::OutOfMemory | GpuError::Lost { .. } | GpuError::TooLarge { .. } => {
+                Self::Device(error.to_string())
+            }
             other => Self::Input(other.to_string()),
         }
     }

@@ -244,11 +244,13 @@ mod tests {
         verification.compare(&camera, &planned).unwrap();
         assert_eq!(verification.largest, 0.0);
 
-        planned.plane_mut(1)[70] += 0.25;
+        let number = &mut planned.plane_mut(1)[70];
+        let added = (*number + 0.25) - *number;
+        *number += added;
         verification.compare(&camera, &planned).unwrap();
-        assert_eq!(verification.largest, 0.25);
+        assert_eq!(verification.largest, added);
         let failure = verification.report().unwrap_err();
         assert_eq!(failure.exit_code(), 1);
-        assert!(failure.to_string().contains("0.25"), "{failure}");
+        assert!(failure.to_string().contains(&added.to_string()), "{failure}");
     }
 }

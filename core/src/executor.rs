@@ -3,8 +3,8 @@
 use crate::{
     camera::Camera,
     densify::DensifyRules,
-    loss::{LossReport, LossWeights},
-    pipeline::Step,
+    loss::LossWeights,
+    pipeline::{Step, StepReport},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
@@ -190,7 +190,14 @@ pub trait Executor: Renderer {
 
     /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
-    /// A picture against what it should be, over a background in sRGB.
+    /// [`Renderer::bin`] for a step of training. An executor that would have to wait to know how much memory it takes may
+    /// go by former steps instead; if that is too little, no later stage of the step changes anything, and
+    /// [`Executor::report`] says so.
+    fn bin_for_step(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error> {
+        self.bin(splats, camera)
+    }
+    /// The gradient of a picture's losses against what it should be, over a background in sRGB. What the losses came to
+    /// is told by [`Executor::report`].
     fn loss(
         &mut self,
         frame: &Self::Frame,
@@ -198,7 +205,7 @@ pub trait Executor: Renderer {
         camera: &Camera,
         weights: &LossWeights,
         background: [f32; 3],
-    ) -> Result<(LossReport, Self::FrameGrad), Self::Error>;
+    ) -> Result<Self::FrameGrad, Self::Error>;
 
     /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
     /// light, if there is one.
@@ -239,8 +246,7 @@ pub trait Executor: Renderer {
         grad: &Self::LightGrad,
     ) -> Result<Self::Array, Self::Error>;
 
-    /// One step of Adam for every plane, each at its own rate; returns how many gradients were not finite and were
-    /// left out.
+    /// One step of Adam for every plane, each at its own rate. Gradients that are not finite are left out, and counted.
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -248,7 +254,7 @@ pub trait Executor: Renderer {
         grad: Gaussians<Self::Array>,
         rates: &[f32],
         step: u32,
-    ) -> Result<usize, Self::Error>;
+    ) -> Result<(), Self::Error>;
     /// [`Executor::gaussians_vjp`] and [`Executor::optimise`], one after the other. An executor may do both at once, so
     /// that the gradient never goes through memory; the result is the same to the last bit.
     fn update(
@@ -259,15 +265,17 @@ pub trait Executor: Renderer {
         light: Option<&Self::Light>,
         grads: &Self::SplatGrads,
         step: &Step<'_, Self>,
-    ) -> Result<(usize, Option<Self::LightGrad>), Self::Error>
+    ) -> Result<Option<Self::LightGrad>, Self::Error>
     where
         Self: Sized,
     {
         let (grad, of_light) =
             self.gaussians_vjp(gaussians, step.camera, splats, light, step.rules, step.weights, grads)?;
-        Ok((self.optimise(gaussians, moments, grad, step.rates, step.number)?, of_light))
+        self.optimise(gaussians, moments, grad, step.rates, step.number)?;
+        Ok(of_light)
     }
-    /// One step of Adam for the light; radiance that is kept as it is stays between zero and `radiance_max`.
+    /// One step of Adam for the light; radiance that is kept as it is stays between zero and `radiance_max`. Gradients
+    /// that are not finite are left out, and counted.
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
@@ -276,7 +284,11 @@ pub trait Executor: Renderer {
         rate: f32,
         radiance_max: f32,
         step: u32,
-    ) -> Result<usize, Self::Error>;
+    ) -> Result<(), Self::Error>;
+    /// What came of the stages since the last report: the losses of the last picture, and how many gradients were left
+    /// out. Of a whole step only this has to wait until everything is done. `None` if [`Executor::bin_for_step`] took
+    /// too little memory: then nothing was changed, and the step is to be taken again, for which there is enough now.
+    fn report(&mut self) -> Result<Option<StepReport>, Self::Error>;
 
     /// Adds one view to what densification knows.
     fn observe(

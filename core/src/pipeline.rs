@@ -70,6 +70,15 @@ pub struct StepReport {
 
 /// One step of training: forward, backward, update.
 pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<StepReport, E::Error> {
+    loop {
+        take_step(exec, fit, step)?;
+        if let Some(report) = exec.report()? {
+            return Ok(report);
+        }
+    }
+}
+
+fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<(), E::Error> {
     let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
     let light = match &fit.environment {
         Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
@@ -77,13 +86,13 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
     };
     let splats = exec.project(fit.gaussians, step.camera)?;
     let colors = exec.shade(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules)?;
-    let tiles = exec.bin(&splats, step.camera)?;
+    let tiles = exec.bin_for_step(&splats, step.camera)?;
     let mut frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
     let is_deferred = step.rules.is_deferred(fit.gaussians.layout);
     if is_deferred {
         frame = exec.shade_pixels(frame, light.as_ref(), step.camera)?;
     }
-    let (loss, mut frame_grad) = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
+    let mut frame_grad = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
     let mut light_grad = None;
     if is_deferred {
         (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, frame_grad)?;
@@ -91,18 +100,11 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
     exec.observe(fit.statistics, &splats, &grads, step.camera)?;
-    let (mut nonfinite, of_light) = exec.update(fit.gaussians, fit.moments, &splats, light.as_ref(), &grads, step)?;
+    let of_light = exec.update(fit.gaussians, fit.moments, &splats, light.as_ref(), &grads, step)?;
     let light_grad = light_grad.or(of_light);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
-        nonfinite += exec.optimise_environment(
-            environment,
-            moments,
-            grad,
-            step.environment_rate,
-            step.radiance_max,
-            step.number,
-        )?;
+        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
     }
-    Ok(StepReport { loss, nonfinite })
+    Ok(())
 }

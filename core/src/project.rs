@@ -4,6 +4,7 @@ use crate::{
     activation::{sigmoid, sigmoid_vjp},
     camera::CameraOf,
     covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
+    each,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -12,6 +13,10 @@ use crate::{
 pub const BLUR: f32 = 0.3;
 /// Gaussians closer to the camera plane than this are not drawn (INRIA's value, in scene units).
 pub const NEAR: f32 = 0.2;
+
+/// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px: no picture tells longer
+/// ones apart, and the determinant of such a splat still is an `f32`.
+pub const EXTENT_MAX: f32 = 1e9;
 
 /// What of a Gaussian decides its splat.
 #[derive(Clone, Copy, Debug)]
@@ -163,6 +168,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> 
         (x - z * slope[0]).times(scales) * (camera.focal_px[0] * inverse_depth),
         (y - z * slope[1]).times(scales) * (camera.focal_px[1] * inverse_depth),
     ];
+    let half = [bounded(half[0]), bounded(half[1])];
 
     let normal = half[0].cross(half[1]);
     let (first, second) = (half[0].length_squared(), half[1].length_squared());
@@ -188,7 +194,7 @@ fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
     (a.sqrt().recip(), -(b / a) * yy, yy)
 }
 
-/// Gradient of both rows of the half matrix, from that of the root of the conic.
+/// Gradient of both rows of the half matrix, from that of the root of the conic; zero where they were bounded.
 #[inline(always)]
 fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
     let (a, b, determinant) = (p.variance_x, p.covariance_xy, p.determinant);
@@ -202,5 +208,26 @@ fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) ->
     let first = (p.half[0] * blurred).add_scaled(grad_b, p.half[1]);
     let second = (p.half[1] * (grad_determinant * (2.0 * BLUR))).add_scaled(grad_b, p.half[0]);
     let grad_normal = p.normal * (grad_determinant * 2.0);
-    [first + p.half[1].cross(grad_normal), second + grad_normal.cross(p.half[0])]
+    [
+        bounded_vjp(p.half[0], first + p.half[1].cross(grad_normal)),
+        bounded_vjp(p.half[1], second + grad_normal.cross(p.half[0])),
+    ]
+}
+
+/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. What is not a number stays so.
+#[inline(always)]
+fn bounded<R: Real>(row: Vec3<R>) -> Vec3<R> {
+    let most = row.x.constant(EXTENT_MAX);
+    each!(row, extent => R::select(most.less(extent), most, R::select(extent.less(-most), -most, extent)))
+}
+
+/// Gradient of [`bounded`].
+#[inline(always)]
+fn bounded_vjp<R: Real>(row: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
+    let limit = row.x.constant(EXTENT_MAX);
+    vec3(
+        grad.x.keep(row.x.abs().less(limit)),
+        grad.y.keep(row.y.abs().less(limit)),
+        grad.z.keep(row.z.abs().less(limit)),
+    )
 }

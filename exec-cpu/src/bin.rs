@@ -2,6 +2,7 @@
 
 use crate::{
     buffer::Buffer,
+    executor::CpuError,
     frame::Cover,
     lanes::Lanes,
     machine::Machine,
@@ -74,12 +75,12 @@ const GAUSSIANS_AT_ONCE: usize = 1024;
 /// Parts of the Gaussians that are sorted into tiles at once. A stable sort does not depend on it.
 const SORT_PARTS: usize = 16;
 
-pub(crate) fn bin_all(machine: &Machine, splats: &Splats, camera: &Camera) -> Tiles {
+pub(crate) fn bin_all(machine: &Machine, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
     let grid = [tile_count(camera.width), tile_count(camera.height)];
     let records = &splats.records;
-    let (order, (rows, emissions, spans)) =
-        rayon::join(|| depth_order(machine, records), || spread_all(machine, records, grid));
-    sort_into_tiles(machine, grid, &order, &Spread { rows, spans }, emissions)
+    let (order, spread) = rayon::join(|| depth_order(machine, records), || spread_all(machine, records, grid));
+    let (rows, emissions, spans) = spread?;
+    Ok(sort_into_tiles(machine, grid, &order, &Spread { rows, spans }, emissions))
 }
 
 /// The rows of tiles that a splat may touch.
@@ -93,6 +94,9 @@ pub(crate) struct RowRange {
 
 /// First column and one past the last, of a splat in a row of tiles.
 type Span = [u16; 2];
+
+/// Rows of tiles, first emissions and spans of all splats.
+type Spans = (Buffer<RowRange>, Buffer<u32>, Buffer<Span>);
 
 /// Which tiles splats touch.
 struct Spread {
@@ -115,11 +119,7 @@ impl Spread {
     }
 }
 
-fn spread_all(
-    machine: &Machine,
-    records: &[SplatRecord],
-    grid: [u32; 2],
-) -> (Buffer<RowRange>, Buffer<u32>, Buffer<Span>) {
+fn spread_all(machine: &Machine, records: &[SplatRecord], grid: [u32; 2]) -> Result<Spans, CpuError> {
     let mut rows = machine.row_ranges.take(records.len() + 1);
     rows.par_chunks_mut(GAUSSIANS_AT_ONCE).zip(records.par_chunks(GAUSSIANS_AT_ONCE)).for_each(|(rows, records)| {
         dispatch!(machine.level, _simd => {
@@ -130,9 +130,10 @@ fn spread_all(
     });
     let mut total = 0;
     for range in &mut rows[..records.len()] {
-        range.first_span = total;
-        total += u32::from(range.count);
+        range.first_span = sum_so_far(total)?;
+        total += u64::from(range.count);
     }
+    let total = sum_so_far(total)?;
     rows[records.len()] = RowRange { first_span: total, first: 0, count: 0 };
 
     let mut spans = machine.spans.take(total as usize);
@@ -153,10 +154,17 @@ fn spread_all(
     });
     let mut total = 0;
     for count in &mut counts[..records.len()] {
-        (*count, total) = (total, total + *count);
+        let before = sum_so_far(total)?;
+        total += u64::from(*count);
+        *count = before;
     }
-    counts[records.len()] = total;
-    (rows, counts, spans)
+    counts[records.len()] = sum_so_far(total)?;
+    Ok((rows, counts, spans))
+}
+
+/// A number of splats in tiles, as long as a word counts them.
+fn sum_so_far(total: u64) -> Result<u32, CpuError> {
+    u32::try_from(total).map_err(|_| CpuError::TooManySplats)
 }
 
 #[inline(always)]

@@ -17,8 +17,8 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
-    loss::{LossReport, LossWeights},
-    pipeline::Step,
+    loss::LossWeights,
+    pipeline::{Step, StepReport},
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians, RadianceActivation},
 };
@@ -48,6 +48,11 @@ pub enum CpuError {
         /// The smallest that can be.
         least: usize,
     },
+    /// Tiles hold more splats than are counted.
+    #[error(
+        "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"
+    )]
+    TooManySplats,
     /// A picture was compared with one of another size.
     #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
     FrameSize {
@@ -64,6 +69,8 @@ pub struct CpuExecutor {
     machine: Machine,
     /// The prefilter's operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
+    /// What came of the stages since the last report.
+    report: StepReport,
 }
 
 impl Default for CpuExecutor {
@@ -75,7 +82,7 @@ impl Default for CpuExecutor {
 impl CpuExecutor {
     /// An executor with the widest vectors that this machine has.
     pub fn new() -> Self {
-        Self { machine: Machine::new(), operator: None }
+        Self { machine: Machine::new(), operator: None, report: StepReport::default() }
     }
 
     /// The vectors that it computes with, in words.
@@ -161,7 +168,7 @@ impl Renderer for CpuExecutor {
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
-        Ok(bin_all(&self.machine, splats, camera))
+        bin_all(&self.machine, splats, camera)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
@@ -194,12 +201,14 @@ impl Executor for CpuExecutor {
         camera: &Camera,
         weights: &LossWeights,
         background: [f32; 3],
-    ) -> Result<(LossReport, FrameGrad), CpuError> {
+    ) -> Result<FrameGrad, CpuError> {
         let (expected, found) = ([target.width, target.height], frame.size());
         if expected != found {
             return Err(CpuError::FrameSize { expected, found });
         }
-        Ok(loss_all(&self.machine, frame, target, camera, weights, background))
+        let (losses, grad) = loss_all(&self.machine, frame, target, camera, weights, background);
+        self.report.loss = losses;
+        Ok(grad)
     }
 
     fn shade_pixels_vjp(
@@ -254,12 +263,12 @@ impl Executor for CpuExecutor {
         grad: Gaussians<Vec<f32>>,
         rates: &[f32],
         step: u32,
-    ) -> Result<usize, CpuError> {
+    ) -> Result<(), CpuError> {
         let Moments { mean, square } = moments;
         let size = StepSize::new(&self.machine, rates, step);
-        let nonfinite = adam_blocks(&self.machine, &mut gaussians.values, mean, square, &grad.values, &size);
+        self.report.nonfinite += adam_blocks(&self.machine, &mut gaussians.values, mean, square, &grad.values, &size);
         self.machine.numbers.give(grad.values);
-        Ok(nonfinite)
+        Ok(())
     }
 
     fn update(
@@ -270,10 +279,12 @@ impl Executor for CpuExecutor {
         light: Option<&Light>,
         grads: &SplatGrads,
         step: &Step<'_, Self>,
-    ) -> Result<(usize, Option<LightGrad>), CpuError> {
+    ) -> Result<Option<LightGrad>, CpuError> {
         let scene = Scene { layout: gaussians.layout, light, rules: step.rules };
         let size = StepSize::new(&self.machine, step.rates, step.number);
-        Ok(update(&self.machine, gaussians, moments, step, splats, scene, grads, &size))
+        let (nonfinite, of_light) = update(&self.machine, gaussians, moments, step, splats, scene, grads, &size);
+        self.report.nonfinite += nonfinite;
+        Ok(of_light)
     }
 
     fn optimise_environment(
@@ -284,14 +295,18 @@ impl Executor for CpuExecutor {
         rate: f32,
         radiance_max: f32,
         step: u32,
-    ) -> Result<usize, CpuError> {
+    ) -> Result<(), CpuError> {
         let Moments { mean, square } = moments;
-        let nonfinite = adam_all(&self.machine, &mut environment.values, mean, square, &grad, rate, step);
+        self.report.nonfinite += adam_all(&self.machine, &mut environment.values, mean, square, &grad, rate, step);
         self.machine.numbers.give(grad);
         if environment.activation == RadianceActivation::Identity {
             environment.values.iter_mut().for_each(|radiance| *radiance = radiance.clamp(0.0, radiance_max));
         }
-        Ok(nonfinite)
+        Ok(())
+    }
+
+    fn report(&mut self) -> Result<Option<StepReport>, CpuError> {
+        Ok(Some(core::mem::take(&mut self.report)))
     }
 
     fn observe(

@@ -206,13 +206,22 @@ impl<S: Simd> Harmonics<S> {
         Self { count, ray_dir, basis, sum }
     }
 
-    /// Writes the coefficients' gradients and returns the gradient of the direction to the eye.
+    /// Writes the coefficients' gradients, zero for Gaussians that are not touched, and returns the gradient of the
+    /// direction to the eye.
     #[inline(always)]
-    fn vjp(&self, simd: S, block: &[f32], first_plane: usize, grad: Vec3<Lanes<S>>, out: &mut [f32]) -> Vec3<Lanes<S>> {
+    fn vjp(
+        &self,
+        simd: S,
+        block: &[f32],
+        first_plane: usize,
+        grad: Vec3<Lanes<S>>,
+        is_touched: <Lanes<S> as Real>::Mask,
+        out: &mut [f32],
+    ) -> Vec3<Lanes<S>> {
         let mut grad_basis = [Lanes::splat(simd, 0.0); sh::MAX_COUNT];
         for k in 0..self.count {
             let plane = first_plane + 3 * k;
-            store3(grad * self.basis[k], out, plane);
+            store3(each!(grad * self.basis[k], x => x.keep(is_touched)), out, plane);
             grad_basis[k] = grad.dot(Lanes::load3(simd, block, plane));
         }
         -sh::basis_vjp(self.ray_dir, self.count, &grad_basis)
@@ -505,7 +514,7 @@ fn block_vjp<S: Simd>(
     } else {
         let seen = Harmonics::new(simd, block, camera, scene);
         let grad_sum = sh::radiance_vjp(seen.sum, grad_color);
-        let grad_view = seen.vjp(simd, block, scene.layout.sh_start(), grad_sum, out);
+        let grad_view = seen.vjp(simd, block, scene.layout.sh_start(), grad_sum, is_touched, out);
         (view_dir_vjp(shape.mean, camera.position, grad_view), [shape.opacity_logit.zero(); 4])
     };
     let g = grads.geometry;
@@ -540,7 +549,7 @@ fn shaded_vjp<S: Simd>(
         normal: take3(&grads.channels, channel::NORMAL),
         residual_squared: grads.channels[channel::RESIDUAL_SIZE],
         reflection_dir: Vec3::splat(zero),
-        view_dir: shaded.harmonics.vjp(simd, block, scene.layout.sh_start(), grad.residual, out),
+        view_dir: shaded.harmonics.vjp(simd, block, scene.layout.sh_start(), grad.residual, is_touched, out),
         n_dot_v: zero,
         diffuse: grad.diffuse,
         tint: grad.tint + take3(&grads.channels, channel::TINT),

@@ -119,11 +119,11 @@ pub(crate) fn blend_vjp(
     let slot = GEOMETRY + channels;
     let sums = machine.take("gradients of splats", splats.count.next_multiple_of(BLOCK) * slot)?;
     let slots_at_once = machine.replay_parts.slots_max.max(1).min((machine.gpu.binding_max() / 4) as usize / slot);
-    let slots = machine.take("gradients of splats in tiles", tiles.count.min(slots_at_once) * slot)?;
+    let slots = machine.take("gradients of splats in tiles", tiles.count_max.min(slots_at_once) * slot)?;
     let way = Way { splats, colors, tiles, frame, grad, slots, sums, view: View::new(camera, splats.count) };
     // At least once, so that all sums are written.
-    for first in (0..tiles.count.max(1)).step_by(slots_at_once) {
-        way.run_batch(machine, [first, (first + slots_at_once).min(tiles.count)])?;
+    for first in (0..tiles.count_max.max(1)).step_by(slots_at_once) {
+        way.run_batch(machine, [first, (first + slots_at_once).min(tiles.count_max)])?;
     }
     way.finish(machine)?;
     Ok(SplatGrads { channels, values: way.sums })

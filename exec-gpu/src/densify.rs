@@ -10,7 +10,7 @@ use crate::{
     machine::Machine,
     memory::Array,
     project::Splats,
-    sort::{Pairs, numbers, scan, sort},
+    sort::{Len, Pairs, numbers, scan, sort},
     source::{self, COLUMN},
     view::View,
 };
@@ -32,13 +32,14 @@ pub(crate) fn observe(
     camera: &Camera,
 ) -> Result<(), GpuError> {
     let view = View::new(camera, splats.count);
-    let channels = grads.channels;
+    let (channels, ledger) = (grads.channels, machine.ledger.clone());
     let bound = [
         Uniform(view.bytes()),
         Of(&splats.splats),
         Of(&grads.values),
         Of(&statistics.grad_sum),
         Of(&statistics.view_count),
+        Of(ledger.array()),
     ];
     let source = || source::observe(channels);
     machine.run(&channels.to_string(), "observe", &source, &bound, Groups::For(splats.count))
@@ -140,7 +141,7 @@ impl Fates {
         [count, room]: [usize; 2],
     ) -> Result<(), GpuError> {
         let pairs = Pairs { keys, items: numbers(machine, "gradients", count)? };
-        let order = sort(machine, pairs, count, u32::BITS)?.items;
+        let order = sort(machine, pairs, Len::Known(count), u32::BITS)?.items;
         let settings = [count as u32, room as u32];
         let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&order), Of(&self.actions), Of(counts)];
         machine.run("densify", "limit_growth", &source::densify_limit, &bound, Groups::For(count))?;
@@ -217,7 +218,7 @@ impl Heirs {
         machine.run(&key, "find_bounds", &source, &bound, Groups::For(old_count.div_ceil(COLUMN)))?;
         scan(machine, &places, 3 * old_count)?;
         machine.run(&key, "put_heirs", &source, &bound, Groups::For(old_count))?;
-        let heirs = sort(machine, heirs, count, CODE_BITS)?.items;
+        let heirs = sort(machine, heirs, Len::Known(count), CODE_BITS)?.items;
         Ok(Self { count, heirs, places, old_count, split_parents, split_count })
     }
 

@@ -1,6 +1,10 @@
 //! The machine: which adapter, what it allows, and what went wrong on it.
 
-use core::{fmt, panic::AssertUnwindSafe};
+use core::{
+    fmt,
+    panic::AssertUnwindSafe,
+    sync::atomic::{AtomicUsize, Ordering::Relaxed},
+};
 use std::{
     panic,
     sync::{Arc, Mutex},
@@ -35,7 +39,10 @@ pub enum GpuError {
     #[error("the device is out of memory; use smaller pictures, fewer Gaussians (--max-gaussians) or the CPU")]
     OutOfMemory,
     /// An array is larger than the adapter lets a shader see.
-    #[error("{what} take {bytes} bytes, and the adapter lets shaders see {limit}; use another adapter or the CPU")]
+    #[error(
+        "{what} take {bytes} bytes, and the adapter lets shaders see {limit} of an array; use fewer Gaussians \
+             (--max-gaussians), smaller pictures or a smaller light, another adapter, or the CPU"
+    )]
     TooLarge {
         /// What was to be stored.
         what: &'static str,
@@ -55,14 +62,6 @@ pub enum GpuError {
     Refused {
         /// What it said.
         reason: String,
-    },
-    /// A light has more weights than are kept.
-    #[error(
-        "a light of resolution {resolution} has more weights than the device keeps; use the CPU, or a smaller light"
-    )]
-    LightTooLarge {
-        /// Texels along an edge of a face.
-        resolution: usize,
     },
     /// A light's resolution cannot be filtered.
     #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
@@ -106,6 +105,7 @@ pub struct Gpu {
     info: AdapterInfo,
     limits: Limits,
     fault: Arc<Mutex<Option<GpuError>>>,
+    waits: AtomicUsize,
 }
 
 /// What is known of an adapter without using it.
@@ -176,7 +176,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
         let of_loss = fault.clone();
         device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
-        Ok(Self { device, queue, info, limits, fault })
+        Ok(Self { device, queue, info, limits, fault, waits: AtomicUsize::new(0) })
     }
 
     /// Name, driver and kind of the adapter.
@@ -189,9 +189,16 @@ impl Gpu {
         self.info.device_type == DeviceType::Cpu
     }
 
-    /// Largest array that a shader may see, in bytes.
+    /// This device, but shaders see no more of an array than so many bytes: what a smaller device would do.
+    #[must_use]
+    pub fn limited(mut self, bytes: u64) -> Self {
+        self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
+        self
+    }
+
+    /// Largest array that a shader may see, in bytes: whole vectors of four numbers.
     pub(crate) fn binding_max(&self) -> u64 {
-        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size) / 16 * 16
     }
 
     /// Most workgroups along one axis of a dispatch.
@@ -213,8 +220,14 @@ impl Gpu {
         self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
+    /// How often the host has waited for the device so far.
+    pub fn waits(&self) -> usize {
+        self.waits.load(Relaxed)
+    }
+
     /// Waits until everything that was submitted is done.
     pub(crate) fn wait(&self) -> Result<(), GpuError> {
+        self.waits.fetch_add(1, Relaxed);
         // wgpu panics where a driver says while it is waited for that the device is gone. By then it has let go of its
         // locks and told of the loss, and nothing of ours is half done.
         let poll = || self.device.poll(PollType::wait_indefinitely());

@@ -20,8 +20,9 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
-    loss::{LossReport, LossWeights},
+    loss::LossWeights,
     pack::Storage,
+    pipeline::StepReport,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians},
 };
@@ -121,7 +122,7 @@ impl Renderer for GpuExecutor {
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
-        bin(&mut self.machine, splats, camera)
+        bin(&mut self.machine, splats, camera, None)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {
@@ -143,6 +144,11 @@ impl Executor for GpuExecutor {
         Target::new(&mut self.machine, [width, height], rgba)
     }
 
+    fn bin_for_step(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
+        let room = self.machine.room;
+        bin(&mut self.machine, splats, camera, room)
+    }
+
     fn loss(
         &mut self,
         frame: &Frame,
@@ -150,7 +156,7 @@ impl Executor for GpuExecutor {
         camera: &Camera,
         weights: &LossWeights,
         background: [f32; 3],
-    ) -> Result<(LossReport, FrameGrad), GpuError> {
+    ) -> Result<FrameGrad, GpuError> {
         loss(&mut self.machine, frame, target, camera, weights, background)
     }
 
@@ -206,7 +212,7 @@ impl Executor for GpuExecutor {
         grad: Gaussians<Array>,
         rates: &[f32],
         step: u32,
-    ) -> Result<usize, GpuError> {
+    ) -> Result<(), GpuError> {
         optimise(&mut self.machine, gaussians, moments, &grad, rates, step)
     }
 
@@ -218,8 +224,12 @@ impl Executor for GpuExecutor {
         rate: f32,
         radiance_max: f32,
         step: u32,
-    ) -> Result<usize, GpuError> {
+    ) -> Result<(), GpuError> {
         optimise_environment(&mut self.machine, environment, moments, &grad, rate, radiance_max, step)
+    }
+
+    fn report(&mut self) -> Result<Option<StepReport>, GpuError> {
+        self.machine.report()
     }
 
     fn observe(

@@ -41,6 +41,9 @@ pub(crate) enum Groups {
     Grid([u32; 2]),
 }
 
+/// Kernels that are recorded before the device is given them: it then computes while others are recorded.
+const PASSES_AT_ONCE: usize = 32;
+
 /// Invocations of a workgroup that is a row.
 pub(crate) const GROUP: u32 = 256;
 
@@ -49,6 +52,8 @@ pub(crate) const GROUP: u32 = 256;
 pub(crate) struct Kernels {
     compiled: HashMap<(String, &'static str), Kernel>,
     encoder: Option<CommandEncoder>,
+    /// Kernels among them.
+    passes: usize,
     /// Times kernels, if that is wanted.
     pub(crate) stopwatch: Option<Stopwatch>,
 }
@@ -61,6 +66,7 @@ impl Kernels {
 
     /// Sends what was recorded to the device.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        self.passes = 0;
         if let Some(mut encoder) = mem::take(&mut self.encoder) {
             let stamps = self.stopwatch.as_ref().map(|stopwatch| stopwatch.stop(gpu, &mut encoder));
             gpu.queue.submit([encoder.finish()]);
@@ -109,9 +115,11 @@ impl Kernels {
             .collect();
         let group =
             gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
-        if self.stopwatch.as_ref().is_some_and(Stopwatch::is_full) {
+        // Submissions that are timed are waited for, so there are as few as can be.
+        if self.stopwatch.as_ref().map_or(self.passes >= PASSES_AT_ONCE, Stopwatch::is_full) {
             self.submit(gpu)?;
         }
+        self.passes += 1;
         let Kernel { pipeline, .. } = &self.compiled[&id];
         let encoder = self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
         let timestamp_writes = self.stopwatch.as_mut().map(|stopwatch| stopwatch.next_pass(entry));

@@ -16,6 +16,7 @@ pub mod formula;
 pub mod formulas;
 mod gaussians_vjp;
 mod kernel;
+mod ledger;
 mod light_sums;
 pub mod loss;
 mod machine;

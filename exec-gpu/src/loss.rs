@@ -15,6 +15,7 @@ use crate::{
     view::View,
 };
 use bytemuck::{Pod, Zeroable};
+use core::ops::Range;
 use specula_core::{
     bin::tile_count,
     camera::Camera,
@@ -84,6 +85,41 @@ impl LossSettings {
     }
 }
 
+/// Losses of a picture where they are, on the device.
+#[derive(Debug)]
+pub(crate) struct Losses {
+    /// What the pixels of each tile came to: a row of tiles' sums for each kind.
+    sums: Array,
+    pixel_count: usize,
+    weights: LossWeights,
+    variant: LossVariant,
+}
+
+impl Losses {
+    /// What has to be read.
+    pub(crate) fn sums(&self) -> &Array {
+        &self.sums
+    }
+
+    /// Sums over the tiles, in their order.
+    pub(crate) fn report(&self, sums: &[f32]) -> LossReport {
+        let tiles = sums.len() / LOSS_SUMS;
+        let mean = |kinds: Range<usize>, is_known: bool| {
+            let sum: f64 = sums[kinds.start * tiles..kinds.end * tiles].iter().map(|sum| f64::from(*sum)).sum();
+            if is_known { sum / self.pixel_count as f64 } else { 0.0 }
+        };
+        let report = LossReport {
+            absolute: mean(0..1, true) / 3.0,
+            squared: mean(1..2, true) / 3.0,
+            coverage: mean(2..3, self.weights.coverage != 0.0),
+            normal: mean(3..PIXEL_SUMS, self.variant.normals.is_some()),
+            ssim: mean(PIXEL_SUMS..LOSS_SUMS, self.variant.has_structure) / 3.0,
+            ..LossReport::default()
+        };
+        report.with_total(&self.weights)
+    }
+}
+
 /// What is compared, and how.
 struct Comparison<'a> {
     frame: &'a Frame,
@@ -108,7 +144,7 @@ pub(crate) fn loss(
     camera: &Camera,
     weights: &LossWeights,
     background: [f32; 3],
-) -> Result<(LossReport, FrameGrad), GpuError> {
+) -> Result<FrameGrad, GpuError> {
     if target.size != frame.size {
         return Err(GpuError::FrameSize { expected: target.size, found: frame.size });
     }
@@ -116,8 +152,9 @@ pub(crate) fn loss(
     let weights = weights.where_possible(target.has_alpha, has_geometry);
     let comparison = Comparison::new(machine, frame, target, camera, &weights, background)?;
     comparison.run(machine)?;
-    let report = comparison.report(machine, &weights)?;
-    Ok((report, FrameGrad { size: frame.size, channels: frame.channels, values: comparison.grads }))
+    let Comparison { grads, sums, variant, .. } = comparison;
+    machine.losses = Some(Losses { sums, pixel_count: frame.pixel_count(), weights, variant });
+    Ok(FrameGrad { size: frame.size, channels: frame.channels, values: grads })
 }
 
 impl<'a> Comparison<'a> {
@@ -177,26 +214,6 @@ impl<'a> Comparison<'a> {
             machine.run(&key, "compare_normals", &source, &bound, tiles)?;
         }
         Ok(())
-    }
-
-    /// Sums over the tiles, in their order.
-    fn report(&self, machine: &mut Machine, weights: &LossWeights) -> Result<LossReport, GpuError> {
-        let tiles = self.settings.tile_count();
-        let mut numbers = vec![0.0_f32; self.sums.len()];
-        machine.download(&self.sums, 0, &mut numbers)?;
-        let mean = |kinds: core::ops::Range<usize>, is_known: bool| {
-            let sum: f64 = numbers[kinds.start * tiles..kinds.end * tiles].iter().map(|sum| f64::from(*sum)).sum();
-            if is_known { sum / self.frame.pixel_count() as f64 } else { 0.0 }
-        };
-        let report = LossReport {
-            absolute: mean(0..1, true) / 3.0,
-            squared: mean(1..2, true) / 3.0,
-            coverage: mean(2..3, weights.coverage != 0.0),
-            normal: mean(3..PIXEL_SUMS, self.variant.normals.is_some()),
-            ssim: mean(PIXEL_SUMS..LOSS_SUMS, self.variant.has_structure) / 3.0,
-            ..LossReport::default()
-        };
-        Ok(report.with_total(weights))
     }
 }
 

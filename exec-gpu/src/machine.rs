@@ -4,9 +4,13 @@ use crate::{
     blend_vjp::ReplayParts,
     device::{Gpu, GpuError},
     kernel::{Bound, Groups, Kernels},
+    ledger::{Entries, Ledger, Room},
+    loss::Losses,
     memory::{Array, Pool, read, staged, write},
 };
 use bytemuck::Pod;
+use core::{mem, ops::Range};
+use specula_core::{loss::LossReport, pipeline::StepReport};
 
 /// A device with memory and kernels.
 #[derive(Debug)]
@@ -15,11 +19,25 @@ pub(crate) struct Machine {
     pub(crate) replay_parts: ReplayParts,
     pool: Pool,
     pub(crate) kernels: Kernels,
+    pub(crate) ledger: Ledger,
+    /// What a step of training is given room for, once it is known what they need.
+    pub(crate) room: Option<Room>,
+    /// The losses of the last picture.
+    pub(crate) losses: Option<Losses>,
 }
 
 impl Machine {
     pub(crate) fn new(gpu: Gpu) -> Self {
-        Self { replay_parts: ReplayParts::new(&gpu), gpu, pool: Pool::default(), kernels: Kernels::default() }
+        let pool = Pool::default();
+        Self {
+            replay_parts: ReplayParts::new(&gpu),
+            ledger: Ledger::new(&gpu, &pool),
+            pool,
+            gpu,
+            kernels: Kernels::default(),
+            room: None,
+            losses: None,
+        }
     }
 
     /// An array of so many numbers, whatever they are.
@@ -42,12 +60,23 @@ impl Machine {
         Ok(array)
     }
 
+    /// Writes numbers to the start of an array.
+    pub(crate) fn write<T: Pod>(&mut self, array: &Array, values: &[T]) -> Result<(), GpuError> {
+        write(&self.gpu, self.kernels.encoder(&self.gpu), array, bytemuck::cast_slice(values))
+    }
+
     /// Some numbers of an array, from `first` on, or whole ones. Waits for the device.
     pub(crate) fn download<T: Pod>(&mut self, array: &Array, first: usize, values: &mut [T]) -> Result<(), GpuError> {
         const { assert!(size_of::<T>() == 4, "arrays are of 32 bits each") };
-        let len = values.len();
+        let part = first..first + values.len();
         let own: &mut [u8] = bytemuck::cast_slice_mut(values);
-        self.read(array, first, len, |bytes| own.copy_from_slice(&bytes[..own.len()]))
+        self.read(&[(array, part)], |bytes| own.copy_from_slice(bytes))
+    }
+
+    /// Waits until everything that was asked of the device is done.
+    pub(crate) fn finish(&mut self) -> Result<(), GpuError> {
+        self.kernels.submit(&self.gpu)?;
+        self.gpu.wait()
     }
 
     /// Gives back memory that no array uses.
@@ -60,11 +89,35 @@ impl Machine {
         self.pool.bytes()
     }
 
-    fn read(&mut self, array: &Array, first: usize, len: usize, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
-        if len == 0 {
+    /// What the ledger says now. Waits for the device.
+    pub(crate) fn entries(&mut self) -> Result<Entries, GpuError> {
+        let ledger = self.ledger.clone();
+        let mut numbers = vec![0; ledger.array().len()];
+        self.download(ledger.array(), 0, &mut numbers)?;
+        Ok(Entries::new(&numbers))
+    }
+
+    /// What was noted since the last report, in one go. Waits for the device.
+    pub(crate) fn report(&mut self) -> Result<Option<StepReport>, GpuError> {
+        let (ledger, losses) = (self.ledger.clone(), mem::take(&mut self.losses));
+        let mut parts = vec![(ledger.array(), 0..ledger.array().len())];
+        parts.extend(losses.as_ref().map(|losses| (losses.sums(), 0..losses.sums().len())));
+        let (mut entries, mut loss) = (Entries::default(), LossReport::default());
+        self.read(&parts, |bytes| {
+            let (own, sums) = bytes.split_at(4 * ledger.array().len());
+            entries = Entries::new(&bytemuck::pod_collect_to_vec::<u8, u32>(own));
+            loss = losses.as_ref().map_or(loss, |losses| losses.report(&bytemuck::pod_collect_to_vec::<u8, f32>(sums)));
+        })?;
+        self.kernels.encoder(&self.gpu).clear_buffer(ledger.array().buffer(), Ledger::OF_A_STEP, None);
+        self.room = Some(entries.room(&self.gpu)?.after(self.room, &self.gpu));
+        Ok((!entries.is_short).then_some(StepReport { loss, nonfinite: entries.left_out }))
+    }
+
+    fn read(&mut self, parts: &[(&Array, Range<usize>)], take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+        if parts.iter().all(|(_, part)| part.is_empty()) {
             return Ok(());
         }
-        let staging = staged(&self.gpu, self.kernels.encoder(&self.gpu), array, first, len);
+        let staging = staged(&self.gpu, self.kernels.encoder(&self.gpu), parts);
         self.kernels.submit(&self.gpu)?;
         read(&self.gpu, &staging, take)
     }
@@ -79,5 +132,20 @@ impl Machine {
         groups: Groups,
     ) -> Result<(), GpuError> {
         self.kernels.run(&self.gpu, key, entry, source, bound, groups)
+    }
+}
+
+#[cfg(test)]
+impl Machine {
+    /// A machine on the first adapter. Without any a test cannot run: in CI that is a failure, elsewhere it is said.
+    pub(crate) fn for_tests() -> Option<Self> {
+        match Gpu::new("") {
+            Ok(gpu) => Some(Self::new(gpu)),
+            Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
+            Err(error) => {
+                eprintln!("NOT TESTED, because {error}");
+                None
+            }
+        }
     }
 }

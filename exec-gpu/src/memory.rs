@@ -1,6 +1,7 @@
 //! Arrays on the device, and how bytes get there and back.
 
 use crate::device::{Gpu, GpuError};
+use core::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard};
 use wgpu::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
 
@@ -29,9 +30,6 @@ impl Array {
     }
     pub(crate) fn buffer(&self) -> &Buffer {
         self.buffer.as_ref().expect("an array has its buffer until it is dropped")
-    }
-    fn bytes(&self) -> u64 {
-        4 * self.len as u64
     }
 }
 
@@ -137,18 +135,21 @@ pub(crate) fn write(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, byte
     Ok(())
 }
 
-/// A buffer that the host can read, which an array is copied to once the commands run.
-pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, first: usize, len: usize) -> Buffer {
-    let size = 4 * len as u64;
+/// A buffer that the host can read, which parts of arrays, not all empty, are copied to once the commands run, one
+/// behind the other.
+pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, parts: &[(&Array, Range<usize>)]) -> Buffer {
+    let size_of = |part: &Range<usize>| 4 * part.len() as u64;
     let staging = gpu.device.create_buffer(&BufferDescriptor {
         label: None,
-        size: size.max(4),
+        size: parts.iter().map(|(_, part)| size_of(part)).sum(),
         usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    debug_assert!(4 * first as u64 + size <= array.bytes(), "what is read lies in the array");
-    if size > 0 {
-        encoder.copy_buffer_to_buffer(array.buffer(), 4 * first as u64, &staging, 0, Some(size));
+    let mut place = 0;
+    for (array, part) in parts.iter().filter(|(_, part)| !part.is_empty()) {
+        debug_assert!(part.end <= array.len(), "what is read lies in the array");
+        encoder.copy_buffer_to_buffer(array.buffer(), 4 * part.start as u64, &staging, place, Some(size_of(part)));
+        place += size_of(part);
     }
     staging
 }

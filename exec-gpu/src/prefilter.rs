@@ -12,6 +12,7 @@ use crate::{
     memory::Array,
     source::{self, LightLayout, ROW_SUMS},
 };
+use core::ops::Range;
 use specula_core::{
     cubemap::FACE_COUNT,
     pack::{Storage, unpack2},
@@ -70,19 +71,18 @@ pub(crate) struct Weights {
 struct Matrices {
     /// From each level of the pyramid to the next.
     reductions: Vec<Matrix>,
-    rows: Matrix,
+    /// None where there are too many weights to keep: then they are worked out anew at each use.
+    rows: Option<Matrix>,
     aprons: Matrix,
 }
 
 impl Matrices {
     fn new(machine: &mut Machine, operator: &Operator, of: fn(&Linear) -> &Sparse) -> Result<Self, GpuError> {
-        let resolution = operator.base_resolution();
-        let rows = operator.rows().ok_or(GpuError::LightTooLarge { resolution })?;
         let reductions: Result<Vec<Matrix>, GpuError> =
             operator.reductions().map(|(_, reduction)| Matrix::new(machine, of(reduction))).collect();
         Ok(Self {
             reductions: reductions?,
-            rows: Matrix::new(machine, of(rows))?,
+            rows: operator.rows().map(|rows| Matrix::new(machine, of(rows))).transpose()?,
             aprons: Matrix::new(machine, of(operator.aprons()))?,
         })
     }
@@ -99,9 +99,16 @@ enum Out<'a> {
     Other(&'a Array, Storage),
 }
 
-/// A sparse matrix on the device.
+/// A sparse matrix on the device, in as many pieces as arrays are too small for it.
 #[derive(Debug)]
 struct Matrix {
+    pieces: Vec<Piece>,
+}
+
+/// Some rows of a matrix.
+#[derive(Debug)]
+struct Piece {
+    first_row: usize,
     row_count: usize,
     starts: Array,
     columns: Array,
@@ -110,16 +117,34 @@ struct Matrix {
 
 impl Matrix {
     fn new(machine: &mut Machine, sparse: &Sparse) -> Result<Self, GpuError> {
-        let starts: Vec<u32> = sparse.starts.iter().map(|start| *start as u32).collect();
-        Ok(Self {
-            row_count: sparse.row_count(),
-            starts: machine.upload("starts of a prefilter's rows", &starts)?,
-            columns: machine.upload("columns of a prefilter", &sparse.columns)?,
-            weights: machine.upload("weights of a prefilter", &sparse.weights)?,
-        })
+        // One number is left for the end of the last row.
+        let most = (machine.gpu.binding_max() / 4) as usize - 1;
+        let pieces: Result<Vec<Piece>, GpuError> =
+            sparse.ranges(most).into_iter().map(|rows| Piece::new(machine, sparse, rows)).collect();
+        Ok(Self { pieces: pieces? })
     }
 
     /// Its product with the texels from `source` on.
+    fn apply(&self, machine: &mut Machine, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
+        self.pieces.iter().try_for_each(|piece| piece.apply(machine, texels, source, out))
+    }
+}
+
+impl Piece {
+    fn new(machine: &mut Machine, sparse: &Sparse, rows: Range<usize>) -> Result<Self, GpuError> {
+        let first = sparse.starts[rows.start];
+        let weights = first..sparse.starts[rows.end];
+        let starts: Vec<u32> =
+            sparse.starts[rows.start..=rows.end].iter().map(|start| (*start - first) as u32).collect();
+        Ok(Self {
+            first_row: rows.start,
+            row_count: rows.len(),
+            starts: machine.upload("starts of a prefilter's rows", &starts)?,
+            columns: machine.upload("columns of a prefilter", &sparse.columns[weights.clone()])?,
+            weights: machine.upload("weights of a prefilter", &sparse.weights[weights])?,
+        })
+    }
+
     fn apply(&self, machine: &mut Machine, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
         let none = machine.take("nothing", TEXEL_LEN)?;
         let (entry, first, other, storage) = match out {
@@ -127,7 +152,7 @@ impl Matrix {
             Out::AddedTexels(first) => ("add_filtered_texels", first, &none, Storage::F32),
             Out::Other(array, storage) => ("pad_texels", 0, array, storage),
         };
-        let settings = [self.row_count as u32, source as u32, first as u32];
+        let settings = [self.row_count as u32, source as u32, (first + self.first_row) as u32];
         let bound = [
             Uniform(bytemuck::cast_slice(&settings)),
             Of(&self.starts),
@@ -141,10 +166,34 @@ impl Matrix {
     }
 }
 
+/// Weights that are on the device at once where not all are kept.
+const WEIGHTS_AT_ONCE: usize = 1 << 22;
+
+/// Applies rows that are not kept, piece by piece: `apply` is given each with the number of its first row. Waits for
+/// the device, so that no more than a piece is there at once.
+fn apply_pieces(
+    machine: &mut Machine,
+    operator: &Operator,
+    mut apply: impl FnMut(&mut Machine, usize, &Sparse) -> Result<(), GpuError>,
+) -> Result<(), GpuError> {
+    for (first_row, piece) in operator.pieces(WEIGHTS_AT_ONCE) {
+        apply(machine, first_row, &piece)?;
+        machine.finish()?;
+    }
+    Ok(())
+}
+
 impl Weights {
     pub(crate) fn new(machine: &mut Machine, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Self>, GpuError> {
         let (scheme, resolution, kept) = key;
-        let operator = Operator::new(scheme, resolution, kept);
+        Self::of(machine, key, Operator::new(scheme, resolution, kept))
+    }
+
+    fn of(
+        machine: &mut Machine,
+        key: (PrefilterScheme, usize, LevelRange),
+        operator: Operator,
+    ) -> Result<Arc<Self>, GpuError> {
         let forward = Matrices::new(machine, &operator, |linear| &linear.forward)?;
         Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new() }))
     }
@@ -184,7 +233,13 @@ pub(crate) fn prefilter(
     for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.forward.reductions) {
         matrix.apply(machine, &nodes, fine, Out::Texels(coarse))?;
     }
-    weights.forward.rows.apply(machine, &nodes, 0, Out::Texels(operator.node_count()))?;
+    let first_row = operator.node_count();
+    match &weights.forward.rows {
+        Some(rows) => rows.apply(machine, &nodes, 0, Out::Texels(first_row))?,
+        None => apply_pieces(machine, operator, |machine, first, piece| {
+            Matrix::new(machine, piece)?.apply(machine, &nodes, 0, Out::Texels(first_row + first))
+        })?,
+    }
     let texels = machine.take("levels of a light", texel_words(storage) * operator.padded_count())?;
     weights.forward.aprons.apply(machine, &nodes, 0, Out::Other(&texels, storage))?;
     let split_sum = match weights.key.0 {
@@ -204,7 +259,14 @@ pub(crate) fn prefilter_vjp(
     let transposed = light.weights.transposed(machine)?;
     let nodes = machine.take("gradient of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
     transposed.aprons.apply(machine, &grad.texels, 0, Out::Other(&nodes, Storage::F32))?;
-    transposed.rows.apply(machine, &nodes, operator.node_count(), Out::AddedTexels(0))?;
+    let first_row = operator.node_count();
+    match &transposed.rows {
+        Some(rows) => rows.apply(machine, &nodes, first_row, Out::AddedTexels(0))?,
+        None => apply_pieces(machine, operator, |machine, first, piece| {
+            let transposed = Matrix::new(machine, &piece.transpose(first_row))?;
+            transposed.apply(machine, &nodes, first_row + first, Out::AddedTexels(0))
+        })?,
+    }
     for (([fine, coarse], _), matrix) in operator.reductions().rev().zip(transposed.reductions.iter().rev()) {
         matrix.apply(machine, &nodes, coarse, Out::AddedTexels(fine))?;
     }
@@ -251,5 +313,49 @@ impl GpuExecutor {
         let mut values = vec![0.0; texels.len()];
         self.machine.download(texels, 0, &mut values)?;
         Ok(values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::random::uniform;
+
+    /// A light and the gradient of its environment, from random numbers.
+    fn there_and_back(machine: &mut Machine, weights: &Arc<Weights>) -> [Vec<f32>; 2] {
+        let (_, resolution, _) = weights.key;
+        let mut draw = |stream: u64, len: usize| {
+            let numbers: Vec<f32> = (0..len).map(|k| uniform(3, stream, k as u64)).collect();
+            machine.upload("numbers", &numbers).expect("numbers fit")
+        };
+        let values = draw(0, 3 * FACE_COUNT * resolution * resolution);
+        let grad = LightGrad { texels: draw(1, TEXEL_LEN * weights.operator.padded_count()) };
+        let environment = Environment { resolution, activation: RadianceActivation::Identity, values };
+        let light = prefilter(machine, weights, &environment.with_values(&environment.values), Storage::F32);
+        let light = light.expect("the device filters");
+        let back = prefilter_vjp(machine, &environment, &light, &grad).expect("the device goes back");
+        [light.texels, back].map(|array| {
+            let mut numbers = vec![0.0; array.len()];
+            machine.download(&array, 0, &mut numbers).expect("there are so many");
+            numbers
+        })
+    }
+
+    #[test]
+    fn rows_that_are_not_kept_filter_as_those_that_are() {
+        let Some(mut machine) = Machine::for_tests() else { return };
+        let key = (PrefilterScheme::Official, 64, LevelRange::ALL);
+        let kept = Weights::new(&mut machine, key).expect("weights fit");
+        let mut operator = Operator::new(key.0, key.1, key.2);
+        operator.forget_rows();
+        let forgotten = Weights::of(&mut machine, key, operator).expect("weights fit");
+        assert!(kept.forward.rows.is_some() && forgotten.forward.rows.is_none(), "both ways are taken");
+        let [light, grad] = there_and_back(&mut machine, &kept);
+        let [same_light, same_grad] = there_and_back(&mut machine, &forgotten);
+        assert!(light == same_light, "a row is the same sum in whatever piece it lies");
+        // Sums over all rows are those of the pieces.
+        let largest = grad.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
+        let apart = grad.iter().zip(&same_grad).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(largest > 0.0 && apart <= 1e-6 * largest, "{apart:e} of {largest:e} apart");
     }
 }

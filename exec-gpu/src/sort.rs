@@ -41,15 +41,29 @@ pub(crate) struct Pairs {
     pub(crate) items: Array,
 }
 
+/// How many there are.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Len {
+    /// So many.
+    Known(usize),
+    /// As many as the ledger holds, which are no more than so many.
+    Held(usize),
+}
+
 /// Sorts so many pairs by the lowest bits of their keys; equal keys stay in their order.
-pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u32) -> Result<Pairs, GpuError> {
+pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: Len, bits: u32) -> Result<Pairs, GpuError> {
+    let ledger = machine.ledger.clone();
+    let (len, is_held) = match len {
+        Len::Known(len) => (len, false),
+        Len::Held(most) => (most, true),
+    };
     let columns = len.div_ceil(COLUMN);
     let groups = Groups::Count(columns.div_ceil(SORT_GROUP));
     let starts = machine.take("digits", columns << DIGIT_BITS)?;
     let mut other = Pairs { keys: machine.take("keys", len)?, items: machine.take("items", len)? };
     for shift in (0..bits).step_by(DIGIT_BITS as usize) {
         let mask = (1 << DIGIT_BITS.min(bits - shift)) - 1;
-        let settings = [len as u32, columns as u32, shift, mask];
+        let settings = [len as u32, columns as u32, shift, mask, u32::from(is_held)];
         let bound = [
             Uniform(bytemuck::cast_slice(&settings)),
             Of(&pairs.keys),
@@ -57,6 +71,7 @@ pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u3
             Of(&starts),
             Of(&other.keys),
             Of(&other.items),
+            Of(ledger.array()),
         ];
         machine.run("sort", "count_digits", &source::sort, &bound, groups)?;
         scan(machine, &starts, columns << DIGIT_BITS)?;
@@ -69,19 +84,8 @@ pub(crate) fn sort(machine: &mut Machine, mut pairs: Pairs, len: usize, bits: u3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::Gpu;
+    use crate::kernel::GROUP;
     use specula_core::random;
-
-    fn machine() -> Option<Machine> {
-        match Gpu::new("") {
-            Ok(gpu) => Some(Machine::new(gpu)),
-            Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
-            Err(error) => {
-                eprintln!("NOT TESTED, because {error}");
-                None
-            }
-        }
-    }
 
     fn random_numbers(len: usize, bits: u32) -> Vec<u32> {
         (0..len).map(|k| (random::bits(7, u64::from(bits), k as u64) >> (64 - bits)) as u32).collect()
@@ -89,7 +93,7 @@ mod tests {
 
     #[test]
     fn sums_are_those_of_all_numbers_before() {
-        let Some(mut machine) = machine() else { return };
+        let Some(mut machine) = Machine::for_tests() else { return };
         for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
             // Few bits, so that the sum of all still fits into a word.
             let own = random_numbers(len, 7);
@@ -106,8 +110,18 @@ mod tests {
     }
 
     #[test]
+    fn more_groups_than_an_axis_of_a_dispatch_has_are_numbered_without_a_gap() {
+        let Some(mut machine) = Machine::for_tests() else { return };
+        let len = 65_535 * GROUP as usize + 300;
+        let array = numbers(&mut machine, "numbers", len).expect("numbers fit");
+        let mut own = vec![0_u32; len];
+        machine.download(&array, 0, &mut own).expect("there are so many");
+        assert!(own.into_iter().eq(0..len as u32), "every invocation has its own number");
+    }
+
+    #[test]
     fn pairs_are_sorted_and_equal_keys_stay_in_their_order() {
-        let Some(mut machine) = machine() else { return };
+        let Some(mut machine) = Machine::for_tests() else { return };
         for bits in [1, 5, 12, 13, 24, 30, 32] {
             for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
                 sorts_as_the_host(&mut machine, &random_numbers(len, bits), bits);
@@ -125,7 +139,7 @@ mod tests {
             keys: machine.upload("keys", keys).expect("keys fit"),
             items: numbers(machine, "items", len).expect("items fit"),
         };
-        let sorted = sort(machine, pairs, len, bits).expect("the device sorts");
+        let sorted = sort(machine, pairs, Len::Known(len), bits).expect("the device sorts");
         let mut own = [vec![0; len], vec![0; len]];
         machine.download(&sorted.keys, 0, &mut own[0]).expect("there are so many");
         machine.download(&sorted.items, 0, &mut own[1]).expect("there are so many");

@@ -136,6 +136,10 @@ impl Source {
     pub(crate) fn camera(self) -> Self {
         self.with(include_str!("shaders/camera.wgsl")).with(include_str!("shaders/outline.wgsl"))
     }
+    /// And the numbers of the ledger.
+    pub(crate) fn ledger(self) -> Self {
+        self.with(include_str!("shaders/ledger.wgsl"))
+    }
     /// And the planes of a Gaussian.
     pub(crate) fn planes(self, layout: Layout) -> Self {
         self.count("PLANES", layout.plane_count()).with(include_str!("shaders/planes.wgsl"))
@@ -234,27 +238,27 @@ pub(crate) fn scan() -> String {
 /// Sorting.
 pub(crate) fn sort() -> String {
     let source = Source::new().count("SORT_GROUP", SORT_GROUP).count("DIGIT_BITS", DIGIT_BITS as usize);
-    source.with(include_str!("shaders/sort.wgsl")).text()
+    source.ledger().with(include_str!("shaders/sort.wgsl")).text()
 }
 
 /// Measures of splats.
 pub(crate) fn measure() -> String {
-    Source::new().with(include_str!("shaders/measure.wgsl")).text()
+    Source::new().ledger().with(include_str!("shaders/measure.wgsl")).text()
 }
 
 /// Depths as keys.
 pub(crate) fn depths() -> String {
-    Source::new().with(include_str!("shaders/depths.wgsl")).text()
+    Source::new().ledger().with(include_str!("shaders/depths.wgsl")).text()
 }
 
 /// Splats to tiles.
 pub(crate) fn bin() -> String {
-    Source::new().camera().with(include_str!("shaders/bin.wgsl")).text()
+    Source::new().camera().ledger().with(include_str!("shaders/bin.wgsl")).text()
 }
 
 /// Tiles' own parts of the sorted splats.
 pub(crate) fn ranges() -> String {
-    Source::new().with(include_str!("shaders/ranges.wgsl")).text()
+    Source::new().ledger().with(include_str!("shaders/ranges.wgsl")).text()
 }
 
 /// Compositing.
@@ -453,7 +457,7 @@ pub(crate) fn attribute_losses(losses: &AttributeLosses) -> String {
 
 /// Adam.
 pub(crate) fn optimise() -> String {
-    Source::new().real().formula(&AdamStep).with(include_str!("shaders/optimise.wgsl")).text()
+    Source::new().real().formula(&AdamStep).ledger().with(include_str!("shaders/optimise.wgsl")).text()
 }
 
 /// What a device can do at best.
@@ -550,7 +554,7 @@ pub(crate) fn loss_normals(variant: &LossVariant, form: NormalForm) -> String {
 
 /// [`mod@crate::densify`]'s look at a view.
 pub(crate) fn observe(channels: usize) -> String {
-    let source = Source::new().camera().with(include_str!("shaders/bits.wgsl")).formula(&GradLength);
+    let source = Source::new().camera().ledger().with(include_str!("shaders/bits.wgsl")).formula(&GradLength);
     source.count("GRAD_PLANES", GEOMETRY + channels).with(include_str!("shaders/observe.wgsl")).text()
 }
 

@@ -114,7 +114,6 @@ impl GpuExecutor {
 
     /// Waits until everything that was asked of the device is done.
     pub fn finish(&mut self) -> Result<(), GpuError> {
-        self.machine.kernels.submit(&self.machine.gpu)?;
-        self.machine.gpu.wait()
+        self.machine.finish()
     }
 }

@@ -234,6 +234,30 @@ impl Operator {
     pub fn rows(&self) -> Option<&Linear> {
         self.stored.as_ref()
     }
+    /// Gives the rows up, as if there were too many weights to keep.
+    pub fn forget_rows(&mut self) {
+        self.stored = None;
+    }
+    /// The rows piece by piece, each with the number of its first: for whoever cannot keep them all. A piece has about so
+    /// many weights, and is worked out when it is asked for.
+    pub fn pieces(&self, weights_at_once: usize) -> impl Iterator<Item = (usize, Sparse)> + '_ {
+        const ROWS_AT_ONCE: usize = 512;
+        const ROWS_OF_A_TASK: usize = 16;
+        let mut next = 0;
+        core::iter::from_fn(move || {
+            let first = next;
+            let mut parts = Vec::new();
+            let mut weights = 0;
+            while next < self.row_count() && weights < weights_at_once {
+                let rows: Vec<usize> = (next..(next + ROWS_AT_ONCE).min(self.row_count())).collect();
+                let own: Vec<Sparse> = rows.par_chunks(ROWS_OF_A_TASK).map(|rows| self.sparse_rows(rows)).collect();
+                weights += own.iter().map(|part| part.weights.len()).sum::<usize>();
+                parts.extend(own);
+                next += rows.len();
+            }
+            (first < next).then(|| (first, Sparse::join(&parts)))
+        })
+    }
     /// From nodes and rows to levels with aprons.
     pub fn aprons(&self) -> &Linear {
         &self.aprons
@@ -429,6 +453,30 @@ fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
                     visit(&apron.texels[..apron.count], 1.0 / apron.count as f32);
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_are_the_rows_that_are_kept() {
+        for (scheme, resolution) in [(PrefilterScheme::Exact, 32), (PrefilterScheme::Official, 64)] {
+            let operator = Operator::new(scheme, resolution, LevelRange::ALL);
+            let rows = &operator.rows().expect("there are few").forward;
+            let pieces: Vec<(usize, Sparse)> = operator.pieces(10_000).collect();
+            assert!(pieces.len() > 2, "{scheme:?} has several pieces");
+            let firsts = pieces.iter().scan(0, |next, (_, piece)| {
+                let first = *next;
+                *next += piece.row_count();
+                Some(first)
+            });
+            assert!(firsts.eq(pieces.iter().map(|(first, _)| *first)), "{scheme:?}: no row is left out");
+            let joined = Sparse::join(&pieces.into_iter().map(|(_, piece)| piece).collect::<Vec<_>>());
+            assert!(joined.starts == rows.starts && joined.columns == rows.columns, "{scheme:?}: the same taps");
+            assert_eq!(joined.weights, rows.weights, "{scheme:?}: the same weights");
         }
     }
 }

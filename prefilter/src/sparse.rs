@@ -1,5 +1,7 @@
 //! Sparse matrices, row by row.
 
+use core::ops::Range;
+
 /// A linear map and its transpose.
 #[derive(Debug, Default)]
 pub struct Linear {
@@ -32,6 +34,18 @@ impl Sparse {
     pub fn row_count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
+    /// The rows in as few ranges as there can be with no more than so many weights each; a row that has more is alone.
+    pub fn ranges(&self, weights_max: usize) -> Vec<Range<usize>> {
+        let mut ranges = Vec::new();
+        let mut first = 0;
+        while first < self.row_count() {
+            let end = self.starts.partition_point(|start| *start <= self.starts[first] + weights_max) - 1;
+            let end = end.clamp(first + 1, self.row_count().min(first + weights_max.max(1)));
+            ranges.push(first..end);
+            first = end;
+        }
+        ranges
+    }
     pub(crate) fn push(&mut self, column: usize, weight: f32) {
         self.columns.push(column as u32);
         self.weights.push(weight);
@@ -50,7 +64,8 @@ impl Sparse {
         whole
     }
 
-    fn transpose(&self, column_count: usize) -> Self {
+    /// Rows become columns, of which there are so many.
+    pub fn transpose(&self, column_count: usize) -> Self {
         let mut starts = vec![0; column_count + 1];
         self.columns.iter().for_each(|column| starts[*column as usize + 1] += 1);
         (0..column_count).for_each(|column| starts[column + 1] += starts[column]);
@@ -65,5 +80,25 @@ impl Sparse {
             }
         }
         Self { starts, columns, weights }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Sparse;
+
+    #[test]
+    fn ranges_hold_every_row_once_and_no_more_weights_than_they_may() {
+        let starts = vec![0, 3, 3, 10, 11, 12, 12, 20];
+        let sparse = Sparse { columns: vec![0; 20], weights: vec![1.0; 20], starts };
+        for most in 0..25 {
+            let ranges = sparse.ranges(most);
+            let rows: Vec<usize> = ranges.iter().flat_map(Clone::clone).collect();
+            assert_eq!(rows, (0..7).collect::<Vec<usize>>(), "at most {most} weights");
+            let weights = |rows: &core::ops::Range<usize>| sparse.starts[rows.end] - sparse.starts[rows.start];
+            assert!(ranges.iter().all(|rows| rows.len() == 1 || weights(rows) <= most), "at most {most} weights");
+        }
+        assert_eq!(sparse.ranges(20).len(), 1, "all fit at once");
+        assert!(Sparse::default().ranges(5).is_empty(), "there are no rows");
     }
 }

@@ -4,8 +4,13 @@ use specula_gpu::{Gpu, GpuExecutor};
 
 /// An executor on the first adapter. Without any a test cannot run: in CI that is a failure, elsewhere it is said.
 pub fn executor() -> Option<GpuExecutor> {
+    executor_with_arrays_of(u64::MAX)
+}
+
+/// An executor whose arrays have no more than so many bytes.
+pub fn executor_with_arrays_of(bytes: u64) -> Option<GpuExecutor> {
     match Gpu::new("") {
-        Ok(gpu) => Some(GpuExecutor::new(gpu)),
+        Ok(gpu) => Some(GpuExecutor::new(gpu.limited(bytes))),
         Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
         Err(error) => {
             eprintln!("NOT TESTED, because {error}");

@@ -5,6 +5,7 @@
 //! * [`derivative`]: gradients by dual numbers, to hold every `_vjp` against
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`formulas`]: formulas on a device against the same formulas on the host
+//! * [`stress`]: scenes at the edges of what is valid, by name
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
 
 pub mod brute;
@@ -15,3 +16,4 @@ pub mod formulas;
 pub mod number;
 pub mod plain;
 pub mod strategies;
+pub mod stress;

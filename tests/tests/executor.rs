@@ -5,14 +5,14 @@ use specula_core::{
     double::Double,
     executor::{Executor, Moments, RenderRules, Renderer},
     loss::{LossWeights, NormalForm},
-    pipeline::{Step, render},
+    pipeline::{Step, StepReport, render},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
-    scene::{Gaussians, Layout, RadianceActivation},
+    scene::{Gaussians, LOG_SCALE, Layout, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::{
-    CpuExecutor,
+    CpuError, CpuExecutor,
     blend::SplatGrads,
     frame::Frame,
     loss::Target,
@@ -24,6 +24,7 @@ use specula_tests::{
     compare::{assert_psnr, psnr, relative_difference},
     plain::{self, lift_environment, lift_gaussians, prefilter},
     strategies::{random_cloud, random_environment},
+    stress::{every_case, results::Results},
 };
 use specula_train::{
     profile::by_name,
@@ -124,7 +125,7 @@ fn back_to_splats(
     if is_deferred {
         frame = exec.shade_pixels(frame, Some(light), camera).expect("the CPU shades");
     }
-    let (_, mut frame_grad) = exec.loss(&frame, target, camera, weights, BACKGROUND).expect("sizes agree");
+    let mut frame_grad = exec.loss(&frame, target, camera, weights, BACKGROUND).expect("sizes agree");
     let mut light_grad = None;
     if is_deferred {
         (frame_grad, light_grad) =
@@ -207,24 +208,51 @@ fn an_update_at_once_is_that_of_two_stages() {
         };
         let moments = Moments { mean: vec![1e-4; cloud.values.len()], square: vec![1e-6; cloud.values.len()] };
         let (mut at_once, mut moments_at_once) = (cloud.clone(), moments.clone());
-        let (nonfinite, light_grad) = exec
+        let light_grad = exec
             .update(&mut at_once, &mut moments_at_once, &splats, Some(&light), &grads, &step)
             .expect("the CPU updates");
+        let report = exec.report().expect("the CPU counts");
         let (mut in_two, mut moments_in_two) = (cloud, moments);
         let (grad, light_grad_in_two) = exec
             .gaussians_vjp(&in_two, &camera, &splats, Some(&light), &rules, &weights, &grads)
             .expect("the CPU goes back");
-        let nonfinite_in_two =
-            exec.optimise(&mut in_two, &mut moments_in_two, grad, &rates, 3).expect("the CPU optimises");
+        exec.optimise(&mut in_two, &mut moments_in_two, grad, &rates, 3).expect("the CPU optimises");
+        let report_of_two = exec.report().expect("the CPU counts");
         assert_eq!(at_once.values, in_two.values, "Gaussians");
         assert_eq!(moments_at_once.mean, moments_in_two.mean, "means");
         assert_eq!(moments_at_once.square, moments_in_two.square, "squares");
-        assert_eq!(nonfinite, nonfinite_in_two, "what was left out");
+        let left_out = |report: Option<StepReport>| report.expect("there was room").nonfinite;
+        assert_eq!(left_out(report), left_out(report_of_two), "what was left out");
         let mut environment_grad = |light_grad: Option<_>| {
             light_grad.map(|grad| exec.prefilter_vjp(&environment, &light, &grad).expect("the CPU goes back"))
         };
         assert_eq!(environment_grad(light_grad), environment_grad(light_grad_in_two), "the light's gradient");
     }
+}
+
+#[test]
+fn pictures_and_gradients_are_finite_at_every_edge() {
+    let mut exec = CpuExecutor::new();
+    for case in every_case() {
+        for shading in case.shadings() {
+            let Results { picture, gradient, losses, nonfinite } = Results::new(&mut exec, &case, *shading);
+            let is_finite = [picture, gradient, losses].iter().flatten().all(|x| x.is_finite());
+            assert!(is_finite, "{} ({:?}): a number is not finite", case.name, shading.form);
+            assert_eq!(nonfinite, 0, "{} ({:?}): gradients are not finite", case.name, shading.form);
+        }
+    }
+}
+
+#[test]
+fn more_splats_in_tiles_than_a_word_counts_are_refused() {
+    let count = 70_000;
+    let mut cloud = random_cloud(count, Layout::radiance(0), 1);
+    (0..count).for_each(|gaussian| cloud.set(gaussian, LOG_SCALE, [10.0; 3]));
+    let camera = camera(4096, 4096);
+    let mut exec = CpuExecutor::new();
+    let splats = exec.project(&cloud, &camera).expect("the CPU projects");
+    let refused = exec.bin(&splats, &camera).expect_err("there are 2³² and more");
+    assert_eq!(refused, CpuError::TooManySplats);
 }
 
 /// Channels and transmittance of a frame, plane by plane.

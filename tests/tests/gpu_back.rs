@@ -521,11 +521,11 @@ impl Numbers {
         self.grad.iter().filter(|x| !x.is_finite()).count()
     }
 
-    /// Some steps, one after the other, by what takes one; returns what was left out.
-    fn step<E: Renderer<Error: core::fmt::Debug>>(
+    /// Some steps, one after the other, by what takes one; returns how many gradients were left out.
+    fn step<E: Executor<Error: core::fmt::Debug>>(
         &self,
         exec: &mut E,
-        mut step: impl FnMut(&mut E, E::Array, &mut Moments<E::Array>, E::Array, u32) -> (usize, E::Array),
+        mut step: impl FnMut(&mut E, E::Array, &mut Moments<E::Array>, E::Array, u32) -> E::Array,
     ) -> (usize, Self) {
         let mut upload = |values: &[f32]| exec.upload(values).expect("numbers fit");
         let mut moments = Moments { mean: upload(&self.mean), square: upload(&self.square) };
@@ -533,9 +533,9 @@ impl Numbers {
         let mut nonfinite = 0;
         for number in 1..4 {
             let grad = exec.upload(&self.grad).expect("numbers fit");
-            let left_out;
-            (left_out, values) = step(exec, values, &mut moments, grad, number);
-            nonfinite += left_out;
+            values = step(exec, values, &mut moments, grad, number);
+            let report = exec.report().expect("counts come back").expect("no step lacks room");
+            nonfinite += report.nonfinite;
         }
         let mut download = |array: &E::Array| {
             let mut values = vec![0.0; self.values.len()];
@@ -579,8 +579,8 @@ fn adam_is_that_of_the_cpu_and_leaves_out_what_is_not_finite() {
         numbers.step(exec, |exec, values, moments, grad, step| {
             let mut gaussians = Gaussians { count, layout, values };
             let grad = Gaussians { count, layout, values: grad };
-            let nonfinite = exec.optimise(&mut gaussians, moments, grad, &rates, step).expect("the executor steps");
-            (nonfinite, gaussians.values)
+            exec.optimise(&mut gaussians, moments, grad, &rates, step).expect("the executor steps");
+            gaussians.values
         })
     }
     let Some(mut gpu) = executor() else { return };
@@ -605,8 +605,9 @@ fn the_light_takes_the_cpus_step_and_stays_within_its_limits() {
     ) -> (usize, Numbers) {
         numbers.step(exec, |exec, values, moments, grad, step| {
             let mut environment = Environment { resolution, activation, values };
-            let nonfinite = exec.optimise_environment(&mut environment, moments, grad, 0.03, RADIANCE_MAX, step);
-            (nonfinite.expect("the executor steps"), environment.values)
+            let done = exec.optimise_environment(&mut environment, moments, grad, 0.03, RADIANCE_MAX, step);
+            done.expect("the executor steps");
+            environment.values
         })
     }
     let Some(mut gpu) = executor() else { return };

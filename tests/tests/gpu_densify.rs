@@ -429,7 +429,7 @@ fn observe_on_both(gpu: &mut GpuExecutor, count: usize, [width, height]: [u32; 2
     let frame = cpu.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let rgba: Vec<u8> = (0..width * height * 4).map(|k| (k * 37 % 251) as u8).collect();
     let target = cpu.target(width as usize, height as usize, &rgba).expect("the bytes fit");
-    let (_, grad) = cpu.loss(&frame, &target, &camera, &weights(), [0.1, 0.2, 0.3]).expect("sizes agree");
+    let grad = cpu.loss(&frame, &target, &camera, &weights(), [0.1, 0.2, 0.3]).expect("sizes agree");
     let grads = cpu.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &camera).expect("the CPU goes back");
 
     let before = HostScene { gaussians: cloud, ..HostScene::new(count, Layout::radiance(0), 22) };

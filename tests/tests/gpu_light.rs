@@ -24,7 +24,7 @@ use specula_gpu::{
 use specula_tests::{
     compare::{assert_all_close, assert_close},
     derivative::pull_back,
-    device::executor,
+    device::{executor, executor_with_arrays_of},
     formulas::{ROWS, assert_same, camera, numbers_of, side_by_side, uniform_rows},
     number::{Number, vector},
     plain,
@@ -602,5 +602,35 @@ fn the_prefilter_goes_back_as_on_the_cpu() {
             );
             assert_all_close(&to_f64(&actual), &to_f64(&expected), SAME_SUM);
         }
+    }
+}
+
+#[test]
+fn weights_that_no_array_holds_filter_light_to_the_same_bits_in_pieces() {
+    let Some(mut whole) = executor() else { return };
+    let mut pieces = executor_with_arrays_of(1 << 21).expect("there was one before");
+    for scheme in [PrefilterScheme::Exact, PrefilterScheme::Official] {
+        let environment = random_environment(scheme.resolution_min().max(32), RadianceActivation::Identity, 6);
+        let both = [&mut whole, &mut pieces].map(|gpu| {
+            let light = light_of(gpu, &environment, scheme);
+            let texels = gpu.read_light(&light).expect("texels come back");
+            let grad = gpu.light_grad(&random_texels(texels.len() / 4)).expect("the gradient fits");
+            let environment = upload(gpu, &environment);
+            let grad = gpu.prefilter_vjp(&environment, &light, &grad).expect("the device goes back");
+            let mut own = vec![0.0; environment.len_of_values()];
+            gpu.download(&grad, &mut own).expect("numbers come back");
+            (texels, own)
+        });
+        assert!(both[0] == both[1], "{scheme:?}: the light or its gradient depends on how weights are divided");
+    }
+}
+
+#[test]
+fn gaussians_that_no_array_holds_are_refused_with_the_limit_and_what_to_do() {
+    let Some(mut gpu) = executor_with_arrays_of(1000) else { return };
+    gpu.upload(&[0.0; 248]).expect("so many fit");
+    let refused = gpu.upload(&[0.0; 249]).expect_err("these do not").to_string();
+    for said in ["996", "992", "--max-gaussians", "the CPU"] {
+        assert!(refused.contains(said), "{refused:?} should say {said:?}");
     }
 }

@@ -178,7 +178,9 @@ impl Scene {
     {
         let [width, height] = self.size();
         let target = exec.target(width, height, &self.rgba).expect("the bytes fit");
-        exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree")
+        let grad = exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree");
+        let report = exec.report().expect("losses come back").expect("no step lacks room");
+        (report.loss, grad)
     }
 
     fn on_gpu(&self, gpu: &mut GpuExecutor) -> Compared {

@@ -1,17 +1,21 @@
 //! Whole trainings on the GPU executor, against those on the CPU executor and against themselves.
 
+use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
-    executor::{Executor, RenderRules, Renderer},
+    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
     metrics::quantize,
     plan::Channels,
     prefilter::PrefilterScheme,
     random,
-    scene::{Layout, RadianceActivation},
+    scene::{BLOCK, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::blend_vjp::ReplayParts;
+use specula_gpu::{
+    GpuExecutor,
+    blend_vjp::{GEOMETRY, ReplayParts, SplatGrads},
+};
 use specula_tests::{
     device::executor,
     strategies::{random_cloud, random_environment},
@@ -29,8 +33,11 @@ const SAME_QUALITY: f64 = 0.05;
 /// And where light is looked up by pixels: the CPU executor's own results lie 0.09 dB apart once the points that it
 /// starts from are moved by 1e-7.
 const SAME_QUALITY_OF_MIRRORS: f64 = 0.15;
-/// And where Gaussians are split and cloned, of which each decision moves all that follow: there it is 0.4 dB.
-const SAME_QUALITY_OF_GROWN: f64 = 0.5;
+/// Where Gaussians are split and cloned, each decision moves all that follow: so many trainings on the CPU executor, from
+/// points that are moved a little, tell how far apart they end.
+const GROWN: u64 = 6;
+/// By so much, of the scene's size.
+const MOVED: f32 = 1e-6;
 const SIZE: u32 = 48;
 const VIEWS: usize = 20;
 /// Views that are measured.
@@ -67,17 +74,30 @@ fn settings(name: &str) -> Settings {
     Settings { profile, iterations: ITERATIONS, seed: 3, background: [1.0; 3], random_points: 0 }
 }
 
+/// Points that a training starts from, moved in one of many ways; 0 for not at all.
+fn points(way: u64) -> Vec<Point> {
+    let moved = |k: u64, axis: u64| if way == 0 { 0.0 } else { MOVED * random::uniform(1 + way, axis, k) };
+    let place = |k: u64, axis: u64| 1.6 * (random::uniform(1, axis, k) - 0.5) + moved(k, axis);
+    (0..POINTS).map(|k| Point { position: [place(k, 0), place(k, 1), place(k, 2)], color: [0.5; 3] }).collect()
+}
+
 /// A training of so many steps.
-fn train<E: Executor>(exec: E, settings: Settings, steps: u32) -> (HostScene, usize)
-where
-    E::Error: core::fmt::Debug,
-{
+fn train<E: Executor<Error: core::fmt::Debug>>(exec: E, settings: Settings, steps: u32) -> (HostScene, usize) {
+    train_with(exec, settings, &points(0), steps, |_, _| ())
+}
+
+/// A training of so many steps, before each of which something is done to the executor.
+fn train_with<E: Executor<Error: core::fmt::Debug>>(
+    exec: E,
+    settings: Settings,
+    points: &[Point],
+    steps: u32,
+    before: impl Fn(&mut E, u32),
+) -> (HostScene, usize) {
     let views: Vec<View> = (1..=VIEWS).map(view).collect();
-    let place = |k: u64, axis: u64| 1.6 * (random::uniform(1, axis, k) - 0.5);
-    let points: Vec<Point> =
-        (0..POINTS).map(|k| Point { position: [place(k, 0), place(k, 1), place(k, 2)], color: [0.5; 3] }).collect();
-    let mut trainer = Trainer::new(exec, settings, &views, &points).expect("there are views");
-    for _ in 0..steps {
+    let mut trainer = Trainer::new(exec, settings, &views, points).expect("there are views");
+    for step in 0..steps {
+        before(trainer.executor(), step);
         trainer.step().expect("the executor trains");
     }
     (trainer.download().expect("the executor gives back"), trainer.nonfinite())
@@ -107,7 +127,32 @@ fn trainings_on_both_executors_end_as_good() {
 
 #[test]
 fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_little() {
-    compare(&settings("specula"), SAME_QUALITY_OF_GROWN);
+    let Some(gpu) = executor() else { return };
+    let settings = settings("specula");
+    let (grown, nonfinite) = train(gpu, settings.clone(), ITERATIONS);
+    let ours = quality(&grown, &settings);
+    assert_eq!(nonfinite, 0, "every gradient is finite");
+
+    let trainings = (0..GROWN).map(|way| {
+        let (scene, _) = train_with(CpuExecutor::new(), settings.clone(), &points(way), ITERATIONS, |_, _| ());
+        (quality(&scene, &settings), scene.gaussians.count)
+    });
+    let (qualities, counts): (Vec<f64>, Vec<usize>) = trainings.unzip();
+    let low = qualities.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = qualities.iter().copied().fold(0.0, f64::max);
+    println!("{ours:.3} and {qualities:.3?} dB, {} and {counts:?} Gaussians", grown.gaussians.count);
+    let [least, most] = within(low, high);
+    assert!(least < ours && ours < most, "{ours} dB on the GPU, {qualities:?} on the CPU");
+    let of_counts = counts.iter().map(|count| *count as f64);
+    let [least, most] = within(of_counts.clone().fold(f64::INFINITY, f64::min), of_counts.fold(0.0, f64::max));
+    let count = grown.gaussians.count as f64;
+    assert!(least < count && count < most, "{count} Gaussians on the GPU, {counts:?} on the CPU");
+}
+
+/// Where one more of some results may lie of which these are the least and the most: as far out again as they are apart.
+fn within(least: f64, most: f64) -> [f64; 2] {
+    let apart = most - least;
+    [least - apart, most + apart]
 }
 
 fn compare(settings: &Settings, apart: f64) {
@@ -136,4 +181,70 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     let (again, _) = train(small, settings("specula"), STEPS);
     assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
     assert!(first == again, "a second run with room for fewer splats at once differs");
+}
+
+#[test]
+fn a_training_is_the_same_to_the_last_bit_however_little_room_its_steps_are_given() {
+    const STEPS: u32 = 25;
+    const ROOMS: [usize; 4] = [0, 1, 700, 1 << 20];
+    let Some(gpu) = executor() else { return };
+    let mut settings = settings("specula");
+    settings.profile.densification.from = 0;
+    let first = train(gpu, settings.clone(), STEPS);
+    let another = executor().expect("there was one before");
+    let again = train_with(another, settings, &points(0), STEPS, |exec, step| {
+        exec.make_room(ROOMS[step as usize % ROOMS.len()]);
+    });
+    assert_ne!(first.0.gaussians.count as u64, POINTS, "densification took part");
+    assert!(first == again, "steps that had to be taken again differ");
+}
+
+#[test]
+fn a_step_waits_for_the_device_once() {
+    let Some(gpu) = executor() else { return };
+    let waits = RefCell::new(Vec::new());
+    train_with(gpu, settings("specula"), &points(0), 12, |exec, _| waits.borrow_mut().push(exec.gpu().waits()));
+    let waits = waits.into_inner();
+    let of_steps: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    // The first step cannot go by any other; some may find out that others need more than those before.
+    assert!(of_steps.iter().filter(|waits| **waits == 1).count() >= 8, "{of_steps:?}");
+}
+
+#[test]
+fn a_step_without_room_changes_nothing_and_says_so() {
+    let Some(mut gpu) = executor() else { return };
+    let cloud = random_cloud(60, Layout::radiance(0), 5);
+    let camera = view(1).camera;
+    let Gaussians { count, layout, values } = &cloud;
+    let upload = |gpu: &mut GpuExecutor, values: &[f32]| gpu.upload(values).expect("numbers fit");
+    let mut gaussians = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, values) };
+    let zeros = vec![0.0; values.len()];
+    let mut moments = Moments { mean: upload(&mut gpu, &zeros), square: upload(&mut gpu, &zeros) };
+    let mut statistics =
+        Statistics { grad_sum: upload(&mut gpu, &zeros[..*count]), view_count: upload(&mut gpu, &zeros[..*count]) };
+    let mut grad = values.clone();
+    grad[3] = f32::NAN;
+    for room in [0, 1 << 20] {
+        gpu.make_room(room);
+        let splats = gpu.project(&gaussians, &camera).expect("the device projects");
+        gpu.bin_for_step(&splats, &camera).expect("the device sorts");
+        let planes = GEOMETRY + 3;
+        let of_splats = upload(&mut gpu, &vec![1.0; count.next_multiple_of(BLOCK) * planes]);
+        let of_splats = SplatGrads::new(3, of_splats);
+        gpu.observe(&mut statistics, &splats, &of_splats, &camera).expect("the device adds");
+        let grad = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, &grad) };
+        gpu.optimise(&mut gaussians, &mut moments, grad, &vec![0.1; layout.plane_count()], 1).expect("it steps");
+        // The first of both finds out how many bits tell depths apart as well.
+        let report = gpu.report().expect("the device tells");
+        let mut now = [values.clone(), zeros[..*count].to_vec()];
+        gpu.download(&gaussians.values, &mut now[0]).expect("numbers come back");
+        gpu.download(&statistics.view_count, &mut now[1]).expect("numbers come back");
+        if room == 0 {
+            assert_eq!(report, None, "the step is to be taken again");
+            assert!(now == [values.clone(), zeros[..*count].to_vec()], "nothing is changed");
+        } else {
+            assert_eq!(report.map(|report| report.nonfinite), Some(1), "what was left out is counted once");
+            assert!(now[0] != *values && now[1] != zeros[..*count], "everything is changed");
+        }
+    }
 }

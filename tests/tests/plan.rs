@@ -343,7 +343,7 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         let surface = exec.blend(&splats, &colors, &tiles, camera)?;
         let frame = exec.shade_pixels(surface, Some(&light), camera)?;
         let target = exec.target(40, 32, &vec![100; 40 * 32 * 4])?;
-        let (_, grad) = exec.loss(&frame, &target, camera, &WEIGHTS, [1.0; 3])?;
+        let grad = exec.loss(&frame, &target, camera, &WEIGHTS, [1.0; 3])?;
         let (grad, of_light) = exec.shade_pixels_vjp(&frame, Some(&light), camera, grad)?;
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, camera)?;
         let (grad, _) = exec.gaussians_vjp(&scene.gaussians, camera, &splats, Some(&light), rules, &WEIGHTS, &grads)?;

@@ -8,6 +8,7 @@
 @group(0) @binding(5) var<storage, read_write> tiles_of: array<u32>;
 @group(0) @binding(6) var<storage, read_write> emissions: array<u32>;
 @group(0) @binding(7) var<storage, read_write> emitted: array<u32>;
+@group(0) @binding(8) var<storage, read> ledger: array<u32>;
 
 // Numbers of tiles in the order of depth, and a zero behind them, whose exclusive sum is that of all.
 @compute @workgroup_size(GROUP)
@@ -24,7 +25,8 @@ fn counts_in_order(
     }
 }
 
-// One element for each tile of each splat, numbered in the order of depth, and by number whose it is.
+// One element for each tile of each splat, numbered in the order of depth, and by number whose it is; none where there
+// is too little room.
 @compute @workgroup_size(GROUP)
 fn emit(
     @builtin(workgroup_id) group: vec3u,
@@ -32,7 +34,7 @@ fn emit(
     @builtin(local_invocation_index) local: u32,
 ) {
     let place = linear_index(group, groups, local);
-    if place >= camera.gaussian_count {
+    if place >= camera.gaussian_count || ledger[IS_SHORT] != 0u {
         return;
     }
     var next = offsets[place];

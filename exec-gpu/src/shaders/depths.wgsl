@@ -2,7 +2,6 @@
 
 struct Depths {
     count: u32,
-    nearest: u32,
     not_drawn: u32,
 }
 
@@ -10,6 +9,7 @@ struct Depths {
 @group(0) @binding(1) var<storage, read> depth_keys: array<u32>;
 @group(0) @binding(2) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> order: array<u32>;
+@group(0) @binding(4) var<storage, read> ledger: array<u32>;
 
 // Keys from the nearest depth on, behind them what is not drawn; and all Gaussians in their order.
 @compute @workgroup_size(GROUP)
@@ -23,6 +23,6 @@ fn shorten(
         return;
     }
     let key = depth_keys[gaussian];
-    keys[gaussian] = select(key - depths.nearest, depths.not_drawn, key == NOT_DRAWN);
+    keys[gaussian] = select(key - ledger[NEAREST], depths.not_drawn, key == NOT_DRAWN);
     order[gaussian] = gaussian;
 }

@@ -5,6 +5,7 @@
 @group(0) @binding(2) var<storage, read> grads: array<f32>;
 @group(0) @binding(3) var<storage, read_write> grad_sums: array<f32>;
 @group(0) @binding(4) var<storage, read_write> view_counts: array<f32>;
+@group(0) @binding(5) var<storage, read> ledger: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn observe(
@@ -13,7 +14,7 @@ fn observe(
     @builtin(local_invocation_index) local: u32,
 ) {
     let gaussian = linear_index(group, groups, local);
-    if gaussian >= camera.gaussian_count {
+    if gaussian >= camera.gaussian_count || ledger[IS_SHORT] != 0u {
         return;
     }
     let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;

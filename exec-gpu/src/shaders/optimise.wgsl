@@ -16,7 +16,7 @@ struct StepSize {
 @group(0) @binding(3) var<storage, read_write> values: array<f32>;
 @group(0) @binding(4) var<storage, read_write> means: array<f32>;
 @group(0) @binding(5) var<storage, read_write> squares: array<f32>;
-@group(0) @binding(6) var<storage, read_write> nonfinite: atomic<u32>;
+@group(0) @binding(6) var<storage, read_write> ledger: array<atomic<u32>>;
 
 // By its bits: compilers may take it for granted that numbers are finite.
 fn is_finite(number: f32) -> bool {
@@ -30,7 +30,7 @@ fn optimise(
     @builtin(local_invocation_index) local: u32,
 ) {
     let index = linear_index(group, groups, local);
-    if index >= size.count {
+    if index >= size.count || atomicLoad(&ledger[IS_SHORT]) != 0u {
         return;
     }
     let grad = grads[index];
@@ -41,7 +41,7 @@ fn optimise(
         means[index] = next.mean;
         squares[index] = next.square;
     } else {
-        atomicAdd(&nonfinite, 1u);
+        atomicAdd(&ledger[LEFT_OUT], 1u);
     }
     if size.is_limited != 0u {
         values[index] = clamp(values[index], 0.0, size.value_max);

@@ -68,6 +68,6 @@ fn pad_texels(
     let row = linear_index(group, groups, local) / ROW_SUMS;
     let texel = product_of_row(row, local);
     if local % ROW_SUMS == 0u && row < product.row_count {
-        padded[row] = texel_of(texel);
+        padded[product.out_first + row] = texel_of(texel);
     }
 }

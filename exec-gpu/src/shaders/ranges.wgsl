@@ -1,11 +1,7 @@
 // Where each tile's splats begin and end among the sorted ones, and whose they are. Tiles without any keep the zeros
 // they start with.
 
-struct RangeSize {
-    count: u32,
-}
-
-@group(0) @binding(0) var<uniform> size: RangeSize;
+@group(0) @binding(0) var<storage, read> ledger: array<u32>;
 @group(0) @binding(1) var<storage, read> tiles_of: array<u32>;
 @group(0) @binding(2) var<storage, read> emissions_of: array<u32>;
 @group(0) @binding(3) var<storage, read> emitted: array<u32>;
@@ -19,7 +15,8 @@ fn find_ranges(
     @builtin(local_invocation_index) local: u32,
 ) {
     let place = linear_index(group, groups, local);
-    if place >= size.count {
+    let count = ledger[HELD];
+    if place >= count {
         return;
     }
     gaussians_of[place] = emitted[emissions_of[place]];
@@ -27,7 +24,7 @@ fn find_ranges(
     if place == 0u || tiles_of[place - 1u] != tile {
         ranges[tile].x = place;
     }
-    if place + 1u == size.count || tiles_of[place + 1u] != tile {
+    if place + 1u == count || tiles_of[place + 1u] != tile {
         ranges[tile].y = place + 1u;
     }
 }

@@ -4,10 +4,13 @@
 const DIGITS: u32 = 1u << DIGIT_BITS;
 
 struct SortPass {
+    // Elements, at most.
     count: u32,
     columns: u32,
     shift: u32,
     mask: u32,
+    // Whether there are as many as the ledger holds.
+    is_held: u32,
 }
 
 @group(0) @binding(0) var<uniform> pass_: SortPass;
@@ -16,9 +19,14 @@ struct SortPass {
 @group(0) @binding(3) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(4) var<storage, read_write> sorted_keys: array<u32>;
 @group(0) @binding(5) var<storage, read_write> sorted_items: array<u32>;
+@group(0) @binding(6) var<storage, read> ledger: array<u32>;
 
 // A counter for each digit of each invocation, which alone uses it.
 var<workgroup> counters: array<u32, DIGITS * SORT_GROUP>;
+
+fn element_count() -> u32 {
+    return select(pass_.count, ledger[HELD], pass_.is_held != 0u);
+}
 
 fn counter_of(key: u32, local: u32) -> u32 {
     return ((key >> pass_.shift) & pass_.mask) * SORT_GROUP + local;
@@ -39,7 +47,7 @@ fn count_digits(
         counters[digit * SORT_GROUP + local] = 0u;
     }
     let first = column * COLUMN;
-    let end = min(first + COLUMN, pass_.count);
+    let end = min(first + COLUMN, element_count());
     for (var place = first; place < end; place++) {
         counters[counter_of(keys[place], local)] += 1u;
     }
@@ -63,7 +71,7 @@ fn move_elements(
         counters[digit * SORT_GROUP + local] = starts[digit * pass_.columns + column];
     }
     let first = column * COLUMN;
-    let end = min(first + COLUMN, pass_.count);
+    let end = min(first + COLUMN, element_count());
     for (var place = first; place < end; place++) {
         let key = keys[place];
         let counter = counter_of(key, local);

@@ -1,0 +1,150 @@
+//! What an executor makes of a case: a picture, and the gradients of a step of training.
+
+use super::{Case, LAYOUT};
+use specula_core::{
+    executor::{Executor, Moments, RenderRules, Statistics},
+    loss::{LossReport, LossWeights, NormalForm},
+    pipeline::{Fit, Step, StepReport, render, train_step},
+    plan::Channels,
+    prefilter::PrefilterScheme,
+    scene::{Environment, Gaussians},
+    shade::ShadingRules,
+};
+
+/// Every loss that has a gradient of its own.
+const WEIGHTS: LossWeights = LossWeights {
+    absolute: 0.5,
+    squared: 0.3,
+    dssim: 0.2,
+    normal: 0.1,
+    normal_form: NormalForm::Distance,
+    sparse_coverage: 0.05,
+    residual_image: 0.05,
+    coverage: 0.1,
+    sparse: 1e-3,
+    residual: 1e-2,
+};
+
+/// What an executor makes of a case.
+#[derive(Clone, Debug)]
+pub struct Results {
+    /// The picture, channel after channel, and its transmittance.
+    pub picture: Vec<f64>,
+    /// A tenth of the gradients of the Gaussians and of the light behind them, and the lengths that densification goes
+    /// by.
+    pub gradient: Vec<f64>,
+    /// What the losses came to.
+    pub losses: Vec<f64>,
+    /// Gradients that were not finite.
+    pub nonfinite: usize,
+}
+
+impl Results {
+    /// A picture of the case, and a step of training.
+    pub fn new<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, case: &Case, shading: ShadingRules) -> Self {
+        let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
+        let mut scene = Scene::new(exec, case);
+        let picture = scene.picture(exec, case, &rules);
+        let StepReport { loss, nonfinite } = scene.step(exec, case, &rules);
+        let LossReport { total, absolute, squared, ssim, normal, coverage } = loss;
+        let losses = vec![total, absolute, squared, ssim, normal, coverage];
+        Self { picture, gradient: scene.gradient(exec), losses, nonfinite }
+    }
+}
+
+/// A case where an executor keeps it.
+struct Scene<A> {
+    gaussians: Gaussians<A>,
+    environment: Option<Environment<A>>,
+    moments: Moments<A>,
+    light_moments: Moments<A>,
+    statistics: Statistics<A>,
+    lens: [usize; 3],
+}
+
+impl<A> Scene<A> {
+    fn new<E: Executor<Array = A, Error: core::fmt::Debug>>(exec: &mut E, case: &Case) -> Self {
+        let mut upload = |values: &[f32]| exec.upload(values).expect("numbers fit");
+        let Gaussians { count, layout, values } = &case.cloud;
+        let texels = case.environment.as_ref().map_or(0, |light| light.values.len());
+        let mut zeros = |len: usize| upload(&vec![0.0; len]);
+        let [mean, square, light_mean, light_square, grad_sum, view_count] =
+            [values.len(), values.len(), texels, texels, *count, *count].map(&mut zeros);
+        let environment = case.environment.as_ref().map(|light| {
+            let Environment { resolution, activation, values } = light;
+            Environment { resolution: *resolution, activation: *activation, values: upload(values) }
+        });
+        Self {
+            gaussians: Gaussians { count: *count, layout: *layout, values: upload(values) },
+            environment,
+            moments: Moments { mean, square },
+            light_moments: Moments { mean: light_mean, square: light_square },
+            statistics: Statistics { grad_sum, view_count },
+            lens: [values.len(), texels, *count],
+        }
+    }
+
+    fn picture<E: Executor<Array = A, Error: core::fmt::Debug>>(
+        &self,
+        exec: &mut E,
+        case: &Case,
+        rules: &RenderRules,
+    ) -> Vec<f64> {
+        let light = self.environment.as_ref();
+        let light =
+            light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("the resolution is allowed"));
+        let frame = render(exec, &self.gaussians, light.as_ref(), &case.camera, rules).expect("the executor renders");
+        let channels = rules.blended(LAYOUT).count() + 1;
+        let mut values = vec![0.0; channels * (case.camera.width * case.camera.height) as usize];
+        exec.read_frame(&frame, &mut values).expect("the frame has that size");
+        wide(&values)
+    }
+
+    /// A step that moves nothing but the running means, which then are a tenth of the gradients.
+    fn step<E: Executor<Array = A, Error: core::fmt::Debug>>(
+        &mut self,
+        exec: &mut E,
+        case: &Case,
+        rules: &RenderRules,
+    ) -> StepReport {
+        let [width, height] = [case.camera.width as usize, case.camera.height as usize];
+        let target = exec.target(width, height, &case.picture()).expect("the bytes fit");
+        let step = Step {
+            camera: &case.camera,
+            target: &target,
+            background: case.background,
+            rules,
+            weights: &WEIGHTS,
+            rates: &vec![0.0; LAYOUT.plane_count()],
+            environment_rate: 0.0,
+            radiance_max: f32::MAX,
+            number: 1,
+        };
+        let Self { gaussians, environment, moments, light_moments, statistics, .. } = self;
+        let environment = environment.as_mut().map(|light| (light, light_moments));
+        let mut fit = Fit { gaussians, moments, environment, statistics };
+        train_step(exec, &mut fit, &step).expect("the executor trains")
+    }
+
+    fn gradient<E: Executor<Array = A, Error: core::fmt::Debug>>(&self, exec: &mut E) -> Vec<f64> {
+        let mut download = |array: &A, len: usize| {
+            let mut values = vec![0.0; len];
+            exec.download(array, &mut values).expect("numbers come back");
+            values
+        };
+        let [of_gaussians, of_light, lengths] = [
+            download(&self.moments.mean, self.lens[0]),
+            download(&self.light_moments.mean, self.lens[1]),
+            download(&self.statistics.grad_sum, self.lens[2]),
+        ];
+        let Gaussians { count, layout, .. } = self.gaussians;
+        // Without what fills up the last block.
+        let of_gaussians = Gaussians { count, layout, values: of_gaussians };
+        let planes = (0..layout.plane_count()).flat_map(|plane| of_gaussians.plane(plane).collect::<Vec<f32>>());
+        wide(&planes.chain(of_light).chain(lengths).collect::<Vec<f32>>())
+    }
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|x| f64::from(*x)).collect()
+}

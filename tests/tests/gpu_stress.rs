@@ -1,0 +1,129 @@
+//! The GPU executor against the CPU executor at the edges of what is valid.
+
+use specula_core::{
+    executor::{Executor, Renderer},
+    scene::{Gaussians, LOG_SCALE, Layout},
+    shade::ShadingRules,
+};
+use specula_cpu::CpuExecutor;
+use specula_gpu::{GpuError, GpuExecutor};
+use specula_tests::{
+    device::executor,
+    formulas::camera,
+    strategies::random_cloud,
+    stress::{Case, every_case, results::Results},
+};
+
+/// By how much numbers are moved to see what their rounding does: 16 units in the last place, more than a formula of
+/// some dozen operations loses.
+const NUDGE: f32 = 1e-6;
+/// How often: a decision that hangs on rounding falls the same way every time once in 65 536.
+const NUDGES: u64 = 16;
+/// How many times as far as those nudges move a result the executors may be apart.
+const AS_FAR: f64 = 4.0;
+/// And some hundred roundings of the result itself.
+const ROUNDINGS: f64 = 2e-5;
+/// The most of a picture, or of a gradient, that may hang on rounding: pixels where a splat ends, numbers that are sums
+/// of what cancels, a loss of normals.
+const LOOSE_MAX: f64 = 0.05;
+/// What is smaller is no number that executors have to keep: devices may take it for zero.
+const LEAST: f64 = 1e-37;
+
+/// How far from each number those of nudged cases are, at most.
+fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Vec<f64> {
+    nudged.fold(vec![0.0; expected.len()], |reach, numbers| {
+        let further = |k: usize| f64::max(reach[k], (numbers[k] - expected[k]).abs());
+        (0..expected.len()).map(further).collect()
+    })
+}
+
+/// The number that is furthest off, and its difference as a multiple of what is allowed: some times what rounding moves
+/// it by, and some roundings of its own. Infinite for what is not finite.
+fn excess(actual: &[f64], expected: &[f64], reach: &[f64]) -> (usize, f64) {
+    assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
+    let of = |k: usize| {
+        let allowed = AS_FAR * reach[k] + ROUNDINGS * expected[k].abs() + LEAST;
+        let excess = (actual[k] - expected[k]).abs() / allowed;
+        if excess.is_nan() { f64::INFINITY } else { excess }
+    };
+    (0..actual.len()).map(|k| (k, of(k))).fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
+}
+
+/// The share of the numbers that nudges move by more than a hundredth of themselves: nothing can be said of them.
+fn share_loose(expected: &[f64], reach: &[f64]) -> f64 {
+    let loose = expected.iter().zip(reach).filter(|(x, reach)| **reach > 0.01 * x.abs()).count();
+    loose as f64 / expected.len().max(1) as f64
+}
+
+#[test]
+fn the_comparison_can_fail() {
+    let expected = [1.0, 2.0, 0.0];
+    let reach = reach(&expected, [vec![1.0, 2.1, 0.0], vec![1.0, 1.9, 0.0]].iter());
+    assert!(excess(&expected, &expected, &reach).1 == 0.0, "the same numbers are the same");
+    assert!(excess(&[1.0, 2.3, 0.0], &expected, &reach).1 < 1.0, "what nudges move far may be apart");
+    assert_eq!(excess(&[1.0001, 2.0, 0.0], &expected, &reach).0, 0, "a wrong number is found");
+    for wrong in
+        [[1.0001, 2.0, 0.0], [1.0, 2.5, 0.0], [1.0, 2.0, 1e-30], [1.0, f64::NAN, 0.0], [1.0, 2.0, f64::INFINITY]]
+    {
+        assert!(excess(&wrong, &expected, &reach).1 > 1.0, "{wrong:?} is wrong");
+    }
+}
+
+/// What is wrong with the GPU executor's results, in words.
+fn faults(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, case: &Case, shading: ShadingRules) -> Vec<String> {
+    let (ours, theirs) = (Results::new(gpu, case, shading), Results::new(cpu, case, shading));
+    let nudged: Vec<Results> = (0..NUDGES).map(|seed| Results::new(cpu, &case.nudged(NUDGE, seed), shading)).collect();
+    let lists: [(&str, fn(&Results) -> &Vec<f64>); 3] =
+        [("picture", |r| &r.picture), ("gradient", |r| &r.gradient), ("losses", |r| &r.losses)];
+    let what = format!("{} ({:?})", case.name, shading.form);
+    let mut faults = Vec::new();
+    for (list, of) in lists {
+        let (actual, expected) = (of(&ours), of(&theirs));
+        let reach = reach(expected, nudged.iter().map(of));
+        let (k, excess) = excess(actual, expected, &reach);
+        let loose = share_loose(expected, &reach);
+        println!("{what}: {list} {excess:.2} of what is allowed, {loose:.4} loose");
+        if loose > LOOSE_MAX && !case.is_on_edge {
+            faults.push(format!("{what}: {loose} of the {list} hang on rounding"));
+        }
+        if excess > 1.0 {
+            let of_list = format!("number {k} of the {list} is {} and not {}", actual[k], expected[k]);
+            faults.push(format!("{what}: {of_list}, {excess:.1} times as far off as allowed"));
+        }
+    }
+    if (ours.nonfinite, theirs.nonfinite) != (0, 0) {
+        let counts = format!("{} and {} gradients are not finite", ours.nonfinite, theirs.nonfinite);
+        faults.push(format!("{what}: {counts}"));
+    }
+    faults
+}
+
+#[test]
+fn both_executors_render_and_train_alike_at_every_edge() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    let mut found = Vec::new();
+    for case in every_case() {
+        for shading in case.shadings() {
+            found.extend(faults(&mut gpu, &mut cpu, &case, *shading));
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn more_splats_in_tiles_than_a_word_counts_are_refused() {
+    let count = 70_000;
+    let mut cloud = random_cloud(count, Layout::radiance(0), 1);
+    (0..count).for_each(|gaussian| cloud.set(gaussian, LOG_SCALE, [10.0; 3]));
+    let camera = camera(4096, 4096);
+    let Some(mut gpu) = executor() else { return };
+    let Gaussians { count, layout, values } = cloud;
+    let cloud = Gaussians { count, layout, values: gpu.upload(&values).expect("numbers fit") };
+    let splats = gpu.project(&cloud, &camera).expect("the device projects");
+    let refused = gpu.bin(&splats, &camera).expect_err("there are 2³² and more");
+    assert!(matches!(refused, GpuError::TooLarge { what: "splats of tiles", .. }), "{refused:?}");
+    gpu.make_room(1000);
+    gpu.bin_for_step(&splats, &camera).expect("it is found out later");
+    assert!(matches!(gpu.report(), Err(GpuError::TooLarge { .. })), "no step is taken again for ever");
+}
