@@ -20,7 +20,7 @@ pub(crate) fn relay<T: Send, R: Send>(
     finish: impl Fn(usize, T) -> Result<R, Failure> + Sync,
 ) -> Result<Vec<R>, Failure> {
     let finished = Finished { results: Mutex::new(Vec::with_capacity(count)), waiting: AtomicUsize::new(0) };
-    rayon::scope(|scope| {
+    rayon::scope(|scope| -> Result<(), Failure> {
         let mut make = make;
         for index in 0..count {
             finished.wait_for_room();

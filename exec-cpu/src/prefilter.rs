@@ -81,7 +81,7 @@ impl Light {
     /// Gradient with respect to the environment's numbers.
     pub(crate) fn vjp(&self, machine: &Machine, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
         let mut nodes = machine.texels.take(self.nodes.len());
-        apply(machine.level, &self.operator.aprons().transposed, &grad.texels, &mut nodes, false);
+        apply(machine.level, self.operator.aprons().transposed(), &grad.texels, &mut nodes, false);
         filter_vjp(machine.level, &self.operator, &mut nodes);
         let resolution = self.operator.base_resolution();
         let mut out = machine.numbers.take(3 * FACE_COUNT * resolution * resolution);
@@ -129,7 +129,7 @@ fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
 fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     if let Some(stored) = operator.rows() {
-        apply(level, &stored.transposed, rows, nodes, true);
+        apply(level, stored.transposed(), rows, nodes, true);
     } else {
         let mut taps = Vec::new();
         for (row, grad) in rows.iter().enumerate() {
@@ -140,7 +140,7 @@ fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     for ([fine, coarse], reduction) in operator.reductions().rev() {
         let (below, above) = nodes.split_at_mut(coarse);
         let count = reduction.forward.row_count();
-        apply(level, &reduction.transposed, &above[..count], &mut below[fine..], true);
+        apply(level, reduction.transposed(), &above[..count], &mut below[fine..], true);
     }
 }
 

@@ -1,14 +1,15 @@
 //! Sparse matrices, row by row.
 
 use core::ops::Range;
+use std::sync::OnceLock;
 
 /// A linear map and its transpose.
 #[derive(Debug, Default)]
 pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
-    /// Its transpose, for gradients.
-    pub transposed: Sparse,
+    column_count: usize,
+    transposed: OnceLock<Sparse>,
 }
 
 /// A sparse matrix by rows.
@@ -24,8 +25,11 @@ pub struct Sparse {
 
 impl Linear {
     pub(crate) fn new(forward: Sparse, column_count: usize) -> Self {
-        let transposed = forward.transpose(column_count);
-        Self { forward, transposed }
+        Self { forward, column_count, transposed: OnceLock::new() }
+    }
+    /// Its transpose, for gradients; made when it is first asked for.
+    pub fn transposed(&self) -> &Sparse {
+        self.transposed.get_or_init(|| self.forward.transpose(self.column_count))
     }
 }
 
@@ -54,7 +58,9 @@ impl Sparse {
         self.starts.push(self.columns.len());
     }
     pub(crate) fn join(parts: &[Self]) -> Self {
-        let mut whole = Self { starts: vec![0], ..Self::default() };
+        let count = parts.iter().map(|part| part.columns.len()).sum();
+        let (columns, weights) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let mut whole = Self { starts: vec![0], columns, weights };
         for part in parts {
             let offset = whole.columns.len();
             whole.starts.extend(part.starts[1..].iter().map(|start| start + offset));
