@@ -271,6 +271,9 @@ impl Error {
         let path = path.into();
         move |error| match error {
             image::ImageError::IoError(cause) if cause.kind() == io::ErrorKind::NotFound => Self::Read { path, cause },
+            image::ImageError::Limits(_) => {
+                Self::Image { path, cause: "its header promises more pixels than its bytes can hold".into() }
+            }
             other => Self::Image { path, cause: other.to_string() },
         }
     }

@@ -3,12 +3,12 @@
 use crate::{
     cube::Cube,
     error::{Error, Result},
-    pixels::{decode, with_pixels},
+    pixels::{decode, limits_of, with_pixels},
     whole_file,
 };
 use core::f64::consts::PI;
 use glam::DVec3;
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, Rgb, codecs};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Rgb, codecs};
 use rayon::prelude::*;
 use specula_core::cubemap;
 use std::{
@@ -240,6 +240,7 @@ fn is_radiance(path: &Path) -> Result<bool> {
 fn decode_radiance(path: &Path) -> Result<DynamicImage> {
     let file = File::open(path).map_err(Error::reading(path))?;
     let decoder = codecs::hdr::HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(Error::decoding(path))?;
+    limits_of(path)?.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
     with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 

@@ -2,8 +2,13 @@
 
 use crate::error::{Error, Result};
 use glam::Vec3;
-use image::{DynamicImage, ImageReader};
-use std::path::Path;
+use image::{DynamicImage, ImageReader, Limits};
+use std::{fs, path::Path};
+
+/// A picture may take so many bytes of memory, however small its file.
+const MEMORY_MIN: u64 = 256 << 20;
+/// A larger one has to come from a file of so manieth of its size: what packs best packs a thousand bytes into one.
+const PACKED_MAX: u64 = 2000;
 
 /// A photograph as it was stored: eight bits a channel, sRGB, straight alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -95,8 +100,16 @@ impl Normals {
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
-    reader.no_limits();
+    reader.limits(limits_of(path)?);
     with_pixels(path, reader.decode().map_err(Error::decoding(path))?)
+}
+
+/// Memory that a picture may take, so that a broken header does not ask for more than its file could ever fill.
+pub(crate) fn limits_of(path: &Path) -> Result<Limits> {
+    let size = fs::metadata(path).map_err(Error::reading(path))?.len();
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(size.saturating_mul(PACKED_MAX).max(MEMORY_MIN));
+    Ok(limits)
 }
 
 pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicImage> {

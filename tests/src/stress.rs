@@ -51,7 +51,7 @@ const FAINT: f32 = -5.537_334;
 
 impl Case {
     /// A scene without a light, before a grey wall, compared with an opaque picture.
-    fn new(name: &'static str, camera: Camera, cloud: Cloud) -> Self {
+    pub fn new(name: &'static str, camera: Camera, cloud: Cloud) -> Self {
         Self { name, cloud, camera, environment: None, background: [0.2, 0.5, 0.8], alpha: u8::MAX, is_on_edge: false }
     }
 
@@ -61,7 +61,7 @@ impl Case {
     }
 
     /// The same under a light.
-    fn lit(self, environment: Environment<Vec<f32>>) -> Self {
+    pub fn lit(self, environment: Environment<Vec<f32>>) -> Self {
         Self { environment: Some(environment), ..self }
     }
 

@@ -1,0 +1,416 @@
+//! Files that hold anything at all: every reader of `io` comes to an end with a result or an error, and takes no more
+//! memory than it may. `scripts/fuzz` looks for longer, with other seeds.
+
+use proptest::{
+    collection::vec,
+    prelude::*,
+    sample::{Index, select},
+    test_runner::{RngSeed, TestRunner},
+};
+use specula_core::{
+    executor::{Moments, Statistics},
+    random,
+    scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
+};
+use specula_io::{
+    cameras,
+    checkpoint::{self, Checkpoint, Facts},
+    dataset, gaussian_ply,
+    latlong::{self, LatLong},
+    model_folder, picture,
+    pixels::Pixels,
+    points_ply::{self, PointCloud},
+};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use std::{
+    alloc::System,
+    env, fs,
+    path::Path,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+use tempfile::TempDir;
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// One test at a time, because all of them share one count of memory.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Files that are tried by each test, and the seed that they come from, unless the environment says otherwise.
+const CASES: u32 = 300;
+const SEED: u64 = 1;
+/// Longest file of random bytes, and longest beginning of a file that is tried.
+const LEN_MAX: usize = 4096;
+/// Bytes that any reader may take for each byte of its file, all that it ever takes added up.
+const BYTES_FOR_EACH: usize = 64;
+/// Bytes that a reader of text and tables may take besides.
+const BYTES_OF_TABLES: usize = 1 << 21;
+/// Bytes that a reader of pictures may take besides: what it may unpack of any file, in several kinds of numbers.
+const BYTES_OF_PICTURES: usize = 6 << 28;
+
+/// Words where numbers stand, and numbers where counts and sizes are.
+const WORDS: [&str; 10] =
+    ["-1", "0", "2147483648", "4294967295", "18446744073709551616", "1e400", "NaN", "null", "\"", "[[[["];
+const NUMBERS: [u32; 7] = [0, 1, u32::MAX, i32::MAX as u32, i32::MIN as u32, 0x7fc0_0000, 0x7f80_0000];
+
+/// A reader, and a file that it reads without complaint.
+struct Target {
+    /// The file's place in a folder.
+    file: &'static str,
+    /// Makes the file, and all that belongs to it.
+    make: fn(&Path),
+    /// Reads the file; an error as its sentence.
+    read: fn(&Path) -> Result<(), String>,
+    /// Bytes that may be taken whatever the file's size.
+    memory: usize,
+    /// Whether a file that has lost its end is always refused.
+    needs_its_end: bool,
+}
+
+/// A folder in which one file is wrong.
+struct Place<'a> {
+    target: &'a Target,
+    folder: TempDir,
+    right: Vec<u8>,
+    _alone: MutexGuard<'static, ()>,
+}
+
+impl<'a> Place<'a> {
+    fn new(target: &'a Target) -> Self {
+        // A test that failed holds nothing that the next one needs.
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let folder = tempfile::tempdir().unwrap();
+        (target.make)(folder.path());
+        let right = fs::read(folder.path().join(target.file)).unwrap();
+        let place = Self { target, folder, right, _alone: alone };
+        place.read(&place.right).expect("the file is right");
+        place
+    }
+
+    /// What comes of other bytes in the file, in little memory.
+    fn read(&self, bytes: &[u8]) -> Result<(), String> {
+        fs::write(self.folder.path().join(self.target.file), bytes).unwrap();
+        let counter = Region::new(ALLOCATOR);
+        let result = (self.target.read)(self.folder.path());
+        let taken = counter.change().bytes_allocated;
+        let allowed = self.target.memory + BYTES_FOR_EACH * (bytes.len() + self.right.len());
+        assert!(taken <= allowed, "{taken} bytes for a file of {} bytes", bytes.len());
+        if let Err(sentence) = &result {
+            assert!(sentence.contains(self.folder.path().to_str().unwrap()), "it does not say which file: {sentence}");
+        }
+        result
+    }
+
+    fn survives_anything(&self) {
+        let runner = &mut TestRunner::new(config());
+        let wrong = prop_oneof![
+            1 => vec(any::<u8>(), 0..LEN_MAX),
+            4 => vec(edit(), 1..6).prop_map(|edits| {
+                edits.iter().fold(self.right.clone(), |bytes, edit| edit.apply(bytes))
+            }),
+        ];
+        let outcome = runner.run(&wrong, |bytes| {
+            let _result_or_error = self.read(&bytes);
+            Ok(())
+        });
+        assert!(outcome.is_ok(), "{}", outcome.unwrap_err());
+    }
+
+    fn survives_losing_its_end(&self) {
+        for len in 0..self.right.trim_ascii_end().len().min(LEN_MAX) {
+            let result = self.read(&self.right[..len]);
+            assert!(result.is_err() || !self.target.needs_its_end, "the first {len} bytes pass for the whole");
+        }
+    }
+
+    fn refuses_a_million_random_bytes(&self) {
+        let bytes: Vec<u8> = (0..1_000_000_u64).map(|k| random::bits(SEED, 0, k) as u8).collect();
+        assert!(self.read(&bytes).is_err(), "noise passes for a file");
+    }
+}
+
+fn from_env<T: core::str::FromStr>(name: &str, usual: T) -> T {
+    env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+}
+
+fn config() -> ProptestConfig {
+    let seed = RngSeed::Fixed(from_env("SPECULA_FUZZ_SEED", SEED));
+    let cases = from_env("SPECULA_FUZZ_CASES", CASES);
+    ProptestConfig { rng_seed: seed, cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+/// One thing that goes wrong with a file.
+#[derive(Clone, Debug)]
+enum Edit {
+    Put(Index, u8),
+    PutNumber(Index, u32),
+    PutWord(Index, &'static str),
+    Remove(Index, usize),
+    Repeat(Index, usize),
+    CutOff(Index),
+}
+
+fn edit() -> impl Strategy<Value = Edit> {
+    let place = any::<Index>;
+    prop_oneof![
+        (place(), any::<u8>()).prop_map(|(place, byte)| Edit::Put(place, byte)),
+        (place(), select(&NUMBERS)).prop_map(|(place, number)| Edit::PutNumber(place, number)),
+        (place(), select(&WORDS)).prop_map(|(place, word)| Edit::PutWord(place, word)),
+        (place(), 1..200_usize).prop_map(|(place, len)| Edit::Remove(place, len)),
+        (place(), 1..200_usize).prop_map(|(place, len)| Edit::Repeat(place, len)),
+        place().prop_map(Edit::CutOff),
+    ]
+}
+
+impl Edit {
+    fn apply(&self, mut bytes: Vec<u8>) -> Vec<u8> {
+        if bytes.is_empty() {
+            return bytes;
+        }
+        let len = bytes.len();
+        match self {
+            Self::Put(place, byte) => bytes[place.index(len)] = *byte,
+            Self::PutNumber(place, number) => {
+                let first = place.index(len);
+                let end = len.min(first + 4);
+                bytes[first..end].copy_from_slice(&number.to_le_bytes()[..end - first]);
+            }
+            Self::PutWord(place, word) => {
+                let number = number_from(&bytes, place.index(len));
+                bytes.splice(number, word.bytes());
+            }
+            Self::Remove(place, count) => {
+                let first = place.index(len);
+                bytes.drain(first..len.min(first + count));
+            }
+            Self::Repeat(place, count) => {
+                let first = place.index(len);
+                let again = bytes[first..len.min(first + count)].to_vec();
+                bytes.splice(first..first, again);
+            }
+            Self::CutOff(place) => bytes.truncate(place.index(len)),
+        }
+        bytes
+    }
+}
+
+/// Where the next number written out in digits stands, or nothing at the end.
+fn number_from(bytes: &[u8], first: usize) -> core::ops::Range<usize> {
+    let is_digit = |byte: &u8| byte.is_ascii_digit();
+    let start = first + bytes[first..].iter().position(is_digit).unwrap_or(bytes.len() - first);
+    let len = bytes[start..].iter().take_while(|byte| is_digit(byte)).count();
+    start..start + len
+}
+
+fn sentence(error: impl ToString) -> String {
+    error.to_string()
+}
+
+fn numbers(stream: u64, len: usize) -> Vec<f32> {
+    (0..len as u64).map(|k| (random::bits(SEED, stream, k) >> 40) as f32 / 1e7).collect()
+}
+
+fn cloud(count: usize, layout: Layout) -> Gaussians<Vec<f32>> {
+    Gaussians { count, layout, values: numbers(1, len_of_values(count, layout)) }
+}
+
+fn make_gaussians(folder: &Path) {
+    gaussian_ply::write(&folder.join("a.ply"), &cloud(5, Layout::shaded(Some(1))), &["a comment".into()]).unwrap();
+}
+
+fn make_points(folder: &Path) {
+    let points = PointCloud { positions: vec![[1.0, 2.0, 3.0]; 40], colors: vec![[0.5; 3]; 40] };
+    points_ply::write(&folder.join("a.ply"), &points).unwrap();
+}
+
+fn make_text_points(folder: &Path) {
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+    fs::write(folder.join("a.ply"), format!("{header}end_header\n1 2 3\n4 5 6\n7 8 9\n")).unwrap();
+}
+
+fn map() -> LatLong {
+    LatLong { width: 24, height: 12, rgb: numbers(2, 3 * 24 * 12) }
+}
+
+fn make_checkpoint(folder: &Path) {
+    let layout = Layout::shaded(Some(0));
+    let len = len_of_values(3, layout);
+    let moments = |len: usize| Moments { mean: numbers(3, len), square: numbers(4, len) };
+    let light =
+        Environment { resolution: 2, activation: RadianceActivation::Exponential, values: numbers(5, 6 * 2 * 2 * 3) };
+    let written = Checkpoint {
+        gaussians: cloud(3, layout),
+        moments: moments(len),
+        statistics: Statistics { grad_sum: numbers(6, 3), view_count: numbers(7, 3) },
+        light: Some((light, moments(72))),
+        order: vec![1, 0, 2],
+        facts: Facts::default(),
+    };
+    checkpoint::write(folder, &written).unwrap();
+}
+
+fn make_transforms(folder: &Path) {
+    let pose = "[[1,0,0,0],[0,1,0,0.5],[0,0,1,4],[0,0,0,1]]";
+    let frame = |name: &str| format!("{{\"file_path\": \"./{name}\", \"transform_matrix\": {pose}}}");
+    let text = format!("{{\"camera_angle_x\": 0.7, \"frames\": [{}, {}]}}", frame("a"), frame("b"));
+    fs::write(folder.join("transforms_train.json"), text).unwrap();
+    for name in ["a.png", "b.png"] {
+        picture::write_rgb(&folder.join(name), 8, 8, &numbers(8, 192), None).unwrap();
+    }
+}
+
+fn make_cameras(folder: &Path) {
+    make_transforms(folder);
+    let cameras = cameras::load_transforms(&folder.join("transforms_train.json"), [8, 8]).unwrap();
+    cameras::write(&folder.join("cameras.json"), &cameras).unwrap();
+}
+
+fn make_model(folder: &Path) {
+    let info = model_folder::ModelInfo { profile: "specula".into(), ..Default::default() };
+    let gaussians = cloud(3, Layout::radiance(0));
+    let snapshot = model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: None, info: &info };
+    model_folder::save(folder, 7, &snapshot).unwrap();
+}
+
+fn load_data(folder: &Path) -> Result<(), String> {
+    dataset::load(folder, &dataset::LoadOptions::default(), |_, _| {}).map(|_| ()).map_err(sentence)
+}
+
+const GAUSSIANS: Target = Target {
+    file: "a.ply",
+    make: make_gaussians,
+    read: |folder| gaussian_ply::read(&folder.join("a.ply")).map(|_| ()).map_err(sentence),
+    memory: BYTES_OF_TABLES,
+    needs_its_end: true,
+};
+const POINTS: Target = Target {
+    make: make_points,
+    read: |folder| points_ply::read(&folder.join("a.ply")).map(|_| ()).map_err(sentence),
+    ..GAUSSIANS
+};
+// The last digit of a number in text may be lost without notice.
+const TEXT_POINTS: Target = Target { make: make_text_points, needs_its_end: false, ..POINTS };
+const CHECKPOINT: Target = Target {
+    file: "checkpoint.safetensors",
+    make: make_checkpoint,
+    read: |folder| checkpoint::read(folder).map(|_| ()).map_err(sentence),
+    ..GAUSSIANS
+};
+const CAMERAS: Target = Target {
+    file: "cameras.json",
+    make: make_cameras,
+    read: |folder| cameras::read(&folder.join("cameras.json")).map(|_| ()).map_err(sentence),
+    ..GAUSSIANS
+};
+const TRANSFORMS: Target =
+    Target { file: "transforms_train.json", make: make_transforms, read: load_data, ..GAUSSIANS };
+const MODEL: Target = Target {
+    file: "specula.json",
+    make: make_model,
+    read: |folder| model_folder::open(folder).map(|_| ()).map_err(sentence),
+    ..GAUSSIANS
+};
+const PNG: Target = Target {
+    file: "a.png",
+    make: |folder| picture::write_rgb(&folder.join("a.png"), 24, 12, &numbers(9, 3 * 24 * 12), None).unwrap(),
+    read: |folder| Pixels::read(&folder.join("a.png")).map(|_| ()).map_err(sentence),
+    memory: BYTES_OF_PICTURES,
+    // The last chunk of a PNG only says that it is the last.
+    needs_its_end: false,
+};
+const HDR: Target = Target {
+    file: "a.hdr",
+    make: |folder| latlong::write(&folder.join("a.hdr"), &map()).unwrap(),
+    read: |folder| latlong::read(&folder.join("a.hdr")).map(|_| ()).map_err(sentence),
+    needs_its_end: true,
+    ..PNG
+};
+const EXR: Target = Target {
+    file: "a.exr",
+    make: |folder| latlong::write(&folder.join("a.exr"), &map()).unwrap(),
+    read: |folder| latlong::read(&folder.join("a.exr")).map(|_| ()).map_err(sentence),
+    ..HDR
+};
+const CUBE: Target = Target {
+    make: |folder| latlong::write_cube_exr(&folder.join("a.exr"), &numbers(10, 18 * 4 * 4), 4).unwrap(),
+    read: |folder| latlong::read_cube_exr(&folder.join("a.exr")).map(|_| ()).map_err(sentence),
+    ..EXR
+};
+
+/// The tests of each reader, by its name.
+macro_rules! targets {
+    ($($name:ident: $target:expr;)*) => {$(
+        mod $name {
+            use super::*;
+
+            #[test]
+            fn survives_anything() {
+                Place::new(&$target).survives_anything();
+            }
+
+            #[test]
+            fn survives_losing_its_end() {
+                Place::new(&$target).survives_losing_its_end();
+            }
+
+            #[test]
+            fn refuses_a_million_random_bytes() {
+                Place::new(&$target).refuses_a_million_random_bytes();
+            }
+        }
+    )*};
+}
+
+targets! {
+    gaussians: GAUSSIANS;
+    points: POINTS;
+    text_points: TEXT_POINTS;
+    checkpoints: CHECKPOINT;
+    camera_lists: CAMERAS;
+    transforms: TRANSFORMS;
+    models: MODEL;
+    png: PNG;
+    hdr: HDR;
+    exr: EXR;
+    cube_exr: CUBE;
+}
+
+#[test]
+fn a_header_of_two_billion_vertices_is_refused() {
+    for (target, formats) in [(GAUSSIANS, 1), (POINTS, 3)] {
+        let place = Place::new(&target);
+        for format in &["binary_little_endian", "binary_big_endian", "ascii"][..formats] {
+            let header = format!("ply\nformat {format} 1.0\nelement vertex 2147483648\nproperty float x\n");
+            let rest = "property float y\nproperty float z\nend_header\n";
+            assert!(place.read(format!("{header}{rest}1 2 3\n").as_bytes()).is_err(), "{format}");
+        }
+    }
+}
+
+#[test]
+fn a_picture_of_four_billion_rows_is_refused() {
+    let place = Place::new(&HDR);
+    for size in ["-Y 4294967295 +X 4294967295", "-Y 1000000 +X 1000000", "-Y 2147483648 +X 1"] {
+        let refusal = place.read(format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n").as_bytes());
+        assert!(refusal.expect_err(size).contains("a.hdr"), "{size}");
+    }
+}
+
+#[test]
+#[should_panic(expected = "bytes for a file of")]
+fn a_reader_that_takes_too_much_is_noticed() {
+    let greedy = |folder: &Path| {
+        let wasted = vec![1_u8; BYTES_OF_TABLES];
+        assert!(folder.is_dir() && wasted[5] == 1);
+        Ok(())
+    };
+    Place::new(&Target { read: greedy, memory: 0, ..MODEL });
+}
+
+#[test]
+#[should_panic(expected = "it does not say which file")]
+fn an_error_that_names_no_file_is_noticed() {
+    let place = Place::new(&MODEL);
+    let vague = Target { read: |_| Err("something is wrong".into()), ..MODEL };
+    drop(Place { target: &vague, ..place }.read(b"{}"));
+}
