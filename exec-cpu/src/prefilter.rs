@@ -4,7 +4,7 @@ use crate::{buffer::Buffer, machine::Machine};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::FACE_COUNT,
+    cubemap::{FACE_COUNT, padded_index},
     pack::Storage,
     prefilter::Level,
     scene::{Environment, RadianceActivation},
@@ -57,6 +57,17 @@ impl Light {
     pub fn texels(&self) -> &[Texel] {
         &self.texels
     }
+    /// Red, green and blue of a level's texels, without the apron: face by face, rows from the top.
+    pub fn faces(&self, level: usize) -> Vec<f32> {
+        let resolution = self.resolution(level);
+        let texels = &self.texels[self.offsets()[level]..];
+        let texel = |index: usize| {
+            let (face, row, column) =
+                (index / resolution / resolution, index / resolution % resolution, index % resolution);
+            texels[padded_index(face, column as isize, row as isize, resolution)]
+        };
+        (0..FACE_COUNT * resolution * resolution).flat_map(|index| texel(index).into_iter().take(3)).collect()
+    }
     /// The gradient of this light from that of its texels.
     pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {
         let mut texels = self.texels.clone();
@@ -81,7 +92,7 @@ impl Light {
     /// Gradient with respect to the environment's numbers.
     pub(crate) fn vjp(&self, machine: &Machine, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
         let mut nodes = machine.texels.take(self.nodes.len());
-        apply(machine.level, &self.operator.aprons().transposed, &grad.texels, &mut nodes, false);
+        apply(machine.level, self.operator.aprons().transposed(), &grad.texels, &mut nodes, false);
         filter_vjp(machine.level, &self.operator, &mut nodes);
         let resolution = self.operator.base_resolution();
         let mut out = machine.numbers.take(3 * FACE_COUNT * resolution * resolution);
@@ -129,7 +140,7 @@ fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
 fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     if let Some(stored) = operator.rows() {
-        apply(level, &stored.transposed, rows, nodes, true);
+        apply(level, stored.transposed(), rows, nodes, true);
     } else {
         let mut taps = Vec::new();
         for (row, grad) in rows.iter().enumerate() {
@@ -140,7 +151,7 @@ fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     for ([fine, coarse], reduction) in operator.reductions().rev() {
         let (below, above) = nodes.split_at_mut(coarse);
         let count = reduction.forward.row_count();
-        apply(level, &reduction.transposed, &above[..count], &mut below[fine..], true);
+        apply(level, reduction.transposed(), &above[..count], &mut below[fine..], true);
     }
 }
 

@@ -202,7 +202,7 @@ impl Weights {
         if let Some(transposed) = self.transposed.get() {
             return Ok(transposed);
         }
-        let transposed = Matrices::new(machine, &self.operator, |linear| &linear.transposed)?;
+        let transposed = Matrices::new(machine, &self.operator, Linear::transposed)?;
         Ok(self.transposed.get_or_init(|| transposed))
     }
 

@@ -1,14 +1,16 @@
 //! Sparse matrices, row by row.
 
 use core::ops::Range;
+use std::sync::OnceLock;
 
 /// A linear map and its transpose.
 #[derive(Debug, Default)]
 pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
-    /// Its transpose, for gradients.
-    pub transposed: Sparse,
+    column_count: usize,
+    /// Its transpose, once a gradient has been asked for: who only looks at pictures needs none.
+    transposed: OnceLock<Sparse>,
 }
 
 /// A sparse matrix by rows.
@@ -24,8 +26,11 @@ pub struct Sparse {
 
 impl Linear {
     pub(crate) fn new(forward: Sparse, column_count: usize) -> Self {
-        let transposed = forward.transpose(column_count);
-        Self { forward, transposed }
+        Self { forward, column_count, transposed: OnceLock::new() }
+    }
+    /// Its transpose, for gradients; made when it is first asked for.
+    pub fn transposed(&self) -> &Sparse {
+        self.transposed.get_or_init(|| self.forward.transpose(self.column_count))
     }
 }
 
