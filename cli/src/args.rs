@@ -33,6 +33,7 @@ Examples:
   specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
+  specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
   specula info out/chair                          what is in it";
 
 /// The commands.
@@ -43,6 +44,7 @@ pub(crate) enum Command {
     Render(Render),
     Relight(Relight),
     Eval(Eval),
+    Prefilter(Prefilter),
     Info(Info),
     Doctor(Doctor),
 }
@@ -460,6 +462,55 @@ pub(crate) struct Eval {
     pub(crate) json: bool,
 }
 
+/// Filter a light for every roughness, and write it as a cube map that other programs load.
+///
+/// ENV is a lat-long map of linear radiance, .hdr or .exr, or the folder of a model, whose light is taken. OUT.ktx2
+/// becomes a cube map of halves with a mip level for each roughness, as engines look reflections up; OUT.exr becomes a
+/// file for each level, OUT.level0.exr and so on, six faces in a column, for programs that read no KTX 2.0. OUT.json
+/// says which level has which roughness, how faces lie, and what to multiply by.
+///
+/// Faces are +X -X +Y -Y +Z -Z, as graphics interfaces look them up. With --up y, as engines have it, +y is above, and
+/// the light of a model, whose world has z above, is turned: (x, y, z) becomes (x, z, -y).
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula prefilter sunset.hdr -o sunset.ktx2
+  specula prefilter sunset.hdr -o sunset.ktx2 --resolution 128 --roughness filament --previews
+  specula prefilter out/chair -o chair.ktx2
+Schemes:
+  specula    a mip chain from a mirror to roughness 1, filtered exactly; the default
+  paper      the levels of the authors' code (0.08 to 0.5, then 1), filtered exactly
+  official   those levels with the weights of the authors' code, to compare with")]
+pub(crate) struct Prefilter {
+    /// A lat-long map, or the folder of a model.
+    #[arg(value_name = "ENV")]
+    pub(crate) env: PathBuf,
+    /// The cube map; its ending says what is written.
+    #[arg(long, short, value_name = "OUT.ktx2|OUT.exr")]
+    pub(crate) output: PathBuf,
+    /// Texels along an edge of the sharpest level, a power of two; 256 by default, or that of the model's light.
+    #[arg(long, value_name = "N", value_parser = cube_resolution)]
+    pub(crate) resolution: Option<usize>,
+    /// Levels, each half as wide as the one before; by default down to 4 texels, which measures best.
+    #[arg(long, value_name = "N")]
+    pub(crate) levels: Option<usize>,
+    /// Which roughness the levels have: level / last = ρ, as in glTF and Bevy, the default; or ρ (2 − ρ), as in Filament.
+    #[arg(long, value_enum)]
+    pub(crate) roughness: Option<MipName>,
+    /// Levels and weights.
+    #[arg(long, value_enum, default_value_t = SchemeName::Specula)]
+    pub(crate) scheme: SchemeName,
+    /// Axis of the cube that is above.
+    #[arg(long, value_enum, default_value_t = Up::Y)]
+    pub(crate) up: Up,
+    /// Times two to this power.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) exposure: f32,
+    /// A picture of each level beside it, lat-long: OUT.level0.png and so on.
+    #[arg(long)]
+    pub(crate) previews: bool,
+}
+
 /// Say what is in a model, a PLY file or a data set.
 ///
 /// Of a scene it also says what pictures of its colours are rendered without, because the scene does not need it, and
@@ -570,6 +621,26 @@ pub(crate) enum StorageName {
     F16,
 }
 
+/// Levels of a light and their weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SchemeName {
+    /// A mip chain, filtered exactly.
+    Specula,
+    /// The authors' levels, filtered exactly.
+    Paper,
+    /// The authors' levels and weights.
+    Official,
+}
+
+/// Which roughness the levels of a mip chain have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MipName {
+    /// As in glTF and Bevy.
+    Linear,
+    /// As in Filament.
+    Filament,
+}
+
 /// Which axis a file of light has above.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Up {
@@ -619,6 +690,12 @@ fn weight(text: &str) -> Result<f32, String> {
 fn share(text: &str) -> Result<f32, String> {
     let number = finite(text)?;
     if (0.0..=1.0).contains(&number) { Ok(number) } else { Err("use a number from 0 to 1".into()) }
+}
+
+fn cube_resolution(text: &str) -> Result<usize, String> {
+    const LARGEST: usize = 2048;
+    let is_fine = |size: &usize| (16..=LARGEST).contains(size) && size.is_power_of_two();
+    text.parse().ok().filter(is_fine).ok_or_else(|| format!("use a power of two from 16 to {LARGEST}"))
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {

@@ -17,6 +17,7 @@ mod look;
 mod machine;
 mod output;
 mod pictures;
+mod prefilter;
 mod progress;
 mod quality;
 mod relay;
@@ -66,6 +67,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(args) => render::run(args, talk),
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
+        Command::Prefilter(args) => prefilter::run(args, talk),
         Command::Info(args) => info::run(args, talk),
         Command::Doctor(args) => doctor::run(args),
     }

@@ -60,8 +60,12 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
 
 /// Writes a preview of a light, if there is one: lat-long, z up.
 pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>) -> Result<(), Failure> {
-    let Some(light) = light else { return Ok(()) };
+    light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, UpAxis::Z))
+}
+
+/// Writes a preview of a cube map: lat-long.
+pub(crate) fn write_preview(path: &Path, values: &[f32], resolution: usize, up: UpAxis) -> Result<(), Failure> {
     let [width, height] = PREVIEW;
-    let map = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Z);
+    let map = latlong::from_cube(values, resolution, width, height, up);
     Ok(picture::write(path, &picture::tone_map_latlong(&map))?)
 }

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 /// Least and usual resolution of a light that is put into a scene.
 const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
 /// From this resolution on one has to wait for the prefilter.
-const SLOW_RESOLUTION: usize = 256;
+pub(crate) const SLOW_RESOLUTION: usize = 256;
 
 /// Gaussians, their light, and how both are read.
 #[derive(Clone, Debug)]
@@ -121,18 +121,7 @@ impl Scene {
                     .into(),
             ));
         }
-        let (mut map, cleaned) = latlong::read(path)?;
-        if cleaned.total() > 0 {
-            talk.note(&format!(
-                "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
-                cleaned.total(),
-                cleaned.nan,
-                cleaned.infinite,
-                cleaned.negative
-            ));
-        }
-        map.rgb.iter_mut().for_each(|radiance| *radiance *= options.exposure.exp2());
-
+        let map = read_env(path, options.exposure, talk)?;
         let [least, usual] = LIGHT_RESOLUTION;
         let resolution = self.light.as_ref().map_or(usual, |light| light.resolution.max(least));
         let values = latlong::to_cube(&map, resolution, options.env_up.into());
@@ -211,6 +200,22 @@ impl Renderer {
     }
 }
 
+/// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.
+pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<latlong::LatLong, Failure> {
+    let (mut map, cleaned) = latlong::read(path)?;
+    if cleaned.total() > 0 {
+        talk.note(&format!(
+            "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
+            cleaned.total(),
+            cleaned.nan,
+            cleaned.infinite,
+            cleaned.negative
+        ));
+    }
+    map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
+    Ok(map)
+}
+
 /// Radiance of a light, whatever its numbers are.
 pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
     match activation {
@@ -226,7 +231,11 @@ fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
 
 /// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.
 fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
-    let resolution = fitting_resolution(light.resolution, scheme);
+    resampled(light, fitting_resolution(light.resolution, scheme))
+}
+
+/// The same light with another resolution.
+pub(crate) fn resampled(light: &Environment<Vec<f32>>, resolution: usize) -> Environment<Vec<f32>> {
     if resolution == light.resolution {
         return light.clone();
     }

@@ -13,12 +13,12 @@ use crate::{
 };
 
 /// Most levels that any scheme has.
-pub const MAX_LEVELS: usize = 8;
+pub const MAX_LEVELS: usize = 10;
 
 /// Which prefiltering: levels, lobes and weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PrefilterScheme {
-    /// Exact solid angles, the whole lobe, eight levels.
+    /// Exact solid angles, lobes cut by their energy, ten levels.
     Exact,
     /// The authors' code (nvdiffrec's): its levels, its texel weights, its lobe cut short.
     Official,
@@ -75,12 +75,33 @@ pub struct Levels {
     count: usize,
 }
 
-/// Roughness of our levels: dense where lobes are narrow, so that a linear blend of two neighbours stays close.
-const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.16, 0.23, 0.32, 0.44, 0.58, 0.77, 1.0];
+/// Roughness of our levels: each about a third more than the one before, so that a linear blend of two neighbours stays
+/// close, from a lobe that is lost in a texel of a 64² map on. Chosen by measurement (docs/performance.md, The prefilter).
+const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.0];
 /// No level is coarser than this.
 const RESOLUTION_MIN: usize = 16;
 /// The official scheme's roughness of the first and of the last but one level.
 const OFFICIAL_ROUGHNESS: [f32; 2] = [0.08, 0.5];
+
+/// Which roughness the levels of a mip chain have: engines look a roughness up by its inverse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MipRoughness {
+    /// Level / last level = ρ: glTF (`EXT_lights_image_based`), Bevy.
+    Linear,
+    /// Level / last level = ρ (2 − ρ): Filament.
+    Filament,
+}
+
+impl MipRoughness {
+    /// Roughness of a level; the last level has 1.
+    pub fn of_level(self, level: usize, last: usize) -> f32 {
+        let share = level as f32 / last as f32;
+        match self {
+            Self::Linear => share,
+            Self::Filament => 1.0 - math::sqrt(1.0 - share),
+        }
+    }
+}
 
 impl Levels {
     /// The levels of a base map of this resolution, a power of two, at least 16 (official: 64).
@@ -91,11 +112,38 @@ impl Levels {
         }
     }
 
-    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α = 1.6 / resolution.
+    /// Levels of one's own, sharpest first. None unless there are two to [`MAX_LEVELS`], their roughness grows within
+    /// \[0, 1\], and their resolutions are powers of two that do not.
+    pub fn of(levels: &[Level]) -> Option<Self> {
+        let is_level = |level: &Level| (0.0..=1.0).contains(&level.roughness) && level.resolution.is_power_of_two();
+        let is_in_order =
+            |pair: &[Level]| pair[0].roughness < pair[1].roughness && pair[0].resolution >= pair[1].resolution;
+        let is_fine = (2..=MAX_LEVELS).contains(&levels.len())
+            && levels.iter().all(is_level)
+            && levels.windows(2).all(is_in_order);
+        is_fine.then(|| {
+            let mut all = [levels[0]; MAX_LEVELS];
+            all[..levels.len()].copy_from_slice(levels);
+            Self { levels: all, count: levels.len() }
+        })
+    }
+
+    /// A mip chain: so many levels, each half as wide as the one before. None where [`Levels::of`] gives none, or where a
+    /// level would have no texel.
+    pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
+        let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
+        let levels = levels.get_mut(..count)?;
+        for (index, level) in levels.iter_mut().enumerate() {
+            *level = Level { roughness: roughness.of_level(index, count - 1), resolution: resolution >> index };
+        }
+        Self::of(levels)
+    }
+
+    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α = 0.95 / resolution.
     fn exact(resolution: usize) -> Self {
         let resolve = |roughness: f32| {
             let mut size = resolution;
-            let mut finest_alpha = 1.6 / resolution as f32;
+            let mut finest_alpha = 0.95 / resolution as f32;
             while roughness * roughness > finest_alpha && size > RESOLUTION_MIN {
                 size /= 2;
                 finest_alpha *= 2.0;
@@ -148,11 +196,62 @@ pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) 
 
 /// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole: narrow lobes
 /// have many rows and see little of each node, so a coarse cut serves them; wide lobes have few rows and get a fine one.
-pub const OPENING: [f64; 2] = [0.8, 0.35];
+const OPENING: [f64; 2] = [1.4, 0.5];
 /// Lobes with a larger α count as wide.
-pub const WIDE_ALPHA: f64 = 0.05;
-/// No node is wider than this, in radians.
-pub const NODE_WIDTH_MAX: f64 = 0.2;
+const WIDE_ALPHA: f64 = 0.05;
+/// Wide lobes take no node that is wider than this, in radians.
+const NODE_WIDTH_MAX: f64 = 0.2;
+/// The share of a lobe inside its cut. The rest is spread so thin that it moves the mean by a thousandth, and would make
+/// half of a narrow lobe's weights.
+pub const ENERGY_KEPT: f64 = 0.995;
+
+/// A lobe around a direction: which nodes of the light's pyramid it sees, and how much of each.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobe {
+    reflection_dir: Vec3<Double>,
+    alpha_ggx: f64,
+    /// Distance from the axis, on the unit sphere, to where the lobe is cut.
+    cut: f64,
+}
+
+impl Lobe {
+    /// The lobe of a roughness whose square is `alpha_ggx`, in (0, 1], around a unit vector; cut at [`ENERGY_KEPT`].
+    pub fn new(reflection_dir: Vec3<Double>, alpha_ggx: f64) -> Self {
+        let angle = ggx::energy_angle(alpha_ggx, ENERGY_KEPT);
+        // 2 sin(θ/2), from the cosine
+        let cut = math::sqrt64(2.0 - 2.0 * math::cos64(angle));
+        Self { reflection_dir, alpha_ggx, cut }
+    }
+
+    /// Whether any of a node of this resolution, with its centre at `node_dir`, lies inside the cut.
+    pub fn sees(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
+        // Half the diagonal of a node is √2 / resolution at most.
+        self.distance(node_dir) <= self.cut + core::f64::consts::SQRT_2 / resolution as f64
+    }
+
+    /// Whether the lobe changes across a node so much that it must be opened.
+    ///
+    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2 over its resolution,
+    /// exceeds a share of that.
+    pub fn must_open(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
+        let width = core::f64::consts::FRAC_PI_2 / resolution as f64;
+        let is_wide = self.alpha_ggx > WIDE_ALPHA;
+        let scale = (self.distance(node_dir) - width).max(0.0) + 2.0 * self.alpha_ggx;
+        is_wide && width > NODE_WIDTH_MAX || width > OPENING[usize::from(is_wide)] * scale
+    }
+
+    /// ∫ K cos θ over a node, before normalisation: K cos θ at the centres of its quarters, times their solid angles.
+    pub fn weight(&self, quarters: &[(Vec3<Double>, f64); 4]) -> f64 {
+        quarters.iter().fold(0.0, |sum, (light_dir, solid_angle)| {
+            let weight = ggx::lobe_weight(self.reflection_dir, *light_dir, Double(self.alpha_ggx));
+            sum + (weight * ggx::cosine(self.reflection_dir, *light_dir)).0 * solid_angle
+        })
+    }
+
+    fn distance(&self, node_dir: Vec3<Double>) -> f64 {
+        math::sqrt64((node_dir - self.reflection_dir).length_squared().0)
+    }
+}
 
 /// A texel of the light's pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,21 +277,6 @@ impl Node {
         })
     }
 
-    /// Whether the lobe changes across the node so much that it must be opened.
-    ///
-    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2 over its
-    /// resolution, exceeds [`OPENING`] times that.
-    pub fn must_open(&self, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> bool {
-        must_open(self.direction(), self.resolution, reflection_dir, alpha_ggx)
-    }
-
-    /// ∫ K cos θ over the node, before normalisation: K cos θ at the centres of its quarters, times their solid
-    /// angles.
-    pub fn lobe_weight(&self, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> f64 {
-        let quarters = self.children().map(|child| (child.direction(), child.solid_angle()));
-        lobe_weight_of_quarters(&quarters, reflection_dir, alpha_ggx)
-    }
-
     /// Solid angle, in steradians.
     pub fn solid_angle(&self) -> f64 {
         cubemap::texel_solid_angle(self.column, self.row, self.resolution)
@@ -203,26 +287,6 @@ impl Node {
         let [x, y, z] = cubemap::texel_direction(self.face, self.column, self.row, self.resolution).map(Double);
         vec3(x, y, z)
     }
-}
-
-/// [`Node::must_open`] for a node whose direction is at hand.
-pub fn must_open(node_dir: Vec3<Double>, resolution: usize, reflection_dir: Vec3<Double>, alpha_ggx: f64) -> bool {
-    let angle = math::sqrt64((node_dir - reflection_dir).length_squared().0);
-    let width = core::f64::consts::FRAC_PI_2 / resolution as f64;
-    let opening = OPENING[usize::from(alpha_ggx > WIDE_ALPHA)];
-    width > NODE_WIDTH_MAX || width > opening * ((angle - width).max(0.0) + 2.0 * alpha_ggx)
-}
-
-/// [`Node::lobe_weight`] for quarters whose directions and solid angles are at hand.
-pub fn lobe_weight_of_quarters(
-    quarters: &[(Vec3<Double>, f64); 4],
-    reflection_dir: Vec3<Double>,
-    alpha_ggx: f64,
-) -> f64 {
-    quarters.iter().fold(0.0, |sum, (light_dir, solid_angle)| {
-        let weight = ggx::lobe_weight(reflection_dir, *light_dir, Double(alpha_ggx));
-        sum + (weight * ggx::cosine(reflection_dir, *light_dir)).0 * solid_angle
-    })
 }
 
 /// The official scheme's weight of a texel, meant as its solid angle: a product of two arcs, half a texel off.

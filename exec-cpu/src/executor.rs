@@ -19,7 +19,7 @@ use specula_core::{
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     loss::LossWeights,
     pipeline::{Step, StepReport},
-    prefilter::{LevelRange, PrefilterScheme},
+    prefilter::{LevelRange, Levels, PrefilterScheme},
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use specula_prefilter::Operator;
@@ -95,6 +95,26 @@ impl CpuExecutor {
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
         let order = depth_order(&self.machine, &splats.records);
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
+    }
+
+    /// Filters light into levels of one's own, with the weights of a scheme. The first of them is as fine as the light.
+    pub fn prefilter_into(
+        &mut self,
+        environment: &Environment<Vec<f32>>,
+        scheme: PrefilterScheme,
+        levels: Levels,
+    ) -> Result<Light, CpuError> {
+        let first = levels.as_slice()[0].resolution;
+        if environment.resolution != first {
+            return Err(CpuError::LightResolution { resolution: environment.resolution, least: first });
+        }
+        Ok(self.filter(environment, &Arc::new(Operator::of_levels(scheme, levels, LevelRange::ALL))))
+    }
+
+    /// Filters light with weights that are at hand, for a base of its resolution.
+    pub fn filter(&mut self, environment: &Environment<Vec<f32>>, operator: &Arc<Operator>) -> Light {
+        assert_eq!(environment.resolution, operator.base_resolution(), "weights are for one resolution");
+        Light::new(&self.machine, operator.clone(), environment)
     }
 
     fn operator(

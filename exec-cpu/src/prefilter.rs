@@ -4,7 +4,7 @@ use crate::{buffer::Buffer, machine::Machine};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::FACE_COUNT,
+    cubemap::{FACE_COUNT, padded_index},
     pack::Storage,
     prefilter::Level,
     scene::{Environment, RadianceActivation},
@@ -56,6 +56,17 @@ impl Light {
     /// All levels, one after the other, each with its apron; then the irradiance map, if there is one.
     pub fn texels(&self) -> &[Texel] {
         &self.texels
+    }
+    /// Red, green and blue of a level's texels, without the apron: face by face, rows from the top.
+    pub fn faces(&self, level: usize) -> Vec<f32> {
+        let resolution = self.resolution(level);
+        let texels = &self.texels[self.offsets()[level]..];
+        let texel = |index: usize| {
+            let (face, row, column) =
+                (index / resolution / resolution, index / resolution % resolution, index % resolution);
+            texels[padded_index(face, column as isize, row as isize, resolution)]
+        };
+        (0..FACE_COUNT * resolution * resolution).flat_map(|index| texel(index).into_iter().take(3)).collect()
     }
     /// The gradient of this light from that of its texels.
     pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {

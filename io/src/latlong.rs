@@ -182,6 +182,22 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
     LatLong { width, height, rgb }
 }
 
+/// A cube map of a world with +z above as one with +y above: what comes from (x, y, z) comes from (x, z, −y), as tools
+/// turn Blender's scenes. Texels only change their places.
+pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
+    assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
+    let from = |index: usize| {
+        let (face, row, column) =
+            (index / resolution / resolution, index / resolution % resolution, index % resolution);
+        let [x, y, z] = cubemap::texel_direction(face, column, row, resolution);
+        let (face, u, v) = cubemap::face_of([x, -z, y]);
+        let [column, row] = [u, v].map(|at| (0.5 * (at + 1.0) * resolution as f64) as usize);
+        3 * cubemap::texel_index(face, column, row, resolution)
+    };
+    let texels = (0..values.len() / 3).map(from);
+    texels.flat_map(|start| [values[start], values[start + 1], values[start + 2]]).collect()
+}
+
 fn sample_count(pixels_in_texel: f64) -> usize {
     ((OVERSAMPLING * pixels_in_texel).ceil() as usize).clamp(1, SAMPLES_MAX)
 }

@@ -6,7 +6,7 @@
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`pixels`])
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
-//! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back
+//! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
 //! * [`checkpoint`]: a training put aside, so that it can go on
@@ -18,6 +18,7 @@ pub mod dataset;
 mod error;
 pub mod gaussian_ply;
 mod json;
+pub mod ktx;
 pub mod latlong;
 pub mod model_folder;
 pub mod picture;

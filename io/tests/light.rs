@@ -253,3 +253,17 @@ fn what_cannot_be_light_is_refused() {
     let sentence = latlong::write(&folder.path().join("a.tiff"), &map(4, 2, |_, _| [1.0; 3])).unwrap_err().to_string();
     assert!(sentence.contains("a.tiff") && sentence.contains(".hdr or .exr"), "{sentence}");
 }
+
+#[test]
+fn a_turned_light_has_above_what_it_had_above() {
+    let resolution = 4;
+    let values: Vec<f32> =
+        (0..96).flat_map(|k| smooth(texel_direction(k / 16, k % 4, k / 4 % 4, resolution))).collect();
+    let turned = latlong::turned_up(&values, resolution);
+    for (k, texel) in turned.chunks_exact(3).enumerate() {
+        let [x, y, z] = texel_direction(k / 16, k % 4, k / 4 % 4, resolution);
+        for (found, expected) in texel.iter().zip(smooth([x, -z, y])) {
+            assert_near(*found, expected, 1e-6, "what came from (x, −z, y) comes from (x, y, z)");
+        }
+    }
+}

@@ -13,8 +13,8 @@ use specula_core::{
     cubemap::{FACE_COUNT, apron_sources, padded_len, texel_direction, texel_index, texel_solid_angle},
     double::Double,
     prefilter::{
-        IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Node, PrefilterScheme, lobe_weight_of_quarters, must_open,
-        official_cut_cosine, official_irradiance_weight, official_lobe_weight, official_texel_weight,
+        IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Lobe, Node, PrefilterScheme, official_cut_cosine,
+        official_irradiance_weight, official_lobe_weight, official_texel_weight,
     },
     split_sum::{RESOLUTION, integrate},
     vector::{Vec3, vec3},
@@ -140,7 +140,12 @@ fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
 impl Operator {
     /// The operator for a base of this resolution, a power of two; rows of levels that are not kept are zero.
     pub fn new(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Self {
-        let levels = Levels::new(scheme, resolution);
+        Self::of_levels(scheme, Levels::new(scheme, resolution), kept)
+    }
+
+    /// The operator for a base as fine as the first of these levels, with the weights of a scheme.
+    pub fn of_levels(scheme: PrefilterScheme, levels: Levels, kept: LevelRange) -> Self {
+        let resolution = levels.as_slice()[0].resolution;
         let mut pyramid = Vec::new();
         let (mut size, mut offset) = (resolution, 0);
         while size >= COARSEST.min(resolution) {
@@ -294,36 +299,34 @@ impl Operator {
         }
     }
 
-    /// Weights of one row, normalised, into `taps`.
+    /// Weights of one row into `taps`, normalised unless they are the official irradiance's.
     fn row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
         taps.clear();
         let block = self.block_of_row(row);
         let (face, column, row) = texel_of_index(row - block.first_row, block.resolution);
         let [x, y, z] = texel_direction(face, column, row, block.resolution).map(Double);
         let direction = vec3(x, y, z);
-        let mut normalised = true;
-        for root in self.roots() {
-            match block.kind {
-                RowKind::Base => {}
-                RowKind::Exact { alpha_ggx } => self.cut(root, direction, alpha_ggx, taps),
-                RowKind::Official { alpha_ggx, cut_cosine, source } => {
-                    let cone = self.cone_around(direction, cut_cosine, source);
-                    let weigh =
-                        |light_dir, weight| official_lobe_weight(direction, light_dir, weight, alpha_ggx, cut_cosine);
-                    self.cone(root, &cone, &weigh, taps);
-                }
-                RowKind::OfficialIrradiance { source } => {
-                    normalised = false;
-                    let cone = self.cone_around(direction, 0.0, source);
-                    let weigh = |light_dir, weight| official_irradiance_weight(direction, light_dir, weight);
-                    self.cone(root, &cone, &weigh, taps);
-                }
+        match block.kind {
+            RowKind::Base => {}
+            RowKind::Exact { alpha_ggx } => {
+                let lobe = Lobe::new(direction, alpha_ggx);
+                self.roots().for_each(|root| self.cut(root, &lobe, taps));
+            }
+            RowKind::Official { alpha_ggx, cut_cosine, source } => {
+                let cone = self.cone_around(direction, cut_cosine, source);
+                let weigh =
+                    |light_dir, weight| official_lobe_weight(direction, light_dir, weight, alpha_ggx, cut_cosine);
+                self.roots().for_each(|root| self.cone(root, &cone, &weigh, taps));
+            }
+            RowKind::OfficialIrradiance { source } => {
+                let cone = self.cone_around(direction, 0.0, source);
+                let weigh = |light_dir, weight| official_irradiance_weight(direction, light_dir, weight);
+                self.roots().for_each(|root| self.cone(root, &cone, &weigh, taps));
+                return;
             }
         }
-        if normalised {
-            let sum: f64 = taps.iter().map(|(_, weight)| weight).sum();
-            taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
-        }
+        let sum: f64 = taps.iter().map(|(_, weight)| weight).sum();
+        taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
     }
 
     fn roots(&self) -> impl Iterator<Item = Node> + '_ {
@@ -331,13 +334,16 @@ impl Operator {
         each_texel(resolution).map(move |(face, column, row)| Node { face, column, row, resolution })
     }
 
-    /// Our rows: nodes small enough for the lobe where they lie.
-    fn cut(&self, node: Node, direction: Vec3<Double>, alpha_ggx: f64, taps: &mut Vec<(u32, f64)>) {
-        let must_open = || must_open(self.nodes.get(&node).0, node.resolution, direction, alpha_ggx);
-        if node.resolution < self.resolution && must_open() {
-            return node.children().into_iter().for_each(|child| self.cut(child, direction, alpha_ggx, taps));
+    /// Our rows: nodes inside the lobe's cut, small enough for the lobe where they lie.
+    fn cut(&self, node: Node, lobe: &Lobe, taps: &mut Vec<(u32, f64)>) {
+        let (node_dir, _) = self.nodes.get(&node);
+        if !lobe.sees(node_dir, node.resolution) {
+            return;
         }
-        let weight = lobe_weight_of_quarters(&node.children().map(|c| self.nodes.get(&c)), direction, alpha_ggx);
+        if node.resolution < self.resolution && lobe.must_open(node_dir, node.resolution) {
+            return node.children().into_iter().for_each(|child| self.cut(child, lobe, taps));
+        }
+        let weight = lobe.weight(&node.children().map(|child| self.nodes.get(&child)));
         if weight > 0.0 {
             taps.push((self.node_index(&node) as u32, weight));
         }

@@ -9,6 +9,7 @@ pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
     column_count: usize,
+    /// Its transpose, once a gradient has been asked for: who only looks at pictures needs none.
     transposed: OnceLock<Sparse>,
 }
 

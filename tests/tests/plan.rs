@@ -288,13 +288,13 @@ fn what_is_not_a_number_is_never_left_out() {
 fn levels_are_those_around_the_roughness() {
     let mut scene = Scene::deferred(Channels::Color);
     let levels = Levels::new(PrefilterScheme::Exact, 64);
-    // Levels have the roughness 0, 0.16, 0.23, 0.32, 0.44, 0.58, 0.77, 1.
-    for (raw, first, end) in [(-20.0, 0, 2), (0.0, 4, 6), (20.0, 6, 8)] {
+    // Levels have the roughness 0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.
+    for (raw, first, end) in [(-20.0, 0, 2), (0.0, 6, 8), (20.0, 8, 10)] {
         scene.fill(ROUGHNESS..ROUGHNESS + 1, raw);
         assert_eq!(scene.needs().levels(&levels), LevelRange { first, end });
     }
     assert_eq!(Needs::NOTHING.levels(&levels), LevelRange::NONE);
-    assert_eq!(scene.plan().rules.levels, LevelRange { first: 5, end: 9 }, "a level more on either side");
+    assert_eq!(scene.plan().rules.levels, LevelRange { first: 7, end: 11 }, "a level more on either side");
 }
 
 #[test]

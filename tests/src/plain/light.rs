@@ -3,7 +3,7 @@
 use crate::number::{Number, take3};
 use specula_core::{
     cubemap::{self, FACE_COUNT},
-    prefilter::{Levels, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
+    prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
     scene::{Environment, RadianceActivation},
     vector::Vec3,
 };
@@ -54,14 +54,19 @@ impl Operator {
             return vec![(self.index(texel), 1.0)];
         }
         let base = self.pyramid[0].0;
-        let direction = texel.direction();
+        let lobe = Lobe::new(texel.direction(), alpha_ggx);
         let mut open: Vec<Node> = texels_of(COARSEST.min(base)).collect();
         let mut row = Vec::new();
         while let Some(node) = open.pop() {
-            if node.resolution < base && node.must_open(direction, alpha_ggx) {
+            let direction = node.direction();
+            if !lobe.sees(direction, node.resolution) {
+                continue;
+            }
+            if node.resolution < base && lobe.must_open(direction, node.resolution) {
                 open.extend(node.children());
             } else {
-                row.push((self.index(&node), node.lobe_weight(direction, alpha_ggx)));
+                let quarters = node.children().map(|child| (child.direction(), child.solid_angle()));
+                row.push((self.index(&node), lobe.weight(&quarters)));
             }
         }
         row.retain(|(_, weight)| *weight > 0.0);

@@ -1,0 +1,232 @@
+//! `specula prefilter`: light filtered for every roughness, as a cube map that other programs load.
+
+use crate::{
+    args::{MipName, Prefilter, SchemeName, Up},
+    failure::Failure,
+    output,
+    progress::Talk,
+    relight::write_preview,
+    scene::{SLOW_RESOLUTION, radiance, read_env, resampled},
+};
+use serde_json::{Value, json};
+use specula_core::{
+    prefilter::{Level, Levels, MAX_LEVELS, MipRoughness, PrefilterScheme},
+    scene::{Environment, RadianceActivation},
+};
+use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_io::{
+    Error,
+    ktx::{self, CubeLevel},
+    latlong, model_folder,
+};
+use std::path::{Path, PathBuf};
+
+/// Texels along an edge of a file's light, where nothing else is said: as in Filament's tools.
+const RESOLUTION: usize = 256;
+/// A chain ends with a level of this resolution: as many levels as this gives come closest to the integral, though the
+/// roughest have few texels (docs/performance.md, The prefilter).
+const COARSEST: usize = 4;
+
+/// Filters and writes.
+pub(crate) fn run(args: &Prefilter, talk: Talk) -> Result<(), Failure> {
+    let container = Container::of(&args.output)?;
+    let light = open(args, talk)?;
+    let levels = levels(args, light.resolution)?;
+    let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    output::make_folder(folder.unwrap_or(Path::new(".")))?;
+    if light.resolution > SLOW_RESOLUTION {
+        talk.note(&format!("filtering six times {0} × {0} texels; this takes a while", light.resolution));
+    }
+    let filtered = CpuExecutor::new().prefilter_into(&light, args.scheme.weights(), levels)?;
+    let levels = levels.as_slice();
+    let faces = faces_of(&filtered, levels);
+
+    container.write(&args.output, levels, &faces)?;
+    output::write_json(&args.output.with_extension("json"), &description(args, container, levels))?;
+    if args.previews {
+        for (level, CubeLevel { resolution, rgb }) in faces.iter().enumerate() {
+            write_preview(&beside(&args.output, level, "png"), rgb, *resolution, args.up.into())?;
+        }
+    }
+    output::say(&args.output.display().to_string())
+}
+
+/// What the levels are written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Container {
+    /// One file with all levels, as halves.
+    Ktx2,
+    /// A file for each level, in full.
+    Exr,
+}
+
+impl Container {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        match path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase).as_deref() {
+            Some("ktx2") => Ok(Self::Ktx2),
+            Some("exr") => Ok(Self::Exr),
+            _ => Err(Error::Ending { path: path.to_owned(), expected: ".ktx2 or .exr" }.into()),
+        }
+    }
+
+    fn write(self, path: &Path, levels: &[Level], faces: &[CubeLevel]) -> Result<(), Failure> {
+        match self {
+            Self::Ktx2 => {
+                let roughness: Vec<String> = levels.iter().map(|level| level.roughness.to_string()).collect();
+                Ok(ktx::write_cube(path, faces, &[("roughness", &roughness.join(" "))])?)
+            }
+            Self::Exr => faces.iter().enumerate().try_for_each(|(level, CubeLevel { resolution, rgb })| {
+                Ok(latlong::write_cube_exr(&beside(path, level, "exr"), rgb, *resolution)?)
+            }),
+        }
+    }
+
+    /// Names of the files with the levels, and how their numbers are stored.
+    fn words(self, path: &Path, count: usize) -> [Value; 2] {
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        match self {
+            Self::Ktx2 => [json!([name(path)]), json!("R16G16B16A16_SFLOAT, a mip level for each level")],
+            Self::Exr => {
+                let names: Vec<String> = (0..count).map(|level| name(&beside(path, level, "exr"))).collect();
+                [json!(names), json!("32-bit RGB, a file for each level, six faces in a column")]
+            }
+        }
+    }
+}
+
+/// `sky.ktx2` becomes `sky.level0.png`.
+fn beside(path: &Path, level: usize, ending: &str) -> PathBuf {
+    path.with_extension(format!("level{level}.{ending}"))
+}
+
+/// The light of a file or of a model, as fine as the first level.
+fn open(args: &Prefilter, talk: Talk) -> Result<Environment<Vec<f32>>, Failure> {
+    let activation = RadianceActivation::Identity;
+    if !args.env.is_dir() {
+        let map = read_env(&args.env, args.exposure, talk)?;
+        let resolution = args.resolution.unwrap_or(RESOLUTION);
+        return Ok(Environment { resolution, activation, values: latlong::to_cube(&map, resolution, args.up.into()) });
+    }
+    let light = model_folder::open(&args.env)?.light.ok_or_else(|| {
+        Failure::Input(format!(
+            "the model in {:?} has no light, as it is plain Gaussian splatting; name a .hdr or .exr file, or a model of \
+             --profile specula",
+            args.env
+        ))
+    })?;
+    let mut values = radiance(light.activation, &light.values);
+    values.iter_mut().for_each(|number| *number *= args.exposure.exp2());
+    if args.up == Up::Y {
+        values = latlong::turned_up(&values, light.resolution);
+    }
+    let resolution = args.resolution.unwrap_or(light.resolution.next_power_of_two().max(args.scheme.least()));
+    Ok(resampled(&Environment { resolution: light.resolution, activation, values }, resolution))
+}
+
+/// The levels that were asked for.
+fn levels(args: &Prefilter, resolution: usize) -> Result<Levels, Failure> {
+    let (scheme, least) = (args.scheme.name(), args.scheme.least());
+    if resolution < least {
+        return Err(Failure::Input(format!(
+            "--scheme {scheme} begins at a resolution of {least}, and this is {resolution}; use --resolution {least}, or \
+             --scheme specula"
+        )));
+    }
+    if args.scheme != SchemeName::Specula {
+        return match (args.levels, args.roughness) {
+            (None, None) => Ok(Levels::new(PrefilterScheme::Official, resolution)),
+            _ => Err(Failure::Input(format!(
+                "--scheme {scheme} has its own levels; leave --levels and --roughness out, or use --scheme specula"
+            ))),
+        };
+    }
+    let most = (resolution.ilog2() as usize + 1).min(MAX_LEVELS);
+    let usual = (resolution / COARSEST).ilog2() as usize + 1;
+    let count = args.levels.unwrap_or(usual.min(most));
+    Levels::mips(args.mips().into(), resolution, count).ok_or_else(|| {
+        Failure::Input(format!(
+            "a light of resolution {resolution} has no chain of {count} levels; use --levels with 2 to {most}"
+        ))
+    })
+}
+
+fn faces_of(light: &Light, levels: &[Level]) -> Vec<CubeLevel> {
+    let faces = |(number, level): (usize, &Level)| CubeLevel { resolution: level.resolution, rgb: light.faces(number) };
+    levels.iter().enumerate().map(faces).collect()
+}
+
+/// What a program has to know to look the levels up.
+fn description(args: &Prefilter, container: Container, levels: &[Level]) -> Value {
+    let [files, format] = container.words(&args.output, levels.len());
+    let level = |(number, level): (usize, &Level)| {
+        let alpha_ggx = level.roughness * level.roughness;
+        json!({"level": number, "resolution": level.resolution, "roughness": level.roughness, "alpha_ggx": alpha_ggx})
+    };
+    let last = levels.len() - 1;
+    let level_of_roughness = match (args.scheme, args.mips()) {
+        (SchemeName::Specula, MipName::Linear) => format!("{last} ρ"),
+        (SchemeName::Specula, MipName::Filament) => format!("{last} ρ (2 − ρ)"),
+        _ => "linear between the levels, the first below its roughness".to_owned(),
+    };
+    json!({
+        "environment": output::absolute(&args.env),
+        "exposure": args.exposure,
+        "scheme": args.scheme.name(),
+        "files": files,
+        "format": format,
+        "faces": ["+X", "-X", "+Y", "-Y", "+Z", "-Z"],
+        "orientation": "columns to the right, rows down, seen from inside as Vulkan, Direct3D, WebGPU and OpenGL look \
+                        cube maps up: a lookup of (x, y, z) gives the light that comes from there",
+        "up": match args.up {
+            Up::Y => "+y; the middle of a lat-long map lies at −z",
+            Up::Z => "+z; the middle of a lat-long map lies at +x",
+        },
+        "levels": levels.iter().enumerate().map(level).collect::<Vec<_>>(),
+        "level_of_roughness": level_of_roughness,
+        "lobe": "GGX around the reflected direction r, for n = v = r: ∫ L(ω) D(h·r) (ω·r)₊ dω / ∫ D(h·r) (ω·r)₊ dω, \
+                 alpha_ggx = ρ²; it has no Fresnel or shadowing term",
+        "split_sum": "specular = level(r, ρ) (F0 A(n·v, ρ) + B(n·v, ρ)); A and B as Karis 2013 has them, with \
+                      height-correlated Smith shadowing and Schlick's Fresnel, not stored here",
+    })
+}
+
+impl Prefilter {
+    /// Which roughness the levels of our own chain have.
+    fn mips(&self) -> MipName {
+        self.roughness.unwrap_or(MipName::Linear)
+    }
+}
+
+impl SchemeName {
+    /// How texels are weighted.
+    fn weights(self) -> PrefilterScheme {
+        match self {
+            Self::Specula | Self::Paper => PrefilterScheme::Exact,
+            Self::Official => PrefilterScheme::Official,
+        }
+    }
+    /// The least resolution of its first level.
+    fn least(self) -> usize {
+        match self {
+            Self::Specula => PrefilterScheme::Exact.resolution_min(),
+            Self::Paper | Self::Official => PrefilterScheme::Official.resolution_min(),
+        }
+    }
+    /// The name, as typed.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Specula => "specula",
+            Self::Paper => "paper",
+            Self::Official => "official",
+        }
+    }
+}
+
+impl From<MipName> for MipRoughness {
+    fn from(name: MipName) -> Self {
+        match name {
+            MipName::Linear => Self::Linear,
+            MipName::Filament => Self::Filament,
+        }
+    }
+}
