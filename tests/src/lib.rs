@@ -13,7 +13,8 @@ pub mod compare;
 pub mod derivative;
 pub mod device;
 pub mod formulas;
-pub mod number;
-pub mod plain;
 pub mod strategies;
 pub mod stress;
+
+pub use specula_oracle as plain;
+pub use specula_oracle::number;
