@@ -16,12 +16,14 @@ mod interrupt;
 mod look;
 mod machine;
 mod output;
+mod page;
 mod pictures;
 mod progress;
 mod quality;
 mod relay;
 mod relight;
 mod render;
+mod report;
 mod scene;
 mod settings;
 mod train;
@@ -66,6 +68,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(args) => render::run(args, talk),
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
+        Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),
         Command::Doctor(args) => doctor::run(args),
     }

@@ -33,7 +33,7 @@ pub(crate) fn relay<T: Send, R: Send>(
                 break;
             }
         }
-        Ok(())
+        Ok::<(), Failure>(())
     })?;
     finished.tell(work);
     finished.in_order()

@@ -9,6 +9,7 @@ use crate::{
     progress::{Talk, Work},
     relay::relay,
 };
+use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
     executor::RenderRules,
@@ -105,6 +106,13 @@ impl Scene {
         let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
         let Reading { scheme, .. } = self.reading;
         Some(Levels::new(scheme, fitting_resolution(light.resolution, scheme)))
+    }
+
+    /// The scene as it is looked at from some cameras, over a background.
+    pub(crate) fn into_subject(self, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
+        let Self { gaussians, light, reading: Reading { shading, scheme } } = self;
+        let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
+        Subject { gaussians, light, shading, scheme, cameras, background }
     }
 
     /// Puts in another light.
