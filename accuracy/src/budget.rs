@@ -1,8 +1,8 @@
-//! The cheapest setting for an error: chosen by some views, verified on others.
+//! The cheapest setting for an error: chosen by some tiles of pictures, verified on others.
 //!
 //! Each knob is turned alone, all others at their most exact; then all at once, each to its cheapest value whose own
 //! error is within a bound. The bound begins at the whole error, because errors of different knobs seldom add up, and
-//! falls until the setting holds, on the views that it was chosen by and on those that it was not. What is cheap is told
+//! falls until the setting holds, on the tiles that it was chosen by and on those that it was not. What is cheap is told
 //! by counts of the work, so that the choice is the same on every machine and in every run.
 
 use crate::{
@@ -13,13 +13,20 @@ use crate::{
     trial::{Trial, Work, measured},
 };
 use rayon::prelude::*;
-use specula_core::camera::Camera;
+use specula_core::{camera::Camera, random};
 use specula_cpu::CpuError;
 
 /// A bound is this share of the one before.
 const TIGHTER: f64 = 0.7;
 /// So many bounds are tried.
 const BOUNDS: usize = 16;
+/// Tiles of the pictures, and pixels along an edge of each.
+const TILES: usize = 16;
+const TILE: u32 = 96;
+/// So many places are drawn for each tile, and the one that is covered most is taken.
+const PLACES: u64 = 8;
+/// Seed of the places.
+const SEED: u64 = 0;
 /// Knobs that do not change what a picture costs here, or not its colours.
 const LEFT_ALONE: [&str; 2] = ["storage", "channels"];
 
@@ -30,20 +37,20 @@ pub struct Certificate {
     pub setting: Setting,
     /// The error that was asked for: root of the mean square of sRGB colours in [0, 1].
     pub asked: f64,
-    /// On the views that it was chosen by.
+    /// On the tiles that it was chosen by.
     pub chosen_by: Errors,
-    /// On views that it was not chosen by.
+    /// On tiles that it was not chosen by.
     pub verified: Errors,
-    /// How many views each of the two are.
-    pub views: [usize; 2],
-    /// Work of the verified views, and under the usual setting.
+    /// How many tiles each of the two are.
+    pub tiles: [usize; 2],
+    /// Work of the tiles that it was verified on, and under the usual setting.
     pub work: [Work; 2],
 }
 
 /// Why there is no setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
-    /// Even the most exact setting is this far off.
+    /// Even the most exact setting is this far off, on tiles that it was not chosen by.
     TooClose(f64),
     /// The processor could not render.
     Failed,
@@ -69,15 +76,50 @@ pub fn errors_of(
     Ok((sums.errors(), work))
 }
 
-/// The cheapest setting whose error is at most `error` in both halves of the subject's views: the first of every two is
-/// what it is chosen by, the second what it is verified on. A single view is both.
+/// Part of a view: what is around a pixel, at the same scale.
+fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Camera {
+    let principal_px = [camera.principal_px[0] - x as f32, camera.principal_px[1] - y as f32];
+    Camera { principal_px, width: size[0], height: size[1], ..*camera }
+}
+
+/// Tiles of views that are evenly spread over those of the subject, where much is covered: errors are larger there than
+/// in whole pictures.
+pub fn tiles(trial: &mut Trial<'_>, subject: &Subject) -> Result<Vec<Camera>, CpuError> {
+    let usual = Setting::usual(subject);
+    let count = subject.cameras.len();
+    let mut tiles = Vec::new();
+    for (number, camera) in (0..TILES).filter(|_| count > 0).map(|k| (k as u64, &subject.cameras[k * count / TILES])) {
+        let size = [camera.width.min(TILE), camera.height.min(TILE)];
+        let room = [camera.width - size[0], camera.height - size[1]];
+        let mut most = (f32::NEG_INFINITY, *camera);
+        for place in 0..PLACES {
+            let draw = |axis: usize| {
+                let share = random::uniform(SEED, number, 2 * place + axis as u64);
+                (share * (room[axis] + 1) as f32) as u32
+            };
+            let tile = tile_of(camera, [draw(0), draw(1)], size);
+            let image = trial.view(&usual, &tile)?.image;
+            let covered: f32 = image.plane(image.channels - 1).iter().map(|passed| 1.0 - passed).sum();
+            if covered > most.0 {
+                most = (covered, tile);
+            }
+        }
+        tiles.push(most.1);
+    }
+    Ok(tiles)
+}
+
+/// The cheapest setting whose error is at most `error` in tiles of the subject's views: the first of every two is what
+/// it is chosen by, the second what it is verified on.
 pub fn cheapest_within(subject: &Subject, error: f64) -> Result<Certificate, Refusal> {
+    let cameras = tiles(&mut Trial::new(subject), subject).map_err(|_| Refusal::Failed)?;
+    let subject = &Subject { cameras, ..subject.clone() };
     let reference = Reference::new(subject);
     let exact = exact_views(&reference, subject, &subject.cameras);
     let views: Vec<(Camera, Exact)> = subject.cameras.iter().copied().zip(exact).collect();
     let pick = |parity: usize| views.iter().skip(parity).step_by(2).cloned().collect::<Vec<_>>();
     let chosen_by = pick(0);
-    let held_out = if views.len() > 1 { pick(1) } else { pick(0) };
+    let held_out = pick(1);
     let mut search = Search { subject, trial: Trial::new(subject), error, chosen_by, held_out };
     search.run()
 }
@@ -144,8 +186,78 @@ impl Search<'_> {
             asked: self.error,
             chosen_by,
             verified,
-            views: [self.chosen_by.len(), self.held_out.len()],
+            tiles: [self.chosen_by.len(), self.held_out.len()],
             work: [work, usual],
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::{
+        prefilter::PrefilterScheme,
+        scene::{Layout, RadianceActivation},
+        shade::ShadingRules,
+    };
+    use specula_oracle::scenes::{camera, random_cloud, random_environment};
+
+    fn subject(seed: u64) -> Subject {
+        Subject {
+            gaussians: random_cloud(200, Layout::shaded(Some(1)), seed),
+            light: Some(random_environment(16, RadianceActivation::Identity, seed)),
+            shading: ShadingRules::DEFERRED,
+            scheme: PrefilterScheme::Exact,
+            cameras: (0..4).map(|k| camera(40 + k, 32)).collect(),
+            background: [1.0; 3],
+        }
+    }
+
+    #[test]
+    fn a_certificate_holds_on_whole_views_that_it_has_not_seen() {
+        for (seed, error) in [(1, 0.03), (2, 0.01), (3, 0.002)] {
+            let subject = subject(seed);
+            let certificate = cheapest_within(&subject, error).expect("it can be met");
+            assert!(certificate.chosen_by.is_within(error) && certificate.verified.is_within(error), "{certificate:?}");
+            let reference = Reference::new(&subject);
+            let other = camera(50, 50);
+            let views = [(other, reference.view(&subject, &other))];
+            let mut trial = Trial::new(&subject);
+            let (errors, _) = errors_of(&mut trial, &subject, &certificate.setting, &views).expect("it renders");
+            assert!(errors.is_within(error), "{error} was asked for, and {} measured", errors.rms);
+        }
+    }
+
+    #[test]
+    fn what_is_allowed_more_error_costs_no_more() {
+        let subject = subject(4);
+        let cost = |error: f64| cheapest_within(&subject, error).expect("it can be met").work[0].cost();
+        let costs = [0.001, 0.01, 0.1].map(cost);
+        assert!(costs[0] >= costs[1] && costs[1] >= costs[2], "{costs:?}");
+        assert!(costs[2] < 0.9 * costs[0], "something is saved: {costs:?}");
+    }
+
+    #[test]
+    fn what_cannot_be_met_is_refused_with_what_can() {
+        match cheapest_within(&subject(5), 1e-12) {
+            Err(Refusal::TooClose(error)) => assert!(error > 1e-12 && error < 1e-2, "{error}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_tile_is_a_part_of_its_view() {
+        let subject = subject(6);
+        let whole = subject.cameras[0];
+        let tile = tile_of(&whole, [9, 5], [16, 12]);
+        let mut trial = Trial::new(&subject);
+        let setting = Setting::usual(&subject);
+        let [whole, tile] = [whole, tile].map(|camera| trial.view(&setting, &camera).expect("it renders").image);
+        for (x, y) in [(0, 0), (15, 11), (7, 3)] {
+            let (own, of_whole) = (tile.rgb(y * 16 + x), whole.rgb((y + 5) * whole.width + x + 9));
+            for c in 0..3 {
+                assert!((own[c] - of_whole[c]).abs() < 1e-4, "{own:?} and {of_whole:?}");
+            }
+        }
     }
 }

@@ -102,7 +102,10 @@ pub const KNOBS: [Knob; 9] = [
         copy: |from, to| to.scheme = from.scheme,
         values: |_, base| {
             let schemes = [PrefilterScheme::Exact, PrefilterScheme::Official].into_iter();
-            schemes.filter(|scheme| base.light >= scheme.resolution_min()).map(|scheme| Setting { scheme, ..*base }).collect()
+            schemes
+                .filter(|scheme| base.light >= scheme.resolution_min())
+                .map(|scheme| Setting { scheme, ..*base })
+                .collect()
         },
     },
     Knob {
@@ -111,7 +114,10 @@ pub const KNOBS: [Knob; 9] = [
         copy: |from, to| to.light = from.light,
         values: |_, base| {
             let halves = core::iter::successors(Some(base.light), |light| Some(light / 2));
-            halves.take_while(|light| *light >= base.scheme.resolution_min()).map(|light| Setting { light, ..*base }).collect()
+            halves
+                .take_while(|light| *light >= base.scheme.resolution_min())
+                .map(|light| Setting { light, ..*base })
+                .collect()
         },
     },
     Knob {
@@ -166,13 +172,15 @@ pub const KNOBS: [Knob; 9] = [
     },
     Knob {
         name: "channels",
-        words: |own| match own.channels {
-            Channels::Color => "colour",
-            Channels::Training => "training",
-            Channels::Lit | Channels::Surface => "surface",
-            Channels::Layers => "layers",
-        }
-        .into(),
+        words: |own| {
+            match own.channels {
+                Channels::Color => "colour",
+                Channels::Training => "training",
+                Channels::Lit | Channels::Surface => "surface",
+                Channels::Layers => "layers",
+            }
+            .into()
+        },
         copy: |from, to| to.channels = from.channels,
         values: |_, base| {
             [Channels::Color, Channels::Training, Channels::Layers].map(|channels| Setting { channels, ..*base }).into()
@@ -199,6 +207,8 @@ fn share(x: f32) -> String {
         "0".into()
     } else if x > 1e-4 && (inverse - inverse.round()).abs() < 1e-3 && (inverse.round() as u32) % 10 != 0 {
         format!("1/{inverse:.0}")
+    } else if x < 1e-3 {
+        format!("{x:.0e}")
     } else {
         format!("{x}")
     }

@@ -11,8 +11,8 @@ use specula_core::{
 };
 use specula_cpu::{CpuError, CpuExecutor};
 use specula_oracle::{
-    self as oracle,
-    stress::{Case, LAYOUT, every_case},
+    self as oracle, Operator,
+    stress::{Case, LAYOUT, RESOLUTION, every_case},
 };
 use specula_train::evaluate::{largest_difference, render_view};
 
@@ -80,17 +80,18 @@ pub fn row_count() -> usize {
 /// Every case, each in its ways of shading; `done` is told how many are done.
 pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
+    let operator = Operator::new(RESOLUTION);
     let mut rows = Vec::new();
     for case in every_case() {
         for shading in case.shadings() {
-            rows.push(row(&case, *shading, one.as_ref())?);
+            rows.push(row(&case, *shading, one.as_ref(), &operator)?);
             done(rows.len());
         }
     }
     Ok(rows)
 }
 
-fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>) -> Result<Row, CpuError> {
+fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>, operator: &Operator) -> Result<Row, CpuError> {
     let full = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
     let needs = Needs::of(&case.cloud).under(case.environment.as_ref());
     let levels = case.environment.as_ref().map(|light| Levels::new(full.scheme, light.resolution));
@@ -104,7 +105,7 @@ fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>) -> Result<R
     };
     let passed = whole.plane(whole.channels - 1);
     let outside = passed.iter().map(|passed| f64::from((passed - 1.0).max(-passed))).fold(0.0, f64::max);
-    let [from_exact, from_exact_max] = distances(&whole.values, &exact(case, &full));
+    let [from_exact, from_exact_max] = distances(&whole.values, &exact(case, &full, operator, whole.values.len()));
     Ok(Row {
         case: case.name,
         form: shading.form,
@@ -125,14 +126,12 @@ fn picture(case: &Case, rules: &RenderRules) -> Result<Image<Vec<f32>>, CpuError
     render_view(&mut exec, &case.cloud, light.as_ref(), &case.camera, rules)
 }
 
-/// The same in `f64`.
-fn exact(case: &Case, rules: &RenderRules) -> Vec<f64> {
-    let light = case.environment.as_ref().map(|light| {
-        oracle::prefilter(&oracle::lift_environment(light), &oracle::Operator::new(light.resolution))
-    });
-    let frame =
-        oracle::render::<Double>(&oracle::lift_gaussians(&case.cloud), light.as_ref(), &case.camera, rules);
-    frame.values.iter().map(|number| number.0).collect()
+/// The same in `f64`: so many numbers, of which the channels are zero where there are no Gaussians to have them.
+fn exact(case: &Case, rules: &RenderRules, operator: &Operator, len: usize) -> Vec<f64> {
+    let light = case.environment.as_ref().map(|light| oracle::prefilter(&oracle::lift_environment(light), operator));
+    let frame = oracle::render::<Double>(&oracle::lift_gaussians(&case.cloud), light.as_ref(), &case.camera, rules);
+    let channels = vec![0.0; len.saturating_sub(frame.values.len())];
+    channels.into_iter().chain(frame.values.iter().map(|number| number.0)).collect()
 }
 
 /// What all but one in a hundred distances are not above, and the largest; infinite where one is not a number.

@@ -1,9 +1,6 @@
 //! A scene under one setting after another: pictures, times stage by stage, counts of the work.
 
-use crate::{
-    setting::Setting,
-    subject::Subject,
-};
+use crate::{setting::Setting, subject::Subject};
 use specula_core::{
     camera::Camera,
     executor::{RenderRules, Renderer},
@@ -13,9 +10,7 @@ use specula_core::{
     prefilter::{LevelRange, Levels, PrefilterScheme},
     scene::{Environment, Gaussians, Image},
 };
-use specula_cpu::{
-    CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors,
-};
+use specula_cpu::{CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors};
 use std::time::Instant;
 
 /// The stages that are timed, and the whole of them.
@@ -195,7 +190,11 @@ struct Stopwatch<'a> {
 }
 
 impl Stopwatch<'_> {
-    fn timed<T>(&mut self, stage: usize, run: impl FnOnce(&mut CpuViewer) -> Result<T, CpuError>) -> Result<T, CpuError> {
+    fn timed<T>(
+        &mut self,
+        stage: usize,
+        run: impl FnOnce(&mut CpuViewer) -> Result<T, CpuError>,
+    ) -> Result<T, CpuError> {
         let start = Instant::now();
         let result = run(self.exec);
         self.times[stage] += milliseconds(start);

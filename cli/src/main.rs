@@ -28,6 +28,7 @@ mod scene;
 mod settings;
 mod train;
 mod truth;
+mod within;
 
 use args::{Arguments, Command};
 use clap::{Parser, error::ErrorKind};

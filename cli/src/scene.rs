@@ -9,7 +9,7 @@ use crate::{
     progress::{Talk, Work},
     relay::relay,
 };
-use specula_accuracy::subject::Subject;
+use specula_accuracy::{setting::Setting, subject::Subject};
 use specula_core::{
     camera::Camera,
     executor::RenderRules,
@@ -183,6 +183,15 @@ impl Renderer {
         let scene = scene.rounded(options.storage());
         let Plan { full, .. } = scene.plan(channels);
         Self::with_rules(scene, full, options, talk)
+    }
+
+    /// Renders on the processor as a setting says; the scene's light and reading are those of the setting already.
+    pub(crate) fn within(scene: Scene, setting: &Setting, channels: Channels) -> Result<Self, Failure> {
+        let scene = scene.rounded(setting.storage);
+        let Plan { rules, .. } = scene.plan(channels);
+        let rules = RenderRules { sh_degree: rules.sh_degree.min(setting.sh_degree), ..rules };
+        let light = scene.light.clone().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
+        Ok(Self { machine: machine::load_within(scene, light, &rules, setting)?, rules })
     }
 
     /// Filters the light, if it is looked up.

@@ -31,12 +31,8 @@ impl Limits {
         reach_max: f32::INFINITY,
     };
     /// As good as none: 10⁻¹² of alpha and of transmittance.
-    pub const LEAST: Self = Self {
-        alpha_min: LEAST,
-        log2_alpha_min: -39.863_137,
-        transmittance_min: LEAST,
-        reach_max: f32::INFINITY,
-    };
+    pub const LEAST: Self =
+        Self { alpha_min: LEAST, log2_alpha_min: -39.863_137, transmittance_min: LEAST, reach_max: f32::INFINITY };
 
     /// Splats are drawn down to an alpha of `alpha_min`, in (0, 1); smaller ones count as 10⁻¹².
     pub fn with_alpha_min(self, alpha_min: f32) -> Self {

@@ -37,8 +37,8 @@ pub struct Case {
 
 /// What the Gaussians of every case have.
 pub const LAYOUT: Layout = Layout::shaded(Some(1));
-/// Texels along an edge of a light's face.
-const RESOLUTION: usize = 16;
+/// Texels along an edge of every light's face.
+pub const RESOLUTION: usize = 16;
 /// Raw numbers whose sigmoid is as good as zero, or as one.
 const SATURATED: f32 = 30.0;
 /// The raw number whose sigmoid is 1/255.

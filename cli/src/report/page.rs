@@ -5,7 +5,11 @@ use super::{
     plot::{Place, Series, log_log},
     table,
 };
-use crate::{failure::Failure, output, page::{STYLE, escaped, html_table}};
+use crate::{
+    failure::Failure,
+    output,
+    page::{STYLE, escaped, html_table},
+};
 use plotters::style::RGBColor;
 use specula_accuracy::{
     front::pareto,
@@ -26,7 +30,7 @@ const MORE_STYLE: &str = "
 svg { max-width: 100%; height: auto; }
 table { font-size: .85rem; }
 td, th { padding: .2rem .6rem; }
-td:last-child { text-align: left; }
+td:last-child, th:last-child { text-align: left; }
 .broken { background: #fbd9d0; font-weight: bold; }
 .edge { color: #777; }";
 
@@ -58,8 +62,9 @@ fn page(findings: &Findings) -> Result<String, Failure> {
 </style>
 <h1>Error against run time</h1>
 <p>{scene}: {gaussians} Gaussians, {views} views of {width} × {height} pixels, {threads} threads, least of {repeats}
-times. Errors are those of sRGB colours in [0, 1] against the same pipeline in <code>f64</code> with nothing cut off and
-its light filtered from finer nodes; one is 1/255 ≈ 4e-3 where 8 bits show it at worst.</p>
+times. Errors are those of sRGB colours against the same pipeline in <code>f64</code> with nothing cut off and its light
+filtered from finer nodes; a step of 8 bits is 4e-3. Where knobs hardly differ in time, the least of the times does so by
+chance; <a href=\"report.jsonl\">report.jsonl</a> has medians, spreads, stages, and counts of the work.</p>
 <h2>The cheapest setting</h2>
 {table}
 <h2>All settings</h2>
@@ -74,7 +79,6 @@ its light filtered from finer nodes; one is 1/255 ≈ 4e-3 where 8 bits show it 
 <ul>
 {fixed}</ul>
 {stability}
-<p>Every number: <a href=\"report.jsonl\">report.jsonl</a>.</p>
 </html>
 "
     ))

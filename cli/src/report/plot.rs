@@ -1,7 +1,6 @@
 //! Error against time, both on logarithmic axes, as SVG that asks for nothing.
 
 use crate::failure::Failure;
-use core::fmt::Display;
 use plotters::{
     coord::Shift,
     prelude::*,
@@ -11,8 +10,8 @@ use plotters::{
 /// Sizes of letters, in the picture's units.
 const TITLE: i32 = 18;
 const LABEL: i32 = 14;
-/// Room around what is drawn, as a factor of either axis.
-const MARGIN: f64 = 1.3;
+/// Axes begin and end at powers of these, so that each has numbers beside it.
+const POWERS: [f64; 2] = [10.0, 2.0];
 /// Errors of nothing are drawn here.
 const LEAST: f64 = 1e-9;
 
@@ -52,7 +51,7 @@ fn draw(
         .margin_right(24)
         .x_label_area_size(3 * LABEL)
         .y_label_area_size(4 * LABEL)
-        .build_cartesian_2d((x[0]..x[1]).log_scale(), (y[0]..y[1]).log_scale())?;
+        .build_cartesian_2d((x[0]..x[1]).log_scale(), (y[0]..y[1]).log_scale().base(POWERS[1]))?;
     chart
         .configure_mesh()
         .light_line_style(RGBColor(245, 245, 245))
@@ -83,14 +82,23 @@ fn draw(
 fn bounds(series: &[Series], axis: usize) -> [f64; 2] {
     let numbers = || series.iter().flat_map(|own| &own.places).map(|(place, _)| place[axis].max(LEAST));
     let [low, high] = [numbers().fold(f64::INFINITY, f64::min), numbers().fold(0.0, f64::max)];
-    if low > high { [0.1, 10.0] } else { [low / MARGIN, high * if axis == 0 { MARGIN * MARGIN } else { MARGIN }] }
+    if low > high {
+        return [1.0, POWERS[axis]];
+    }
+    let exponent = |number: f64| number.ln() / POWERS[axis].ln();
+    [exponent(low).floor(), exponent(high).floor() + 1.0].map(|exponent| POWERS[axis].powf(exponent))
 }
 
 fn power(x: f64) -> String {
     format!("{x:.0e}")
 }
 
-fn short(x: impl Display + Into<f64> + Copy) -> String {
-    let number: f64 = x.into();
-    if number < 0.1 { format!("{number:.3}") } else if number < 10.0 { format!("{number:.1}") } else { format!("{number:.0}") }
+fn short(x: f64) -> String {
+    if x < 0.1 {
+        format!("{x:.3}")
+    } else if x < 10.0 {
+        format!("{x:.1}")
+    } else {
+        format!("{x:.0}")
+    }
 }

@@ -32,7 +32,8 @@ fn of_scene(findings: &Findings) -> Value {
 }
 
 fn of_setting(own: &Measured, findings: &Findings) -> Value {
-    let knobs: Map<String, Value> = own.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
+    let knobs: Map<String, Value> =
+        own.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
     let errors = own.errors;
     let times: Map<String, Value> =
         STAGES.iter().zip(own.times).map(|(stage, times)| ((*stage).to_owned(), of_spread(times))).collect();

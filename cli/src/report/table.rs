@@ -5,7 +5,8 @@ use specula_accuracy::{front::cheapest, setting::Difference, trial::STAGES};
 
 /// Errors that one asks for, in dB.
 pub(super) const ASKED: [f64; 4] = [30.0, 40.0, 50.0, 60.0];
-const HEADS: [&str; 8] = ["at least", "PSNR", "largest", "FLIP", "ms", "of the usual", "pairs", "turned from the usual"];
+const HEADS: [&str; 8] =
+    ["at least", "PSNR", "largest", "FLIP", "ms", "of the usual", "pairs", "turned from the usual"];
 
 /// Rows of the table: heads first.
 pub(super) fn rows(findings: &Findings) -> Vec<[String; 8]> {
@@ -17,7 +18,8 @@ pub(super) fn rows(findings: &Findings) -> Vec<[String; 8]> {
     };
     let usual = findings.measured.iter().find(|own| own.setting == findings.usual);
     let usual = usual.map(|own| row("the usual".into(), own, findings));
-    let most = findings.measured.iter().find(|own| own.knob.is_some()).map(|own| row("most exact".into(), own, findings));
+    let most =
+        findings.measured.iter().find(|own| own.knob.is_some()).map(|own| row("most exact".into(), own, findings));
     let asked = ASKED.iter().filter_map(of_asked);
     core::iter::once(HEADS.map(str::to_owned)).chain(asked).chain(usual).chain(most).collect()
 }
