@@ -264,3 +264,76 @@ pub fn random_setting(subject: &Subject, exact: &Setting, seed: u64) -> Setting 
 pub fn is_possible(setting: &Setting) -> bool {
     setting.light == 0 || setting.light >= setting.scheme.resolution_min()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::{
+        scene::{Layout, RadianceActivation},
+        shade::ShadingRules,
+    };
+    use specula_oracle::scenes::{camera, random_cloud, random_environment};
+
+    fn subject() -> Subject {
+        Subject {
+            gaussians: random_cloud(3, Layout::shaded(Some(2)), 1),
+            light: Some(random_environment(64, RadianceActivation::Identity, 1)),
+            shading: ShadingRules::DEFERRED,
+            scheme: PrefilterScheme::Exact,
+            cameras: vec![camera(8, 8)],
+            background: [0.0; 3],
+        }
+    }
+
+    #[test]
+    fn a_knob_turns_nothing_but_itself() {
+        let (subject, exact) = (subject(), Setting::exact(&subject()));
+        for knob in KNOBS {
+            let turned = knob.turned(&subject, &exact);
+            assert!(turned.len() > 1, "{} can be turned", knob.name);
+            assert_eq!(turned[0], exact, "{} begins with what is most exact", knob.name);
+            for setting in turned {
+                assert_eq!(exact.with(&knob, &setting), setting);
+                let others =
+                    |own: &Setting| own.words().into_iter().filter(|(name, _)| *name != knob.name).collect::<Vec<_>>();
+                assert_eq!(others(&setting), others(&exact));
+            }
+        }
+    }
+
+    #[test]
+    fn all_knobs_together_take_the_cheapest_that_fits_of_each() {
+        let (subject, exact) = (subject(), Setting::exact(&subject()));
+        let tried = |knob: &Knob| {
+            let turned = knob.turned(&subject, &exact).into_iter().enumerate();
+            turned.map(|(k, setting)| Tried { setting, error: k as f64, cost: -(k as f64) }).collect::<Vec<_>>()
+        };
+        let of_knobs: Vec<_> = KNOBS.iter().map(|knob| (*knob, tried(knob))).collect();
+        assert_eq!(together(&exact, &of_knobs, 0.5), exact);
+        let one_step = together(&exact, &of_knobs, 1.0);
+        for (knob, tried) in &of_knobs {
+            assert_eq!(knob.word(&one_step), knob.word(&tried[1].setting), "{}", knob.name);
+        }
+    }
+
+    #[test]
+    fn what_is_drawn_at_random_is_the_same_for_a_seed() {
+        let (subject, exact) = (subject(), Setting::exact(&subject()));
+        let draw = |seed: u64| random_setting(&subject, &exact, seed);
+        assert_eq!(draw(1), draw(1));
+        assert!((2..9).any(|seed| draw(seed) != draw(1)), "seeds differ");
+    }
+
+    #[test]
+    fn shares_are_fractions_where_they_are() {
+        assert_eq!([0.0, 1e-6, 1.0 / 255.0, 1.0 / 8192.0, 0.1].map(share), ["0", "1e-6", "1/255", "1/8192", "0.1"]);
+        assert_eq!([1e-12, 1e-4, 0.003].map(share), ["0", "1e-4", "0.003"]);
+    }
+
+    #[test]
+    fn differences_are_told_in_words() {
+        let (usual, exact) = (Setting::usual(&subject()), Setting::exact(&subject()));
+        assert_eq!(Difference(&usual, &usual).to_string(), "the usual");
+        assert_eq!(Difference(&exact, &usual).to_string(), "least alpha 0, least transmittance 0");
+    }
+}

@@ -81,10 +81,12 @@ pub fn row_count() -> usize {
 pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
     let operator = Operator::new(RESOLUTION);
+    // Each keeps the weights of its own levels of light.
+    let mut execs = [CpuExecutor::new(), CpuExecutor::new()];
     let mut rows = Vec::new();
     for case in every_case() {
         for shading in case.shadings() {
-            rows.push(row(&case, *shading, one.as_ref(), &operator)?);
+            rows.push(row(&mut execs, &case, *shading, one.as_ref(), &operator)?);
             done(rows.len());
         }
     }
@@ -97,9 +99,9 @@ fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>, operator: &
     let levels = case.environment.as_ref().map(|light| Levels::new(full.scheme, light.resolution));
     let plan = Plan::new(LAYOUT, &needs, levels.as_ref(), &full);
 
-    let whole = picture(case, &full)?;
-    let planned = picture(case, &plan.rules)?;
-    let on_one = one.map(|pool| pool.install(|| picture(case, &full))).transpose()?;
+    let whole = picture(exec, case, &full)?;
+    let planned = picture(other, case, &plan.rules)?;
+    let on_one = one.map(|pool| pool.install(|| picture(exec, case, &full))).transpose()?;
     let differs = |other: &Image<Vec<f32>>| {
         whole.values.iter().zip(&other.values).filter(|(a, b)| a.to_bits() != b.to_bits()).count()
     };
@@ -119,11 +121,10 @@ fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>, operator: &
     })
 }
 
-fn picture(case: &Case, rules: &RenderRules) -> Result<Image<Vec<f32>>, CpuError> {
-    let mut exec = CpuExecutor::new();
+fn picture(exec: &mut CpuExecutor, case: &Case, rules: &RenderRules) -> Result<Image<Vec<f32>>, CpuError> {
     let light = case.environment.as_ref().filter(|_| rules.is_lit);
     let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels)).transpose()?;
-    render_view(&mut exec, &case.cloud, light.as_ref(), &case.camera, rules)
+    render_view(exec, &case.cloud, light.as_ref(), &case.camera, rules)
 }
 
 /// The same in `f64`: so many numbers, of which the channels are zero where there are no Gaussians to have them.

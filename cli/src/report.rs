@@ -108,7 +108,7 @@ fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
 }
 
 /// So many of the cameras, evenly spread over them, with pictures of that size at most.
-pub(crate) fn spread_out(cameras: Vec<Camera>, count: usize, size: u32) -> Vec<Camera> {
+fn spread_out(cameras: Vec<Camera>, count: usize, size: u32) -> Vec<Camera> {
     let count = count.min(cameras.len());
     let chosen = (0..count).map(|k| cameras[k * cameras.len() / count]);
     let shrunk = |camera: Camera| {
