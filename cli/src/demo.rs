@@ -30,7 +30,10 @@ use specula_train::{
     start::{Point, random_points},
     trainer::Settings,
 };
+use std::path::PathBuf;
 
+/// Where the demo goes if nothing else is said.
+pub(crate) const FOLDER: &str = "out/demo";
 /// Steps of each training: about a minute on two cores.
 pub(crate) const ITERATIONS: u32 = 1500;
 /// Random points that both trainings start from.
@@ -53,14 +56,7 @@ struct Contestant {
 
 /// Unpacks, trains twice, measures, and makes pictures of everything.
 pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
-    output::make_folder(&args.output)?;
-    let source = args.output.join("data");
-    data::unpack(&source)?;
-    let quiet = Talk { quiet: true };
-    let data = dataset::load(&source, &LoadOptions::default(), quiet)?;
-    let points = random_points(POINTS, &data.train, SEED);
-    interrupt::watch()?;
-
+    let (data, points) = prepare(args)?;
     let mut contestants = Vec::new();
     for name in PROFILES {
         contestants.push(contest(name, args, &data, &points, talk)?);
@@ -72,6 +68,24 @@ pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
     page::write(&args.output, &table, args.iterations)?;
     let page = args.output.join("index.html");
     output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
+}
+
+/// Trains the shaded scene alone; returns the folder of its model.
+pub(crate) fn train_shaded(args: &Demo, talk: Talk) -> Result<PathBuf, Failure> {
+    let (data, points) = prepare(args)?;
+    let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points, talk)?;
+    Ok(args.output.join(name))
+}
+
+/// Unpacks the data, and draws the points.
+fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
+    output::make_folder(&args.output)?;
+    let source = args.output.join("data");
+    data::unpack(&source)?;
+    let data = dataset::load(&source, &LoadOptions::default(), Talk { quiet: true })?;
+    let points = random_points(POINTS, &data.train, SEED);
+    interrupt::watch()?;
+    Ok((data, points))
 }
 
 fn contest(

@@ -41,6 +41,15 @@ impl Tour {
         Ok(tour)
     }
 
+    /// The cameras of a scene's test views, else all of its own, else a circle around it.
+    pub(crate) fn of_scene(opened: &Opened) -> Result<Vec<Camera>, Failure> {
+        let tour = match own_cameras(opened)? {
+            Some(own) => Self::of_split(None, own, opened)?,
+            None => Self::around(&opened.scene.gaussians, &[], ORBIT, None),
+        };
+        Ok(tour.cameras.into_iter().map(|(_, camera)| camera).collect())
+    }
+
     fn unsized_tour(look: &Look, opened: &Opened) -> Result<Self, Failure> {
         if let Some(file) = &look.cameras {
             let cameras = cameras::read_cameras(file, look.size.unwrap_or(SIZE))?;

@@ -9,12 +9,14 @@ use crate::{
 };
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
+use specula_accuracy::setting::Setting;
 use specula_core::{
     camera::Camera,
     executor::{Executor, RenderRules, Renderer},
+    pack::Storage,
     scene::{Environment, Gaussians, Image},
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuExecutor, CpuViewer, prefilter::Light};
 use specula_train::{
     evaluate::render_view,
     trainer::{Settings, TrainError, Trainer},
@@ -107,10 +109,26 @@ pub(crate) fn load(
         return device.load(scene, light, rules, options.storage());
     }
     let mut exec = CpuExecutor::new();
-    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels));
-    let mut light = light.transpose().map_err(Failure::from)?;
-    light.iter_mut().for_each(|light| light.round(options.storage()));
+    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
+    let light = light.map(|light| rounded(light, options.storage()));
     Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light }))
+}
+
+/// A scene on the processor, within the limits of a setting and stored as it says.
+pub(crate) fn load_within(
+    scene: Scene,
+    light: Option<Environment<Vec<f32>>>,
+    rules: &RenderRules,
+    setting: &Setting,
+) -> Result<Box<dyn Machine>, Failure> {
+    let mut exec = CpuViewer::new(setting.limits);
+    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
+    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light: light.map(|light| rounded(light, setting.storage)) }))
+}
+
+fn rounded(mut light: Light, storage: Storage) -> Light {
+    light.round(storage);
+    light
 }
 
 /// A training where it was asked for, and whether that is a device, which may fail. One that fails at once leaves it to

@@ -16,6 +16,7 @@ mod interrupt;
 mod look;
 mod machine;
 mod output;
+mod page;
 mod pictures;
 mod prefilter;
 mod progress;
@@ -23,10 +24,12 @@ mod quality;
 mod relay;
 mod relight;
 mod render;
+mod report;
 mod scene;
 mod settings;
 mod train;
 mod truth;
+mod within;
 
 use args::{Arguments, Command};
 use clap::{Parser, error::ErrorKind};
@@ -68,6 +71,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
         Command::Prefilter(args) => prefilter::run(args, talk),
+        Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),
         Command::Doctor(args) => doctor::run(args),
     }

@@ -13,6 +13,7 @@ use crate::{
     relay::relay,
     relight::write_light,
     scene::{Opened, Renderer, Scene},
+    within,
 };
 use rayon::prelude::*;
 use specula_core::{camera::Camera, plan::Channels, scene::Image, shade::ShadingForm};
@@ -51,6 +52,13 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.machine, talk)?),
         false => None,
     };
+    if let Some(error) = args.max_error {
+        let (channels, executor) = (Layer::channels(&layers), &args.look.machine.executor);
+        let (renderer, certificate) = within::renderer(&opened, &tour, background, channels, executor, error, talk)?;
+        job.run_with(renderer, opened.scene.reading.shading.form, background, talk, |_, _| Ok(()))?;
+        output::say(&place.folder.display().to_string())?;
+        return output::say(&certificate);
+    }
     job.run(opened, talk, |index, image| match &mut verification {
         Some(verification) => verification.compare(&tour.cameras[index].1, image),
         None => Ok(()),
@@ -141,11 +149,23 @@ impl Job<'_> {
         &self,
         opened: Opened,
         talk: Talk,
-        mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
+        each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let background = opened.background(self.look.background);
         let form = opened.scene.reading.shading.form;
-        let mut renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.machine, talk)?;
+        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.machine, talk)?;
+        self.run_with(renderer, form, background, talk, each)
+    }
+
+    /// The same with a renderer of one's own.
+    pub(crate) fn run_with(
+        &self,
+        mut renderer: Renderer,
+        form: ShadingForm,
+        background: Background,
+        talk: Talk,
+        mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
+    ) -> Result<(), Failure> {
         let work = talk.work("rendering", self.tour.cameras.len() as u64);
         let make = |index: usize| {
             let image = renderer.view(&self.tour.cameras[index].1)?;

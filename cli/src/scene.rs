@@ -9,6 +9,7 @@ use crate::{
     progress::{Talk, Work},
     relay::relay,
 };
+use specula_accuracy::{setting::Setting, subject::Subject};
 use specula_core::{
     camera::Camera,
     executor::RenderRules,
@@ -107,6 +108,13 @@ impl Scene {
         Some(Levels::new(scheme, fitting_resolution(light.resolution, scheme)))
     }
 
+    /// The scene as it is looked at from some cameras, over a background.
+    pub(crate) fn into_subject(self, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
+        let Self { gaussians, light, reading: Reading { shading, scheme } } = self;
+        let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
+        Subject { gaussians, light, shading, scheme, cameras, background }
+    }
+
     /// Puts in another light.
     pub(crate) fn relight(
         &mut self,
@@ -164,6 +172,15 @@ impl Renderer {
         let scene = scene.rounded(options.storage());
         let Plan { full, .. } = scene.plan(channels);
         Self::with_rules(scene, full, options, talk)
+    }
+
+    /// Renders on the processor as a setting says; the scene's light and reading are those of the setting already.
+    pub(crate) fn within(scene: Scene, setting: &Setting, channels: Channels) -> Result<Self, Failure> {
+        let scene = scene.rounded(setting.storage);
+        let Plan { rules, .. } = scene.plan(channels);
+        let rules = RenderRules { sh_degree: rules.sh_degree.min(setting.sh_degree), ..rules };
+        let light = scene.light.clone().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
+        Ok(Self { machine: machine::load_within(scene, light, &rules, setting)?, rules })
     }
 
     /// Filters the light, if it is looked up.

@@ -1,6 +1,7 @@
 //! Which tiles of the screen a splat touches.
 
 use crate::{
+    limits::Limits,
     project::{NEAR, Splat},
     real::Real,
 };
@@ -24,8 +25,14 @@ pub struct Footprint<R> {
 /// The footprint of a splat; `reach` is −1 for one that is too faint, too near, or not a number.
 #[inline(always)]
 pub fn footprint<R: Real>(splat: &Splat<R>) -> Footprint<R> {
+    footprint_within(splat, &Limits::USUAL)
+}
+
+/// [`footprint`] with another least alpha.
+#[inline(always)]
+pub fn footprint_within<R: Real>(splat: &Splat<R>, limits: &Limits) -> Footprint<R> {
     let like = splat.depth;
-    let ratio = splat.opacity * (1.0 / ALPHA_MIN);
+    let ratio = splat.opacity * (1.0 / limits.alpha_min());
     let reach = (ratio.max(like.constant(1.0)).ln() * 2.0).sqrt();
     // Comparisons are false for NaN, and finite sums rule out infinity.
     let sum = splat.mean2d[0].abs() + splat.mean2d[1].abs() + splat.variance[0] + splat.variance[1];

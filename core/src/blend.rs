@@ -4,7 +4,7 @@
 //! transmittance below [`TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
 //! background.
 
-use crate::{project::SplatGrad, real::Real};
+use crate::{limits::Limits, project::SplatGrad, real::Real};
 
 /// No splat is more opaque than this, so that the light behind it, and its gradient, can be recovered.
 pub const MAX_ALPHA: f32 = 0.99;
@@ -15,8 +15,8 @@ pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;
 /// log₂ of [`MAX_ALPHA`].
 const LOG2_MAX_ALPHA: f32 = -0.014_499_57;
-/// Less than [`LOG2_ALPHA_MIN`] by more than rounding can make out.
-const LOG2_ALPHA_MARGIN: f32 = -8.0;
+/// What rounding can make of the logarithm of an alpha, and more.
+const LOG2_ALPHA_MARGIN: f32 = 0.005_646_6;
 /// √(½ log₂ e): scales the root of the conic so that the falloff is a power of two.
 pub const ROOT_SCALE: f32 = 0.849_321_8;
 
@@ -83,14 +83,14 @@ pub fn log2_strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
 /// Whether a splat of this strength is seen at all.
 #[inline(always)]
 pub fn is_seen<R: Real>(log2_strength: R) -> R::Mask {
-    log2_strength.constant(LOG2_ALPHA_MIN).less_or_equal(log2_strength)
+    Limits::USUAL.is_seen(log2_strength)
 }
 
 /// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
 /// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
 #[inline(always)]
 pub fn may_be_seen<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
-    may_be_seen_in_column(stamp, &column_of(stamp, dx), dy)
+    Limits::USUAL.may_be_seen_in_column(stamp, &column_of(stamp, dx), dy)
 }
 
 /// What a splat is in all boxes between the same bounds of δx.
@@ -102,7 +102,7 @@ pub struct Column<R> {
     slant: [R; 2],
 }
 
-/// A splat between two bounds of δx; see [`may_be_seen_in_column`].
+/// A splat between two bounds of δx; see [`Limits::may_be_seen_in_column`].
 #[inline(always)]
 pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
     let [xx, yx, _] = stamp.root;
@@ -111,27 +111,16 @@ pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
     Column { most: (-u).mul_add(u, stamp.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
 }
 
-/// [`may_be_seen`] in a box of a column.
-#[inline(always)]
-pub fn may_be_seen_in_column<R: Real>(stamp: &Stamp<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
-    let [_, _, yy] = stamp.root;
-    let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
-    let most = (-w).mul_add(w, column.most);
-    most.constant(LOG2_ALPHA_MARGIN).less_or_equal(most)
-}
-
 /// Smallest |x| between two numbers.
 #[inline(always)]
 fn distance_to_zero<R: Real>(low: R, high: R) -> R {
     low.max(-high).max(low.zero())
 }
 
-/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255. What is not seen is told by the
-/// logarithm, while its power is still being worked out.
+/// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255.
 #[inline(always)]
 pub fn alpha<R: Real>(log2_strength: R) -> R {
-    let strength = log2_strength.exp2_of_small();
-    strength.min(strength.constant(MAX_ALPHA)).keep(is_seen(log2_strength))
+    Limits::USUAL.alpha(log2_strength)
 }
 
 /// What a pixel lets through while splats come, front to back.
@@ -155,7 +144,7 @@ impl<R: Real> Passage<R> {
 /// Whether a pixel with this transmittance goes on.
 #[inline(always)]
 pub fn goes_on<R: Real>(transmittance: R) -> R::Mask {
-    transmittance.constant(TRANSMITTANCE_MIN).less_or_equal(transmittance)
+    Limits::USUAL.goes_on(transmittance)
 }
 
 /// What one splat does to a pixel.
@@ -170,11 +159,45 @@ pub struct Step<R> {
 /// One splat over a pixel.
 #[inline(always)]
 pub fn step<R: Real>(alpha: R, front: Passage<R>) -> Step<R> {
-    let transmittance = transmittance_behind(alpha, front.transmittance);
-    let goes_on = goes_on(transmittance);
-    Step {
-        weight: (alpha * front.transmittance).keep(goes_on),
-        behind: Passage { transmittance, left: R::select(goes_on, transmittance, front.left) },
+    Limits::USUAL.step(alpha, front)
+}
+
+/// The formulas that know where a picture stops to look further.
+impl Limits {
+    /// Whether a splat of this strength is seen at all.
+    #[inline(always)]
+    pub fn is_seen<R: Real>(&self, log2_strength: R) -> R::Mask {
+        log2_strength.constant(self.log2_alpha_min).less_or_equal(log2_strength)
+    }
+    /// [`may_be_seen`] in a box of a column.
+    #[inline(always)]
+    pub fn may_be_seen_in_column<R: Real>(&self, stamp: &Stamp<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
+        let [_, _, yy] = stamp.root;
+        let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
+        let most = (-w).mul_add(w, column.most);
+        most.constant(self.log2_alpha_min - LOG2_ALPHA_MARGIN).less_or_equal(most)
+    }
+    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen, which is told by the
+    /// logarithm, while its power is still being worked out.
+    #[inline(always)]
+    pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
+        let strength = log2_strength.exp2_of_small();
+        strength.min(strength.constant(MAX_ALPHA)).keep(self.is_seen(log2_strength))
+    }
+    /// Whether a pixel with this transmittance goes on.
+    #[inline(always)]
+    pub fn goes_on<R: Real>(&self, transmittance: R) -> R::Mask {
+        transmittance.constant(self.transmittance_min).less_or_equal(transmittance)
+    }
+    /// One splat over a pixel.
+    #[inline(always)]
+    pub fn step<R: Real>(&self, alpha: R, front: Passage<R>) -> Step<R> {
+        let transmittance = transmittance_behind(alpha, front.transmittance);
+        let goes_on = self.goes_on(transmittance);
+        Step {
+            weight: (alpha * front.transmittance).keep(goes_on),
+            behind: Passage { transmittance, left: R::select(goes_on, transmittance, front.left) },
+        }
     }
 }
 

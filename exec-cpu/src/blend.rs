@@ -15,10 +15,11 @@ use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
     blend::{
-        Moments, Passage, Replay, Stamp, Step, StepGrad, alpha, column_of, goes_on, is_seen, log2_strength,
-        may_be_seen_in_column, moments_vjp, offset_from, offset_of_origin, stamp, step, step_vjp,
+        Moments, Passage, Replay, Stamp, Step, StepGrad, column_of, log2_strength, moments_vjp, offset_from,
+        offset_of_origin, stamp, step_vjp,
     },
     camera::Camera,
+    limits::Limits,
     plan::Channels,
     project::SplatGrad,
     real::Real,
@@ -80,8 +81,15 @@ macro_rules! with_channels {
     };
 }
 
-pub(crate) fn blend_all(machine: &Machine, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Frame {
-    with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera))
+pub(crate) fn blend_all(
+    machine: &Machine,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+    limits: &Limits,
+) -> Frame {
+    with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, limits))
 }
 
 fn blend_channels<const C: usize>(
@@ -90,6 +98,7 @@ fn blend_channels<const C: usize>(
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
+    limits: &Limits,
 ) -> Frame {
     let cover = tiles.cover.clone();
     let count = cover.tiles.len();
@@ -101,7 +110,8 @@ fn blend_channels<const C: usize>(
         let list = tiles.of_covered(slot);
         let origin = cover.origin(slot);
         dispatch!(machine.level, simd => {
-            blend_tile::<_, C>(simd, &splats.records, &colors.values, list, origin, pixels.only(), seen.only());
+            let (pixels, seen) = (pixels.only(), seen.only());
+            blend_tile::<_, C>(simd, &splats.records, &colors.values, list, origin, limits, pixels, seen);
         });
     });
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -156,6 +166,7 @@ impl Stamps {
         records: &[SplatRecord],
         origin: [f32; 2],
         list: &[AtomicU32],
+        limits: &Limits,
     ) -> [u64; QUADS] {
         for (k, gaussian) in list.iter().enumerate() {
             let record = &records[gaussian.load(Relaxed) as usize];
@@ -169,7 +180,7 @@ impl Stamps {
         }
         let mut splats = [0; QUADS];
         for first in (0..list.len()).step_by(BLOCK) {
-            self.scale(simd, first, &mut splats);
+            self.scale(simd, first, limits, &mut splats);
         }
         let known = u64::MAX >> (SPLATS_AT_ONCE - list.len());
         for quad in 0..QUADS {
@@ -180,7 +191,7 @@ impl Stamps {
 
     /// Scales the roots of a block of splats, notes what the tile's corner has of them, and adds their bits.
     #[inline(always)]
-    fn scale<S: Simd>(&mut self, simd: S, first: usize, splats: &mut [u64; QUADS]) {
+    fn scale<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
         let load = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::load(simd, &numbers[first..]);
         let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
         let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
@@ -194,7 +205,7 @@ impl Stamps {
         for across in 0..QUADS_ACROSS {
             let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
             for down in 0..QUADS_ACROSS {
-                let mask = may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
+                let mask = limits.may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
                 splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
             }
         }
@@ -233,6 +244,7 @@ fn blend_tile<S: Simd, const C: usize>(
     colors: &[f32],
     list: &[AtomicU32],
     origin: [f32; 2],
+    limits: &Limits,
     pixels: &mut [Quad],
     seen: &mut [u16],
 ) {
@@ -243,15 +255,15 @@ fn blend_tile<S: Simd, const C: usize>(
     let mut transmittance = [[1.0; BLOCK]; QUADS];
     let (mut stamps, mut near) = (Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
-        if transmittance.iter().all(|quad| goes_on(Lanes::load(simd, quad)).bits() == 0) {
+        if transmittance.iter().all(|quad| limits.goes_on(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
             continue;
         }
         read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in stamps.read(simd, records, origin, list).into_iter().enumerate() {
+        for (quad, splats) in stamps.read(simd, records, origin, list, limits).into_iter().enumerate() {
             let passage = [&mut transmittance[quad], &mut left[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, &mut channels[quad], passage);
+            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, limits, &mut channels[quad], passage);
         }
         transpose_back(simd, &seen_by_quad, seen);
     }
@@ -266,11 +278,12 @@ fn blend_quad<S: Simd, const C: usize>(
     colors: &[[f32; C]; SPLATS_AT_ONCE],
     quad: usize,
     mut splats: u64,
+    limits: &Limits,
     channels: &mut [Quad; C],
     [transmittance, left]: [&mut Quad; 2],
 ) -> u64 {
     let front = Lanes::load(simd, transmittance);
-    let mut alive = goes_on(front);
+    let mut alive = limits.goes_on(front);
     if splats == 0 || alive.bits() == 0 {
         return 0;
     }
@@ -286,10 +299,10 @@ fn blend_quad<S: Simd, const C: usize>(
         let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
         splats &= splats - 1;
         let strength = log2_strength(Lanes::splat(simd, stamps.log2_opacity[k]), stamps.offset(simd, k, centers));
-        let Step { weight, behind } = step(alpha(strength), passage);
+        let Step { weight, behind } = limits.step(limits.alpha(strength), passage);
         // Without a branch: whether a quad is touched is hard to foretell.
-        seen |= u64::from((alive & is_seen(strength)).bits() != 0) << k;
-        alive = goes_on(behind.transmittance);
+        seen |= u64::from((alive & limits.is_seen(strength)).bits() != 0) << k;
+        alive = limits.goes_on(behind.transmittance);
         passage = behind;
         for c in 0..C {
             sums[c] = weight.mul_add(Lanes::splat(simd, colors[k][c]), sums[c]);

@@ -17,6 +17,7 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    limits::Limits,
     loss::LossWeights,
     pipeline::{Step, StepReport},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -66,7 +67,7 @@ pub enum CpuError {
 /// Runs the stages on the threads of rayon's current pool.
 #[derive(Debug)]
 pub struct CpuExecutor {
-    machine: Machine,
+    pub(crate) machine: Machine,
     /// The prefilter's operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
     /// What came of the stages since the last report.
@@ -172,7 +173,7 @@ impl Renderer for CpuExecutor {
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        Ok(project_all(&self.machine, gaussians, camera))
+        Ok(project_all(&self.machine, gaussians, camera, &Limits::USUAL))
     }
 
     fn shade(
@@ -192,7 +193,7 @@ impl Renderer for CpuExecutor {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.machine, splats, colors, tiles, camera))
+        Ok(blend_all(&self.machine, splats, colors, tiles, camera, &Limits::USUAL))
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {

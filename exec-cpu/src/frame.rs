@@ -108,6 +108,14 @@ impl Frame {
     pub fn channel_count(&self) -> usize {
         self.channels
     }
+    /// Pixels of quads in which a splat was seen, over all splats: what blending cannot do without.
+    pub fn seen_pairs(&self) -> usize {
+        BLOCK * self.seen.iter().map(|quads| quads.count_ones() as usize).sum::<usize>()
+    }
+    /// Pixels of tiles that hold something.
+    pub fn covered_pixels(&self) -> usize {
+        self.cover.tiles.len() * SIZE * SIZE
+    }
     /// A covered tile as it was blended.
     pub(crate) fn tile(&self, slot: usize) -> &[Quad] {
         &self.blended[slot * tile_len(self.channels)..][..tile_len(self.channels)]

@@ -24,5 +24,7 @@ mod planes;
 pub mod prefilter;
 pub mod project;
 pub mod shade;
+mod viewer;
 
 pub use executor::{CpuError, CpuExecutor};
+pub use viewer::CpuViewer;

@@ -74,6 +74,14 @@ impl Light {
         texels.copy_from_slice(of_texels);
         LightGrad { texels }
     }
+    /// Texels of all levels.
+    pub fn texel_count(&self) -> usize {
+        self.texels.len()
+    }
+    /// Weights that it was filtered with; zero where there were too many to keep.
+    pub fn weight_count(&self) -> usize {
+        self.operator.rows().map_or(0, |rows| rows.forward.weights.len())
+    }
     /// Makes every texel what comes back from where it is stored so: what other executors look up.
     pub fn round(&mut self, storage: Storage) {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));

@@ -8,9 +8,10 @@ use crate::{
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    bin::{footprint, half_extent},
+    bin::{footprint_within, half_extent},
     camera::{Camera, CameraOf},
     each,
+    limits::Limits,
     project::{Shape, Splat, SplatGrad, project, project_vjp},
     real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
@@ -62,7 +63,12 @@ impl Splats {
 /// Blocks that one task takes.
 pub(crate) const BLOCKS_AT_ONCE: usize = 16;
 
-pub(crate) fn project_all(machine: &Machine, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Splats {
+pub(crate) fn project_all(
+    machine: &Machine,
+    gaussians: &Gaussians<Vec<f32>>,
+    camera: &Camera,
+    limits: &Limits,
+) -> Splats {
     let mut records = machine.records.take(gaussians.count);
     let mut drawn = machine.bits.take(gaussians.count.div_ceil(BLOCK));
     let block_len = gaussians.block_len();
@@ -71,7 +77,7 @@ pub(crate) fn project_all(machine: &Machine, gaussians: &Gaussians<Vec<f32>>, ca
         .par_chunks(BLOCKS_AT_ONCE * block_len)
         .zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)))
         .for_each(|(blocks, (records, drawn))| {
-            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, records, drawn));
+            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, limits, records, drawn));
         });
     Splats { records, drawn }
 }
@@ -82,6 +88,7 @@ fn project_blocks<S: Simd>(
     blocks: &[f32],
     block_len: usize,
     camera: &Camera,
+    limits: &Limits,
     records: &mut [SplatRecord],
     drawn: &mut [u16],
 ) {
@@ -89,7 +96,7 @@ fn project_blocks<S: Simd>(
     let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
     for ((block, records), drawn) in blocks.zip(drawn) {
         let splat = project(&load_shape(simd, block), &camera);
-        let reach = footprint(&splat).reach;
+        let reach = footprint_within(&splat, limits).reach.min(Lanes::splat(simd, limits.reach_max()));
         let own = u16::MAX >> (BLOCK - records.len());
         *drawn = reach.zero().less(reach).bits() as u16 & own;
         store_records(&splat, reach, half_extent(&splat, reach), records);

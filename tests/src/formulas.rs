@@ -6,6 +6,7 @@ use specula_gpu::{
     GpuExecutor,
     formula::{Formula, Inputs},
 };
+pub use specula_oracle::scenes::camera;
 
 /// What a device may round worse than `f32` does, as a multiple: divisions and roots are allowed 2.5 units in the last
 /// place, and operations may be fused.
@@ -14,11 +15,6 @@ const WORSE_ROUNDING: f64 = 16.0;
 const LAST_PLACES: f64 = 2e-6;
 /// Rows of inputs that a formula is tried with.
 pub const ROWS: usize = 500;
-
-/// The view of the tests.
-pub fn camera(width: u32, height: u32) -> Camera {
-    Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
-}
 
 /// The numbers of a camera, as formulas take them.
 pub fn numbers_of(camera: &Camera) -> Vec<f32> {

@@ -15,8 +15,9 @@ pub mod derivative;
 pub mod device;
 pub mod formulas;
 pub mod lobe;
-pub mod number;
-pub mod plain;
 pub mod prefilter_error;
 pub mod strategies;
 pub mod stress;
+
+pub use specula_oracle as plain;
+pub use specula_oracle::number;

@@ -1,16 +1,12 @@
 //! The demo's page: everything that was made, in one place.
 
 use super::Table;
-use crate::{failure::Failure, output};
+use crate::{
+    failure::Failure,
+    output,
+    page::{STYLE, escaped, html_table},
+};
 use std::path::Path;
-
-const STYLE: &str = "\
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem; color: #1e1e1e; }
-img { max-width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-td, th { padding: .3rem 1rem; text-align: right; border-bottom: 1px solid #ddd; }
-td:first-child, th:first-child { text-align: left; }
-pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; }";
 
 /// Writes `index.html`, which asks for nothing from outside its folder.
 pub(super) fn write(folder: &Path, table: &Table, iterations: u32) -> Result<(), Failure> {
@@ -19,7 +15,7 @@ pub(super) fn write(folder: &Path, table: &Table, iterations: u32) -> Result<(),
 
 fn page(folder: &Path, table: &Table, iterations: u32) -> String {
     let path = escaped(&folder.display().to_string());
-    let table = html_table(table);
+    let table = html_table(&table.cells);
     format!(
         "<!doctype html>
 <html lang=\"en\">
@@ -56,18 +52,4 @@ models in <code>3dgs</code> and <code>specula</code>.</p>
 </html>
 "
     )
-}
-
-fn html_table(table: &Table) -> String {
-    let row = |tag: &str, cells: &[String; 6]| {
-        let cells: String = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect();
-        format!("<tr>{cells}</tr>\n")
-    };
-    let (head, body) = table.cells.split_first().expect("a table has a head");
-    let body: String = body.iter().map(|cells| row("td", cells)).collect();
-    format!("<table>\n{}{body}</table>", row("th", head))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

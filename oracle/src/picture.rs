@@ -5,6 +5,7 @@ use specula_core::{
     bin,
     blend::{self, Moments, Passage, Replay, Stamp, Step, StepGrad},
     camera::Camera,
+    limits::Limits,
     project::{Splat, SplatGrad},
     scene::Image,
     vector::Vec3,
@@ -15,7 +16,12 @@ pub type Frame<R> = Image<Vec<R>>;
 
 /// Splats that are drawn, nearest first; those of equal depth in the order of the Gaussians.
 pub fn front_to_back<R: Number>(splats: &[Splat<R>]) -> Vec<usize> {
-    let is_drawn = |index: &usize| bin::footprint(&splats[*index]).reach.value() > 0.0;
+    front_to_back_within(splats, &Limits::USUAL)
+}
+
+/// [`front_to_back`] with other limits.
+pub fn front_to_back_within<R: Number>(splats: &[Splat<R>], limits: &Limits) -> Vec<usize> {
+    let is_drawn = |index: &usize| bin::footprint_within(&splats[*index], limits).reach.value() > 0.0;
     let mut order: Vec<usize> = (0..splats.len()).filter(is_drawn).collect();
     order.sort_by(|a, b| splats[*a].depth.value().total_cmp(&splats[*b].depth.value()));
     order
@@ -31,26 +37,52 @@ fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Stamp<R>> {
     splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
+/// First row of pixels that a splat may be seen in, and one past the last.
+fn rows_of<R: Number>(splat: &Splat<R>, height: usize, limits: &Limits) -> [usize; 2] {
+    let [_, half] = bin::half_extent(splat, bin::footprint_within(splat, limits).reach).map(R::value);
+    let y = splat.mean2d[1].value();
+    [y - half - 1.0, y + half + 1.0].map(|y| y.clamp(0.0, height as f64) as usize)
+}
+
 /// Splats to a picture.
 pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize], camera: &Camera) -> Frame<R> {
+    blend_within(splats, colors, order, camera, &Limits::USUAL)
+}
+
+/// [`blend()`] with other limits; how far splats reach into tiles is none of them. Rows in which a splat is not seen are
+/// skipped, which changes nothing.
+pub fn blend_within<R: Number>(
+    splats: &[Splat<R>],
+    colors: &[Vec<R>],
+    order: &[usize],
+    camera: &Camera,
+    limits: &Limits,
+) -> Frame<R> {
     let channels = colors.first().map_or(0, Vec::len);
     let (width, height) = (camera.width as usize, camera.height as usize);
     let size = width * height;
     let stamps = stamps(splats);
     let mut values = vec![R::of(0.0); (channels + 1) * size];
-    for pixel in 0..size {
-        let mut passage = Passage::open(R::of(1.0));
-        for &k in order {
-            let [dx, dy] = offset(&splats[k], pixel % width, pixel / width);
-            let strength = blend::falloff(&stamps[k], dx, dy).log2_strength;
-            let Step { weight, behind } = blend::step(blend::alpha(strength), passage);
-            for (channel, color) in colors[k].iter().enumerate() {
-                let value = &mut values[channel * size + pixel];
-                *value = *value + weight * *color;
+    let rows: Vec<[usize; 2]> = splats.iter().map(|splat| rows_of(splat, height, limits)).collect();
+    for row in 0..height {
+        let near: Vec<usize> = order.iter().copied().filter(|k| rows[*k][0] <= row && row < rows[*k][1]).collect();
+        for pixel in row * width..(row + 1) * width {
+            let mut passage = Passage::open(R::of(1.0));
+            for &k in &near {
+                let [dx, dy] = offset(&splats[k], pixel % width, row);
+                let strength = blend::falloff(&stamps[k], dx, dy).log2_strength;
+                if !limits.is_seen(strength) {
+                    continue;
+                }
+                let Step { weight, behind } = limits.step(limits.alpha(strength), passage);
+                for (channel, color) in colors[k].iter().enumerate() {
+                    let value = &mut values[channel * size + pixel];
+                    *value = *value + weight * *color;
+                }
+                passage = behind;
             }
-            passage = behind;
+            values[channels * size + pixel] = passage.left;
         }
-        values[channels * size + pixel] = passage.left;
     }
     Image { width, height, channels: channels + 1, values }
 }

@@ -1,19 +1,23 @@
 //! The whole pipeline from core's formulas, one plain loop after the other, over any number.
 //!
-//! No threads, tiles, lanes or culling beyond what defines the picture: what an executor's stages are compared with,
-//! in `f64` as the oracle of its error. The stages have core's names; [`loss_and_gradient`] is one step of training up
-//! to the gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`.
+//! No tiles, lanes or culling beyond what defines the picture: what an executor's stages are compared with, in `f64` as
+//! the oracle of its error. The stages have core's names; [`loss_and_gradient`] is one step of training up to the
+//! gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`. [`scenes`] and [`stress`] are what is looked at.
+#![forbid(unsafe_code)]
 
 mod light;
 mod losses;
+pub mod number;
 mod picture;
 mod pixels;
+pub mod scenes;
+pub mod stress;
 
 pub use light::{Light, LightGrad, Operator, look_up, look_up_vjp, prefilter, prefilter_vjp};
 pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
 };
-pub use picture::{Frame, blend, blend_vjp, composite, front_to_back};
+pub use picture::{Frame, blend, blend_vjp, blend_within, composite, front_to_back, front_to_back_within};
 pub use pixels::{shade_pixels, shade_pixels_vjp};
 
 use crate::number::Number;
@@ -21,6 +25,7 @@ use specula_core::{
     camera::Camera,
     covariance,
     executor::RenderRules,
+    limits::Limits,
     loss::LossWeights,
     normal::{AxisRule, axis, facing},
     plan::{Channels, channel},
@@ -303,9 +308,21 @@ pub fn render<R: Number>(
     camera: &Camera,
     rules: &RenderRules,
 ) -> Frame<R> {
+    render_within(gaussians, light, camera, rules, &Limits::USUAL)
+}
+
+/// [`render`] with other limits.
+pub fn render_within<R: Number>(
+    gaussians: &Gaussians<Vec<R>>,
+    light: Option<&Light<R>>,
+    camera: &Camera,
+    rules: &RenderRules,
+    limits: &Limits,
+) -> Frame<R> {
     let splats = project(gaussians, camera);
     let colors = shade(gaussians, camera, light, rules);
-    let frame = blend(&splats, &colors, &front_to_back(&splats), camera);
+    let order = front_to_back_within(&splats, limits);
+    let frame = blend_within(&splats, &colors, &order, camera, limits);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 

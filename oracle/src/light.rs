@@ -1,6 +1,7 @@
 //! Light into roughness levels by explicit rows of weights, and its lookup.
 
 use crate::number::{Number, take3};
+use rayon::prelude::*;
 use specula_core::{
     cubemap::{self, FACE_COUNT},
     prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
@@ -18,6 +19,8 @@ pub struct Operator {
     pub levels: Levels,
     /// Resolution and first node of each step of the pyramid of means, finest first.
     pyramid: Vec<(usize, usize)>,
+    /// How many times narrower nodes are than those of executors.
+    fineness: usize,
     /// For each level a row of (node, weight) for each texel.
     rows: Vec<Vec<Vec<(usize, f64)>>>,
 }
@@ -31,6 +34,12 @@ fn texels_of(resolution: usize) -> impl Iterator<Item = Node> {
 impl Operator {
     /// The operator of a base of this resolution.
     pub fn new(resolution: usize) -> Self {
+        Self::finer(resolution, 1)
+    }
+
+    /// The same from nodes that are so many times narrower, a power of two, over lobes that are not cut off: the limit is
+    /// the sum over all texels.
+    pub fn finer(resolution: usize, fineness: usize) -> Self {
         let levels = Levels::new(PrefilterScheme::Exact, resolution);
         let mut pyramid = vec![(resolution, 0)];
         while let [.., (size, first)] = pyramid[..]
@@ -38,11 +47,11 @@ impl Operator {
         {
             pyramid.push((size / 2, first + FACE_COUNT * size * size));
         }
-        let mut operator = Self { levels, pyramid, rows: Vec::new() };
+        let mut operator = Self { levels, pyramid, fineness, rows: Vec::new() };
         for level in levels.as_slice() {
             let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
-            let rows = texels_of(level.resolution).map(|texel| operator.row(&texel, alpha_ggx));
-            let rows = rows.collect();
+            let texels: Vec<Node> = texels_of(level.resolution).collect();
+            let rows = texels.par_iter().map(|texel| operator.row(texel, alpha_ggx)).collect();
             operator.rows.push(rows);
         }
         operator
@@ -59,10 +68,10 @@ impl Operator {
         let mut row = Vec::new();
         while let Some(node) = open.pop() {
             let direction = node.direction();
-            if !lobe.sees(direction, node.resolution) {
+            if self.fineness == 1 && !lobe.sees(direction, node.resolution) {
                 continue;
             }
-            if node.resolution < base && lobe.must_open(direction, node.resolution) {
+            if node.resolution < base && lobe.must_open(direction, node.resolution / self.fineness) {
                 open.extend(node.children());
             } else {
                 let quarters = node.children().map(|child| (child.direction(), child.solid_angle()));
@@ -275,16 +284,30 @@ pub fn look_up_vjp<R: Number>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::{ROUNDING_F64, assert_close};
     use specula_core::double::Double;
+
+    /// A few roundings of `f64`.
+    const ROUNDING: f64 = 1e-12;
 
     #[test]
     fn rows_sum_to_one() {
         let operator = Operator::new(16);
         for row in operator.rows.iter().flatten() {
-            assert_close(row.iter().map(|(_, weight)| weight).sum(), 1.0, ROUNDING_F64);
+            let sum: f64 = row.iter().map(|(_, weight)| weight).sum();
+            assert!((sum - 1.0).abs() < ROUNDING, "weights sum to {sum}");
         }
         let whole = operator.apply(&vec![Vec3::splat(Double(2.0)); FACE_COUNT * 16 * 16]);
         assert_eq!(whole.len(), operator.levels.as_slice().len(), "every level is there");
+    }
+
+    #[test]
+    fn finer_rows_have_more_weights_of_the_same_sum() {
+        let [coarse, fine] = [1, 2].map(|fineness| Operator::finer(32, fineness));
+        let count = |operator: &Operator| operator.rows.iter().flatten().map(Vec::len).sum::<usize>();
+        assert!(count(&fine) > count(&coarse), "{} and {} weights", count(&fine), count(&coarse));
+        for row in fine.rows.iter().flatten() {
+            let sum: f64 = row.iter().map(|(_, weight)| weight).sum();
+            assert!((sum - 1.0).abs() < ROUNDING, "weights sum to {sum}");
+        }
     }
 }

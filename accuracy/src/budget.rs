@@ -1,0 +1,263 @@
+//! The cheapest setting for an error: chosen by some tiles of pictures, verified on others.
+//!
+//! Each knob is turned alone, all others at their most exact; then all at once, each to its cheapest value whose own
+//! error is within a bound. The bound begins at the whole error, because errors of different knobs seldom add up, and
+//! falls until the setting holds, on the tiles that it was chosen by and on those that it was not. What is cheap is told
+//! by counts of the work, so that the choice is the same on every machine and in every run.
+
+use crate::{
+    error::{Errors, Sums},
+    reference::{Exact, Reference},
+    setting::{KNOBS, Knob, Setting, Tried, is_possible, together},
+    subject::Subject,
+    trial::{Trial, Work, measured},
+};
+use rayon::prelude::*;
+use specula_core::{camera::Camera, random};
+use specula_cpu::CpuError;
+
+/// A bound is this share of the one before.
+const TIGHTER: f64 = 0.7;
+/// So many bounds are tried.
+const BOUNDS: usize = 16;
+/// Tiles of the pictures, and pixels along an edge of each.
+const TILES: usize = 16;
+const TILE: u32 = 96;
+/// So many places are drawn for each tile, and the one that is covered most is taken.
+const PLACES: u64 = 8;
+/// Seed of the places.
+const SEED: u64 = 0;
+/// Knobs that do not change what a picture costs here, or not its colours.
+const LEFT_ALONE: [&str; 2] = ["storage", "channels"];
+
+/// What was chosen, and by what right.
+#[derive(Clone, Copy, Debug)]
+pub struct Certificate {
+    /// The setting.
+    pub setting: Setting,
+    /// The error that was asked for: root of the mean square of sRGB colours in [0, 1].
+    pub asked: f64,
+    /// On the tiles that it was chosen by.
+    pub chosen_by: Errors,
+    /// On tiles that it was not chosen by.
+    pub verified: Errors,
+    /// How many tiles each of the two are.
+    pub tiles: [usize; 2],
+    /// Work of the tiles that it was verified on, and under the usual setting.
+    pub work: [Work; 2],
+}
+
+/// Why there is no setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// Even the most exact setting is this far off, on tiles that it was not chosen by.
+    TooClose(f64),
+    /// The processor could not render.
+    Failed,
+}
+
+/// Exact views of some cameras.
+pub fn exact_views(reference: &Reference, subject: &Subject, cameras: &[Camera]) -> Vec<Exact> {
+    cameras.par_iter().map(|camera| reference.view(subject, camera)).collect()
+}
+
+/// Errors of a setting in some views, and the work of its pictures.
+pub fn errors_of(
+    trial: &mut Trial<'_>,
+    subject: &Subject,
+    setting: &Setting,
+    views: &[(Camera, Exact)],
+) -> Result<(Errors, Work), CpuError> {
+    let (mut sums, mut work) = (Sums::default(), Work::default());
+    for (camera, exact) in views {
+        work = work.and(&trial.view(setting, camera)?.work);
+        sums.add(&trial.view(&measured(setting), camera)?.image, exact, subject.background);
+    }
+    Ok((sums.errors(), work))
+}
+
+/// Part of a view: what is around a pixel, at the same scale.
+fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Camera {
+    let principal_px = [camera.principal_px[0] - x as f32, camera.principal_px[1] - y as f32];
+    Camera { principal_px, width: size[0], height: size[1], ..*camera }
+}
+
+/// Tiles of views that are evenly spread over those of the subject, where much is covered: errors are larger there than
+/// in whole pictures.
+pub fn tiles(trial: &mut Trial<'_>, subject: &Subject) -> Result<Vec<Camera>, CpuError> {
+    let usual = Setting::usual(subject);
+    let count = subject.cameras.len();
+    let mut tiles = Vec::new();
+    for (number, camera) in (0..TILES).filter(|_| count > 0).map(|k| (k as u64, &subject.cameras[k * count / TILES])) {
+        let size = [camera.width.min(TILE), camera.height.min(TILE)];
+        let room = [camera.width - size[0], camera.height - size[1]];
+        let mut most = (f32::NEG_INFINITY, *camera);
+        for place in 0..PLACES {
+            let draw = |axis: usize| {
+                let share = random::uniform(SEED, number, 2 * place + axis as u64);
+                (share * (room[axis] + 1) as f32) as u32
+            };
+            let tile = tile_of(camera, [draw(0), draw(1)], size);
+            let image = trial.view(&usual, &tile)?.image;
+            let covered: f32 = image.plane(image.channels - 1).iter().map(|passed| 1.0 - passed).sum();
+            if covered > most.0 {
+                most = (covered, tile);
+            }
+        }
+        tiles.push(most.1);
+    }
+    Ok(tiles)
+}
+
+/// The cheapest setting whose error is at most `error` in tiles of the subject's views: the first of every two is what
+/// it is chosen by, the second what it is verified on.
+pub fn cheapest_within(subject: &Subject, error: f64) -> Result<Certificate, Refusal> {
+    let cameras = tiles(&mut Trial::new(subject), subject).map_err(|_| Refusal::Failed)?;
+    let subject = &Subject { cameras, ..subject.clone() };
+    let reference = Reference::new(subject);
+    let exact = exact_views(&reference, subject, &subject.cameras);
+    let views: Vec<(Camera, Exact)> = subject.cameras.iter().copied().zip(exact).collect();
+    let pick = |parity: usize| views.iter().skip(parity).step_by(2).cloned().collect::<Vec<_>>();
+    let chosen_by = pick(0);
+    let held_out = pick(1);
+    let mut search = Search { subject, trial: Trial::new(subject), error, chosen_by, held_out };
+    search.run()
+}
+
+struct Search<'a> {
+    subject: &'a Subject,
+    trial: Trial<'a>,
+    error: f64,
+    chosen_by: Vec<(Camera, Exact)>,
+    held_out: Vec<(Camera, Exact)>,
+}
+
+impl Search<'_> {
+    fn run(&mut self) -> Result<Certificate, Refusal> {
+        let exact = Setting::exact(self.subject);
+        let of_knobs = self.turn_each(&exact)?;
+        let mut bound = self.error;
+        for _ in 0..BOUNDS {
+            let setting = together(&exact, &of_knobs, bound);
+            if let Some(certificate) = self.certify(if is_possible(&setting) { &setting } else { &exact })? {
+                return Ok(certificate);
+            }
+            bound *= TIGHTER;
+        }
+        let (errors, _) = self.measure(&exact, false)?;
+        match self.certify(&exact)? {
+            Some(certificate) => Ok(certificate),
+            None => Err(Refusal::TooClose(errors.rms)),
+        }
+    }
+
+    fn turn_each(&mut self, exact: &Setting) -> Result<Vec<(Knob, Vec<Tried>)>, Refusal> {
+        let mut of_knobs = Vec::new();
+        for knob in KNOBS.into_iter().filter(|knob| !LEFT_ALONE.contains(&knob.name)) {
+            let mut tried = Vec::new();
+            for setting in knob.turned(self.subject, exact) {
+                let (errors, work) = self.measure(&setting, true)?;
+                let error = if errors.nonfinite == 0 { errors.rms } else { f64::INFINITY };
+                tried.push(Tried { setting, error, cost: work.cost() });
+            }
+            of_knobs.push((knob, tried));
+        }
+        Ok(of_knobs)
+    }
+
+    fn measure(&mut self, setting: &Setting, chosen_by: bool) -> Result<(Errors, Work), Refusal> {
+        let views = if chosen_by { &self.chosen_by } else { &self.held_out };
+        errors_of(&mut self.trial, self.subject, setting, views).map_err(|_| Refusal::Failed)
+    }
+
+    /// A certificate for a setting, if it holds.
+    fn certify(&mut self, setting: &Setting) -> Result<Option<Certificate>, Refusal> {
+        let (chosen_by, _) = self.measure(setting, true)?;
+        if !chosen_by.is_within(self.error) {
+            return Ok(None);
+        }
+        let (verified, work) = self.measure(setting, false)?;
+        if !verified.is_within(self.error) {
+            return Ok(None);
+        }
+        let (_, usual) = self.measure(&Setting::usual(self.subject), false)?;
+        Ok(Some(Certificate {
+            setting: *setting,
+            asked: self.error,
+            chosen_by,
+            verified,
+            tiles: [self.chosen_by.len(), self.held_out.len()],
+            work: [work, usual],
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::{
+        prefilter::PrefilterScheme,
+        scene::{Layout, RadianceActivation},
+        shade::ShadingRules,
+    };
+    use specula_oracle::scenes::{camera, random_cloud, random_environment};
+
+    fn subject(seed: u64) -> Subject {
+        Subject {
+            gaussians: random_cloud(200, Layout::shaded(Some(1)), seed),
+            light: Some(random_environment(16, RadianceActivation::Identity, seed)),
+            shading: ShadingRules::DEFERRED,
+            scheme: PrefilterScheme::Exact,
+            cameras: (0..4).map(|k| camera(40 + k, 32)).collect(),
+            background: [1.0; 3],
+        }
+    }
+
+    #[test]
+    fn a_certificate_holds_on_whole_views_that_it_has_not_seen() {
+        for (seed, error) in [(1, 0.03), (2, 0.01), (3, 0.002)] {
+            let subject = subject(seed);
+            let certificate = cheapest_within(&subject, error).expect("it can be met");
+            assert!(certificate.chosen_by.is_within(error) && certificate.verified.is_within(error), "{certificate:?}");
+            let reference = Reference::new(&subject);
+            let other = camera(50, 50);
+            let views = [(other, reference.view(&subject, &other))];
+            let mut trial = Trial::new(&subject);
+            let (errors, _) = errors_of(&mut trial, &subject, &certificate.setting, &views).expect("it renders");
+            assert!(errors.is_within(error), "{error} was asked for, and {} measured", errors.rms);
+        }
+    }
+
+    #[test]
+    fn what_is_allowed_more_error_costs_no_more() {
+        let subject = subject(4);
+        let cost = |error: f64| cheapest_within(&subject, error).expect("it can be met").work[0].cost();
+        let costs = [0.001, 0.01, 0.1].map(cost);
+        assert!(costs[0] >= costs[1] && costs[1] >= costs[2], "{costs:?}");
+        assert!(costs[2] < 0.9 * costs[0], "something is saved: {costs:?}");
+    }
+
+    #[test]
+    fn what_cannot_be_met_is_refused_with_what_can() {
+        match cheapest_within(&subject(5), 1e-12) {
+            Err(Refusal::TooClose(error)) => assert!(error > 1e-12 && error < 1e-2, "{error}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_tile_is_a_part_of_its_view() {
+        let subject = subject(6);
+        let whole = subject.cameras[0];
+        let tile = tile_of(&whole, [9, 5], [16, 12]);
+        let mut trial = Trial::new(&subject);
+        let setting = Setting::usual(&subject);
+        let [whole, tile] = [whole, tile].map(|camera| trial.view(&setting, &camera).expect("it renders").image);
+        for (x, y) in [(0, 0), (15, 11), (7, 3)] {
+            let (own, of_whole) = (tile.rgb(y * 16 + x), whole.rgb((y + 5) * whole.width + x + 9));
+            for c in 0..3 {
+                assert!((own[c] - of_whole[c]).abs() < 1e-4, "{own:?} and {of_whole:?}");
+            }
+        }
+    }
+}

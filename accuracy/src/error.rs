@@ -1,0 +1,159 @@
+//! Measures of a picture against the exact one.
+
+use crate::{flip::flip, reference::Exact};
+use specula_core::{
+    metrics::{angle_degrees, psnr},
+    plan::channel,
+    scene::Image,
+};
+use specula_train::evaluate::{mean_ssim, over_background};
+
+/// Pixels of less coverage have no normal to speak of.
+const COVERED: f64 = 0.5;
+/// The share of the differences that the percentile leaves out.
+const LARGEST: f64 = 1e-3;
+
+/// How far pictures are from exact ones, over all their colours; what is not finite is counted and left out of the rest,
+/// but for [`Errors::is_within`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Largest difference.
+    pub max: f64,
+    /// Root of the mean square.
+    pub rms: f64,
+    /// The same as a share of that of the exact pictures.
+    pub relative: f64,
+    /// Peak signal-to-noise ratio in dB, of colours limited to [0, 1]; infinite for equal ones.
+    pub psnr: f64,
+    /// Mean SSIM of 8-bit pictures.
+    pub ssim: f64,
+    /// Mean ꟻLIP.
+    pub flip: f64,
+    /// All but one in a thousand differences are no larger.
+    pub p999: f64,
+    /// Mean angle between normals, in degrees, where at least half of a pixel is covered.
+    pub normal_mae: f64,
+    /// Numbers that are not finite.
+    pub nonfinite: usize,
+}
+
+impl Errors {
+    /// Whether the root of the mean square is no larger, and everything finite.
+    pub fn is_within(&self, rms: f64) -> bool {
+        self.nonfinite == 0 && self.rms <= rms
+    }
+}
+
+/// Sums over views.
+#[derive(Clone, Debug, Default)]
+pub struct Sums {
+    differences: Vec<f64>,
+    squares_shown: f64,
+    squares_exact: f64,
+    similarities: Vec<[f64; 2]>,
+    angles: Vec<f64>,
+    nonfinite: usize,
+}
+
+impl Sums {
+    /// Adds a view: a picture with the channels of training, over a background.
+    pub fn add(&mut self, picture: &Image<Vec<f32>>, exact: &Exact, background: [f32; 3]) {
+        let own = over_background(picture, background);
+        for (own, exact) in own.iter().zip(&exact.colors.values) {
+            let own = f64::from(*own);
+            self.squares_exact += exact * exact;
+            if own.is_finite() {
+                self.differences.push((own - exact).abs());
+                self.squares_shown += (own.clamp(0.0, 1.0) - exact.clamp(0.0, 1.0)).powi(2);
+            } else {
+                self.nonfinite += 1;
+            }
+        }
+        let narrow: Vec<f32> = exact.colors.values.iter().map(|x| *x as f32).collect();
+        let wide = Image { values: own.iter().map(|x| f64::from(*x)).collect(), ..exact.colors.clone() };
+        let ssim = mean_ssim(picture.width, picture.height, &own, &narrow);
+        self.similarities.push([ssim, flip(&exact.colors, &wide)]);
+        for pixel in (0..picture.pixel_count()).filter(|pixel| exact.coverage[*pixel] > COVERED) {
+            let normal = [0, 1, 2].map(|k| picture.plane(channel::NORMAL + k)[pixel]);
+            let angle = angle_degrees(normal, exact.normals[pixel]);
+            if angle.is_finite() { self.angles.push(angle) } else { self.nonfinite += 1 }
+        }
+    }
+
+    /// What they come to.
+    pub fn errors(mut self) -> Errors {
+        let mean = |sum: f64, count: usize| if count == 0 { 0.0 } else { sum / count as f64 };
+        let count = self.differences.len();
+        let squares: f64 = self.differences.iter().map(|x| x * x).sum();
+        self.differences.sort_by(f64::total_cmp);
+        let place = (count as f64 * (1.0 - LARGEST)) as usize;
+        let of_views = |k: usize| mean(self.similarities.iter().map(|pair| pair[k]).sum(), self.similarities.len());
+        Errors {
+            max: self.differences.last().copied().unwrap_or(0.0),
+            rms: mean(squares, count).sqrt(),
+            relative: (squares / self.squares_exact.max(f64::MIN_POSITIVE)).sqrt(),
+            psnr: psnr(mean(self.squares_shown, count)),
+            ssim: of_views(0),
+            flip: of_views(1),
+            p999: self.differences.get(place.min(count.saturating_sub(1))).copied().unwrap_or(0.0),
+            normal_mae: mean(self.angles.iter().sum(), self.angles.len()),
+            nonfinite: self.nonfinite,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: usize = 20;
+    /// Differences of numbers of `f32`.
+    const ROUNDING: f64 = 1e-6;
+
+    /// A grey view that is covered wholly and faces +z, and its exact picture.
+    fn view(of_pixel: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
+        let pixels = SIZE * SIZE;
+        let mut values = vec![0.0; 9 * pixels];
+        (0..3 * pixels).for_each(|k| values[k] = of_pixel(k % pixels));
+        values[5 * pixels..6 * pixels].fill(1.0);
+        let picture = Image { width: SIZE, height: SIZE, channels: 9, values };
+        let colors = Image { width: SIZE, height: SIZE, channels: 3, values: vec![0.5; 3 * pixels] };
+        (picture, Exact { colors, normals: vec![[0.0, 0.0, 1.0]; pixels], coverage: vec![1.0; pixels] })
+    }
+
+    fn errors(of_pixel: impl Fn(usize) -> f32) -> Errors {
+        let (picture, exact) = view(of_pixel);
+        let mut sums = Sums::default();
+        sums.add(&picture, &exact, [0.0; 3]);
+        sums.errors()
+    }
+
+    #[test]
+    fn an_exact_picture_has_no_error() {
+        let errors = errors(|_| 0.5);
+        assert_eq!((errors.max, errors.rms, errors.relative, errors.p999), (0.0, 0.0, 0.0, 0.0));
+        assert_eq!((errors.flip, errors.normal_mae, errors.nonfinite), (0.0, 0.0, 0));
+        assert!(errors.psnr == f64::INFINITY && (errors.ssim - 1.0).abs() < ROUNDING, "{errors:?}");
+        assert!(errors.is_within(0.0), "it is as close as can be");
+    }
+
+    #[test]
+    fn a_hundredth_everywhere_is_forty_decibels() {
+        let errors = errors(|_| 0.51);
+        assert!((errors.psnr - 40.0).abs() < 1e-3 && (errors.rms - 0.01).abs() < ROUNDING, "{errors:?}");
+        assert!((errors.relative - 0.02).abs() < ROUNDING, "{errors:?}");
+        assert!(!errors.is_within(0.0099) && errors.is_within(0.0101), "{errors:?}");
+    }
+
+    #[test]
+    fn a_single_wrong_pixel_shows_in_the_largest_difference_alone() {
+        let errors = errors(|pixel| if pixel == 7 { 0.9 } else { 0.5 });
+        assert!((errors.max - 0.4).abs() < ROUNDING && errors.rms < 0.03, "{errors:?}");
+    }
+
+    #[test]
+    fn what_is_not_finite_is_counted_and_within_nothing() {
+        let errors = errors(|pixel| if pixel == 7 { f32::NAN } else { 0.5 });
+        assert!(errors.nonfinite == 3 && errors.rms == 0.0 && !errors.is_within(1.0), "{errors:?}");
+    }
+}

@@ -1,0 +1,302 @@
+//! ꟻLIP: how different two pictures look when one flips between them (Andersson et al. 2020, "FLIP: A Difference
+//! Evaluator for Alternating Images"; the form for pictures in [0, 1]).
+//!
+//! Colours are compared as far as an eye resolves them: opponent channels are blurred by its contrast sensitivity, then
+//! their distance is taken in a uniform colour space. Where one picture has an edge or a point that the other lacks, the
+//! difference counts more.
+
+use core::f64::consts::PI;
+use specula_core::scene::Image;
+
+/// Pixels per degree of the eye: a screen of 0.7 m and 3840 pixels, seen from 0.7 m (the paper's setting).
+const PIXELS_PER_DEGREE: f64 = 67.020_643;
+/// Weights and widths of the Gaussians of the contrast sensitivity: achromatic, red–green, blue–yellow (Table 1).
+const SENSITIVITY: [[[f64; 2]; 2]; 3] =
+    [[[1.0, 0.0047], [0.0, 1e-5]], [[1.0, 0.0053], [0.0, 1e-5]], [[34.1, 0.04], [13.5, 0.025]]];
+/// The widest of them decides how far windows reach, in standard deviations.
+const WIDEST: f64 = 0.04;
+const REACH: f64 = 3.0;
+/// Width of the edges and points that are looked for, in degrees.
+const FEATURE_WIDTH: f64 = 0.082;
+/// Exponents of colours and of features.
+const COLOR_EXPONENT: f64 = 0.7;
+const FEATURE_EXPONENT: f64 = 0.5;
+/// Differences up to the first share of the largest possible one are stretched over the second share of the result.
+const KNEE: [f64; 2] = [0.4, 0.95];
+
+/// Linear RGB of sRGB's primaries to XYZ; the white is that of (1, 1, 1).
+const XYZ: [[f64; 3]; 3] = [
+    [0.412_390_799_265_959_5, 0.357_584_339_383_878, 0.180_480_788_401_834_3],
+    [0.212_639_005_871_510_4, 0.715_168_678_767_756, 0.072_192_315_360_733_7],
+    [0.019_330_818_715_591_8, 0.119_194_779_794_626, 0.950_532_152_249_660_6],
+];
+
+/// Mean of ꟻLIP over the pixels of two pictures of three planes in sRGB, each limited to [0, 1]; 0 for equal ones, at
+/// most 1. A pixel of either that is not a number counts 1.
+pub fn flip(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> f64 {
+    let map = flip_map(reference, test);
+    map.iter().sum::<f64>() / map.len().max(1) as f64
+}
+
+/// ꟻLIP of every pixel.
+pub fn flip_map(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> Vec<f64> {
+    let [a, b] = [reference, test].map(Seen::new);
+    let largest = largest_difference();
+    let of_pixel = |pixel: usize| {
+        let color = stretched(hyab(a.color(pixel), b.color(pixel)).powf(COLOR_EXPONENT), largest);
+        let feature = f64::max((a.edges[pixel] - b.edges[pixel]).abs(), (a.points[pixel] - b.points[pixel]).abs());
+        let feature = (feature * core::f64::consts::FRAC_1_SQRT_2).powf(FEATURE_EXPONENT);
+        let difference = color.powf(1.0 - feature);
+        if difference.is_nan() { 1.0 } else { difference.clamp(0.0, 1.0) }
+    };
+    (0..reference.pixel_count()).map(of_pixel).collect()
+}
+
+/// A picture as the eye takes it in.
+struct Seen {
+    /// Three planes of a uniform colour space, blurred by the contrast sensitivity.
+    lab: Vec<[f64; 3]>,
+    /// Strengths of edges and of points.
+    edges: Vec<f64>,
+    points: Vec<f64>,
+}
+
+impl Seen {
+    fn new(picture: &Image<Vec<f64>>) -> Self {
+        let size = picture.pixel_count();
+        let limited = |x: f64| if x.is_nan() { x } else { x.clamp(0.0, 1.0) };
+        let rgb = |pixel: usize| [0, 1, 2].map(|c| linear(limited(picture.values[c * size + pixel])));
+        let opponent: Vec<[f64; 3]> = (0..size).map(|pixel| opponent_of(xyz_of(rgb(pixel)))).collect();
+        let plane = |c: usize| opponent.iter().map(|color| color[c]).collect::<Vec<f64>>();
+        let blurred = [0, 1, 2].map(|c| blur(picture.width, &plane(c), &SENSITIVITY[c]));
+        let color = |pixel: usize| {
+            let opponent = [0, 1, 2].map(|c| blurred[c][pixel]);
+            let shown = rgb_of(xyz_of_opponent(opponent)).map(limited);
+            hunt(lab_of(xyz_of(shown)))
+        };
+        let light: Vec<f64> = plane(0).iter().map(|y| (y + 16.0) / 116.0).collect();
+        let [edges, points] = [Window::slope(), Window::bend()].map(|window| window.strength(picture.width, &light));
+        Self { lab: (0..size).map(color).collect(), edges, points }
+    }
+
+    fn color(&self, pixel: usize) -> [f64; 3] {
+        self.lab[pixel]
+    }
+}
+
+/// From sRGB, in [0, 1] (IEC 61966-2-1).
+fn linear(x: f64) -> f64 {
+    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
+fn xyz_of(rgb: [f64; 3]) -> [f64; 3] {
+    XYZ.map(|row| row[0] * rgb[0] + row[1] * rgb[1] + row[2] * rgb[2])
+}
+
+/// The inverse of [`xyz_of`], by Cramer's rule.
+fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
+    let [a, b, c] = [0, 1, 2].map(|k| [XYZ[0][k], XYZ[1][k], XYZ[2][k]]);
+    let determinant = dot(a, cross(b, c));
+    [dot(xyz, cross(b, c)), dot(a, cross(xyz, c)), dot(a, cross(b, xyz))].map(|d| d / determinant)
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// XYZ as shares of the white's.
+fn per_white(xyz: [f64; 3]) -> [f64; 3] {
+    let white = xyz_of([1.0; 3]);
+    [0, 1, 2].map(|k| xyz[k] / white[k])
+}
+
+/// YCxCz: CIELAB's axes without its root.
+fn opponent_of(xyz: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = per_white(xyz);
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+fn xyz_of_opponent([light, red, blue]: [f64; 3]) -> [f64; 3] {
+    let white = xyz_of([1.0; 3]);
+    let y = (light + 16.0) / 116.0;
+    [(y + red / 500.0) * white[0], y * white[1], (y - blue / 200.0) * white[2]]
+}
+
+/// CIELAB.
+fn lab_of(xyz: [f64; 3]) -> [f64; 3] {
+    const DELTA: f64 = 6.0 / 29.0;
+    let root = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
+    let [x, y, z] = per_white(xyz).map(root);
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// Colours look paler in the dark (Hunt 1952).
+fn hunt([light, red, blue]: [f64; 3]) -> [f64; 3] {
+    [light, 0.01 * light * red, 0.01 * light * blue]
+}
+
+/// |ΔL| + |(Δa, Δb)| (Abasi et al. 2020).
+fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
+}
+
+/// The difference of green and blue, the largest that there is.
+fn largest_difference() -> f64 {
+    let [green, blue] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|rgb| hunt(lab_of(xyz_of(rgb))));
+    hyab(green, blue).powf(COLOR_EXPONENT)
+}
+
+fn stretched(difference: f64, largest: f64) -> f64 {
+    let [knee, height] = [KNEE[0] * largest, KNEE[1]];
+    if difference < knee {
+        difference * height / knee
+    } else {
+        height + (difference - knee) / (largest - knee) * (1.0 - height)
+    }
+}
+
+/// A plane blurred by a sum of Gaussians, whose windows sum to one together.
+fn blur(width: usize, plane: &[f64], gaussians: &[[f64; 2]; 2]) -> Vec<f64> {
+    let reach = (REACH * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize;
+    let mut sum = vec![0.0; plane.len()];
+    let mut whole = 0.0;
+    for [weight, spread] in gaussians.iter().filter(|[weight, _]| *weight > 0.0) {
+        let factor = weight * (PI / spread).sqrt();
+        let window = taps(reach, |x| (-PI * PI * (x / PIXELS_PER_DEGREE).powi(2) / spread).exp());
+        whole += factor * window.iter().sum::<f64>().powi(2);
+        let blurred = filtered(width, plane, &window, &window);
+        sum.iter_mut().zip(blurred).for_each(|(sum, x)| *sum += factor * x);
+    }
+    sum.iter_mut().for_each(|x| *x /= whole);
+    sum
+}
+
+fn taps(reach: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..=2 * reach).map(|k| of(k as f64 - reach as f64)).collect()
+}
+
+/// A plane filtered along its rows and then down its columns; beyond the border it goes on as it is there.
+fn filtered(width: usize, plane: &[f64], along: &[f64], down: &[f64]) -> Vec<f64> {
+    let height = plane.len() / width.max(1);
+    let reach = along.len() / 2;
+    let at = |index: usize, tap: usize, count: usize| (index + tap).saturating_sub(reach).min(count - 1);
+    let mut across = vec![0.0; plane.len()];
+    for (row, out) in plane.chunks(width).zip(across.chunks_mut(width)) {
+        for (column, out) in out.iter_mut().enumerate() {
+            *out = along.iter().enumerate().map(|(tap, weight)| weight * row[at(column, tap, width)]).sum();
+        }
+    }
+    let mut result = vec![0.0; plane.len()];
+    for (row, out) in result.chunks_mut(width).enumerate() {
+        for (tap, weight) in down.iter().enumerate() {
+            let source = &across[at(row, tap, height) * width..];
+            out.iter_mut().zip(source).for_each(|(sum, x)| *sum += weight * x);
+        }
+    }
+    result
+}
+
+/// A separable window that finds something along an axis.
+struct Window {
+    along: Vec<f64>,
+    across: Vec<f64>,
+}
+
+impl Window {
+    /// First derivative of a Gaussian: edges.
+    fn slope() -> Self {
+        Self::new(|x, variance| -x * (-0.5 * x * x / variance).exp())
+    }
+    /// Second derivative: points.
+    fn bend() -> Self {
+        Self::new(|x, variance| (x * x / variance - 1.0) * (-0.5 * x * x / variance).exp())
+    }
+
+    /// Positive weights sum to one, and negative ones to minus one.
+    fn new(of: impl Fn(f64, f64) -> f64) -> Self {
+        let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
+        let variance = deviation * deviation;
+        let reach = (REACH * deviation).ceil() as usize;
+        let across = taps(reach, |x| (-0.5 * x * x / variance).exp());
+        let sum: f64 = across.iter().sum();
+        let along = taps(reach, |x| of(x, variance));
+        let [positive, negative] = [1.0, -1.0].map(|sign| along.iter().map(|x| (sign * x).max(0.0)).sum::<f64>());
+        let along = along.iter().map(|x| x / if *x > 0.0 { positive } else { negative }).collect();
+        Self { along, across: across.iter().map(|x| x / sum).collect() }
+    }
+
+    /// Length of what is found along both axes.
+    fn strength(&self, width: usize, plane: &[f64]) -> Vec<f64> {
+        let right = filtered(width, plane, &self.along, &self.across);
+        let down = filtered(width, plane, &self.across, &self.along);
+        right.iter().zip(down).map(|(x, y)| x.hypot(y)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Published with three digits.
+    const THREE_DIGITS: f64 = 5e-4;
+    /// Some hundred roundings of `f64`, and powers of them.
+    const ROUNDING: f64 = 1e-6;
+
+    fn picture(of: impl Fn(usize, usize, usize) -> f64) -> Image<Vec<f64>> {
+        let (width, height) = (40, 30);
+        let values = (0..3 * width * height).map(|k| of(k / (width * height), k % width, k / width % height)).collect();
+        Image { width, height, channels: 3, values }
+    }
+
+    #[test]
+    fn equal_pictures_do_not_flip() {
+        let some = picture(|c, x, y| (c * 7 + x * 3 + y * 5) as f64 % 11.0 / 11.0);
+        assert!(flip(&some, &some) == 0.0);
+    }
+
+    #[test]
+    fn black_and_white_differ_as_published() {
+        let [black, white] = [0.0, 1.0].map(|value| picture(|_, _, _| value));
+        let difference = flip(&black, &white);
+        assert!((difference - 0.967).abs() < THREE_DIGITS, "{difference}");
+    }
+
+    #[test]
+    fn green_and_blue_differ_most() {
+        let [green, blue] = [1, 2].map(|own| picture(|c, _, _| f64::from(u8::from(c == own))));
+        assert!((flip(&green, &blue) - 1.0).abs() < ROUNDING);
+    }
+
+    #[test]
+    fn order_does_not_matter_and_results_grow_with_the_difference() {
+        let grey = picture(|_, _, _| 0.5);
+        let mut last = 0.0;
+        for step in [0.01, 0.03, 0.1, 0.3] {
+            let other = picture(|c, x, y| 0.5 + step * f64::from(u8::from((x + y + c) % 8 < 4)));
+            let difference = flip(&grey, &other);
+            assert!(difference > last && difference < 1.0, "{difference} after {last}");
+            assert!((difference - flip(&other, &grey)).abs() < ROUNDING);
+            last = difference;
+        }
+    }
+
+    #[test]
+    fn a_difference_at_an_edge_counts_more() {
+        let edge = picture(|_, x, _| if x < 20 { 0.3 } else { 0.7 });
+        let moved = picture(|_, x, _| if x < 21 { 0.3 } else { 0.7 });
+        let map = flip_map(&edge, &moved);
+        assert!(map[15 * 40 + 20] > map[15 * 40 + 2] + 0.1, "{} beside {}", map[15 * 40 + 20], map[15 * 40 + 2]);
+    }
+
+    #[test]
+    fn what_is_no_number_differs_wholly() {
+        let grey = picture(|_, _, _| 0.5);
+        let mut wrong = grey.clone();
+        wrong.values[0] = f64::NAN;
+        assert!(flip_map(&grey, &wrong)[0] == 1.0);
+    }
+}

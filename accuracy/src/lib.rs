@@ -1,0 +1,20 @@
+//! How far pictures are from exact ones, what that saves, and the cheapest setting for an error.
+//!
+//! * [`subject`]: a scene and the views in which it is looked at; [`reference`]: its exact pictures, in `f64`
+//! * [`setting`]: the knobs, and what they can be turned to
+//! * [`trial`]: a scene under a setting: pictures, times stage by stage, counts of the work
+//! * [`error`]: measures of a picture against the exact one ([`mod@flip`])
+//! * [`front`]: settings that no other beats
+//! * [`budget`]: the cheapest setting for an error, verified on views that it was not chosen by
+//! * [`stability`]: what holds of scenes at the edges of what is valid
+#![forbid(unsafe_code)]
+
+pub mod budget;
+pub mod error;
+pub mod flip;
+pub mod front;
+pub mod reference;
+pub mod setting;
+pub mod stability;
+pub mod subject;
+pub mod trial;

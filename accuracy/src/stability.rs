@@ -1,0 +1,168 @@
+//! What holds of scenes at the edges of what is valid: each promise, and how close a case comes to breaking it.
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use specula_core::{
+    double::Double,
+    executor::{RenderRules, Renderer},
+    plan::{Channels, Needs, Plan},
+    prefilter::{Levels, PrefilterScheme},
+    scene::Image,
+    shade::{ShadingForm, ShadingRules},
+};
+use specula_cpu::{CpuError, CpuExecutor};
+use specula_oracle::{
+    self as oracle, Operator,
+    stress::{Case, LAYOUT, RESOLUTION, every_case},
+};
+use specula_train::evaluate::{largest_difference, render_view};
+
+/// The share of the numbers that the percentile leaves out: pixels where a splat ends hang on rounding.
+const LARGEST: f64 = 0.01;
+
+/// A case, and how it fares with every promise.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// What is hard about it.
+    pub case: &'static str,
+    /// Who looks the light up.
+    pub form: ShadingForm,
+    /// Whether much of the picture hangs on rounding.
+    pub is_on_edge: bool,
+    /// Numbers that are not finite; the promise is 0.
+    pub nonfinite: usize,
+    /// All but one in a hundred numbers are no further from those in `f64`, as a share of the larger of one and the
+    /// number.
+    pub from_exact: f64,
+    /// The largest such distance.
+    pub from_exact_max: f64,
+    /// By how much a transmittance is outside of 0 to 1; the promise is 0.
+    pub outside: f64,
+    /// What the plan's omissions change; the promise is 0.
+    pub omissions: f32,
+    /// Numbers that are other on one thread; the promise is 0.
+    pub threads: usize,
+}
+
+/// Names of the promises, and in words what they are of.
+pub const PROMISES: [(&str, &str); 6] = [
+    ("not finite", "numbers that are not finite"),
+    ("from f64, 99 %", "distance from the same in f64 that all but one in a hundred numbers keep"),
+    ("from f64, largest", "the largest such distance"),
+    ("transmittance", "by how much one is outside of 0 to 1"),
+    ("omissions", "largest difference that the plan makes"),
+    ("threads", "numbers that are other on one thread"),
+];
+
+impl Row {
+    /// A number for each of [`PROMISES`].
+    pub fn values(&self) -> [f64; PROMISES.len()] {
+        [
+            self.nonfinite as f64,
+            self.from_exact,
+            self.from_exact_max,
+            self.outside,
+            self.omissions.into(),
+            self.threads as f64,
+        ]
+    }
+
+    /// Whether every promise is kept that is one of equality.
+    pub fn is_kept(&self) -> bool {
+        self.nonfinite == 0 && self.outside == 0.0 && self.omissions == 0.0 && self.threads == 0
+    }
+}
+
+/// How many rows there will be.
+pub fn row_count() -> usize {
+    every_case().iter().map(|case| case.shadings().len()).sum()
+}
+
+/// Every case, each in its ways of shading; `done` is told how many are done.
+pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
+    let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
+    let operator = Operator::new(RESOLUTION);
+    // Each keeps the weights of its own levels of light.
+    let mut execs = [CpuExecutor::new(), CpuExecutor::new()];
+    let mut rows = Vec::new();
+    for case in every_case() {
+        for shading in case.shadings() {
+            rows.push(row(&mut execs, &case, *shading, one.as_ref(), &operator)?);
+            done(rows.len());
+        }
+    }
+    Ok(rows)
+}
+
+fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>, operator: &Operator) -> Result<Row, CpuError> {
+    let full = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
+    let needs = Needs::of(&case.cloud).under(case.environment.as_ref());
+    let levels = case.environment.as_ref().map(|light| Levels::new(full.scheme, light.resolution));
+    let plan = Plan::new(LAYOUT, &needs, levels.as_ref(), &full);
+
+    let whole = picture(exec, case, &full)?;
+    let planned = picture(other, case, &plan.rules)?;
+    let on_one = one.map(|pool| pool.install(|| picture(exec, case, &full))).transpose()?;
+    let differs = |other: &Image<Vec<f32>>| {
+        whole.values.iter().zip(&other.values).filter(|(a, b)| a.to_bits() != b.to_bits()).count()
+    };
+    let passed = whole.plane(whole.channels - 1);
+    let outside = passed.iter().map(|passed| f64::from((passed - 1.0).max(-passed))).fold(0.0, f64::max);
+    let [from_exact, from_exact_max] = distances(&whole.values, &exact(case, &full, operator, whole.values.len()));
+    Ok(Row {
+        case: case.name,
+        form: shading.form,
+        is_on_edge: case.is_on_edge,
+        nonfinite: whole.values.iter().filter(|number| !number.is_finite()).count(),
+        from_exact,
+        from_exact_max,
+        outside,
+        omissions: largest_difference(&whole, &planned, Channels::Training),
+        threads: on_one.as_ref().map_or(0, differs),
+    })
+}
+
+fn picture(exec: &mut CpuExecutor, case: &Case, rules: &RenderRules) -> Result<Image<Vec<f32>>, CpuError> {
+    let light = case.environment.as_ref().filter(|_| rules.is_lit);
+    let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels)).transpose()?;
+    render_view(exec, &case.cloud, light.as_ref(), &case.camera, rules)
+}
+
+/// The same in `f64`: so many numbers, of which the channels are zero where there are no Gaussians to have them.
+fn exact(case: &Case, rules: &RenderRules, operator: &Operator, len: usize) -> Vec<f64> {
+    let light = case.environment.as_ref().map(|light| oracle::prefilter(&oracle::lift_environment(light), operator));
+    let frame = oracle::render::<Double>(&oracle::lift_gaussians(&case.cloud), light.as_ref(), &case.camera, rules);
+    let channels = vec![0.0; len.saturating_sub(frame.values.len())];
+    channels.into_iter().chain(frame.values.iter().map(|number| number.0)).collect()
+}
+
+/// What all but one in a hundred distances are not above, and the largest; infinite where one is not a number.
+fn distances(own: &[f32], exact: &[f64]) -> [f64; 2] {
+    if own.len() != exact.len() {
+        return [f64::INFINITY; 2];
+    }
+    let distance = |(own, exact): (&f32, &f64)| {
+        let distance = (f64::from(*own) - exact).abs() / exact.abs().max(1.0);
+        if distance.is_nan() { f64::INFINITY } else { distance }
+    };
+    let mut distances: Vec<f64> = own.iter().zip(exact).map(distance).collect();
+    distances.sort_by(f64::total_cmp);
+    let Some(last) = distances.len().checked_sub(1) else { return [0.0; 2] };
+    [distances[((1.0 - LARGEST) * last as f64) as usize], distances[last]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_of_equal_lists_are_none_and_a_wrong_number_is_seen() {
+        let exact: Vec<f64> = (0..200).map(f64::from).collect();
+        let mut own: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
+        assert_eq!(distances(&own, &exact), [0.0, 0.0]);
+        own[100] += 10.0;
+        assert_eq!(distances(&own, &exact), [0.0, 0.1]);
+        own[100] = f32::NAN;
+        assert_eq!(distances(&own, &exact), [0.0, f64::INFINITY]);
+        assert_eq!(distances(&own[1..], &exact), [f64::INFINITY; 2]);
+    }
+}

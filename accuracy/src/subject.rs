@@ -1,0 +1,116 @@
+//! A scene, and the views in which it is looked at.
+
+use specula_core::{
+    camera::Camera,
+    cubemap::{FACE_COUNT, texel_index, texel_solid_angle},
+    prefilter::PrefilterScheme,
+    real::Real,
+    scene::{Environment, Gaussians, RadianceActivation},
+    shade::{ShadingForm, ShadingRules},
+};
+
+/// What is rendered under one setting after another.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The Gaussians.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// The light, of a resolution that can be filtered; none where nothing is lit.
+    pub light: Option<Environment<Vec<f32>>>,
+    /// How attributes become colours.
+    pub shading: ShadingRules,
+    /// How light is filtered.
+    pub scheme: PrefilterScheme,
+    /// From where it is looked at.
+    pub cameras: Vec<Camera>,
+    /// Behind it, sRGB.
+    pub background: [f32; 3],
+}
+
+impl Subject {
+    /// Whether there are exact pictures of it. There are none of the authors' shading and their filtered light: their
+    /// code, with its faults, is what they are.
+    pub fn has_reference(&self) -> bool {
+        !self.gaussians.layout.is_shaded()
+            || (self.shading.form != ShadingForm::Official && self.scheme == PrefilterScheme::Exact)
+    }
+
+    /// Whether light is looked up.
+    pub fn is_lit(&self) -> bool {
+        self.light.is_some() && self.gaussians.layout.is_shaded()
+    }
+
+    /// The light with so many texels along an edge of a face, its own resolution halved some times.
+    pub fn light_at(&self, resolution: usize) -> Option<Environment<Vec<f32>>> {
+        let mut light = self.light.clone()?;
+        while light.resolution > resolution {
+            light = halved(&light);
+        }
+        Some(light)
+    }
+}
+
+/// A light of half the resolution: means over 2 × 2 texels by their solid angles, as radiance, so that the light as a
+/// whole stays as bright.
+pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
+    let (fine, resolution) = (light.resolution, light.resolution / 2);
+    let radiance = |texel: usize, c: usize| {
+        let number = light.values[3 * texel + c];
+        match light.activation {
+            RadianceActivation::Identity => number,
+            RadianceActivation::Exponential => Real::exp(number),
+        }
+    };
+    let mut values = Vec::with_capacity(3 * FACE_COUNT * resolution * resolution);
+    for index in 0..FACE_COUNT * resolution * resolution {
+        let (face, row, column) =
+            (index / (resolution * resolution), index / resolution % resolution, index % resolution);
+        let children = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, lower)| (2 * column + right, 2 * row + lower));
+        let angles = children.map(|(column, row)| texel_solid_angle(column, row, fine) as f32);
+        let sum: f32 = angles.iter().sum();
+        for c in 0..3 {
+            let of_child = |k: usize| radiance(texel_index(face, children[k].0, children[k].1, fine), c);
+            values.push((0..4).map(|k| angles[k] * of_child(k)).sum::<f32>() / sum);
+        }
+    }
+    Environment { resolution, activation: RadianceActivation::Identity, values }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_oracle::scenes::random_environment;
+
+    /// A few roundings of `f32` in a sum of some thousand terms.
+    const ROUNDING: f64 = 1e-5;
+
+    /// Radiance times solid angle, over the sphere.
+    fn whole(light: &Environment<Vec<f32>>) -> f64 {
+        let size = light.resolution;
+        let texel = |index: usize| {
+            let radiance: f64 = match light.activation {
+                RadianceActivation::Identity => light.values[3 * index].into(),
+                RadianceActivation::Exponential => f64::from(light.values[3 * index]).exp(),
+            };
+            radiance * texel_solid_angle(index % size, index / size % size, size)
+        };
+        (0..FACE_COUNT * size * size).map(texel).sum()
+    }
+
+    #[test]
+    fn half_a_light_is_as_bright() {
+        for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+            let light = random_environment(32, activation, 1);
+            let [before, after] = [whole(&light), whole(&halved(&light))];
+            assert!((before / after - 1.0).abs() < ROUNDING, "{before} and {after}");
+        }
+    }
+
+    #[test]
+    fn half_of_a_constant_light_is_that_light() {
+        let light =
+            Environment { resolution: 16, activation: RadianceActivation::Identity, values: vec![0.7; 6 * 256 * 3] };
+        let half = halved(&light);
+        assert_eq!(half.values.len(), 6 * 64 * 3);
+        assert!(half.values.iter().all(|x| (f64::from(*x) - 0.7).abs() < ROUNDING), "it is 0.7 everywhere");
+    }
+}

@@ -1,0 +1,313 @@
+//! A scene under one setting after another: pictures, times stage by stage, counts of the work.
+
+use crate::{setting::Setting, subject::Subject};
+use specula_core::{
+    camera::Camera,
+    executor::{RenderRules, Renderer},
+    pack::Storage,
+    pipeline::render,
+    plan::{Channels, Needs, Plan},
+    prefilter::{LevelRange, Levels, PrefilterScheme},
+    scene::{Environment, Gaussians, Image},
+};
+use specula_cpu::{CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors};
+use std::time::Instant;
+
+/// The stages that are timed, and the whole of them.
+pub const STAGES: [&str; 6] = ["project", "shade", "bin", "blend", "shade_pixels", "picture"];
+
+/// Milliseconds of each of [`STAGES`].
+pub type Times = [f64; STAGES.len()];
+
+/// What a picture takes on any machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Splats in tiles.
+    pub intersections: usize,
+    /// Pixels of quads in which a splat is seen, over all splats.
+    pub pairs: usize,
+    /// Texels of light that are read.
+    pub texel_reads: usize,
+    /// Weights with which light is filtered, once for all pictures.
+    pub weights: usize,
+    /// Numbers of Gaussians that are read.
+    pub numbers: usize,
+    /// Numbers that a splat blends into a pixel.
+    pub channels: usize,
+    /// Bytes of Gaussians and filtered light, as they are stored.
+    pub bytes: usize,
+}
+
+impl Work {
+    /// What a picture costs, in operations, whatever it takes: a pair 29 and two for each number that is blended, a splat
+    /// in a tile what sorting it takes, a number that is read and a texel some each. Filtering is not of a picture.
+    pub fn cost(&self) -> f64 {
+        const PAIR: f64 = 29.0;
+        const INTERSECTION: f64 = 60.0;
+        const NUMBER: f64 = 4.0;
+        const TEXEL: f64 = 16.0;
+        let pair = PAIR + 2.0 * self.channels as f64;
+        pair * self.pairs as f64
+            + INTERSECTION * self.intersections as f64
+            + NUMBER * self.numbers as f64
+            + TEXEL * self.texel_reads as f64
+    }
+
+    /// With another view; what is stored and filtered is there once.
+    #[must_use]
+    pub fn and(self, other: &Self) -> Self {
+        Self {
+            intersections: self.intersections + other.intersections,
+            pairs: self.pairs + other.pairs,
+            texel_reads: self.texel_reads + other.texel_reads,
+            numbers: self.numbers + other.numbers,
+            ..*other
+        }
+    }
+}
+
+/// A filtered light, and what filtering it took.
+#[derive(Debug)]
+struct Filtered {
+    of: (PrefilterScheme, usize, LevelRange, Storage),
+    light: Light,
+    milliseconds: f64,
+}
+
+/// A subject, ready for any setting.
+#[derive(Debug)]
+pub struct Trial<'a> {
+    subject: &'a Subject,
+    exec: CpuViewer,
+    /// Rounded as they are stored, each with what it needs.
+    stored: [(Gaussians<Vec<f32>>, Needs); 2],
+    lights: Vec<Filtered>,
+}
+
+/// A picture under a setting, and what it took.
+#[derive(Clone, Debug)]
+pub struct Taken {
+    /// The channels that were asked for, then transmittance.
+    pub image: Image<Vec<f32>>,
+    /// How long each stage took.
+    pub times: Times,
+    /// What there was to do.
+    pub work: Work,
+}
+
+impl<'a> Trial<'a> {
+    /// Rounds the Gaussians as each storage does.
+    pub fn new(subject: &'a Subject) -> Self {
+        let stored = [Storage::F32, Storage::F16].map(|storage| {
+            let mut gaussians = subject.gaussians.clone();
+            storage.round(&mut gaussians);
+            let needs = Needs::of(&gaussians).under(subject.light.as_ref());
+            (gaussians, needs)
+        });
+        Self { subject, exec: CpuViewer::default(), stored, lights: Vec::new() }
+    }
+
+    /// A view under a setting; its light is filtered when it is first needed.
+    pub fn view(&mut self, setting: &Setting, camera: &Camera) -> Result<Taken, CpuError> {
+        let rules = self.rules(setting);
+        let light = self.filtered(setting, &rules)?;
+        let (gaussians, _) = &self.stored[usize::from(setting.storage == Storage::F16)];
+        self.exec.set_limits(setting.limits);
+        let mut watch = Stopwatch { exec: &mut self.exec, times: Times::default(), work: Work::default() };
+        let light = light.map(|index| &self.lights[index].light);
+        let start = Instant::now();
+        let frame = render(&mut watch, gaussians, light, camera, &rules)?;
+        watch.times[STAGES.len() - 1] = milliseconds(start);
+        let (times, mut work) = (watch.times, watch.work);
+        work.weights = light.map_or(0, Light::weight_count);
+        work.numbers = gaussians.count * rules.numbers_read(gaussians.layout);
+        work.channels = rules.blended(gaussians.layout).count();
+        work.bytes = bytes(gaussians, light, setting.storage);
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let channels = work.channels + 1;
+        let mut image = Image { width, height, channels, values: vec![0.0; channels * width * height] };
+        self.exec.read_frame(&frame, &mut image.values)?;
+        Ok(Taken { image, times, work })
+    }
+
+    /// What filtering the light of a setting took, in milliseconds; nothing where it has none, or was not looked at.
+    pub fn filter_milliseconds(&self, setting: &Setting) -> f64 {
+        let of = self.light_of(setting, &self.rules(setting));
+        self.lights.iter().find(|own| own.of == of).map_or(0.0, |own| own.milliseconds)
+    }
+
+    /// A setting's rules without what the scene does not need.
+    fn rules(&self, setting: &Setting) -> RenderRules {
+        let (gaussians, needs) = &self.stored[usize::from(setting.storage == Storage::F16)];
+        let levels = (setting.light > 0).then(|| Levels::new(setting.scheme, setting.light));
+        Plan::new(gaussians.layout, needs, levels.as_ref(), &setting.rules(self.subject)).rules
+    }
+
+    fn light_of(&self, setting: &Setting, rules: &RenderRules) -> (PrefilterScheme, usize, LevelRange, Storage) {
+        (setting.scheme, setting.light, rules.levels, setting.storage)
+    }
+
+    /// The number of a setting's light.
+    fn filtered(&mut self, setting: &Setting, rules: &RenderRules) -> Result<Option<usize>, CpuError> {
+        let of = self.light_of(setting, rules);
+        if let Some(index) = self.lights.iter().position(|own| own.of == of) {
+            return Ok(Some(index));
+        }
+        if setting.light == 0 || !rules.is_lit {
+            return Ok(None);
+        }
+        let Some(light) = self.subject.light_at(setting.light) else { return Ok(None) };
+        let start = Instant::now();
+        let mut light = self.exec.prefilter(&light, setting.scheme, rules.levels)?;
+        let milliseconds = milliseconds(start);
+        light.round(setting.storage);
+        self.lights.push(Filtered { of, light, milliseconds });
+        Ok(Some(self.lights.len() - 1))
+    }
+}
+
+fn bytes(gaussians: &Gaussians<Vec<f32>>, light: Option<&Light>, storage: Storage) -> usize {
+    let texel = match storage {
+        Storage::F32 => size_of::<[f32; 4]>(),
+        Storage::F16 => size_of::<[f32; 2]>(),
+    };
+    let of_light = light.map_or(0, |light| light.texel_count() * texel);
+    size_of::<u32>() * storage.words(gaussians.layout) * gaussians.count + of_light
+}
+
+fn milliseconds(start: Instant) -> f64 {
+    1e3 * start.elapsed().as_secs_f64()
+}
+
+/// Texels that a lookup reads: four of two levels.
+const TEXELS_OF_LOOKUP: usize = 8;
+
+/// A viewer whose stages are timed and counted.
+struct Stopwatch<'a> {
+    exec: &'a mut CpuViewer,
+    times: Times,
+    work: Work,
+}
+
+impl Stopwatch<'_> {
+    fn timed<T>(
+        &mut self,
+        stage: usize,
+        run: impl FnOnce(&mut CpuViewer) -> Result<T, CpuError>,
+    ) -> Result<T, CpuError> {
+        let start = Instant::now();
+        let result = run(self.exec);
+        self.times[stage] += milliseconds(start);
+        result
+    }
+}
+
+impl Renderer for Stopwatch<'_> {
+    type Array = Vec<f32>;
+    type Light = Light;
+    type Splats = Splats;
+    type Colors = Colors;
+    type Tiles = Tiles;
+    type Frame = Frame;
+    type Error = CpuError;
+
+    fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
+        self.exec.upload(values)
+    }
+
+    fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
+        self.exec.download(array, values)
+    }
+
+    fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
+        self.exec.read_frame(frame, values)
+    }
+
+    fn prefilter(
+        &mut self,
+        environment: &Environment<Vec<f32>>,
+        scheme: PrefilterScheme,
+        levels: LevelRange,
+    ) -> Result<Light, CpuError> {
+        self.exec.prefilter(environment, scheme, levels)
+    }
+
+    fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
+        self.timed(0, |exec| exec.project(gaussians, camera))
+    }
+
+    fn shade(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        camera: &Camera,
+        splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+    ) -> Result<Colors, CpuError> {
+        if light.is_some() && !rules.is_deferred(gaussians.layout) {
+            let drawn = splats.records().iter().filter(|record| record.reach > 0.0).count();
+            self.work.texel_reads += TEXELS_OF_LOOKUP * drawn;
+        }
+        self.timed(1, |exec| exec.shade(gaussians, camera, splats, light, rules))
+    }
+
+    fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
+        let tiles = self.timed(2, |exec| exec.bin(splats, camera))?;
+        self.work.intersections += tiles.intersection_count();
+        Ok(tiles)
+    }
+
+    fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
+        let frame = self.timed(3, |exec| exec.blend(splats, colors, tiles, camera))?;
+        self.work.pairs += frame.seen_pairs();
+        Ok(frame)
+    }
+
+    fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
+        if light.is_some() {
+            self.work.texel_reads += TEXELS_OF_LOOKUP * surface.covered_pixels();
+        }
+        self.timed(4, |exec| exec.shade_pixels(surface, light, camera))
+    }
+}
+
+/// Least, median and range between the quartiles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// The least, which other work on the machine disturbs least.
+    pub min: f64,
+    /// Half are no larger.
+    pub median: f64,
+    /// Third quartile less the first.
+    pub iqr: f64,
+}
+
+impl Spread {
+    /// Of some numbers; zero of none.
+    pub fn of(mut numbers: Vec<f64>) -> Self {
+        numbers.sort_by(f64::total_cmp);
+        let Some(last) = numbers.len().checked_sub(1) else { return Self::default() };
+        let at = |share: f64| numbers[(share * last as f64).round() as usize];
+        Self { min: numbers[0], median: at(0.5), iqr: at(0.75) - at(0.25) }
+    }
+}
+
+/// A picture with everything that errors are measured by: that of a setting, with normals.
+pub fn measured(setting: &Setting) -> Setting {
+    let channels = match setting.channels {
+        Channels::Color => Channels::Training,
+        channels => channels,
+    };
+    Setting { channels, ..*setting }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spread_is_of_sorted_numbers() {
+        assert_eq!(Spread::of(vec![5.0, 1.0, 4.0, 2.0, 3.0]), Spread { min: 1.0, median: 3.0, iqr: 2.0 });
+        assert_eq!(Spread::of(Vec::new()), Spread::default());
+    }
+}

@@ -1,0 +1,93 @@
+//! `report`, and `render --max-error`, on a scene of a few pixels.
+
+mod tiny;
+
+use serde_json::Value;
+use std::fs;
+use tiny::{Tiny, specula, train};
+
+fn printed(command: &mut assert_cmd::Command) -> String {
+    String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+}
+
+/// The arguments of a report that takes a second.
+fn report(tiny: &Tiny, model: &str) -> assert_cmd::Command {
+    let mut command = specula();
+    command.arg("report").arg(tiny.path(model)).arg("-o").arg(tiny.path("report"));
+    command.args(["--views", "2", "--size", "24", "--repeats", "2", "--no-stability", "--quiet"]);
+    command
+}
+
+#[test]
+fn a_report_has_a_table_a_page_and_every_number() {
+    let tiny = Tiny::new();
+    printed(&mut train(&tiny, "model"));
+    let table = printed(&mut report(&tiny, "model"));
+    assert!(table.starts_with("| at least | PSNR |") && table.contains("| the usual |"), "{table}");
+
+    let lines = fs::read_to_string(tiny.path("report/report.jsonl")).unwrap();
+    let records: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(
+        (&records[0]["kind"], &records[0]["views"], &records[0]["gaussians"]),
+        (&"scene".into(), &2.into(), &200.into())
+    );
+    let settings: Vec<&Value> = records.iter().filter(|record| record["kind"] == "setting").collect();
+    for knob in ["storage", "harmonics", "least alpha", "least transmittance", "extent", "light per", "channels"] {
+        assert!(settings.iter().any(|setting| setting["turned"] == knob), "{knob} was not turned");
+    }
+    assert_eq!(settings.iter().filter(|setting| setting["is_usual"] == true).count(), 1);
+    for setting in &settings {
+        let number = |group: &str, name: &str| setting[group][name].as_f64().unwrap();
+        assert!(number("error", "rms") <= number("error", "max") && number("error", "nonfinite") == 0.0, "{setting}");
+        assert!(number("work", "pairs") > 0.0 && setting["milliseconds"]["picture"]["min"].as_f64().unwrap() > 0.0);
+    }
+    let error_of = |least: &str| {
+        let of = |setting: &&&Value| setting["turned"] == "least alpha" && setting["knobs"]["least alpha"] == least;
+        settings.iter().find(of).unwrap()["error"]["rms"].as_f64().unwrap()
+    };
+    assert!(error_of("0") < error_of("1/255") && error_of("1/255") < error_of("1/16"));
+
+    let page = fs::read_to_string(tiny.path("report/index.html")).unwrap();
+    assert!(page.matches("<svg").count() >= 8, "there is a plot for each knob");
+    assert!(!page.contains("src=") && page.matches("http").count() == page.matches("http://www.w3.org").count());
+}
+
+#[test]
+fn a_plain_scene_has_a_report_as_well() {
+    let tiny = Tiny::new();
+    printed(train(&tiny, "model").args(["--profile", "3dgs"]));
+    assert!(printed(&mut report(&tiny, "model")).contains("| the usual |"));
+}
+
+#[test]
+fn the_authors_shading_has_no_exact_pictures() {
+    let tiny = Tiny::new();
+    let mut command = train(&tiny, "model");
+    printed(command.args(["--profile", "official", "--light-resolution", "64", "--iterations", "2"]));
+    let output = report(&tiny, "model").assert().code(2).get_output().clone();
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(words.contains("no exact pictures") && words.lines().count() == 1, "{words}");
+}
+
+#[test]
+fn pictures_within_an_error_come_with_a_certificate() {
+    let tiny = Tiny::new();
+    printed(&mut train(&tiny, "model"));
+    let render = |error: &str| {
+        let mut command = specula();
+        command.arg("render").arg(tiny.path("model")).args(["--layers", "rgb", "--max-error", error, "--quiet"]);
+        command.arg("-o").arg(tiny.path("pictures"));
+        command
+    };
+    let said = printed(&mut render("0.02"));
+    let certificate = said.lines().nth(1).unwrap();
+    let measured: f64 = certificate.split_whitespace().nth(1).unwrap().parse().unwrap();
+    assert!(certificate.starts_with("error ") && measured <= 0.02, "{certificate}");
+    assert!(tiny.path("pictures/rgb/00002.png").is_file(), "pictures are missing");
+    assert_eq!(said, printed(render("0.02").args(["--threads", "1"])), "the choice does not depend on threads");
+
+    let refused = render("1e-9").assert().code(2).get_output().clone();
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert!(words.contains("cannot be kept") && words.contains("use --max-error "), "{words}");
+    render("0").assert().code(2);
+}

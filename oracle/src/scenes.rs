@@ -1,0 +1,46 @@
+//! Random Gaussians and lights, and a view of them: the same for a seed on every machine.
+
+use specula_core::{
+    camera::Camera,
+    random,
+    scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values},
+};
+
+/// A view of what is around the origin.
+pub fn camera(width: u32, height: u32) -> Camera {
+    Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
+}
+
+/// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from 0.27 to 0.95,
+/// attributes within 1.2 of zero.
+pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f32>> {
+    let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+    for gaussian in 0..count {
+        let draw = |plane: usize, low: f32, high: f32| {
+            low + (high - low) * random::uniform(seed, gaussian as u64, plane as u64)
+        };
+        for plane in 0..layout.plane_count() {
+            let number = match plane {
+                MEAN..LOG_SCALE => draw(plane, -0.8, 0.8),
+                LOG_SCALE..QUAT => draw(plane, -3.0, -0.9),
+                QUAT..OPACITY => random::normal(seed, gaussian as u64, 1000 + plane as u64),
+                OPACITY => draw(plane, -1.0, 3.0),
+                plane if plane < layout.sh_start() => draw(plane, -1.2, 1.2),
+                _ => draw(plane, -0.1, 0.1),
+            };
+            gaussians.set(gaussian, plane, [number]);
+        }
+    }
+    gaussians
+}
+
+/// The light of a seed: every texel on its own, from 0.1 to 2 (or the logarithm of that).
+pub fn random_environment(resolution: usize, activation: RadianceActivation, seed: u64) -> Environment<Vec<f32>> {
+    let mut environment = Environment { resolution, activation, values: Vec::new() };
+    let radiance = |index: usize| 0.1 + 1.9 * random::uniform(seed, 0x11, index as u64);
+    environment.values = (0..environment.len_of_values())
+        .map(radiance)
+        .map(|x| if activation == RadianceActivation::Exponential { x.ln() } else { x })
+        .collect();
+    environment
+}

@@ -1,0 +1,130 @@
+//! What is cut off, and what that costs: the viewer against the executor, and against the plain pipeline.
+
+use specula_core::{
+    blend,
+    camera::Camera,
+    double::Double,
+    executor::{RenderRules, Renderer},
+    limits::Limits,
+    pipeline::render,
+    plan::Channels,
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::{Environment, Gaussians, Layout, OPACITY, RadianceActivation},
+    shade::ShadingRules,
+};
+use specula_cpu::{CpuError, CpuExecutor, CpuViewer, frame::Frame, prefilter::Light};
+use specula_tests::{
+    compare::{assert_psnr, psnr},
+    formulas::camera,
+    plain::{self, lift_environment, lift_gaussians},
+    strategies::{random_cloud, random_environment},
+};
+
+/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single pixel on the other
+/// side of a cut at 1/255 brings a small picture down to 85 dB.
+const SAME_FRAME: f64 = 80.0;
+const RESOLUTION: usize = 16;
+
+fn cloud() -> Gaussians<Vec<f32>> {
+    random_cloud(300, Layout::shaded(Some(1)), 3)
+}
+
+fn light() -> Environment<Vec<f32>> {
+    random_environment(RESOLUTION, RadianceActivation::Identity, 4)
+}
+
+fn view() -> Camera {
+    camera(50, 37)
+}
+
+fn rules() -> RenderRules {
+    RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training)
+}
+
+fn picture<E>(exec: &mut E, cloud: &Gaussians<Vec<f32>>) -> Vec<f32>
+where
+    E: Renderer<Array = Vec<f32>, Light = Light, Frame = Frame, Error = CpuError>,
+{
+    let light = exec.prefilter(&light(), PrefilterScheme::Exact, LevelRange::ALL).expect("the resolution is allowed");
+    let frame = render(exec, cloud, Some(&light), &view(), &rules()).expect("the CPU renders");
+    let mut values = vec![0.0; (frame.channel_count() + 1) * frame.size()[0] * frame.size()[1]];
+    exec.read_frame(&frame, &mut values).expect("the frame has that size");
+    values
+}
+
+fn exact(cloud: &Gaussians<Vec<f32>>, limits: &Limits) -> Vec<f64> {
+    let light = plain::prefilter(&lift_environment::<Double>(&light()), &plain::Operator::new(RESOLUTION));
+    let frame = plain::render_within(&lift_gaussians(cloud), Some(&light), &view(), &rules(), limits);
+    frame.values.iter().map(|x| x.0).collect()
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|x| f64::from(*x)).collect()
+}
+
+#[test]
+fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
+    let usual = Limits::USUAL.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
+    assert_eq!(usual, Limits::USUAL);
+    let [executor, viewer] =
+        [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::new(usual), &cloud())];
+    assert!(executor.iter().zip(&viewer).all(|(a, b)| a.to_bits() == b.to_bits()), "a bit differs");
+}
+
+#[test]
+fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
+    let tight = Limits::USUAL.with_alpha_min(1.0 / 4096.0).with_transmittance_min(1e-7);
+    let loose = Limits::USUAL.with_alpha_min(1.0 / 20.0).with_transmittance_min(0.03);
+    for limits in [Limits::LEAST, tight, loose] {
+        let own = wide(&picture(&mut CpuViewer::new(limits), &cloud()));
+        assert_psnr(&own, &exact(&cloud(), &limits), SAME_FRAME);
+    }
+    let usual = wide(&picture(&mut CpuViewer::new(Limits::USUAL), &cloud()));
+    let apart = psnr(&usual, &exact(&cloud(), &loose));
+    assert!(apart < SAME_FRAME, "other limits make another picture, so the comparison can fail: {apart} dB");
+}
+
+#[test]
+fn what_is_cut_off_sooner_is_missed_more() {
+    let exact = exact(&cloud(), &Limits::LEAST);
+    let psnr_of = |limits: Limits| psnr(&wide(&picture(&mut CpuViewer::new(limits), &cloud())), &exact);
+    let falls = |limits: [Limits; 3]| {
+        let measured = limits.map(psnr_of);
+        assert!(measured[0] > measured[1] && measured[1] > measured[2], "{measured:?}");
+    };
+    falls([1e-4, 1.0 / 255.0, 1.0 / 30.0].map(|least| Limits::LEAST.with_alpha_min(least)));
+    falls([1e-5, 1e-2, 0.1].map(|least| Limits::LEAST.with_transmittance_min(least)));
+    falls([4.0, 2.5, 1.5].map(|sigmas| Limits::LEAST.with_reach_max(sigmas)));
+}
+
+#[test]
+fn fainter_splats_than_the_least_alpha_are_not_drawn() {
+    let mut cloud = cloud();
+    (0..cloud.count).for_each(|gaussian| cloud.set(gaussian, OPACITY, [-4.0]));
+    let covers = |least: f32| {
+        let values = picture(&mut CpuViewer::new(Limits::LEAST.with_alpha_min(least)), &cloud);
+        let pixels = (view().width * view().height) as usize;
+        values[values.len() - pixels..].iter().any(|passed| *passed < 1.0)
+    };
+    // An opacity of σ(−4) is 1/55.6.
+    assert!(covers(1.0 / 56.0) && !covers(1.0 / 55.0));
+}
+
+#[test]
+fn the_usual_formulas_are_those_within_the_usual_limits() {
+    let passage = blend::Passage::open(1.0_f32);
+    for log2_strength in [-9.0_f32, -7.9944, -7.9943, -3.0, -0.01, 0.0] {
+        let [one, other] = [blend::alpha(log2_strength), Limits::USUAL.alpha(log2_strength)];
+        assert_eq!(one.to_bits(), other.to_bits());
+        assert_eq!(blend::is_seen(log2_strength), Limits::USUAL.is_seen(log2_strength));
+        let [one, other] = [blend::step(one, passage), Limits::USUAL.step(other, passage)];
+        assert_eq!(one.weight.to_bits(), other.weight.to_bits());
+    }
+}
+
+#[test]
+fn limits_of_nothing_are_the_least_that_there_are() {
+    let nothing = Limits::USUAL.with_alpha_min(0.0).with_transmittance_min(0.0);
+    assert_eq!((nothing.alpha_min(), nothing.transmittance_min()), (1e-12, 1e-12));
+    assert!((nothing.is_seen(-39.863_12_f32)) && !nothing.is_seen(-39.864_f32), "2^-39.8631 is 1e-12");
+}
