@@ -27,8 +27,8 @@ const TILE: u32 = 96;
 const PLACES: u64 = 8;
 /// Seed of the places.
 const SEED: u64 = 0;
-/// Knobs that do not change what a picture costs here, or not its colours.
-const LEFT_ALONE: [&str; 2] = ["storage", "channels"];
+/// Knobs that do not change what a picture costs here, once its light is filtered, or not its colours.
+const LEFT_ALONE: [&str; 4] = ["storage", "prefilter", "light", "channels"];
 
 /// What was chosen, and by what right.
 #[derive(Clone, Copy, Debug)]
