@@ -205,7 +205,7 @@ fn share(x: f32) -> String {
     let inverse = 1.0 / x;
     if x <= Limits::LEAST.alpha_min() {
         "0".into()
-    } else if x > 1e-4 && (inverse - inverse.round()).abs() < 1e-3 && (inverse.round() as u32) % 10 != 0 {
+    } else if x > 1e-4 && (inverse - inverse.round()).abs() < 1e-3 && !(inverse.round() as u32).is_multiple_of(10) {
         format!("1/{inverse:.0}")
     } else if x < 1e-3 {
         format!("{x:.0e}")

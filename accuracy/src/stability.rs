@@ -93,7 +93,13 @@ pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     Ok(rows)
 }
 
-fn row(case: &Case, shading: ShadingRules, one: Option<&ThreadPool>, operator: &Operator) -> Result<Row, CpuError> {
+fn row(
+    [exec, other]: &mut [CpuExecutor; 2],
+    case: &Case,
+    shading: ShadingRules,
+    one: Option<&ThreadPool>,
+    operator: &Operator,
+) -> Result<Row, CpuError> {
     let full = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
     let needs = Needs::of(&case.cloud).under(case.environment.as_ref());
     let levels = case.environment.as_ref().map(|light| Levels::new(full.scheme, light.resolution));

@@ -302,7 +302,7 @@ mod tests {
 
     #[test]
     fn finer_rows_have_more_weights_of_the_same_sum() {
-        let [coarse, fine] = [1, 2].map(|fineness| Operator::finer(32, fineness));
+        let [coarse, fine] = [1, 2].map(|fineness| Operator::finer(16, fineness));
         let count = |operator: &Operator| operator.rows.iter().flatten().map(Vec::len).sum::<usize>();
         assert!(count(&fine) > count(&coarse), "{} and {} weights", count(&fine), count(&coarse));
         for row in fine.rows.iter().flatten() {

@@ -29,8 +29,8 @@ const MORE_STYLE: &str = "
 .plots { display: flex; flex-wrap: wrap; gap: 1rem; }
 svg { max-width: 100%; height: auto; }
 table { font-size: .85rem; }
-td, th { padding: .2rem .6rem; }
-td:last-child, th:last-child { text-align: left; }
+td, th { padding: .2rem .6rem; white-space: nowrap; }
+td:last-child, th:last-child { text-align: left; white-space: normal; }
 .broken { background: #fbd9d0; font-weight: bold; }
 .edge { color: #777; }";
 
