@@ -1,6 +1,6 @@
 //! How far pictures are from exact ones, what that saves, and the cheapest setting for an error.
 //!
-//! * [`subject`]: a scene and the views in which it is looked at; [`reference`]: its exact pictures, in `f64`
+//! * [`subject`]: a scene and the views in which it is looked at; [`mod@reference`]: its exact pictures, in `f64`
 //! * [`setting`]: the knobs, and what they can be turned to
 //! * [`trial`]: a scene under a setting: pictures, times stage by stage, counts of the work
 //! * [`error`]: measures of a picture against the exact one ([`mod@flip`])

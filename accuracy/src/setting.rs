@@ -192,7 +192,7 @@ pub const KNOBS: [Knob; 9] = [
 pub const FIXED: [(&str, &str); 4] = [
     ("projection", "local affine (EWA); exact along rays is not there"),
     ("sort", "by depth of the mean; pixel by pixel is not there"),
-    ("levels of light", "eight (exact) or by resolution (official)"),
+    ("levels of light", "ten (exact) or by resolution (official)"),
     ("largest alpha", "0.99, which is part of the model"),
 ];
 
