@@ -52,18 +52,25 @@ fn a_report_has_a_table_a_page_and_every_number() {
     assert!(!page.contains("src=") && page.matches("http").count() == page.matches("http://www.w3.org").count());
 }
 
+/// A training of two steps with another profile than the usual one.
+fn train_with(tiny: &Tiny, profile: &str) -> assert_cmd::Command {
+    let mut command = specula();
+    command.arg("train").arg(tiny.path("data")).arg("-m").arg(tiny.path("model")).args(["--profile", profile]);
+    command.args(["--iterations", "2", "--random-points", "200"]);
+    command
+}
+
 #[test]
 fn a_plain_scene_has_a_report_as_well() {
     let tiny = Tiny::new();
-    printed(train(&tiny, "model").args(["--profile", "3dgs"]));
+    printed(&mut train_with(&tiny, "3dgs"));
     assert!(printed(&mut report(&tiny, "model")).contains("| the usual |"));
 }
 
 #[test]
 fn the_authors_shading_has_no_exact_pictures() {
     let tiny = Tiny::new();
-    let mut command = train(&tiny, "model");
-    printed(command.args(["--profile", "official", "--light-resolution", "64", "--iterations", "2"]));
+    printed(train_with(&tiny, "official").args(["--light-resolution", "64"]));
     let output = report(&tiny, "model").assert().code(2).get_output().clone();
     let words = String::from_utf8(output.stderr).unwrap();
     assert!(words.contains("no exact pictures") && words.lines().count() == 1, "{words}");
