@@ -12,7 +12,6 @@ use crate::{
     subject::Subject,
     trial::{Trial, Work, measured},
 };
-use rayon::prelude::*;
 use specula_core::{camera::Camera, random};
 use specula_cpu::CpuError;
 
@@ -54,11 +53,6 @@ pub enum Refusal {
     TooClose(f64),
     /// The processor could not render.
     Failed,
-}
-
-/// Exact views of some cameras.
-pub fn exact_views(reference: &Reference, subject: &Subject, cameras: &[Camera]) -> Vec<Exact> {
-    cameras.par_iter().map(|camera| reference.view(subject, camera)).collect()
 }
 
 /// Errors of a setting in some views, and the work of its pictures.
@@ -114,9 +108,7 @@ pub fn tiles(trial: &mut Trial<'_>, subject: &Subject) -> Result<Vec<Camera>, Cp
 pub fn cheapest_within(subject: &Subject, error: f64) -> Result<Certificate, Refusal> {
     let cameras = tiles(&mut Trial::new(subject), subject).map_err(|_| Refusal::Failed)?;
     let subject = &Subject { cameras, ..subject.clone() };
-    let reference = Reference::new(subject);
-    let exact = exact_views(&reference, subject, &subject.cameras);
-    let views: Vec<(Camera, Exact)> = subject.cameras.iter().copied().zip(exact).collect();
+    let views = Reference::new(subject).views(subject, || {});
     let pick = |parity: usize| views.iter().skip(parity).step_by(2).cloned().collect::<Vec<_>>();
     let chosen_by = pick(0);
     let held_out = pick(1);

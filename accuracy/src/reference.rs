@@ -1,6 +1,7 @@
 //! Exact pictures: the pipeline in `f64`, nothing cut off.
 
 use crate::{setting::Setting, subject::Subject};
+use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     double::Double,
@@ -41,6 +42,17 @@ impl Reference {
         });
         let setting = Setting { channels: Channels::Training, ..Setting::exact(subject) };
         Self { gaussians: oracle::lift_gaussians(&subject.gaussians), light, setting }
+    }
+
+    /// Exact views from all cameras of the subject, side by side, because each is worked out plainly; `done` is called
+    /// for each.
+    pub fn views(&self, subject: &Subject, done: impl Fn() + Sync) -> Vec<(Camera, Exact)> {
+        let view = |camera: &Camera| {
+            let exact = self.view(subject, camera);
+            done();
+            (*camera, exact)
+        };
+        subject.cameras.par_iter().map(view).collect()
     }
 
     /// An exact view.

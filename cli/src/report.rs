@@ -14,14 +14,15 @@ use crate::{
     progress::{Talk, Work as Progress},
     scene::Opened,
 };
-use rayon::prelude::*;
+use core::sync::atomic::{AtomicU64, Ordering};
 use specula_accuracy::{
-    error::{Errors, Sums},
+    budget::errors_of,
+    error::Errors,
     reference::{Exact, Reference},
     setting::{KNOBS, Setting, Tried, is_possible, random_setting, together},
     stability,
     subject::Subject,
-    trial::{STAGES, Spread, Taken, Times, Trial, Work, measured},
+    trial::{STAGES, Spread, Times, Trial, Work},
 };
 use specula_core::{camera::Camera, random};
 use std::path::{Path, PathBuf};
@@ -144,18 +145,13 @@ impl Findings {
     }
 }
 
-/// The exact pictures; views in parallel, because each is worked out plainly.
+/// The exact pictures.
 fn exact_views(subject: &Subject, talk: Talk) -> Vec<(Camera, Exact)> {
     let work = talk.work("in f64", subject.cameras.len() as u64 + 1);
     let reference = Reference::new(subject);
     work.done(1, String::new);
-    let done = core::sync::atomic::AtomicU64::new(1);
-    let view = |camera: &Camera| {
-        let exact = reference.view(subject, camera);
-        work.done(1 + done.fetch_add(1, core::sync::atomic::Ordering::Relaxed), String::new);
-        (*camera, exact)
-    };
-    let views = subject.cameras.par_iter().map(view).collect();
+    let done = AtomicU64::new(1);
+    let views = reference.views(subject, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
     work.finish();
     views
 }
@@ -229,13 +225,8 @@ impl Bench<'_> {
     }
 
     fn first(&mut self, setting: &Setting) -> Result<Samples, Failure> {
-        let (mut sums, mut work) = (Sums::default(), Work::default());
-        for (camera, exact) in &self.views {
-            work = work.and(&self.trial.view(setting, camera)?.work);
-            let Taken { image, .. } = self.trial.view(&measured(setting), camera)?;
-            sums.add(&image, exact, self.subject.background);
-        }
-        Ok(Samples { errors: sums.errors(), work, times: Vec::new() })
+        let (errors, work) = errors_of(&mut self.trial, self.subject, setting, &self.views)?;
+        Ok(Samples { errors, work, times: Vec::new() })
     }
 
     fn repeat(

@@ -2,6 +2,7 @@
 
 use crate::{
     background::Background,
+    convention::Reading,
     failure::Failure,
     look::Tour,
     machine::ExecutorChoice,
@@ -13,7 +14,7 @@ use specula_accuracy::{
     setting::{Difference, Setting},
     subject::Subject,
 };
-use specula_core::plan::Channels;
+use specula_core::{plan::Channels, shade::ShadingRules};
 
 /// A scene that is rendered within an error, and the certificate of it.
 pub(crate) fn renderer(
@@ -55,8 +56,8 @@ pub(crate) fn renderer(
 /// The scene with its light and its reading as the setting has them.
 fn scene_of(setting: &Setting, subject: &Subject) -> Scene {
     let Subject { gaussians, shading, .. } = subject.clone();
-    let shading = specula_core::shade::ShadingRules { form: setting.form, ..shading };
-    let reading = crate::convention::Reading { shading, scheme: setting.scheme };
+    let shading = ShadingRules { form: setting.form, ..shading };
+    let reading = Reading { shading, scheme: setting.scheme };
     Scene { gaussians, light: subject.light_at(setting.light), reading }
 }
 

@@ -8,7 +8,7 @@ use specula_core::{
     pipeline::{Step, StepReport, render},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
-    scene::{Gaussians, LOG_SCALE, Layout, RadianceActivation},
+    scene::{Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::{
@@ -24,7 +24,7 @@ use specula_tests::{
     compare::{assert_psnr, psnr, relative_difference},
     plain::{self, lift_environment, lift_gaussians, prefilter},
     strategies::{random_cloud, random_environment},
-    stress::{every_case, results::Results},
+    stress::{every_case, results::Results, too_many_splats},
 };
 use specula_train::{
     profile::by_name,
@@ -245,10 +245,7 @@ fn pictures_and_gradients_are_finite_at_every_edge() {
 
 #[test]
 fn more_splats_in_tiles_than_a_word_counts_are_refused() {
-    let count = 70_000;
-    let mut cloud = random_cloud(count, Layout::radiance(0), 1);
-    (0..count).for_each(|gaussian| cloud.set(gaussian, LOG_SCALE, [10.0; 3]));
-    let camera = camera(4096, 4096);
+    let (cloud, camera) = too_many_splats();
     let mut exec = CpuExecutor::new();
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let refused = exec.bin(&splats, &camera).expect_err("there are 2³² and more");

@@ -2,16 +2,14 @@
 
 use specula_core::{
     executor::{Executor, Renderer},
-    scene::{Gaussians, LOG_SCALE, Layout},
+    scene::Gaussians,
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{GpuError, GpuExecutor};
 use specula_tests::{
     device::executor,
-    formulas::camera,
-    strategies::random_cloud,
-    stress::{Case, every_case, results::Results},
+    stress::{Case, every_case, results::Results, too_many_splats},
 };
 
 /// By how much numbers are moved to see what their rounding does: 16 units in the last place, more than a formula of
@@ -113,10 +111,7 @@ fn both_executors_render_and_train_alike_at_every_edge() {
 
 #[test]
 fn more_splats_in_tiles_than_a_word_counts_are_refused() {
-    let count = 70_000;
-    let mut cloud = random_cloud(count, Layout::radiance(0), 1);
-    (0..count).for_each(|gaussian| cloud.set(gaussian, LOG_SCALE, [10.0; 3]));
-    let camera = camera(4096, 4096);
+    let (cloud, camera) = too_many_splats();
     let Some(mut gpu) = executor() else { return };
     let Gaussians { count, layout, values } = cloud;
     let cloud = Gaussians { count, layout, values: gpu.upload(&values).expect("numbers fit") };
