@@ -3,8 +3,8 @@
 use crate::subject::Subject;
 use core::fmt;
 use specula_core::{
-    bin::ALPHA_MIN, blend::TRANSMITTANCE_MIN, executor::RenderRules, limits::Limits, pack::Storage, plan::Channels,
-    prefilter::PrefilterScheme, random, shade::ShadingForm,
+    bin::ALPHA_MIN, blend::TRANSMITTANCE_MIN, executor::RenderRules, limits::Limits, pack::Storage,
+    perspective::Projection, plan::Channels, prefilter::PrefilterScheme, random, shade::ShadingForm,
 };
 
 /// How every knob is turned.
@@ -89,7 +89,7 @@ pub struct Knob {
 }
 
 /// Every knob that there is.
-pub const KNOBS: [Knob; 9] = [
+pub const KNOBS: [Knob; 10] = [
     Knob {
         name: "storage",
         words: |own| if own.storage == Storage::F16 { "f16" } else { "f32" }.into(),
@@ -162,6 +162,21 @@ pub const KNOBS: [Knob; 9] = [
         },
     },
     Knob {
+        name: "projection",
+        words: |own| match own.limits.projection() {
+            Projection::Ray => "along rays".into(),
+            Projection::Within(alpha) => format!("affine within {alpha}"),
+            Projection::Tangent => "tangent".into(),
+            Projection::Affine => "affine".into(),
+        },
+        copy: |from, to| to.limits = to.limits.with_projection(from.limits.projection()),
+        values: |_, base| {
+            let within = [1e-3, 1e-2, 0.1].map(Projection::Within);
+            let values = [Projection::Ray].into_iter().chain(within).chain([Projection::Tangent, Projection::Affine]);
+            values.map(|projection| limited(base, base.limits.with_projection(projection))).collect()
+        },
+    },
+    Knob {
         name: "light per",
         words: |own| if own.form == ShadingForm::Deferred { "pixel" } else { "Gaussian" }.into(),
         copy: |from, to| to.form = from.form,
@@ -189,8 +204,7 @@ pub const KNOBS: [Knob; 9] = [
 ];
 
 /// What cannot be turned, because there is only one way.
-pub const FIXED: [(&str, &str); 4] = [
-    ("projection", "local affine (EWA); exact along rays is not there"),
+pub const FIXED: [(&str, &str); 3] = [
     ("sort", "by depth of the mean; pixel by pixel is not there"),
     ("levels of light", "ten (exact) or by resolution (official)"),
     ("largest alpha", "0.99, which is part of the model"),
@@ -334,6 +348,9 @@ mod tests {
     fn differences_are_told_in_words() {
         let (usual, exact) = (Setting::usual(&subject()), Setting::exact(&subject()));
         assert_eq!(Difference(&usual, &usual).to_string(), "the usual");
-        assert_eq!(Difference(&exact, &usual).to_string(), "least alpha 0, least transmittance 0");
+        assert_eq!(
+            Difference(&exact, &usual).to_string(),
+            "least alpha 0, least transmittance 0, projection along rays"
+        );
     }
 }

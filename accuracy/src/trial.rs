@@ -26,6 +26,10 @@ pub struct Work {
     pub intersections: usize,
     /// Pixels of quads in which a splat is seen, over all splats.
     pub pairs: usize,
+    /// About so many of these have perspective inside of their splat.
+    pub pairs_in_perspective: usize,
+    /// Gaussians whose perspective is worked out.
+    pub perspectives: usize,
     /// Texels of light that are read.
     pub texel_reads: usize,
     /// Weights with which light is filtered, once for all pictures.
@@ -40,14 +44,19 @@ pub struct Work {
 
 impl Work {
     /// What a picture costs, in operations, whatever it takes: a pair 29 and two for each number that is blended, a splat
-    /// in a tile what sorting it takes, a number that is read and a texel some each. Filtering is not of a picture.
+    /// in a tile what sorting it takes, a number that is read and a texel some each; perspective is a division and some
+    /// products a pair, and a sum over the pairs of five axes a Gaussian. Filtering is not of a picture.
     pub fn cost(&self) -> f64 {
         const PAIR: f64 = 29.0;
+        const PAIR_IN_PERSPECTIVE: f64 = 12.0;
+        const PERSPECTIVE: f64 = 200.0;
         const INTERSECTION: f64 = 60.0;
         const NUMBER: f64 = 4.0;
         const TEXEL: f64 = 16.0;
         let pair = PAIR + 2.0 * self.channels as f64;
         pair * self.pairs as f64
+            + PAIR_IN_PERSPECTIVE * self.pairs_in_perspective as f64
+            + PERSPECTIVE * self.perspectives as f64
             + INTERSECTION * self.intersections as f64
             + NUMBER * self.numbers as f64
             + TEXEL * self.texel_reads as f64
@@ -59,6 +68,8 @@ impl Work {
         Self {
             intersections: self.intersections + other.intersections,
             pairs: self.pairs + other.pairs,
+            pairs_in_perspective: self.pairs_in_perspective + other.pairs_in_perspective,
+            perspectives: self.perspectives + other.perspectives,
             texel_reads: self.texel_reads + other.texel_reads,
             numbers: self.numbers + other.numbers,
             ..*other
@@ -233,7 +244,9 @@ impl Renderer for Stopwatch<'_> {
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        self.timed(0, |exec| exec.project(gaussians, camera))
+        let splats = self.timed(0, |exec| exec.project(gaussians, camera))?;
+        self.work.perspectives += if splats.are_affine() { 0 } else { gaussians.count };
+        Ok(splats)
     }
 
     fn shade(
@@ -259,7 +272,9 @@ impl Renderer for Stopwatch<'_> {
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
         let frame = self.timed(3, |exec| exec.blend(splats, colors, tiles, camera))?;
-        self.work.pairs += frame.seen_pairs();
+        let pairs = frame.seen_pairs();
+        self.work.pairs += pairs;
+        self.work.pairs_in_perspective += (splats.share_in_perspective() * pairs as f64) as usize;
         Ok(frame)
     }
 

@@ -5,7 +5,7 @@
 use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Serialize, Serializer};
-use specula_core::pack::Storage;
+use specula_core::{pack::Storage, perspective::Projection};
 use specula_io::latlong::UpAxis;
 use std::path::{Path, PathBuf};
 
@@ -306,6 +306,7 @@ Examples:
   specula render out/chair
   specula render out/chair --layers rgb --verify-omissions
   specula render out/chair --layers rgb --max-error 0.01
+  specula render out/chair --layers rgb --projection ray
   specula render out/chair --layers all -o pictures
   specula render scene.ply --turntable 36 --size 640,480 -o turn
   specula render scene.ply --cameras cameras.json -o pictures")]
@@ -333,7 +334,7 @@ pub(crate) struct Render {
     /// Render with the cheapest setting whose colours are no further than E from exact ones: root of the mean square of
     /// sRGB colours, where 1 is white. It is chosen by tiles of some views and verified on tiles of others against the
     /// same in f64 with nothing cut off; how far it is off and what it saves is printed. On the processor.
-    #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero, conflicts_with_all = ["verify_omissions", "storage"])]
+    #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
 }
 
@@ -374,12 +375,18 @@ pub(crate) struct MachineOptions {
     /// way, the arithmetic is the same, and the processor rounds as a GPU stores.
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
+    /// How Gaussians become splats: affine, as they were trained; tangent, affine onto the unit sphere and then exactly
+    /// onto the screen; ray, the largest response along each pixel's ray; or ALPHA, ray for splats of which affine would
+    /// be off by more than this alpha, affine for the others. It matters at the edge of wide views and close to the eye.
+    /// What is not affine is rendered by the processor.
+    #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
+    pub(crate) projection: Projection,
 }
 
 impl MachineOptions {
     /// An executor with its numbers in full.
     pub(crate) fn in_full(executor: &ExecutorChoice) -> Self {
-        Self { executor: executor.clone(), storage: StorageName::F32 }
+        Self { executor: executor.clone(), storage: StorageName::F32, projection: Projection::Affine }
     }
     /// How it stores numbers.
     pub(crate) fn storage(&self) -> Storage {
@@ -725,6 +732,17 @@ fn finite(text: &str) -> Result<f32, String> {
 fn weight(text: &str) -> Result<f32, String> {
     let number = finite(text)?;
     if number >= 0.0 { Ok(number) } else { Err("use a number that is not negative".into()) }
+}
+
+fn projection(text: &str) -> Result<Projection, String> {
+    match text {
+        "affine" => Ok(Projection::Affine),
+        "tangent" => Ok(Projection::Tangent),
+        "ray" => Ok(Projection::Ray),
+        alpha => share(alpha)
+            .map(Projection::Within)
+            .map_err(|_| "use affine, tangent, ray, or the alpha from 0 to 1 that affine may be off by".to_owned()),
+    }
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {

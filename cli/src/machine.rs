@@ -9,11 +9,12 @@ use crate::{
 };
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
-use specula_accuracy::setting::Setting;
 use specula_core::{
     camera::Camera,
     executor::{Executor, RenderRules, Renderer},
+    limits::Limits,
     pack::Storage,
+    perspective::Projection,
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuExecutor, CpuViewer, prefilter::Light};
@@ -105,25 +106,34 @@ pub(crate) fn load(
     rules: &RenderRules,
     talk: Talk,
 ) -> Result<Box<dyn Machine>, Failure> {
-    if let Some(device) = device::choose(&options.executor, talk)? {
-        return device.load(scene, light, rules, options.storage());
+    let limits = Limits::USUAL.with_projection(options.projection);
+    match (&options.executor, options.projection) {
+        (choice, Projection::Affine) => {
+            if let Some(device) = device::choose(choice, talk)? {
+                return device.load(scene, light, rules, options.storage());
+            }
+        }
+        (ExecutorChoice::Gpu(_), _) => {
+            return Err(Failure::Input(
+                "the processor alone projects otherwise than affine; use --projection with --executor cpu".into(),
+            ));
+        }
+        _ => (),
     }
-    let mut exec = CpuExecutor::new();
-    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
-    let light = light.map(|light| rounded(light, options.storage()));
-    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light }))
+    load_within(scene, light, rules, limits, options.storage())
 }
 
-/// A scene on the processor, within the limits of a setting and stored as it says.
+/// A scene on the processor, within these limits and stored so.
 pub(crate) fn load_within(
     scene: Scene,
     light: Option<Environment<Vec<f32>>>,
     rules: &RenderRules,
-    setting: &Setting,
+    limits: Limits,
+    storage: Storage,
 ) -> Result<Box<dyn Machine>, Failure> {
-    let mut exec = CpuViewer::new(setting.limits);
+    let mut exec = CpuViewer::new(limits);
     let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
-    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light: light.map(|light| rounded(light, setting.storage)) }))
+    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light: light.map(|light| rounded(light, storage)) }))
 }
 
 fn rounded(mut light: Light, storage: Storage) -> Light {

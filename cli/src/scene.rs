@@ -180,7 +180,7 @@ impl Renderer {
         let Plan { rules, .. } = scene.plan(channels);
         let rules = RenderRules { sh_degree: rules.sh_degree.min(setting.sh_degree), ..rules };
         let light = scene.light.clone().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
-        Ok(Self { machine: machine::load_within(scene, light, &rules, setting)?, rules })
+        Ok(Self { machine: machine::load_within(scene, light, &rules, setting.limits, setting.storage)?, rules })
     }
 
     /// Filters the light, if it is looked up.

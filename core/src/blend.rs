@@ -111,6 +111,17 @@ pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
     Column { most: (-u).mul_add(u, stamp.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
 }
 
+/// Least scaled |W δ|² in a box of offsets, or less.
+#[inline(always)]
+pub(crate) fn least_squared<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R {
+    let [xx, yx, yy] = stamp.root;
+    let slant = [yx * dx[0], yx * dx[1]];
+    let u = distance_to_zero(xx * dx[0], xx * dx[1]);
+    let (low, high) = (slant[0].min(slant[1]), slant[0].max(slant[1]));
+    let w = distance_to_zero(yy.mul_add(dy[0], low), yy.mul_add(dy[1], high));
+    u.mul_add(u, w * w)
+}
+
 /// Smallest |x| between two numbers.
 #[inline(always)]
 fn distance_to_zero<R: Real>(low: R, high: R) -> R {
@@ -174,8 +185,12 @@ impl Limits {
     pub fn may_be_seen_in_column<R: Real>(&self, stamp: &Stamp<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
         let [_, _, yy] = stamp.root;
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
-        let most = (-w).mul_add(w, column.most);
-        most.constant(self.log2_alpha_min - LOG2_ALPHA_MARGIN).less_or_equal(most)
+        self.may_reach((-w).mul_add(w, column.most))
+    }
+    /// Whether a splat of no more than this strength may be seen, whatever was rounded.
+    #[inline(always)]
+    pub(crate) fn may_reach<R: Real>(&self, log2_strength: R) -> R::Mask {
+        log2_strength.constant(self.log2_alpha_min - LOG2_ALPHA_MARGIN).less_or_equal(log2_strength)
     }
     /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen, which is told by the
     /// logarithm, while its power is still being worked out.

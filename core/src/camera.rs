@@ -1,6 +1,7 @@
 //! A pinhole camera: looks along +z, x to the right, y down; pixel centres at + ½.
 
 use crate::{
+    perspective::Projection,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -105,6 +106,13 @@ pub struct CameraOf<R> {
 }
 
 impl<R: Real> CameraOf<R> {
+    /// The same camera as a projection needs it: what is not affine follows the Jacobian however far outside.
+    #[inline(always)]
+    pub fn for_projection(self, projection: Projection) -> Self {
+        let free = self.slope_limit[0].constant(f32::MAX);
+        let slope_limit = if projection == Projection::Affine { self.slope_limit } else { [free; 2] };
+        Self { slope_limit, ..self }
+    }
     /// The direction from an image point to the camera, in world space, of unit length.
     #[inline(always)]
     pub fn view_dir(&self, x_px: R, y_px: R) -> Vec3<R> {

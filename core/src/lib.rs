@@ -49,6 +49,7 @@ pub mod normal;
 pub mod optimise;
 pub mod order;
 pub mod pack;
+pub mod perspective;
 pub mod pipeline;
 pub mod pixel;
 pub mod plan;

@@ -1,12 +1,13 @@
-//! Where a picture stops to look further: what is cut off because it hardly shows.
+//! Where a picture stops to look further: what is cut off because it hardly shows, and how splats are projected.
 
 use crate::{
     bin::ALPHA_MIN,
     blend::{LOG2_ALPHA_MIN, TRANSMITTANCE_MIN},
+    perspective::Projection,
     real::Real,
 };
 
-/// What is cut off. Training and the free functions of [`crate::blend`] and [`mod@crate::bin`] know [`Limits::USUAL`]
+/// What is cut off, and how exactly splats are projected. Training and the free functions of [`crate::blend`] and [`mod@crate::bin`] know [`Limits::USUAL`]
 /// alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
@@ -17,22 +18,29 @@ pub struct Limits {
     pub(crate) transmittance_min: f32,
     /// So many standard deviations a splat reaches into tiles at most.
     reach_max: f32,
+    projection: Projection,
 }
 
 /// Smaller limits are this: their logarithms and products stay normal numbers.
 const LEAST: f32 = 1e-12;
 
 impl Limits {
-    /// INRIA's: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold a splat wherever it is drawn.
+    /// INRIA's: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold a splat wherever it is drawn, and projection is affine.
     pub const USUAL: Self = Self {
         alpha_min: ALPHA_MIN,
         log2_alpha_min: LOG2_ALPHA_MIN,
         transmittance_min: TRANSMITTANCE_MIN,
         reach_max: f32::INFINITY,
+        projection: Projection::Affine,
     };
-    /// As good as none: 10⁻¹² of alpha and of transmittance.
-    pub const LEAST: Self =
-        Self { alpha_min: LEAST, log2_alpha_min: -39.863_137, transmittance_min: LEAST, reach_max: f32::INFINITY };
+    /// As good as none: 10⁻¹² of alpha and of transmittance, and projection along rays.
+    pub const LEAST: Self = Self {
+        alpha_min: LEAST,
+        log2_alpha_min: -39.863_137,
+        transmittance_min: LEAST,
+        reach_max: f32::INFINITY,
+        projection: Projection::Ray,
+    };
 
     /// Splats are drawn down to an alpha of `alpha_min`, in (0, 1); smaller ones count as 10⁻¹².
     pub fn with_alpha_min(self, alpha_min: f32) -> Self {
@@ -50,6 +58,11 @@ impl Limits {
         Self { reach_max, ..self }
     }
 
+    /// Splats are projected so.
+    pub fn with_projection(self, projection: Projection) -> Self {
+        Self { projection, ..self }
+    }
+
     /// The least alpha that is drawn.
     pub const fn alpha_min(&self) -> f32 {
         self.alpha_min
@@ -61,6 +74,10 @@ impl Limits {
     /// How many standard deviations splats reach into tiles at most.
     pub const fn reach_max(&self) -> f32 {
         self.reach_max
+    }
+    /// How splats are projected.
+    pub const fn projection(&self) -> Projection {
+        self.projection
     }
 }
 

@@ -189,7 +189,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> 
 
 /// W of the conic of [[a, b], [b, ·]] with this determinant: the inverse of its Cholesky factor.
 #[inline(always)]
-fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
+pub(crate) fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
     let yy = (a / determinant).sqrt();
     (a.sqrt().recip(), -(b / a) * yy, yy)
 }

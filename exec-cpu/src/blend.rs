@@ -3,20 +3,21 @@
 use crate::{
     bin::Tiles,
     buffer::{Buffer, Pool},
-    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, quad_origin, tile_len},
+    frame::{Frame, FrameGrad, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
     machine::Machine,
     parts::{Pieces, each_part},
     project::{SplatRecord, Splats},
     shade::Colors,
+    stamps::{SPLATS_AT_ONCE, Stamped, Stamps, centers_of},
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
     blend::{
-        Moments, Passage, Replay, Stamp, Step, StepGrad, column_of, log2_strength, moments_vjp, offset_from,
-        offset_of_origin, stamp, step_vjp,
+        Moments, Passage, Replay, Stamp, Step, StepGrad, log2_strength, moments_vjp, offset_from, offset_of_origin,
+        stamp, step_vjp,
     },
     camera::Camera,
     limits::Limits,
@@ -26,10 +27,7 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended: a bit each.
-const SPLATS_AT_ONCE: usize = u64::BITS as usize;
-
-/// And on the way back, where more is kept of each.
+/// Splats that are replayed at once: more is kept of each than on the way forth.
 const REPLAYED_AT_ONCE: usize = 32;
 
 /// Gradient of each splat and of its channels.
@@ -89,12 +87,17 @@ pub(crate) fn blend_all(
     camera: &Camera,
     limits: &Limits,
 ) -> Frame {
-    with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, limits))
+    match &splats.in_perspective {
+        None => {
+            with_channels!(colors.channels, blend_channels(machine, &splats.records, colors, tiles, camera, limits))
+        }
+        Some(splats) => with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, limits)),
+    }
 }
 
 fn blend_channels<const C: usize>(
     machine: &Machine,
-    splats: &Splats,
+    splats: &[impl Stamped],
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
@@ -111,121 +114,11 @@ fn blend_channels<const C: usize>(
         let origin = cover.origin(slot);
         dispatch!(machine.level, simd => {
             let (pixels, seen) = (pixels.only(), seen.only());
-            blend_tile::<_, C>(simd, &splats.records, &colors.values, list, origin, limits, pixels, seen);
+            blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, limits, pixels, seen);
         });
     });
     let (width, height) = (camera.width as usize, camera.height as usize);
     Frame { width, height, channels: C, cover, blended, shaded: None, seen }
-}
-
-/// Centres of the pixels of each quad, from the tile's corner.
-const CENTERS: [[Quad; 2]; QUADS] = centers();
-
-const fn centers() -> [[Quad; 2]; QUADS] {
-    let mut centers = [[[0.0; BLOCK]; 2]; QUADS];
-    let mut k = 0;
-    while k < QUADS * BLOCK {
-        let (quad, lane) = (k / BLOCK, k % BLOCK);
-        let [x, y] = quad_origin(quad);
-        centers[quad][0][lane] = x as f32 + PIXEL_X[lane];
-        centers[quad][1][lane] = y as f32 + PIXEL_Y[lane];
-        k += 1;
-    }
-    centers
-}
-
-#[inline(always)]
-fn centers_of<S: Simd>(simd: S, quad: usize) -> [Lanes<S>; 2] {
-    let [x, y] = &CENTERS[quad];
-    [Lanes::load(simd, x), Lanes::load(simd, y)]
-}
-
-/// Some splats as a tile sees them, number by number, so that a vector holds one number of many.
-struct Stamps {
-    /// From the tile's corner.
-    mean2d: [[f32; SPLATS_AT_ONCE]; 2],
-    root: [[f32; SPLATS_AT_ONCE]; 3],
-    log2_opacity: [f32; SPLATS_AT_ONCE],
-    /// Scaled offset of the tile's corner.
-    of_corner: [[f32; SPLATS_AT_ONCE]; 2],
-}
-
-impl Stamps {
-    const NONE: Self = Self {
-        mean2d: [[0.0; SPLATS_AT_ONCE]; 2],
-        root: [[0.0; SPLATS_AT_ONCE]; 3],
-        log2_opacity: [0.0; SPLATS_AT_ONCE],
-        of_corner: [[0.0; SPLATS_AT_ONCE]; 2],
-    };
-
-    /// Takes in some splats; returns for each quad of the tile a bit for each that may touch it.
-    #[inline(always)]
-    fn read<S: Simd>(
-        &mut self,
-        simd: S,
-        records: &[SplatRecord],
-        origin: [f32; 2],
-        list: &[AtomicU32],
-        limits: &Limits,
-    ) -> [u64; QUADS] {
-        for (k, gaussian) in list.iter().enumerate() {
-            let record = &records[gaussian.load(Relaxed) as usize];
-            for axis in 0..2 {
-                self.mean2d[axis][k] = record.mean2d[axis] - origin[axis];
-            }
-            for entry in 0..3 {
-                self.root[entry][k] = record.root_conic[entry];
-            }
-            self.log2_opacity[k] = record.log2_opacity;
-        }
-        let mut splats = [0; QUADS];
-        for first in (0..list.len()).step_by(BLOCK) {
-            self.scale(simd, first, limits, &mut splats);
-        }
-        let known = u64::MAX >> (SPLATS_AT_ONCE - list.len());
-        for quad in 0..QUADS {
-            splats[quad] &= known;
-        }
-        splats
-    }
-
-    /// Scales the roots of a block of splats, notes what the tile's corner has of them, and adds their bits.
-    #[inline(always)]
-    fn scale<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
-        let load = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::load(simd, &numbers[first..]);
-        let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
-        let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
-        for entry in 0..3 {
-            stamp.root[entry].store(&mut self.root[entry][first..]);
-        }
-        let of_corner = offset_of_origin(&stamp);
-        for axis in 0..2 {
-            of_corner[axis].store(&mut self.of_corner[axis][first..]);
-        }
-        for across in 0..QUADS_ACROSS {
-            let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
-            for down in 0..QUADS_ACROSS {
-                let mask = limits.may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
-                splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
-            }
-        }
-    }
-
-    /// Scaled offset of some pixels from a splat.
-    #[inline(always)]
-    fn offset<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
-        let splat = |numbers: &[f32; SPLATS_AT_ONCE]| Lanes::splat(simd, numbers[k]);
-        let [of_u, of_w] = &self.of_corner;
-        let [xx, yx, yy] = &self.root;
-        offset_from([splat(of_u), splat(of_w)], [splat(xx), splat(yx), splat(yy)], centers)
-    }
-}
-
-/// Offsets of the first and the last pixel of a quad from a splat's centre, along an axis.
-#[inline(always)]
-fn pixel_bounds<S: Simd>(mean: Lanes<S>, quad: usize) -> [Lanes<S>; 2] {
-    let first = (quad * QUAD) as f32 + 0.5;
-    [-mean + first, -mean + (first + (QUAD - 1) as f32)]
 }
 
 /// Visits the quads whose bits are set.
@@ -238,9 +131,9 @@ fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
 }
 
 #[inline(always)]
-fn blend_tile<S: Simd, const C: usize>(
+fn blend_tile<S: Simd, const C: usize, T: Stamped>(
     simd: S,
-    records: &[SplatRecord],
+    splats: &[T],
     colors: &[f32],
     list: &[AtomicU32],
     origin: [f32; 2],
@@ -253,7 +146,7 @@ fn blend_tile<S: Simd, const C: usize>(
     left.as_flattened_mut().fill(1.0);
     let (channels, left) = (channels.as_chunks_mut::<C>().0, &mut left[..QUADS]);
     let mut transmittance = [[1.0; BLOCK]; QUADS];
-    let (mut stamps, mut near) = (Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
+    let (mut stamps, mut near) = (T::Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
         if transmittance.iter().all(|quad| limits.goes_on(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
@@ -261,7 +154,7 @@ fn blend_tile<S: Simd, const C: usize>(
         }
         read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in stamps.read(simd, records, origin, list, limits).into_iter().enumerate() {
+        for (quad, splats) in stamps.read(simd, splats, origin, list, limits).into_iter().enumerate() {
             let passage = [&mut transmittance[quad], &mut left[quad]];
             seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, limits, &mut channels[quad], passage);
         }
@@ -274,7 +167,7 @@ fn blend_tile<S: Simd, const C: usize>(
 #[inline(always)]
 fn blend_quad<S: Simd, const C: usize>(
     simd: S,
-    stamps: &Stamps,
+    stamps: &impl Stamps,
     colors: &[[f32; C]; SPLATS_AT_ONCE],
     quad: usize,
     mut splats: u64,
@@ -298,7 +191,7 @@ fn blend_quad<S: Simd, const C: usize>(
     while splats != 0 {
         let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
         splats &= splats - 1;
-        let strength = log2_strength(Lanes::splat(simd, stamps.log2_opacity[k]), stamps.offset(simd, k, centers));
+        let strength = stamps.log2_strength(simd, k, centers);
         let Step { weight, behind } = limits.step(limits.alpha(strength), passage);
         // Without a branch: whether a quad is touched is hard to foretell.
         seen |= u64::from((alive & limits.is_seen(strength)).bits() != 0) << k;

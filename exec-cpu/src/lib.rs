@@ -24,6 +24,7 @@ mod planes;
 pub mod prefilter;
 pub mod project;
 pub mod shade;
+mod stamps;
 mod viewer;
 
 pub use executor::{CpuError, CpuExecutor};

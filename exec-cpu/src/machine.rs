@@ -1,6 +1,12 @@
 //! What every stage works with: the machine's vectors, and memory that is used again.
 
-use crate::{bin::RowRange, buffer::Pool, frame::Quad, prefilter::Texel, project::SplatRecord};
+use crate::{
+    bin::RowRange,
+    buffer::Pool,
+    frame::Quad,
+    prefilter::Texel,
+    project::{PerspectiveRecord, SplatRecord},
+};
 use core::sync::atomic::AtomicU32;
 use fearless_simd::Level;
 
@@ -18,6 +24,7 @@ pub(crate) struct Machine {
     pub(crate) quads: Pool<Quad>,
     pub(crate) bits: Pool<u16>,
     pub(crate) records: Pool<SplatRecord>,
+    pub(crate) perspectives: Pool<PerspectiveRecord>,
     pub(crate) texels: Pool<Texel>,
     /// Sums that parts of the work leave for the whole, so that they are added in order.
     pub(crate) sums: Pool<[f64; 4]>,
@@ -37,6 +44,7 @@ impl Machine {
             quads: Pool::default(),
             bits: Pool::default(),
             records: Pool::default(),
+            perspectives: Pool::default(),
             texels: Pool::default(),
             sums: Pool::default(),
         }

@@ -12,6 +12,7 @@ use specula_core::{
     camera::{Camera, CameraOf},
     each,
     limits::Limits,
+    perspective::{Perspective, Projection, footprint_in_perspective, perspective},
     project::{Shape, Splat, SplatGrad, project, project_vjp},
     real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
@@ -37,10 +38,28 @@ pub struct SplatRecord {
     pub half_extent: [f32; 2],
 }
 
+/// A Gaussian on the screen, with the perspective inside of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct PerspectiveRecord {
+    /// Centre, in pixels.
+    pub(crate) mean2d: [f32; 2],
+    /// Root of the conic.
+    pub(crate) root_conic: [f32; 3],
+    /// Logarithm of the opacity to base two.
+    pub(crate) log2_opacity: f32,
+    /// l, in 1/px.
+    pub(crate) slope: [f32; 2],
+    /// κ.
+    pub(crate) curvature: f32,
+}
+
 /// All Gaussians on the screen, in their order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
+    /// Where the projection is not affine, centre, root and half extent are those of the footprint.
     pub(crate) records: Buffer<SplatRecord>,
+    /// Where the projection is not affine, what is blended.
+    pub(crate) in_perspective: Option<Buffer<PerspectiveRecord>>,
     /// For each block a bit for each Gaussian that is drawn.
     drawn: Buffer<u16>,
 }
@@ -49,6 +68,17 @@ impl Splats {
     /// One record for each Gaussian.
     pub fn records(&self) -> &[SplatRecord] {
         &self.records
+    }
+    /// Whether the projection was affine for all of them.
+    pub fn are_affine(&self) -> bool {
+        self.in_perspective.is_none()
+    }
+    /// How many of those that are drawn have perspective inside, as a share.
+    pub fn share_in_perspective(&self) -> f64 {
+        let Some(splats) = &self.in_perspective else { return 0.0 };
+        let drawn = || splats.iter().zip(self.records.iter()).filter(|(_, record)| record.reach > 0.0);
+        let own = drawn().filter(|(splat, _)| splat.slope != [0.0; 2] || splat.curvature != 0.0).count();
+        own as f64 / drawn().count().max(1) as f64
     }
     /// Whether any Gaussian of a block is drawn.
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
@@ -72,14 +102,21 @@ pub(crate) fn project_all(
     let mut records = machine.records.take(gaussians.count);
     let mut drawn = machine.bits.take(gaussians.count.div_ceil(BLOCK));
     let block_len = gaussians.block_len();
-    gaussians
-        .values
-        .par_chunks(BLOCKS_AT_ONCE * block_len)
-        .zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)))
-        .for_each(|(blocks, (records, drawn))| {
+    let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
+    let parts = parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)));
+    if limits.projection() == Projection::Affine {
+        parts.for_each(|(blocks, (records, drawn))| {
             dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, limits, records, drawn));
         });
-    Splats { records, drawn }
+        return Splats { records, in_perspective: None, drawn };
+    }
+    let mut splats = machine.perspectives.take(gaussians.count);
+    parts.zip(splats.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|((blocks, (records, drawn)), splats)| {
+        dispatch!(machine.level, simd => {
+            project_in_perspective(simd, blocks, block_len, camera, limits, records, splats, drawn);
+        });
+    });
+    Splats { records, in_perspective: Some(splats), drawn }
 }
 
 #[inline(always)]
@@ -96,10 +133,62 @@ fn project_blocks<S: Simd>(
     let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
     for ((block, records), drawn) in blocks.zip(drawn) {
         let splat = project(&load_shape(simd, block), &camera);
-        let reach = footprint_within(&splat, limits).reach.min(Lanes::splat(simd, limits.reach_max()));
-        let own = u16::MAX >> (BLOCK - records.len());
-        *drawn = reach.zero().less(reach).bits() as u16 & own;
+        let reach = reach_of(simd, &splat, limits, records.len(), drawn);
         store_records(&splat, reach, half_extent(&splat, reach), records);
+    }
+}
+
+#[inline(always)]
+fn project_in_perspective<S: Simd>(
+    simd: S,
+    blocks: &[f32],
+    block_len: usize,
+    camera: &Camera,
+    limits: &Limits,
+    records: &mut [SplatRecord],
+    splats: &mut [PerspectiveRecord],
+    drawn: &mut [u16],
+) {
+    let camera = camera.lift(Lanes::splat(simd, 0.0)).for_projection(limits.projection());
+    let records = records.chunks_mut(BLOCK).zip(splats.chunks_mut(BLOCK));
+    for ((block, (records, splats)), drawn) in blocks.chunks_exact(block_len).zip(records).zip(drawn) {
+        let shape = load_shape(simd, block);
+        let splat = project(&shape, &camera);
+        let reach = reach_of(simd, &splat, limits, records.len(), drawn);
+        let own = perspective(limits.projection(), &shape, &splat, &camera);
+        store_in_perspective(&splat, &own, splats);
+        let (footprint, variance) = footprint_in_perspective(&splat, &own, reach);
+        let splat = Splat { mean2d: footprint.mean2d, root_conic: footprint.root_conic, variance, ..splat };
+        store_records(&splat, reach, half_extent(&splat, reach), records);
+    }
+}
+
+/// How far the splats of a block reach; notes which of the first `count` are drawn.
+#[inline(always)]
+fn reach_of<S: Simd>(simd: S, splat: &Splat<Lanes<S>>, limits: &Limits, count: usize, drawn: &mut u16) -> Lanes<S> {
+    let reach = footprint_within(splat, limits).reach.min(Lanes::splat(simd, limits.reach_max()));
+    *drawn = reach.zero().less(reach).bits() as u16 & (u16::MAX >> (BLOCK - count));
+    reach
+}
+
+#[inline(always)]
+fn store_in_perspective<S: Simd>(
+    splat: &Splat<Lanes<S>>,
+    perspective: &Perspective<Lanes<S>>,
+    records: &mut [PerspectiveRecord],
+) {
+    let [x, y] = [splat.mean2d[0].to_array(), splat.mean2d[1].to_array()];
+    let [xx, yx, yy] = [splat.root_conic[0].to_array(), splat.root_conic[1].to_array(), splat.root_conic[2].to_array()];
+    let [slope_x, slope_y] = [perspective.slope[0].to_array(), perspective.slope[1].to_array()];
+    let (log2_opacity, curvature) = (splat.opacity.log2().to_array(), perspective.curvature.to_array());
+    for (lane, record) in records.iter_mut().enumerate() {
+        *record = PerspectiveRecord {
+            mean2d: [x[lane], y[lane]],
+            root_conic: [xx[lane], yx[lane], yy[lane]],
+            log2_opacity: log2_opacity[lane],
+            slope: [slope_x[lane], slope_y[lane]],
+            curvature: curvature[lane],
+        };
     }
 }
 

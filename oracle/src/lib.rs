@@ -28,6 +28,7 @@ use specula_core::{
     limits::Limits,
     loss::LossWeights,
     normal::{AxisRule, axis, facing},
+    perspective::{Perspective, Projection, perspective},
     plan::{Channels, channel},
     project::{self, Shape, Splat, SplatGrad},
     scene::{
@@ -104,6 +105,25 @@ fn material<R: Number>(gaussians: &Gaussians<Vec<R>>, gaussian: usize) -> Materi
 pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec<Splat<R>> {
     let camera = camera.lift(R::of(0.0));
     (0..gaussians.count).map(|gaussian| project::project(&shape(gaussians, gaussian), &camera)).collect()
+}
+
+/// Gaussians to splats, in another projection; the perspective inside of them, where it is not affine.
+pub fn project_within<R: Number>(
+    gaussians: &Gaussians<Vec<R>>,
+    camera: &Camera,
+    projection: Projection,
+) -> (Vec<Splat<R>>, Option<Vec<Perspective<R>>>) {
+    if projection == Projection::Affine {
+        return (project(gaussians, camera), None);
+    }
+    let camera = camera.lift(R::of(0.0)).for_projection(projection);
+    let of = |gaussian: usize| {
+        let shape = shape(gaussians, gaussian);
+        let splat = project::project(&shape, &camera);
+        (splat, perspective(projection, &shape, &splat, &camera))
+    };
+    let (splats, perspectives) = (0..gaussians.count).map(of).unzip();
+    (splats, Some(perspectives))
 }
 
 /// Splats to channels, one list for each Gaussian. Without a light there is no specular term.
@@ -319,10 +339,10 @@ pub fn render_within<R: Number>(
     rules: &RenderRules,
     limits: &Limits,
 ) -> Frame<R> {
-    let splats = project(gaussians, camera);
+    let (splats, perspectives) = project_within(gaussians, camera, limits.projection());
     let colors = shade(gaussians, camera, light, rules);
     let order = front_to_back_within(&splats, limits);
-    let frame = blend_within(&splats, &colors, &order, camera, limits);
+    let frame = blend_within(&splats, perspectives.as_deref(), &colors, &order, camera, limits);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 

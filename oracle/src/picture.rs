@@ -6,6 +6,7 @@ use specula_core::{
     blend::{self, Moments, Passage, Replay, Stamp, Step, StepGrad},
     camera::Camera,
     limits::Limits,
+    perspective::{self, Perspective},
     project::{Splat, SplatGrad},
     scene::Image,
     vector::Vec3,
@@ -33,26 +34,50 @@ fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
     [x - splat.mean2d[0], y - splat.mean2d[1]]
 }
 
+/// log₂ of how strong a splat is at an offset from its mean; `None` where it has no perspective.
+fn log2_strength<R: Number>(stamp: &Stamp<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
+    let falloff = blend::falloff(stamp, dx, dy);
+    let Some(perspective) = perspective else { return falloff.log2_strength };
+    let [u, w] = falloff.offset;
+    let scale = perspective::ray_scale(R::of(1.0), perspective.slope, [dx, dy]);
+    let curvature = perspective::scaled_curvature(perspective.curvature);
+    perspective::log2_strength(stamp.log2_opacity, u * u + w * w, scale, curvature)
+}
+
 fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Stamp<R>> {
     splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
 /// First row of pixels that a splat may be seen in, and one past the last.
-fn rows_of<R: Number>(splat: &Splat<R>, height: usize, limits: &Limits) -> [usize; 2] {
-    let [_, half] = bin::half_extent(splat, bin::footprint_within(splat, limits).reach).map(R::value);
-    let y = splat.mean2d[1].value();
+fn rows_of<R: Number>(
+    splat: &Splat<R>,
+    perspective: Option<&Perspective<R>>,
+    height: usize,
+    limits: &Limits,
+) -> [usize; 2] {
+    let reach = bin::footprint_within(splat, limits).reach;
+    let (mean2d, variance) = match perspective {
+        None => (splat.mean2d, splat.variance),
+        Some(own) => {
+            let (footprint, variance) = perspective::footprint_in_perspective(splat, own, reach);
+            (footprint.mean2d, variance)
+        }
+    };
+    let half = (variance[1].sqrt() * reach).value();
+    let y = mean2d[1].value();
     [y - half - 1.0, y + half + 1.0].map(|y| y.clamp(0.0, height as f64) as usize)
 }
 
 /// Splats to a picture.
 pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize], camera: &Camera) -> Frame<R> {
-    blend_within(splats, colors, order, camera, &Limits::USUAL)
+    blend_within(splats, None, colors, order, camera, &Limits::USUAL)
 }
 
 /// [`blend()`] with other limits; how far splats reach into tiles is none of them. Rows in which a splat is not seen are
-/// skipped, which changes nothing.
+/// skipped, which changes nothing. Without perspectives projection was affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
+    perspectives: Option<&[Perspective<R>]>,
     colors: &[Vec<R>],
     order: &[usize],
     camera: &Camera,
@@ -63,14 +88,15 @@ pub fn blend_within<R: Number>(
     let size = width * height;
     let stamps = stamps(splats);
     let mut values = vec![R::of(0.0); (channels + 1) * size];
-    let rows: Vec<[usize; 2]> = splats.iter().map(|splat| rows_of(splat, height, limits)).collect();
+    let perspective = |k: usize| perspectives.map(|all| &all[k]);
+    let rows: Vec<[usize; 2]> =
+        splats.iter().enumerate().map(|(k, splat)| rows_of(splat, perspective(k), height, limits)).collect();
     for row in 0..height {
         let near: Vec<usize> = order.iter().copied().filter(|k| rows[*k][0] <= row && row < rows[*k][1]).collect();
         for pixel in row * width..(row + 1) * width {
             let mut passage = Passage::open(R::of(1.0));
             for &k in &near {
-                let [dx, dy] = offset(&splats[k], pixel % width, row);
-                let strength = blend::falloff(&stamps[k], dx, dy).log2_strength;
+                let strength = log2_strength(&stamps[k], perspective(k), offset(&splats[k], pixel % width, row));
                 if !limits.is_seen(strength) {
                     continue;
                 }

@@ -6,6 +6,7 @@ use specula_core::{
     double::Double,
     executor::{RenderRules, Renderer},
     limits::Limits,
+    perspective::Projection,
     pipeline::render,
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
@@ -75,7 +76,9 @@ fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
 fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
     let tight = Limits::USUAL.with_alpha_min(1.0 / 4096.0).with_transmittance_min(1e-7);
     let loose = Limits::USUAL.with_alpha_min(1.0 / 20.0).with_transmittance_min(0.03);
-    for limits in [Limits::LEAST, tight, loose] {
+    let [tangent, ray, within] = [Projection::Tangent, Projection::Ray, Projection::Within(0.02)]
+        .map(|projection| Limits::USUAL.with_projection(projection));
+    for limits in [Limits::LEAST, tight, loose, tangent, ray, within] {
         let own = wide(&picture(&mut CpuViewer::new(limits), &cloud()));
         assert_psnr(&own, &exact(&cloud(), &limits), SAME_FRAME);
     }

@@ -52,7 +52,8 @@ fn of_setting(own: &Measured, findings: &Findings) -> Value {
         "milliseconds": times,
         "filter_milliseconds": own.filter,
         "work": {
-            "intersections": work.intersections, "pairs": work.pairs, "texel_reads": work.texel_reads,
+            "intersections": work.intersections, "pairs": work.pairs,
+            "pairs_in_perspective": work.pairs_in_perspective, "perspectives": work.perspectives, "texel_reads": work.texel_reads,
             "weights": work.weights, "numbers": work.numbers, "channels": work.channels,
         },
         "bytes": work.bytes,

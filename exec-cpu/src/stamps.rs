@@ -1,0 +1,250 @@
+//! Some splats as a tile sees them, number by number, so that a vector holds one number of many.
+
+use crate::{
+    frame::{PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, quad_origin},
+    lanes::Lanes,
+    project::{PerspectiveRecord, SplatRecord},
+};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use fearless_simd::Simd;
+use specula_core::{
+    blend::{Stamp, column_of, log2_strength, offset_from, offset_of_origin, stamp},
+    limits::Limits,
+    perspective::{self, Perspective, may_be_seen, ray_scale, ray_scale_of_origin, scaled_curvature},
+    real::Real,
+    scene::BLOCK,
+};
+
+/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended: a bit each.
+pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
+
+/// A number of each.
+type Numbers = [f32; SPLATS_AT_ONCE];
+
+/// Something that tiles can be blended from.
+pub(crate) trait Stamped: Sync {
+    /// Some of them as a tile sees them.
+    type Stamps: Stamps<Splat = Self>;
+}
+
+impl Stamped for SplatRecord {
+    type Stamps = AffineStamps;
+}
+
+impl Stamped for PerspectiveRecord {
+    type Stamps = PerspectiveStamps;
+}
+
+/// Some splats as a tile sees them.
+pub(crate) trait Stamps {
+    /// As they lie in memory.
+    type Splat;
+    /// None of them.
+    const NONE: Self;
+
+    /// Takes one in, its mean from the tile's corner.
+    fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
+
+    /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that may touch it.
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]);
+
+    /// log₂ of a splat's strength in some pixels.
+    fn log2_strength<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> Lanes<S>;
+
+    /// Takes in some splats; returns for each quad of the tile a bit for each that may touch it.
+    #[inline(always)]
+    fn read<S: Simd>(
+        &mut self,
+        simd: S,
+        all: &[Self::Splat],
+        origin: [f32; 2],
+        list: &[AtomicU32],
+        limits: &Limits,
+    ) -> [u64; QUADS] {
+        for (k, gaussian) in list.iter().enumerate() {
+            self.put(k, &all[gaussian.load(Relaxed) as usize], origin);
+        }
+        let mut splats = [0; QUADS];
+        for first in (0..list.len()).step_by(BLOCK) {
+            self.prepare(simd, first, limits, &mut splats);
+        }
+        let known = u64::MAX >> (SPLATS_AT_ONCE - list.len());
+        for quad in 0..QUADS {
+            splats[quad] &= known;
+        }
+        splats
+    }
+}
+
+/// Splats of the affine projection.
+pub(crate) struct AffineStamps {
+    /// From the tile's corner.
+    mean2d: [Numbers; 2],
+    root: [Numbers; 3],
+    log2_opacity: Numbers,
+    /// Scaled offset of the tile's corner.
+    of_corner: [Numbers; 2],
+}
+
+impl AffineStamps {
+    #[inline(always)]
+    fn put(&mut self, k: usize, mean2d: [f32; 2], root: [f32; 3], log2_opacity: f32, origin: [f32; 2]) {
+        for axis in 0..2 {
+            self.mean2d[axis][k] = mean2d[axis] - origin[axis];
+        }
+        for entry in 0..3 {
+            self.root[entry][k] = root[entry];
+        }
+        self.log2_opacity[k] = log2_opacity;
+    }
+
+    /// Scales the roots of a block of splats, and notes what the tile's corner has of them.
+    #[inline(always)]
+    fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Stamp<Lanes<S>> {
+        let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
+        let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
+        let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
+        for entry in 0..3 {
+            stamp.root[entry].store(&mut self.root[entry][first..]);
+        }
+        let of_corner = offset_of_origin(&stamp);
+        for axis in 0..2 {
+            of_corner[axis].store(&mut self.of_corner[axis][first..]);
+        }
+        stamp
+    }
+
+    /// Scaled offset of some pixels from a splat.
+    #[inline(always)]
+    fn offset<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+        let splat = |numbers: &Numbers| Lanes::splat(simd, numbers[k]);
+        let [of_u, of_w] = &self.of_corner;
+        let [xx, yx, yy] = &self.root;
+        offset_from([splat(of_u), splat(of_w)], [splat(xx), splat(yx), splat(yy)], centers)
+    }
+}
+
+impl Stamps for AffineStamps {
+    type Splat = SplatRecord;
+    const NONE: Self = Self {
+        mean2d: [[0.0; SPLATS_AT_ONCE]; 2],
+        root: [[0.0; SPLATS_AT_ONCE]; 3],
+        log2_opacity: [0.0; SPLATS_AT_ONCE],
+        of_corner: [[0.0; SPLATS_AT_ONCE]; 2],
+    };
+
+    #[inline(always)]
+    fn put(&mut self, k: usize, splat: &SplatRecord, origin: [f32; 2]) {
+        self.put(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
+    }
+
+    #[inline(always)]
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
+        let stamp = self.scale(simd, first);
+        for across in 0..QUADS_ACROSS {
+            let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
+            for down in 0..QUADS_ACROSS {
+                let mask = limits.may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
+                splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn log2_strength<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> Lanes<S> {
+        log2_strength(Lanes::splat(simd, self.log2_opacity[k]), self.offset(simd, k, centers))
+    }
+}
+
+/// Splats in perspective.
+pub(crate) struct PerspectiveStamps {
+    affine: AffineStamps,
+    slope: [Numbers; 2],
+    /// Scaled.
+    curvature: Numbers,
+    /// Ray's scale at the tile's corner.
+    of_corner: Numbers,
+}
+
+impl PerspectiveStamps {
+    #[inline(always)]
+    fn is_affine(&self, k: usize) -> bool {
+        self.slope[0][k] == 0.0 && self.slope[1][k] == 0.0 && self.curvature[k] == 0.0
+    }
+}
+
+impl Stamps for PerspectiveStamps {
+    type Splat = PerspectiveRecord;
+    const NONE: Self = Self {
+        affine: AffineStamps::NONE,
+        slope: [[0.0; SPLATS_AT_ONCE]; 2],
+        curvature: [0.0; SPLATS_AT_ONCE],
+        of_corner: [0.0; SPLATS_AT_ONCE],
+    };
+
+    #[inline(always)]
+    fn put(&mut self, k: usize, splat: &PerspectiveRecord, origin: [f32; 2]) {
+        self.affine.put(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
+        for axis in 0..2 {
+            self.slope[axis][k] = splat.slope[axis];
+        }
+        self.curvature[k] = splat.curvature;
+    }
+
+    #[inline(always)]
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
+        let stamp = self.affine.scale(simd, first);
+        let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
+        let slope = [load(&self.slope[0]), load(&self.slope[1])];
+        let own = Perspective { slope, curvature: load(&self.curvature) };
+        ray_scale_of_origin(stamp.mean2d, own.slope).store(&mut self.of_corner[first..]);
+        scaled_curvature(own.curvature).store(&mut self.curvature[first..]);
+        for quad in 0..QUADS {
+            let bounds = |axis: usize, index: usize| pixel_bounds(stamp.mean2d[axis], index);
+            let (dx, dy) = (bounds(0, quad % QUADS_ACROSS), bounds(1, quad / QUADS_ACROSS));
+            splats[quad] |= may_be_seen(limits, &stamp, &own, dx, dy).bits() << first;
+        }
+    }
+
+    #[inline(always)]
+    fn log2_strength<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> Lanes<S> {
+        let offset = self.affine.offset(simd, k, centers);
+        let splat = |numbers: &Numbers| Lanes::splat(simd, numbers[k]);
+        let log2_opacity = splat(&self.affine.log2_opacity);
+        if self.is_affine(k) {
+            return log2_strength(log2_opacity, offset);
+        }
+        let squared = offset[0].mul_add(offset[0], offset[1] * offset[1]);
+        let scale = ray_scale(splat(&self.of_corner), [splat(&self.slope[0]), splat(&self.slope[1])], centers);
+        perspective::log2_strength(log2_opacity, squared, scale, splat(&self.curvature))
+    }
+}
+
+/// Centres of the pixels of each quad, from the tile's corner.
+const CENTERS: [[Quad; 2]; QUADS] = centers();
+
+const fn centers() -> [[Quad; 2]; QUADS] {
+    let mut centers = [[[0.0; BLOCK]; 2]; QUADS];
+    let mut k = 0;
+    while k < QUADS * BLOCK {
+        let (quad, lane) = (k / BLOCK, k % BLOCK);
+        let [x, y] = quad_origin(quad);
+        centers[quad][0][lane] = x as f32 + PIXEL_X[lane];
+        centers[quad][1][lane] = y as f32 + PIXEL_Y[lane];
+        k += 1;
+    }
+    centers
+}
+
+#[inline(always)]
+pub(crate) fn centers_of<S: Simd>(simd: S, quad: usize) -> [Lanes<S>; 2] {
+    let [x, y] = &CENTERS[quad];
+    [Lanes::load(simd, x), Lanes::load(simd, y)]
+}
+
+/// Offsets of the first and the last pixel of a quad from a splat's centre, along an axis.
+#[inline(always)]
+fn pixel_bounds<S: Simd>(mean: Lanes<S>, quad: usize) -> [Lanes<S>; 2] {
+    let first = (quad * QUAD) as f32 + 0.5;
+    [-mean + first, -mean + (first + (QUAD - 1) as f32)]
+}
