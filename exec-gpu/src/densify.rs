@@ -4,7 +4,7 @@ use crate::{
     blend_vjp::SplatGrads,
     device::GpuError,
     kernel::{
-        Bound::{Array as Of, Uniform},
+        Bound::{self, Array as Of, Uniform},
         Groups,
     },
     machine::Machine,
@@ -220,7 +220,7 @@ struct Heirs {
 
 impl Heirs {
     fn new(machine: &mut Machine, gaussians: &Gaussians<Pieces>, fates: &Fates) -> Result<Self, GpuError> {
-        let (old_count, layout) = (gaussians.count, gaussians.layout);
+        let old_count = gaussians.count;
         let split_count = fates.of(Action::Split);
         let count = fates.of(Action::Keep) + 2 * (fates.of(Action::Clone) + split_count);
         let places = machine.take("places", 3 * old_count)?;
@@ -228,27 +228,11 @@ impl Heirs {
         let heirs = Pairs { keys: machine.take("codes", count)?, items: machine.take("heirs", count)? };
         let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(ordered_bits);
         let bounds = machine.upload("bounds", &[low, low, low, high, high, high])?;
-        let (key, source) = (format!("{layout:?}"), || source::densify_heirs(layout));
-        let run = |machine: &mut Machine, entry: &'static str, each: usize| {
-            gaussians.values.of(old_count).try_for_each(|Piece { gaussians, array }| {
-                let settings = [old_count, gaussians.start, gaussians.len()].map(|number| number as u32);
-                let bound = [
-                    Uniform(bytemuck::cast_slice(&settings)),
-                    Of(array),
-                    Of(&fates.actions),
-                    Of(&places),
-                    Of(&bounds),
-                    Of(&heirs.keys),
-                    Of(&heirs.items),
-                    Of(&split_parents),
-                ];
-                machine.run(&key, entry, &source, &bound, Groups::For(gaussians.len().div_ceil(each)))
-            })
-        };
-        run(machine, "mark", 1)?;
-        run(machine, "find_bounds", COLUMN)?;
+        let bound = [&fates.actions, &places, &bounds, &heirs.keys, &heirs.items, &split_parents].map(Of);
+        run_heirs(machine, "mark", gaussians, &bound, 1)?;
+        run_heirs(machine, "find_bounds", gaussians, &bound, COLUMN)?;
         scan(machine, &places, 3 * old_count)?;
-        run(machine, "put_heirs", 1)?;
+        run_heirs(machine, "put_heirs", gaussians, &bound, 1)?;
         let heirs = sort(machine, heirs, Len::Known(count), CODE_BITS)?.items;
         Ok(Self { count, heirs, places, old_count, split_parents, split_count })
     }
@@ -313,6 +297,25 @@ impl Heirs {
         }
         Ok(())
     }
+}
+
+/// Runs a kernel of `densify_heirs.wgsl` for every piece, an invocation for so many Gaussians.
+fn run_heirs(
+    machine: &mut Machine,
+    entry: &'static str,
+    gaussians: &Gaussians<Pieces>,
+    others: &[Bound<'_>],
+    each: usize,
+) -> Result<(), GpuError> {
+    let (count, layout) = (gaussians.count, gaussians.layout);
+    let (key, source) = (format!("{layout:?}"), || source::densify_heirs(layout));
+    for Piece { gaussians, array } in gaussians.values.of(count) {
+        let settings = [count, gaussians.start, gaussians.len()].map(|number| number as u32);
+        let mut bound = vec![Uniform(bytemuck::cast_slice(&settings)), Of(array)];
+        bound.extend(others);
+        machine.run(&key, entry, &source, &bound, Groups::For(gaussians.len().div_ceil(each)))?;
+    }
+    Ok(())
 }
 
 /// Bits that sort as numbers do, as in `bits.wgsl`.

@@ -146,6 +146,10 @@ impl Machine {
             let (own, others) = rest.split_at(array.len());
             self.write(array, own)?;
             rest = others;
+            if !rest.is_empty() {
+                // On its way the device may forget the copies of those before.
+                self.kernels.submit(&self.gpu)?;
+            }
         }
         Ok(pieces)
     }

@@ -6,10 +6,10 @@ use specula_core::{
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::GpuExecutor;
+use specula_gpu::{GpuError, GpuExecutor};
 use specula_tests::{
     compare::{assert_psnr, psnr},
-    device::{executor, executor_in_pieces_of},
+    device::{executor, executor_in_pieces_of, executor_with_arrays_of},
     formulas::camera,
     strategies::{random_cloud, random_environment},
     stress::{Case, LAYOUT, results::Results},
@@ -82,6 +82,31 @@ fn the_comparison_can_fail() {
     assert_eq!(difference(&expected, &other), Some("gradient"));
 }
 
+/// Bytes of a splat, of which blending reads any.
+const SPLAT_BYTES: usize = 48;
+
+/// A case of so many Gaussians with as many planes as there can be.
+fn case_of(count: usize) -> Case {
+    Case::new("many planes", camera(30, 20), small_cloud(count, Layout::shaded(Some(3)), 1.5))
+}
+
+#[test]
+fn as_many_gaussians_are_trained_as_an_array_holds_splats_and_no_more() {
+    const MOST: usize = 1000;
+    let limited = executor_with_arrays_of((SPLAT_BYTES * MOST) as u64);
+    let (Some(mut whole), Some(mut limited)) = (executor(), limited) else { return };
+    let case = case_of(MOST);
+    assert_eq!([&mut whole, &mut limited].map(|gpu| piece_count(gpu, &case)), [1, 7]);
+    let results = [&mut whole, &mut limited].map(|gpu| Results::new(gpu, &case, ShadingRules::DEFERRED));
+    assert_eq!(difference(&results[0], &results[1]), None);
+
+    let case = case_of(MOST + 1);
+    let cloud = limited.upload_gaussians(&case.cloud).expect("pieces fit");
+    let refused = limited.project(&cloud, &case.camera).expect_err("there is a splat too many");
+    assert!(matches!(refused, GpuError::TooLarge { what: "splats", .. }), "{refused:?}");
+    assert!(refused.to_string().contains("use fewer Gaussians"), "{refused}");
+}
+
 /// How far two lists are apart, as a share of the first.
 fn apart<'a>(expected: impl Iterator<Item = &'a f64> + Clone, actual: impl Iterator<Item = &'a f64>) -> f64 {
     let size: f64 = expected.clone().map(|x| x * x).sum();
@@ -91,7 +116,7 @@ fn apart<'a>(expected: impl Iterator<Item = &'a f64> + Clone, actual: impl Itera
 }
 
 #[test]
-#[ignore = "takes minutes and gigabytes on a software driver"]
+#[ignore = "takes gigabytes"]
 fn a_scene_too_large_for_an_array_is_rendered_and_trained_as_on_the_processor() {
     let Some(mut gpu) = executor_in_pieces_of(BINDING_BYTES) else { return };
     let case = Case::new("many", camera(320, 200), small_cloud(MANY, Layout::radiance(3), 4.0));

@@ -4,7 +4,7 @@ struct Camera {
     row_x: vec3f,
     gaussian_count: u32,
     row_y: vec3f,
-    // Where the first of them lies in arrays that are not divided.
+    // Where the first of them lies in arrays that hold more.
     first_gaussian: u32,
     row_z: vec3f,
     padding_z: u32,
