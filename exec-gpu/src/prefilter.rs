@@ -272,7 +272,7 @@ pub(crate) fn prefilter_vjp(
     }
     let out = machine.take("gradient of an environment", environment.values.len())?;
     let settings = base_of(environment);
-    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes), Of(&out)];
+    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(environment.values), Of(&nodes), Of(&out)];
     let groups = Groups::For(texel_count(environment));
     machine.run("activate", "activate_texels_vjp", &source::activate_vjp, &bound, groups)?;
     Ok(out)
