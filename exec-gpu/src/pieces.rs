@@ -147,7 +147,7 @@ impl Machine {
             self.write(array, own)?;
             rest = others;
             if !rest.is_empty() {
-                // On its way the device may forget the copies of those before.
+                // Copies on their way to the device do not all wait at once.
                 self.kernels.submit(&self.gpu)?;
             }
         }
