@@ -219,7 +219,7 @@ impl fmt::Display for Picture {
 impl<'a> Stand<'a> {
     fn new(viewer: &mut GpuViewer, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
         let sky = like.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
-        Ok(Self { cloud: viewer.store(&like.cloud)?, sky: sky.transpose()?, like })
+        Ok(Self { cloud: viewer.upload_gaussians(&like.cloud)?, sky: sky.transpose()?, like })
     }
 
     fn filtered(&self, viewer: &mut GpuViewer) -> Result<Option<specula_gpu::prefilter::Light>, GpuError> {

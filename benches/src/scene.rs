@@ -60,12 +60,12 @@ impl<E: Executor> Scene<E> {
         Ok(Self {
             rules: RenderRules::full(profile.shading, profile.scheme, channels),
             camera: camera(size),
-            moments: zero_moments(exec, cloud.values.len())?,
+            moments: Moments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
             light: light.transpose()?,
             statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
             target: exec.target(size as usize, size as usize, &grey)?,
             rates: vec![0.0; cloud.layout.plane_count()],
-            cloud: cloud.with_values(exec.upload(&cloud.values)?),
+            cloud: exec.upload_gaussians(&cloud)?,
             profile,
         })
     }
@@ -101,6 +101,11 @@ impl<E: Executor> Scene<E> {
 
 fn zeros<E: Renderer>(exec: &mut E, len: usize) -> Result<E::Array, E::Error> {
     exec.upload(&vec![0.0; len])
+}
+
+/// As many as the Gaussians have.
+fn zeros_of<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>) -> Result<E::Array, E::Error> {
+    Ok(exec.upload_gaussians(&cloud.with_values(vec![0.0; cloud.values.len()]))?.values)
 }
 
 fn zero_moments<E: Renderer>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {

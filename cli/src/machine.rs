@@ -241,7 +241,7 @@ pub(crate) mod device {
             storage: Storage,
         ) -> Result<Box<dyn Machine>, Failure> {
             let mut exec = GpuViewer::new(GpuExecutor::new(self.0), storage);
-            let gaussians = exec.store(&scene.gaussians)?;
+            let gaussians = exec.upload_gaussians(&scene.gaussians)?;
             let light = light.map(|light| {
                 let environment = light.with_values(exec.upload(&light.values)?);
                 exec.prefilter(&environment, rules.scheme, rules.levels)

@@ -133,6 +133,14 @@ pub trait Renderer {
 
     /// Numbers to the executor.
     fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
+    /// Gaussians to the executor, and whatever else has the same planes, such as their moments. It may keep so many as
+    /// a single array of its own does not hold.
+    fn upload_gaussians<A: AsRef<[f32]>>(
+        &mut self,
+        gaussians: &Gaussians<A>,
+    ) -> Result<Gaussians<Self::Array>, Self::Error> {
+        Ok(gaussians.with_values(self.upload(gaussians.values.as_ref())?))
+    }
     /// Numbers back to the host; `values` has the array's length.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
     /// A frame back to the host: its channels, then its transmittance, plane by plane.

@@ -16,11 +16,13 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
+    pieces::{Division, Piece, Pieces},
     project::Splats,
     shade::Colors,
     source,
     view::View,
 };
+use core::ops::Range;
 use specula_core::{bin::TILE_SIZE, camera::Camera, executor::Renderer, scene::BLOCK};
 use wgpu::DeviceType;
 
@@ -69,19 +71,19 @@ pub struct FrameGrad {
 #[derive(Debug)]
 pub struct SplatGrads {
     pub(crate) channels: usize,
-    pub(crate) values: Array,
+    pub(crate) values: Pieces,
 }
 
 impl FrameGrad {
     /// A gradient of so many channels, which lie as [`FrameGrad`] says.
-    pub fn new(size: [usize; 2], channels: usize, values: Array) -> Self {
-        Self { size, channels, values }
+    pub fn new(size: [usize; 2], channels: usize, values: Pieces) -> Self {
+        Self { size, channels, values: values.into_whole() }
     }
 }
 
 impl SplatGrads {
     /// Gradients with so many channels, which lie as [`SplatGrads`] says.
-    pub fn new(channels: usize, values: Array) -> Self {
+    pub fn new(channels: usize, values: Pieces) -> Self {
         Self { channels, values }
     }
 }
@@ -117,7 +119,8 @@ pub(crate) fn blend_vjp(
     let channels = colors.channels;
     debug_assert_eq!((grad.size, grad.channels), (frame.size, channels), "gradients are of what was blended");
     let slot = GEOMETRY + channels;
-    let sums = machine.take("gradients of splats", splats.count.next_multiple_of(BLOCK) * slot)?;
+    let division = Division::around(&machine.gpu, slot, splats.gaussians_each);
+    let sums = machine.take_pieces("gradients of splats", splats.count, division)?;
     let slots_at_once = machine.replay_parts.slots_max.max(1).min((machine.gpu.binding_max() / 4) as usize / slot);
     let slots = machine.take("gradients of splats in tiles", tiles.count_max.min(slots_at_once) * slot)?;
     let way = Way { splats, colors, tiles, frame, grad, slots, sums, view: View::new(camera, splats.count) };
@@ -137,7 +140,7 @@ struct Way<'a> {
     frame: &'a Frame,
     grad: &'a FrameGrad,
     slots: Array,
-    sums: Array,
+    sums: Pieces,
     view: View,
 }
 
@@ -168,30 +171,39 @@ impl Way<'_> {
             Groups::Grid(self.view.tiles()),
         )?;
         let lanes = self.splats.count.next_multiple_of(BLOCK);
-        self.run_slots(machine, "sum_slots", batch, lanes * (GEOMETRY + channels))
+        for piece in self.sums.of(self.splats.count) {
+            self.run_slots(machine, "sum_slots", batch, &piece, lanes * (GEOMETRY + channels))?;
+        }
+        Ok(())
     }
 
     /// From moments to gradients, once all sums are there.
     fn finish(&self, machine: &mut Machine) -> Result<(), GpuError> {
-        self.run_slots(machine, "finish_splats", [0; 2], self.splats.count)
+        for piece in self.sums.of(self.splats.count) {
+            self.run_slots(machine, "finish_splats", [0; 2], &piece, piece.gaussians.len())?;
+        }
+        Ok(())
     }
 
     fn run_slots(
         &self,
         machine: &mut Machine,
         entry: &'static str,
-        batch: [u32; 2],
+        [first, end]: [u32; 2],
+        piece: &Piece<'_>,
         invocations: usize,
     ) -> Result<(), GpuError> {
         let channels = self.colors.channels;
+        let Range { start, end: gaussians_end } = piece.gaussians;
+        let settings = [first, end, start as u32, gaussians_end.next_multiple_of(BLOCK) as u32];
         let bound = [
             Uniform(self.view.bytes()),
-            Uniform(bytemuck::cast_slice(&batch)),
+            Uniform(bytemuck::cast_slice(&settings)),
             Of(&self.splats.splats),
             Of(&self.tiles.order),
             Of(&self.tiles.offsets),
             Of(&self.slots),
-            Of(&self.sums),
+            Of(piece.array),
         ];
         let key = format!("{channels} channels");
         machine.run(&key, entry, &|| source::slots(channels), &bound, Groups::For(invocations))

@@ -4,11 +4,12 @@ use crate::{
     blend_vjp::SplatGrads,
     device::GpuError,
     kernel::{
-        Bound::{Array as Of, Uniform},
+        Bound::{self, Array as Of, Uniform},
         Groups,
     },
     machine::Machine,
     memory::Array,
+    pieces::{Piece, Pieces},
     project::Splats,
     sort::{Len, Pairs, numbers, scan, sort},
     source::{self, COLUMN},
@@ -20,37 +21,40 @@ use specula_core::{
     densify::{Action, DensifyRules, part_noise},
     executor::{DensifyReport, Moments, RandomKey, Statistics},
     order::CODE_BITS,
-    scene::{Gaussians, Layout, len_of_values},
+    scene::{Gaussians, Layout},
 };
 
 /// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is finite.
 pub(crate) fn observe(
     machine: &mut Machine,
-    statistics: &mut Statistics<Array>,
+    statistics: &mut Statistics<Pieces>,
     splats: &Splats,
     grads: &SplatGrads,
     camera: &Camera,
 ) -> Result<(), GpuError> {
-    let view = View::new(camera, splats.count);
     let (channels, ledger) = (grads.channels, machine.ledger.clone());
-    let bound = [
-        Uniform(view.bytes()),
-        Of(&splats.splats),
-        Of(&grads.values),
-        Of(&statistics.grad_sum),
-        Of(&statistics.view_count),
-        Of(ledger.array()),
-    ];
-    let source = || source::observe(channels);
-    machine.run(&channels.to_string(), "observe", &source, &bound, Groups::For(splats.count))
+    let (key, source) = (channels.to_string(), || source::observe(channels));
+    for piece in grads.values.of(splats.count) {
+        let view = View::of(camera, piece.gaussians.clone());
+        let bound = [
+            Uniform(view.bytes()),
+            Of(&splats.splats),
+            Of(piece.array),
+            Of(statistics.grad_sum.whole()),
+            Of(statistics.view_count.whole()),
+            Of(ledger.array()),
+        ];
+        machine.run(&key, "observe", &source, &bound, Groups::For(piece.gaussians.len()))?;
+    }
+    Ok(())
 }
 
 /// Clones, splits and prunes, and brings Gaussians into the order of space.
 pub(crate) fn densify(
     machine: &mut Machine,
-    gaussians: &mut Gaussians<Array>,
-    moments: &mut Moments<Array>,
-    statistics: &mut Statistics<Array>,
+    gaussians: &mut Gaussians<Pieces>,
+    moments: &mut Moments<Pieces>,
+    statistics: &mut Statistics<Pieces>,
     rules: &DensifyRules,
     count_max: usize,
     key: RandomKey,
@@ -61,8 +65,8 @@ pub(crate) fn densify(
     let square = heirs.gather(machine, gaussians.layout, &moments.square, false)?;
     let values = heirs.gather(machine, gaussians.layout, &gaussians.values, true)?;
     heirs.become_parts(machine, gaussians.layout, &values, key)?;
-    let grad_sum = machine.zeros("statistics", heirs.count)?;
-    let view_count = machine.zeros("statistics", heirs.count)?;
+    let grad_sum = machine.zeros("statistics", heirs.count)?.into();
+    let view_count = machine.zeros("statistics", heirs.count)?.into();
     *moments = Moments { mean, square };
     *gaussians = Gaussians { count: heirs.count, layout: gaussians.layout, values };
     *statistics = Statistics { grad_sum, view_count };
@@ -76,27 +80,44 @@ pub(crate) fn densify(
 /// Limits one plane to at most `ceiling` and forgets its momentum.
 pub(crate) fn limit_plane(
     machine: &mut Machine,
-    gaussians: &mut Gaussians<Array>,
-    moments: &mut Moments<Array>,
+    gaussians: &mut Gaussians<Pieces>,
+    moments: &mut Moments<Pieces>,
     plane: usize,
     ceiling: f32,
 ) -> Result<(), GpuError> {
     let Gaussians { count, layout, values } = gaussians;
-    let settings = [*count as u32, plane as u32, ceiling.to_bits()];
-    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(values), Of(&moments.mean), Of(&moments.square)];
-    let source = || source::limit_plane(*layout);
-    machine.run(&format!("{layout:?}"), "limit_plane", &source, &bound, Groups::For(*count))
+    let (key, source) = (format!("{layout:?}"), || source::limit_plane(*layout));
+    let arrays = Pieces::side_by_side([values, &moments.mean, &moments.square]);
+    for (Piece { gaussians, .. }, [values, mean, square]) in values.of(*count).zip(arrays) {
+        let settings = [gaussians.len() as u32, plane as u32, ceiling.to_bits()];
+        let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(values), Of(mean), Of(square)];
+        machine.run(&key, "limit_plane", &source, &bound, Groups::For(gaussians.len()))?;
+    }
+    Ok(())
 }
 
 /// `Rules` of `densify.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Rules {
+    first: u32,
     count: u32,
     grad_min: f32,
     split_scale: f32,
     opacity_min: f32,
     scale_max: f32,
+}
+
+/// `Gathering` of `densify_gather.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Gathering {
+    first: u32,
+    end: u32,
+    numbers: u32,
+    keeps_new: u32,
+    old_first: u32,
+    old_end: u32,
 }
 
 /// How many there are of each action.
@@ -113,8 +134,8 @@ struct Fates {
 impl Fates {
     fn new(
         machine: &mut Machine,
-        gaussians: &Gaussians<Array>,
-        statistics: &Statistics<Array>,
+        gaussians: &Gaussians<Pieces>,
+        statistics: &Statistics<Pieces>,
         rules: &DensifyRules,
         count_max: usize,
     ) -> Result<Self, GpuError> {
@@ -159,24 +180,29 @@ impl Fates {
 
 fn decide_all(
     machine: &mut Machine,
-    gaussians: &Gaussians<Array>,
-    statistics: &Statistics<Array>,
+    gaussians: &Gaussians<Pieces>,
+    statistics: &Statistics<Pieces>,
     rules: &DensifyRules,
     [actions, growth_keys, counts]: [&Array; 3],
 ) -> Result<(), GpuError> {
     let (count, layout) = (gaussians.count, gaussians.layout);
     let DensifyRules { grad_min, split_scale, opacity_min, scale_max } = *rules;
-    let rules = Rules { count: count as u32, grad_min, split_scale, opacity_min, scale_max };
-    let bound = [
-        Uniform(bytemuck::bytes_of(&rules)),
-        Of(&gaussians.values),
-        Of(&statistics.grad_sum),
-        Of(&statistics.view_count),
-        Of(actions),
-        Of(growth_keys),
-        Of(counts),
-    ];
-    machine.run(&format!("{layout:?}"), "decide_all", &|| source::densify(layout), &bound, Groups::For(count))
+    let (key, source) = (format!("{layout:?}"), || source::densify(layout));
+    for Piece { gaussians, array } in gaussians.values.of(count) {
+        let (first, count) = (gaussians.start as u32, gaussians.len() as u32);
+        let rules = Rules { first, count, grad_min, split_scale, opacity_min, scale_max };
+        let bound = [
+            Uniform(bytemuck::bytes_of(&rules)),
+            Of(array),
+            Of(statistics.grad_sum.whole()),
+            Of(statistics.view_count.whole()),
+            Of(actions),
+            Of(growth_keys),
+            Of(counts),
+        ];
+        machine.run(&key, "decide_all", &source, &bound, Groups::For(gaussians.len()))?;
+    }
+    Ok(())
 }
 
 /// The Gaussians after densification, in the order of space.
@@ -193,8 +219,8 @@ struct Heirs {
 }
 
 impl Heirs {
-    fn new(machine: &mut Machine, gaussians: &Gaussians<Array>, fates: &Fates) -> Result<Self, GpuError> {
-        let (old_count, layout) = (gaussians.count, gaussians.layout);
+    fn new(machine: &mut Machine, gaussians: &Gaussians<Pieces>, fates: &Fates) -> Result<Self, GpuError> {
+        let old_count = gaussians.count;
         let split_count = fates.of(Action::Split);
         let count = fates.of(Action::Keep) + 2 * (fates.of(Action::Clone) + split_count);
         let places = machine.take("places", 3 * old_count)?;
@@ -202,35 +228,45 @@ impl Heirs {
         let heirs = Pairs { keys: machine.take("codes", count)?, items: machine.take("heirs", count)? };
         let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(ordered_bits);
         let bounds = machine.upload("bounds", &[low, low, low, high, high, high])?;
-        let settings = [old_count as u32];
-        let bound = [
-            Uniform(bytemuck::cast_slice(&settings)),
-            Of(&gaussians.values),
-            Of(&fates.actions),
-            Of(&places),
-            Of(&bounds),
-            Of(&heirs.keys),
-            Of(&heirs.items),
-            Of(&split_parents),
-        ];
-        let (key, source) = (format!("{layout:?}"), || source::densify_heirs(layout));
-        machine.run(&key, "mark", &source, &bound, Groups::For(old_count))?;
-        machine.run(&key, "find_bounds", &source, &bound, Groups::For(old_count.div_ceil(COLUMN)))?;
+        let bound = [&fates.actions, &places, &bounds, &heirs.keys, &heirs.items, &split_parents].map(Of);
+        run_heirs(machine, "mark", gaussians, &bound, 1)?;
+        run_heirs(machine, "find_bounds", gaussians, &bound, COLUMN)?;
         scan(machine, &places, 3 * old_count)?;
-        machine.run(&key, "put_heirs", &source, &bound, Groups::For(old_count))?;
+        run_heirs(machine, "put_heirs", gaussians, &bound, 1)?;
         let heirs = sort(machine, heirs, Len::Known(count), CODE_BITS)?.items;
         Ok(Self { count, heirs, places, old_count, split_parents, split_count })
     }
 
     /// The numbers of the heirs from those of their parents; those of new ones are zero if they are not kept.
-    fn gather(&self, machine: &mut Machine, layout: Layout, old: &Array, keeps_new: bool) -> Result<Array, GpuError> {
-        let len = len_of_values(self.count, layout);
-        let gathered = machine.take("Gaussians", len)?;
-        let settings = [self.count as u32, len as u32, u32::from(keeps_new)];
-        let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&self.heirs), Of(old), Of(&gathered)];
-        let source = || source::densify_gather(layout);
-        machine.run(&format!("{layout:?}"), "gather", &source, &bound, Groups::For(len))?;
+    fn gather(&self, machine: &mut Machine, layout: Layout, old: &Pieces, keeps_new: bool) -> Result<Pieces, GpuError> {
+        let gathered = machine.take_pieces("Gaussians", self.count, machine.division(layout.plane_count()))?;
+        for new in gathered.of(self.count) {
+            for old in old.of(self.old_count) {
+                self.gather_piece(machine, layout, [&old, &new], keeps_new)?;
+            }
+        }
         Ok(gathered)
+    }
+
+    /// What goes from an old piece into a new one.
+    fn gather_piece(
+        &self,
+        machine: &mut Machine,
+        layout: Layout,
+        [old, new]: [&Piece<'_>; 2],
+        keeps_new: bool,
+    ) -> Result<(), GpuError> {
+        let gathering = Gathering {
+            first: new.gaussians.start as u32,
+            end: new.gaussians.end as u32,
+            numbers: new.array.len() as u32,
+            keeps_new: u32::from(keeps_new),
+            old_first: old.gaussians.start as u32,
+            old_end: old.gaussians.end as u32,
+        };
+        let bound = [Uniform(bytemuck::bytes_of(&gathering)), Of(&self.heirs), Of(old.array), Of(new.array)];
+        let source = || source::densify_gather(layout);
+        machine.run(&format!("{layout:?}"), "gather", &source, &bound, Groups::For(new.array.len()))
     }
 
     /// Moves and shrinks the parts of what was split. The host draws the noise, the same as every executor.
@@ -238,7 +274,7 @@ impl Heirs {
         &self,
         machine: &mut Machine,
         layout: Layout,
-        values: &Array,
+        values: &Pieces,
         key: RandomKey,
     ) -> Result<(), GpuError> {
         if self.split_count == 0 {
@@ -252,12 +288,34 @@ impl Heirs {
             .flat_map(|draw| part_noise(key.seed, key.stream, draw))
             .collect();
         let noise = machine.upload("noise", &noise)?;
-        let settings = [self.count as u32, self.old_count as u32];
-        let bound =
-            [Uniform(bytemuck::cast_slice(&settings)), Of(&self.heirs), Of(&self.places), Of(&noise), Of(values)];
-        let source = || source::densify_parts(layout);
-        machine.run(&format!("{layout:?}"), "become_parts", &source, &bound, Groups::For(self.count))
+        let (key, source) = (format!("{layout:?}"), || source::densify_parts(layout));
+        for Piece { gaussians, array } in values.of(self.count) {
+            let settings = [gaussians.start, gaussians.len(), self.old_count].map(|number| number as u32);
+            let bound =
+                [Uniform(bytemuck::cast_slice(&settings)), Of(&self.heirs), Of(&self.places), Of(&noise), Of(array)];
+            machine.run(&key, "become_parts", &source, &bound, Groups::For(gaussians.len()))?;
+        }
+        Ok(())
     }
+}
+
+/// Runs a kernel of `densify_heirs.wgsl` for every piece, an invocation for so many Gaussians.
+fn run_heirs(
+    machine: &mut Machine,
+    entry: &'static str,
+    gaussians: &Gaussians<Pieces>,
+    others: &[Bound<'_>],
+    each: usize,
+) -> Result<(), GpuError> {
+    let (count, layout) = (gaussians.count, gaussians.layout);
+    let (key, source) = (format!("{layout:?}"), || source::densify_heirs(layout));
+    for Piece { gaussians, array } in gaussians.values.of(count) {
+        let settings = [count, gaussians.start, gaussians.len()].map(|number| number as u32);
+        let mut bound = vec![Uniform(bytemuck::cast_slice(&settings)), Of(array)];
+        bound.extend(others);
+        machine.run(&key, entry, &source, &bound, Groups::For(gaussians.len().div_ceil(each)))?;
+    }
+    Ok(())
 }
 
 /// Bits that sort as numbers do, as in `bits.wgsl`.

@@ -104,6 +104,8 @@ pub struct Gpu {
     pub(crate) queue: Queue,
     info: AdapterInfo,
     limits: Limits,
+    /// Most bytes of an array of Gaussians.
+    piece_max: u64,
     fault: Arc<Mutex<Option<GpuError>>>,
     waits: AtomicUsize,
 }
@@ -176,7 +178,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
         let of_loss = fault.clone();
         device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
-        Ok(Self { device, queue, info, limits, fault, waits: AtomicUsize::new(0) })
+        Ok(Self { device, queue, info, limits, piece_max: u64::MAX, fault, waits: AtomicUsize::new(0) })
     }
 
     /// Name, driver and kind of the adapter.
@@ -194,6 +196,18 @@ impl Gpu {
     pub fn limited(mut self, bytes: u64) -> Self {
         self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
         self
+    }
+
+    /// This device, but Gaussians lie in pieces of no more than so many bytes, or of sixteen. Results do not depend on it.
+    #[must_use]
+    pub fn in_pieces(mut self, bytes: u64) -> Self {
+        self.piece_max = bytes;
+        self
+    }
+
+    /// Largest array that Gaussians are put into, in bytes.
+    pub(crate) fn piece_max(&self) -> u64 {
+        self.piece_max.min(self.binding_max())
     }
 
     /// Largest array that a shader may see, in bytes: whole vectors of four numbers.

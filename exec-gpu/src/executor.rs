@@ -9,8 +9,8 @@ use crate::{
     gaussians_vjp::{Way, gaussians_vjp},
     loss::{Target, loss},
     machine::Machine,
-    memory::Array,
     optimise::{optimise, optimise_environment},
+    pieces::Pieces,
     pixel::{shade_pixels, shade_pixels_vjp},
     prefilter::{Light, LightGrad, Weights, prefilter, prefilter_vjp},
     project::{Splats, project},
@@ -75,7 +75,7 @@ impl GpuExecutor {
 }
 
 impl Renderer for GpuExecutor {
-    type Array = Array;
+    type Array = Pieces;
     type Light = Light;
     type Splats = Splats;
     type Colors = Colors;
@@ -83,12 +83,18 @@ impl Renderer for GpuExecutor {
     type Frame = Frame;
     type Error = GpuError;
 
-    fn upload(&mut self, values: &[f32]) -> Result<Array, GpuError> {
-        self.machine.upload("numbers", values)
+    fn upload(&mut self, values: &[f32]) -> Result<Pieces, GpuError> {
+        self.machine.upload("numbers", values).map(Pieces::from)
     }
 
-    fn download(&mut self, array: &Array, values: &mut [f32]) -> Result<(), GpuError> {
-        self.machine.download(array, 0, values)
+    fn upload_gaussians<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<Gaussians<Pieces>, GpuError> {
+        let division = self.machine.division(gaussians.layout.plane_count());
+        let values = gaussians.values.as_ref();
+        Ok(gaussians.with_values(self.machine.upload_pieces("Gaussians", values, gaussians.count, division)?))
+    }
+
+    fn download(&mut self, array: &Pieces, values: &mut [f32]) -> Result<(), GpuError> {
+        self.machine.download_pieces(array, values)
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
@@ -97,21 +103,21 @@ impl Renderer for GpuExecutor {
 
     fn prefilter(
         &mut self,
-        environment: &Environment<Array>,
+        environment: &Environment<Pieces>,
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
         let weights = self.weights((scheme, environment.resolution, levels))?;
-        prefilter(&mut self.machine, &weights, &environment.with_values(&environment.values), Storage::F32)
+        prefilter(&mut self.machine, &weights, &environment.with_values(environment.values.whole()), Storage::F32)
     }
 
-    fn project(&mut self, gaussians: &Gaussians<Array>, camera: &Camera) -> Result<Splats, GpuError> {
+    fn project(&mut self, gaussians: &Gaussians<Pieces>, camera: &Camera) -> Result<Splats, GpuError> {
         project(&mut self.machine, &gaussians.with_values(&gaussians.values), Storage::F32, camera)
     }
 
     fn shade(
         &mut self,
-        gaussians: &Gaussians<Array>,
+        gaussians: &Gaussians<Pieces>,
         camera: &Camera,
         splats: &Splats,
         light: Option<&Light>,
@@ -184,32 +190,33 @@ impl Executor for GpuExecutor {
 
     fn gaussians_vjp(
         &mut self,
-        gaussians: &Gaussians<Array>,
+        gaussians: &Gaussians<Pieces>,
         camera: &Camera,
-        splats: &Splats,
+        _splats: &Splats,
         light: Option<&Light>,
         rules: &RenderRules,
         weights: &LossWeights,
         grads: &SplatGrads,
-    ) -> Result<(Gaussians<Array>, Option<LightGrad>), GpuError> {
-        let way = Way { splats, light, rules, weights, grads };
+    ) -> Result<(Gaussians<Pieces>, Option<LightGrad>), GpuError> {
+        let way = Way { light, rules, weights, grads };
         gaussians_vjp(&mut self.machine, gaussians, camera, &way)
     }
 
     fn prefilter_vjp(
         &mut self,
-        environment: &Environment<Array>,
+        environment: &Environment<Pieces>,
         light: &Light,
         grad: &LightGrad,
-    ) -> Result<Array, GpuError> {
-        prefilter_vjp(&mut self.machine, environment, light, grad)
+    ) -> Result<Pieces, GpuError> {
+        let environment = environment.with_values(environment.values.whole());
+        prefilter_vjp(&mut self.machine, &environment, light, grad).map(Pieces::from)
     }
 
     fn optimise(
         &mut self,
-        gaussians: &mut Gaussians<Array>,
-        moments: &mut Moments<Array>,
-        grad: Gaussians<Array>,
+        gaussians: &mut Gaussians<Pieces>,
+        moments: &mut Moments<Pieces>,
+        grad: Gaussians<Pieces>,
         rates: &[f32],
         step: u32,
     ) -> Result<(), GpuError> {
@@ -218,9 +225,9 @@ impl Executor for GpuExecutor {
 
     fn optimise_environment(
         &mut self,
-        environment: &mut Environment<Array>,
-        moments: &mut Moments<Array>,
-        grad: Array,
+        environment: &mut Environment<Pieces>,
+        moments: &mut Moments<Pieces>,
+        grad: Pieces,
         rate: f32,
         radiance_max: f32,
         step: u32,
@@ -234,7 +241,7 @@ impl Executor for GpuExecutor {
 
     fn observe(
         &mut self,
-        statistics: &mut Statistics<Array>,
+        statistics: &mut Statistics<Pieces>,
         splats: &Splats,
         grads: &SplatGrads,
         camera: &Camera,
@@ -244,9 +251,9 @@ impl Executor for GpuExecutor {
 
     fn densify(
         &mut self,
-        gaussians: &mut Gaussians<Array>,
-        moments: &mut Moments<Array>,
-        statistics: &mut Statistics<Array>,
+        gaussians: &mut Gaussians<Pieces>,
+        moments: &mut Moments<Pieces>,
+        statistics: &mut Statistics<Pieces>,
         rules: &DensifyRules,
         count_max: usize,
         key: RandomKey,
@@ -256,8 +263,8 @@ impl Executor for GpuExecutor {
 
     fn limit_plane(
         &mut self,
-        gaussians: &mut Gaussians<Array>,
-        moments: &mut Moments<Array>,
+        gaussians: &mut Gaussians<Pieces>,
+        moments: &mut Moments<Pieces>,
         plane: usize,
         ceiling: f32,
     ) -> Result<(), GpuError> {

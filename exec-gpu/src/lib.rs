@@ -22,6 +22,7 @@ pub mod loss;
 mod machine;
 pub mod memory;
 mod optimise;
+pub mod pieces;
 mod pixel;
 pub mod prefilter;
 mod probe;

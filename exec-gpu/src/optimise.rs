@@ -7,7 +7,7 @@ use crate::{
         Groups,
     },
     machine::Machine,
-    memory::Array,
+    pieces::Pieces,
     source,
 };
 use bytemuck::{Pod, Zeroable};
@@ -31,9 +31,9 @@ struct StepSize {
 
 pub(crate) fn optimise(
     machine: &mut Machine,
-    gaussians: &mut Gaussians<Array>,
-    moments: &mut Moments<Array>,
-    grad: &Gaussians<Array>,
+    gaussians: &mut Gaussians<Pieces>,
+    moments: &mut Moments<Pieces>,
+    grad: &Gaussians<Pieces>,
     rates: &[f32],
     step: u32,
 ) -> Result<(), GpuError> {
@@ -42,9 +42,9 @@ pub(crate) fn optimise(
 
 pub(crate) fn optimise_environment(
     machine: &mut Machine,
-    environment: &mut Environment<Array>,
-    moments: &mut Moments<Array>,
-    grad: &Array,
+    environment: &mut Environment<Pieces>,
+    moments: &mut Moments<Pieces>,
+    grad: &Pieces,
     rate: f32,
     radiance_max: f32,
     step: u32,
@@ -65,30 +65,34 @@ struct Pace<'a> {
 
 fn adam(
     machine: &mut Machine,
-    values: &Array,
-    moments: &mut Moments<Array>,
-    grad: &Array,
+    values: &Pieces,
+    moments: &mut Moments<Pieces>,
+    grad: &Pieces,
     pace: &Pace<'_>,
 ) -> Result<(), GpuError> {
     let rates: Vec<f32> = pace.rates.iter().map(|rate| corrected_rate(*rate, pace.step)).collect();
     let rates = machine.upload("learning rates", &rates)?;
     let ledger = machine.ledger.clone();
     let size = StepSize {
-        count: values.len() as u32,
+        count: 0,
         planes: pace.rates.len() as u32,
         epsilon: corrected_epsilon(pace.step),
         is_limited: u32::from(pace.value_max.is_some()),
         value_max: pace.value_max.unwrap_or_default(),
         padding: [0; 3],
     };
-    let bound = [
-        Uniform(bytemuck::bytes_of(&size)),
-        Of(&rates),
-        Of(grad),
-        Of(values),
-        Of(&moments.mean),
-        Of(&moments.square),
-        Of(ledger.array()),
-    ];
-    machine.run("optimise", "optimise", &source::optimise, &bound, Groups::For(values.len()))
+    for [grad, values, mean, square] in Pieces::side_by_side([grad, values, &moments.mean, &moments.square]) {
+        let size = StepSize { count: values.len() as u32, ..size };
+        let bound = [
+            Uniform(bytemuck::bytes_of(&size)),
+            Of(&rates),
+            Of(grad),
+            Of(values),
+            Of(mean),
+            Of(square),
+            Of(ledger.array()),
+        ];
+        machine.run("optimise", "optimise", &source::optimise, &bound, Groups::For(values.len()))?;
+    }
+    Ok(())
 }

@@ -251,7 +251,7 @@ pub(crate) fn prefilter(
 
 pub(crate) fn prefilter_vjp(
     machine: &mut Machine,
-    environment: &Environment<Array>,
+    environment: &Environment<&Array>,
     light: &Light,
     grad: &LightGrad,
 ) -> Result<Array, GpuError> {
@@ -272,7 +272,7 @@ pub(crate) fn prefilter_vjp(
     }
     let out = machine.take("gradient of an environment", environment.values.len())?;
     let settings = base_of(environment);
-    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&environment.values), Of(&nodes), Of(&out)];
+    let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(environment.values), Of(&nodes), Of(&out)];
     let groups = Groups::For(texel_count(environment));
     machine.run("activate", "activate_texels_vjp", &source::activate_vjp, &bound, groups)?;
     Ok(out)
@@ -331,8 +331,8 @@ mod tests {
         let values = draw(0, 3 * FACE_COUNT * resolution * resolution);
         let grad = LightGrad { texels: draw(1, TEXEL_LEN * weights.operator.padded_count()) };
         let environment = Environment { resolution, activation: RadianceActivation::Identity, values };
-        let light = prefilter(machine, weights, &environment.with_values(&environment.values), Storage::F32);
-        let light = light.expect("the device filters");
+        let environment = environment.with_values(&environment.values);
+        let light = prefilter(machine, weights, &environment, Storage::F32).expect("the device filters");
         let back = prefilter_vjp(machine, &environment, &light, &grad).expect("the device goes back");
         [light.texels, back].map(|array| {
             let mut numbers = vec![0.0; array.len()];

@@ -13,7 +13,6 @@ use crate::{
     source,
     trace::trace,
 };
-use specula_core::executor::Renderer;
 
 impl GpuExecutor {
     /// A formula for rows of inputs, on the device: all its results, row by row. A row has all numbers of all
@@ -21,15 +20,15 @@ impl GpuExecutor {
     pub fn evaluate(&mut self, formula: &impl Formula, inputs: &[f32]) -> Result<Vec<f32>, GpuError> {
         let (width, height) = (len_of(&formula.parameters()), len_of(&formula.results()));
         let rows = inputs.len() / width;
-        let inputs = self.upload(inputs)?;
-        let outputs = self.upload(&vec![0.0; rows * height])?;
+        let inputs = self.machine.upload("rows", inputs)?;
+        let outputs = self.machine.zeros("rows", rows * height)?;
         let source = || source::probe(&statements(formula, width, height));
         let settings = [rows as u32];
         let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(&inputs), Of(&outputs)];
         let key = format!("{} {}", formula.name(), statements(formula, width, height));
         self.machine.run(&key, "probe", &source, &bound, Groups::For(rows))?;
         let mut values = vec![0.0; rows * height];
-        self.download(&outputs, &mut values)?;
+        self.machine.download(&outputs, 0, &mut values)?;
         Ok(values)
     }
 

@@ -8,6 +8,7 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
+    pieces::Pieces,
     source,
     view::View,
 };
@@ -20,6 +21,8 @@ pub(crate) const SPLAT_LEN: usize = 12;
 #[derive(Debug)]
 pub struct Splats {
     pub(crate) count: usize,
+    /// Gaussians in each piece of those that they come from.
+    pub(crate) gaussians_each: usize,
     /// `Splat` of `camera.wgsl`, one for each Gaussian.
     pub(crate) splats: Array,
     /// Bits of the depths, which sort as they do; `NOT_DRAWN` for what is not drawn.
@@ -30,21 +33,29 @@ pub struct Splats {
 
 pub(crate) fn project(
     machine: &mut Machine,
-    gaussians: &Gaussians<&Array>,
+    gaussians: &Gaussians<&Pieces>,
     storage: Storage,
     camera: &Camera,
 ) -> Result<Splats, GpuError> {
     let Gaussians { count, layout, values } = *gaussians;
     let splats = Splats {
         count,
+        gaussians_each: values.gaussians_each(),
         splats: machine.take("splats", SPLAT_LEN * count)?,
         depth_keys: machine.take("depths", count)?,
         tile_counts: machine.take("numbers of tiles", count)?,
     };
-    let view = View::new(camera, count);
-    let bound =
-        [Uniform(view.bytes()), Of(values), Of(&splats.splats), Of(&splats.depth_keys), Of(&splats.tile_counts)];
     let (key, source) = (format!("{layout:?} {storage:?}"), || source::project(layout, storage));
-    machine.run(&key, "project", &source, &bound, Groups::For(count))?;
+    for piece in values.of(count) {
+        let view = View::of(camera, piece.gaussians.clone());
+        let bound = [
+            Uniform(view.bytes()),
+            Of(piece.array),
+            Of(&splats.splats),
+            Of(&splats.depth_keys),
+            Of(&splats.tile_counts),
+        ];
+        machine.run(&key, "project", &source, &bound, Groups::For(piece.gaussians.len()))?;
+    }
     Ok(splats)
 }

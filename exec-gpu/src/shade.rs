@@ -9,6 +9,7 @@ use crate::{
     },
     machine::Machine,
     memory::Array,
+    pieces::Pieces,
     prefilter::Light,
     project::Splats,
     source,
@@ -25,7 +26,7 @@ pub struct Colors {
 
 pub(crate) fn shade(
     machine: &mut Machine,
-    gaussians: &Gaussians<&Array>,
+    gaussians: &Gaussians<&Pieces>,
     storage: Storage,
     camera: &Camera,
     splats: &Splats,
@@ -35,15 +36,17 @@ pub(crate) fn shade(
     let shading = ShadingOf { layout: gaussians.layout, rules: *rules };
     let channels = shading.blended().count();
     let colors = Colors { channels, values: machine.take("channels", channels.next_multiple_of(4) * gaussians.count)? };
-    let view = View::new(camera, gaussians.count);
     let own_light = light.filter(|_| shading.looks_light_up());
     let layout = own_light.map(|light| &light.layout);
-    let mut bound = vec![Uniform(view.bytes()), Of(gaussians.values), Of(&splats.depth_keys), Of(&colors.values)];
-    if let Some(light) = own_light {
-        bound.extend([Of(&light.texels), Of(&light.split_sum)]);
-    }
     let key = format!("{shading:?} {storage:?} {layout:?}");
     let source = || source::shade(&shading, storage, layout);
-    machine.run(&key, "shade", &source, &bound, Groups::For(gaussians.count))?;
+    for piece in gaussians.values.of(gaussians.count) {
+        let view = View::of(camera, piece.gaussians.clone());
+        let mut bound = vec![Uniform(view.bytes()), Of(piece.array), Of(&splats.depth_keys), Of(&colors.values)];
+        if let Some(light) = own_light {
+            bound.extend([Of(&light.texels), Of(&light.split_sum)]);
+        }
+        machine.run(&key, "shade", &source, &bound, Groups::For(piece.gaussians.len()))?;
+    }
     Ok(colors)
 }

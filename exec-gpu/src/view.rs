@@ -1,6 +1,7 @@
 //! A camera as shaders read it.
 
 use bytemuck::{Pod, Zeroable};
+use core::ops::Range;
 use specula_core::{bin::tile_count, camera::Camera, vector::Vec3};
 
 /// `Camera` of `camera.wgsl`.
@@ -10,7 +11,7 @@ pub(crate) struct View {
     row_x: [f32; 3],
     gaussian_count: u32,
     row_y: [f32; 3],
-    padding_y: u32,
+    first_gaussian: u32,
     row_z: [f32; 3],
     padding_z: u32,
     position: [f32; 3],
@@ -26,13 +27,17 @@ pub(crate) struct View {
 impl View {
     /// A camera, and how many Gaussians it looks at.
     pub(crate) fn new(camera: &Camera, gaussian_count: usize) -> Self {
+        Self::of(camera, 0..gaussian_count)
+    }
+    /// A camera, and at which Gaussians of more it looks.
+    pub(crate) fn of(camera: &Camera, gaussians: Range<usize>) -> Self {
         let lifted = camera.lift(0.0_f32);
         let [row_x, row_y, row_z] = lifted.camera_from_world.rows.map(Vec3::to_array);
         Self {
             row_x,
-            gaussian_count: gaussian_count as u32,
+            gaussian_count: gaussians.len() as u32,
             row_y,
-            padding_y: 0,
+            first_gaussian: gaussians.start as u32,
             row_z,
             padding_z: 0,
             position: lifted.position.to_array(),

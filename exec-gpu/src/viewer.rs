@@ -5,7 +5,7 @@ use crate::{
     blend::Frame,
     device::GpuError,
     executor::GpuExecutor,
-    memory::Array,
+    pieces::Pieces,
     prefilter::{Light, prefilter},
     project::{Splats, project},
     shade::{Colors, shade},
@@ -29,7 +29,7 @@ pub struct GpuViewer {
 /// Numbers of a [`GpuViewer`].
 #[derive(Debug)]
 pub struct Stored {
-    words: Array,
+    words: Pieces,
     /// The planes of the Gaussians that the words hold as halves; none where they are numbers in full.
     halves_of: Option<Layout>,
 }
@@ -41,6 +41,10 @@ impl Stored {
     /// Bytes that they take on the device.
     pub fn bytes(&self) -> usize {
         size_of::<u32>() * self.words.len()
+    }
+    /// How many arrays they lie in.
+    pub fn piece_count(&self) -> usize {
+        self.words.piece_count()
     }
 }
 
@@ -60,19 +64,13 @@ impl GpuViewer {
         &mut self.exec
     }
 
-    /// Gaussians to the device. Their numbers are rounded and packed here, so that every device has the same halves, and
-    /// has no more of them than it needs.
-    pub fn store<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<Gaussians<Stored>, GpuError> {
-        let Gaussians { count, layout, ref values } = *gaussians;
-        let stored = match self.storage {
-            Storage::F32 => self.upload(values.as_ref())?,
-            Storage::F16 => {
-                let mut words = vec![0; count.next_multiple_of(BLOCK) * self.storage.words(layout)];
-                pack(gaussians, &mut words);
-                Stored { words: self.exec.machine.upload("Gaussians", &words)?, halves_of: Some(layout) }
-            }
-        };
-        Ok(gaussians.with_values(stored))
+    /// Rounded and packed on the host, so that every device has the same halves, and has no more of them than it needs.
+    fn upload_halves<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<Pieces, GpuError> {
+        let (count, words_each) = (gaussians.count, Storage::F16.words(gaussians.layout));
+        let mut words = vec![0; count.next_multiple_of(BLOCK) * words_each];
+        pack(gaussians, &mut words);
+        let division = self.exec.machine.division(words_each);
+        self.exec.machine.upload_pieces("Gaussians", &words, count, division)
     }
 }
 
@@ -85,15 +83,23 @@ impl Renderer for GpuViewer {
     type Frame = Frame;
     type Error = GpuError;
 
-    /// Numbers in full; for Gaussians there is [`GpuViewer::store`].
+    /// Numbers in full.
     fn upload(&mut self, values: &[f32]) -> Result<Stored, GpuError> {
         Ok(Stored { words: self.exec.upload(values)?, halves_of: None })
+    }
+
+    fn upload_gaussians<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<Gaussians<Stored>, GpuError> {
+        let stored = match self.storage {
+            Storage::F32 => Stored { words: self.exec.upload_gaussians(gaussians)?.values, halves_of: None },
+            Storage::F16 => Stored { words: self.upload_halves(gaussians)?, halves_of: Some(gaussians.layout) },
+        };
+        Ok(gaussians.with_values(stored))
     }
 
     fn download(&mut self, array: &Stored, values: &mut [f32]) -> Result<(), GpuError> {
         let Some(layout) = array.halves_of else { return self.exec.download(&array.words, values) };
         let mut words = vec![0; array.words.len()];
-        self.exec.machine.download(&array.words, 0, &mut words)?;
+        self.exec.machine.download_pieces(&array.words, &mut words)?;
         unpack(&words, layout, values);
         Ok(())
     }
@@ -109,7 +115,7 @@ impl Renderer for GpuViewer {
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
         let weights = self.exec.weights((scheme, environment.resolution, levels))?;
-        let environment = environment.with_values(&environment.values.words);
+        let environment = environment.with_values(environment.values.words.whole());
         prefilter(&mut self.exec.machine, &weights, &environment, self.storage)
     }
 

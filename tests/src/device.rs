@@ -9,8 +9,17 @@ pub fn executor() -> Option<GpuExecutor> {
 
 /// An executor whose arrays have no more than so many bytes.
 pub fn executor_with_arrays_of(bytes: u64) -> Option<GpuExecutor> {
+    device().map(|gpu| GpuExecutor::new(gpu.limited(bytes)))
+}
+
+/// An executor that divides Gaussians into pieces of so many bytes.
+pub fn executor_in_pieces_of(bytes: u64) -> Option<GpuExecutor> {
+    device().map(|gpu| GpuExecutor::new(gpu.in_pieces(bytes)))
+}
+
+fn device() -> Option<Gpu> {
     match Gpu::new("") {
-        Ok(gpu) => Some(GpuExecutor::new(gpu.limited(bytes))),
+        Ok(gpu) => Some(gpu),
         Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
         Err(error) => {
             eprintln!("NOT TESTED, because {error}");

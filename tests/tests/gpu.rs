@@ -21,7 +21,7 @@ use specula_gpu::{
 };
 use specula_tests::{
     compare::{assert_all_close, assert_psnr, psnr},
-    device::executor,
+    device::{executor, executor_in_pieces_of},
     formulas::{ROWS, assert_same, camera, gaussian_rows, numbers_of, side_by_side, uniform_rows},
     strategies::{random_cloud, random_environment},
 };
@@ -214,7 +214,7 @@ fn viewer(storage: Storage) -> Option<GpuViewer> {
 impl Scene {
     /// The picture of a viewer, which stores the Gaussians.
     fn viewed(&self, viewer: &mut GpuViewer) -> Vec<f64> {
-        let cloud = viewer.store(&self.cloud).expect("numbers fit");
+        let cloud = viewer.upload_gaussians(&self.cloud).expect("numbers fit");
         let light = self.light(viewer);
         self.picture_of(viewer, &cloud, light.as_ref())
     }
@@ -254,6 +254,29 @@ fn a_viewer_of_numbers_in_full_is_the_executor() {
     }
 }
 
+#[test]
+fn a_viewer_shows_the_same_in_pieces() {
+    for storage in [Storage::F32, Storage::F16] {
+        let (Some(mut whole), Some(divided)) = (viewer(storage), executor_in_pieces_of(1)) else { return };
+        let mut divided = GpuViewer::new(divided, storage);
+        for (layout, shading) in [
+            (Layout::radiance(3), ShadingRules::PAPER),
+            (Layout::shaded(Some(2)), ShadingRules::PAPER),
+            (Layout::shaded(None), ShadingRules::DEFERRED),
+        ] {
+            let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
+            let scene = Scene::new(75, layout, rules, 8);
+            let stored = divided.upload_gaussians(&scene.cloud).expect("numbers fit");
+            assert_eq!(stored.values.piece_count(), 5, "a block in each");
+            assert!(scene.viewed(&mut divided) == scene.viewed(&mut whole), "{storage:?} {layout:?}");
+            let mut back = [vec![0.0; scene.cloud.values.len()], scene.cloud.values.clone()];
+            divided.download(&stored.values, &mut back[0]).expect("there are as many");
+            storage.round(&mut scene.cloud.with_values(&mut *back[1]));
+            assert!(back[0] == back[1], "{storage:?} {layout:?} comes back");
+        }
+    }
+}
+
 /// Numbers at the edges of halves: the largest, beyond it, steps between two halves, the smallest, and none at all.
 const EDGES: [f32; 20] = [
     65_504.0,
@@ -286,7 +309,7 @@ fn gaussians_come_back_from_a_device_as_the_processor_rounds_them() {
         for (gaussian, number) in EDGES.into_iter().enumerate() {
             (0..layout.plane_count()).for_each(|plane| cloud.set(gaussian, plane, [number]));
         }
-        let stored = viewer.store(&cloud).expect("numbers fit");
+        let stored = viewer.upload_gaussians(&cloud).expect("numbers fit");
         let mut back = vec![0.0; cloud.values.len()];
         viewer.download(&stored.values, &mut back).expect("there are as many");
         Storage::F16.round(&mut cloud);

@@ -19,7 +19,7 @@ use specula_gpu::{
 };
 use specula_tests::{
     compare::ROUNDING_F32,
-    device::executor,
+    device::{executor, executor_in_pieces_of},
     formulas::{ROWS, assert_same, camera, side_by_side, uniform_rows},
     strategies::random_cloud,
 };
@@ -107,14 +107,13 @@ impl HostScene {
         E::Error: core::fmt::Debug,
     {
         let mut put = |values: &[f32]| exec.upload(values).expect("numbers fit");
-        let Gaussians { count, layout, values } = &self.gaussians;
+        let statistics =
+            Statistics { grad_sum: put(&self.statistics.grad_sum), view_count: put(&self.statistics.view_count) };
+        let mut put = |values| exec.upload_gaussians(&self.gaussians.with_values(values)).expect("numbers fit");
         Scene {
-            gaussians: Gaussians { count: *count, layout: *layout, values: put(values) },
-            moments: Moments { mean: put(&self.moments.mean), square: put(&self.moments.square) },
-            statistics: Statistics {
-                grad_sum: put(&self.statistics.grad_sum),
-                view_count: put(&self.statistics.view_count),
-            },
+            gaussians: put(&self.gaussians.values),
+            moments: Moments { mean: put(&self.moments.mean).values, square: put(&self.moments.square).values },
+            statistics,
         }
     }
 }
@@ -307,6 +306,36 @@ fn densification_goes_on_from_what_it_left() {
     assert_eq!(reports[0], reports[1], "arrays that densification made are as good as others");
     let [first, again] = [first, again].map(|scene| scene.download(&mut gpu));
     assert_eq!(difference(&first, &again, &again.gaussians), None, "and so are their numbers");
+}
+
+/// Bits of all that densification changes.
+fn bits_of(scene: &HostScene) -> Vec<u32> {
+    let HostScene { gaussians, moments, statistics } = scene;
+    let lists =
+        [&gaussians.values, &moments.mean, &moments.square, &statistics.grad_sum, &statistics.view_count].into_iter();
+    lists.flatten().map(|number| number.to_bits()).collect()
+}
+
+#[test]
+fn densification_is_the_same_to_the_last_bit_in_pieces() {
+    const COUNT: usize = 1000;
+    let (layout, again) = (Layout::shaded(Some(0)), DensifyRules { grad_min: 0.0, ..RULES });
+    let bytes = 4 * layout.plane_count() * 224;
+    let (Some(mut whole), Some(mut divided)) = (executor(), executor_in_pieces_of(bytes as u64)) else { return };
+    for (seed, (name, rules, count_max)) in (0..).zip(cases(COUNT)) {
+        let densified = |gpu: &mut GpuExecutor| {
+            let mut scene = HostScene::new(COUNT, layout, seed).poisoned().upload(gpu);
+            let pieces = scene.gaussians.values.piece_count();
+            // Once more, so that pieces are taken as densification made them.
+            let reports = [scene.densify(gpu, &rules, count_max), scene.densify(gpu, &again, 1500)];
+            gpu.limit_plane(&mut scene.gaussians, &mut scene.moments, OPACITY, -1.0).expect("it limits");
+            (pieces, reports, scene.gaussians.count, bits_of(&scene.download(gpu)))
+        };
+        let (expected, actual) = (densified(&mut whole), densified(&mut divided));
+        assert_eq!([expected.0, actual.0], [1, 5], "{name}: one has pieces");
+        assert_eq!((expected.1, expected.2), (actual.1, actual.2), "{name}: as many");
+        assert!(expected.3 == actual.3, "{name}: the same numbers");
+    }
 }
 
 fn again_on_device(

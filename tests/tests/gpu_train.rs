@@ -17,7 +17,7 @@ use specula_gpu::{
     blend_vjp::{GEOMETRY, ReplayParts, SplatGrads},
 };
 use specula_tests::{
-    device::executor,
+    device::{executor, executor_in_pieces_of},
     strategies::{random_cloud, random_environment},
 };
 use specula_train::{
@@ -181,6 +181,42 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     let (again, _) = train(small, settings("specula"), STEPS);
     assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
     assert!(first == again, "a second run with room for fewer splats at once differs");
+}
+
+/// A training of so many steps that is interrupted after some of them, and goes on from its snapshot on the other
+/// executor.
+fn train_in_turns([first, second]: [GpuExecutor; 2], settings: &Settings, turns: [u32; 2]) -> (HostScene, usize) {
+    let views: Vec<View> = (1..=VIEWS).map(view).collect();
+    let mut trainer = Trainer::new(first, settings.clone(), &views, &points(0)).expect("there are views");
+    for _ in 0..turns[0] {
+        trainer.step().expect("the executor trains");
+    }
+    let snapshot = trainer.snapshot().expect("the executor gives back");
+    let mut trainer = Trainer::resume(second, settings.clone(), &views, &snapshot).expect("it is the same training");
+    for _ in 0..turns[1] {
+        trainer.step().expect("the executor trains");
+    }
+    (trainer.download().expect("the executor gives back"), trainer.gaussians().values.piece_count())
+}
+
+#[test]
+fn a_training_is_the_same_to_the_last_bit_in_pieces() {
+    const TURNS: [u32; 2] = [12, 13];
+    for name in ["specula", "3dgs"] {
+        let mut settings = settings(name);
+        let plan = &mut settings.profile.densification;
+        (plan.from, plan.every, plan.reset_every) = (0, 10, 15);
+        let executors = || {
+            let bytes = |gaussians: usize| (4 * settings.profile.layout.plane_count() * gaussians) as u64;
+            Some([executor_in_pieces_of(bytes(64))?, executor_in_pieces_of(bytes(112))?])
+        };
+        let (Some(gpu), Some(divided)) = (executor(), executors()) else { return };
+        let (expected, _) = train(gpu, settings.clone(), TURNS.iter().sum());
+        let (actual, pieces) = train_in_turns(divided, &settings, TURNS);
+        assert_ne!(expected.gaussians.count as u64, POINTS, "{name}: densification took part");
+        assert!(pieces > 3, "{name}: {pieces} pieces");
+        assert!(actual == expected, "{name}: a training in pieces differs");
+    }
 }
 
 #[test]

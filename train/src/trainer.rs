@@ -114,11 +114,11 @@ impl<E: Executor> Trainer<E> {
             let light = Environment { resolution, activation, values: exec.upload(values)? };
             Ok((light, upload_moments(&mut exec, moments)?))
         });
-        let Gaussians { count, layout, ref values } = *gaussians;
+        let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
         Ok(Self {
             light: light.transpose()?,
-            gaussians: Gaussians { count, layout, values: exec.upload(values)? },
-            moments: upload_moments(&mut exec, moments)?,
+            gaussians: upload(&gaussians.values)?,
+            moments: Moments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
             statistics: Statistics {
                 grad_sum: exec.upload(&statistics.grad_sum)?,
                 view_count: exec.upload(&statistics.view_count)?,

@@ -4,7 +4,8 @@ struct Camera {
     row_x: vec3f,
     gaussian_count: u32,
     row_y: vec3f,
-    padding_y: u32,
+    // Where the first of them lies in arrays that hold more.
+    first_gaussian: u32,
     row_z: vec3f,
     padding_z: u32,
     position: vec3f,

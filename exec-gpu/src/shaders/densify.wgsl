@@ -1,6 +1,8 @@
 // What becomes of each Gaussian: one invocation each.
 
+// The piece at hand is so many Gaussians from the first on.
 struct Rules {
+    first: u32,
     count: u32,
     grad_min: f32,
     split_scale: f32,
@@ -18,6 +20,7 @@ struct Rules {
 // How many Gaussians there are of each action.
 @group(0) @binding(6) var<storage, read_write> counts: array<atomic<u32>>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 // `specula_core::densify::decide`; what is not a number fails every comparison.
@@ -41,9 +44,10 @@ fn decide_all(
     if gaussian >= rules.count {
         return;
     }
-    let measures = measures_of(grad_sums[gaussian], view_counts[gaussian]);
+    let place = rules.first + gaussian;
+    let measures = measures_of(grad_sums[place], view_counts[place]);
     let action = decide(measures.mean_grad, measures.opacity, measures.largest_scale);
-    actions[gaussian] = action;
-    growth_keys[gaussian] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
+    actions[place] = action;
+    growth_keys[place] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
     atomicAdd(&counts[action], 1u);
 }

@@ -1,10 +1,15 @@
 // The numbers of heirs from those of their parents, bit by bit: one invocation a number.
 
 struct Gathering {
-    count: u32,
+    // The heirs of a piece, and how many numbers it has.
+    first: u32,
+    end: u32,
     numbers: u32,
     // Whether copies and parts take their parents' numbers too; else they start from zero.
     keeps_new: u32,
+    // The parents of a piece; other heirs are left to those of theirs.
+    old_first: u32,
+    old_end: u32,
 }
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
@@ -23,11 +28,14 @@ fn gather(
         return;
     }
     let row = number / BLOCK;
-    let place = row / PLANES * BLOCK + number % BLOCK;
+    let place = gathering.first + row / PLANES * BLOCK + number % BLOCK;
     var bits = 0u;
-    if place < gathering.count {
+    if place < gathering.end {
         let heir = heirs[place];
-        let parent = heir / ORIGINS;
+        if heir / ORIGINS < gathering.old_first || heir / ORIGINS >= gathering.old_end {
+            return;
+        }
+        let parent = heir / ORIGINS - gathering.old_first;
         if gathering.keeps_new != 0u || heir % ORIGINS == KEPT {
             bits = old[(parent / BLOCK * PLANES + row % PLANES) * BLOCK + parent % BLOCK];
         }

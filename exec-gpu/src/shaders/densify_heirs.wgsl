@@ -2,7 +2,11 @@
 // each; an heir is its parent's number and how it came about.
 
 struct Size {
+    // Of all Gaussians.
     count: u32,
+    // The piece at hand: its first Gaussian, and how many it has.
+    first: u32,
+    piece: u32,
 }
 
 @group(0) @binding(0) var<uniform> size: Size;
@@ -17,6 +21,7 @@ struct Size {
 @group(0) @binding(6) var<storage, read_write> heirs: array<u32>;
 @group(0) @binding(7) var<storage, read_write> split_parents: array<u32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)
@@ -26,13 +31,14 @@ fn mark(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= size.count {
+    if gaussian >= size.piece {
         return;
     }
-    let action = actions[gaussian];
-    places[gaussian] = select(0u, 1u, action == KEEP || action == CLONE);
-    places[size.count + gaussian] = select(0u, 1u, action == CLONE);
-    places[2u * size.count + gaussian] = select(0u, 1u, action == SPLIT);
+    let number = size.first + gaussian;
+    let action = actions[number];
+    places[number] = select(0u, 1u, action == KEEP || action == CLONE);
+    places[size.count + number] = select(0u, 1u, action == CLONE);
+    places[2u * size.count + number] = select(0u, 1u, action == SPLIT);
 }
 
 // The box around all means; coordinates that are not finite count for nothing. One invocation for a column.
@@ -43,7 +49,7 @@ fn find_bounds(
     @builtin(local_invocation_index) local: u32,
 ) {
     let first = linear_index(group, groups, local) * COLUMN;
-    let end = min(first + COLUMN, size.count);
+    let end = min(first + COLUMN, size.piece);
     if first >= end {
         return;
     }
@@ -83,7 +89,7 @@ fn code() -> u32 {
 }
 
 fn put(place: u32, origin: u32, own_code: u32) {
-    heirs[place] = gaussian * ORIGINS + origin;
+    heirs[place] = (size.first + gaussian) * ORIGINS + origin;
     codes[place] = own_code;
 }
 
@@ -95,24 +101,25 @@ fn put_heirs(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= size.count {
+    if gaussian >= size.piece {
         return;
     }
-    let action = actions[gaussian];
+    let number = size.first + gaussian;
+    let action = actions[number];
     if action == PRUNE {
         return;
     }
     let own_code = code();
     if action == SPLIT {
         let first_part = places[2u * size.count];
-        let split = places[2u * size.count + gaussian] - first_part;
-        split_parents[split] = gaussian;
+        let split = places[2u * size.count + number] - first_part;
+        split_parents[split] = number;
         put(first_part + 2u * split, FIRST_PART, own_code);
         put(first_part + 2u * split + 1u, FIRST_PART + 1u, own_code);
         return;
     }
-    put(places[gaussian], KEPT, own_code);
+    put(places[number], KEPT, own_code);
     if action == CLONE {
-        put(places[size.count + gaussian], COPIED, own_code);
+        put(places[size.count + number], COPIED, own_code);
     }
 }

@@ -1,6 +1,8 @@
 // Parts of split Gaussians move, and shrink: one invocation an heir.
 
+// The piece at hand is so many heirs from the first on.
 struct Parts {
+    first: u32,
     count: u32,
     old_count: u32,
 }
@@ -12,6 +14,7 @@ struct Parts {
 @group(0) @binding(3) var<storage, read> noise: array<f32>;
 @group(0) @binding(4) var<storage, read_write> values: array<f32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 fn set_plane(number: u32, value: f32) {
@@ -25,12 +28,16 @@ fn become_parts(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= parts.count || heirs[gaussian] % ORIGINS < FIRST_PART {
+    if gaussian >= parts.count {
         return;
     }
-    let parent = heirs[gaussian] / ORIGINS;
+    let heir = heirs[parts.first + gaussian];
+    if heir % ORIGINS < FIRST_PART {
+        return;
+    }
+    let parent = heir / ORIGINS;
     let split = places[2u * parts.old_count + parent] - places[2u * parts.old_count];
-    let first = 3u * (2u * split + heirs[gaussian] % ORIGINS - FIRST_PART);
+    let first = 3u * (2u * split + heir % ORIGINS - FIRST_PART);
     let part = part_of(vec3f(noise[first], noise[first + 1u], noise[first + 2u]));
     for (var axis = 0u; axis < 3u; axis++) {
         set_plane(MEAN + axis, part.mean[axis]);

@@ -6,10 +6,12 @@
 @group(0) @binding(2) var<storage, read> splat_grads: array<f32>;
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 fn splat_grad(number: u32) -> f32 {
-    return splat_grads[(gaussian / BLOCK * SPLAT_PLANES + number) * BLOCK + gaussian % BLOCK];
+    let place = camera.first_gaussian + gaussian;
+    return splat_grads[(place / BLOCK * SPLAT_PLANES + number) * BLOCK + place % BLOCK];
 }
 
 fn put(plane: u32, grad: f32) {

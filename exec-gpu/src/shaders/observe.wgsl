@@ -17,10 +17,11 @@ fn observe(
     if gaussian >= camera.gaussian_count || ledger[IS_SHORT] != 0u {
         return;
     }
+    let place = camera.first_gaussian + gaussian;
     let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
     let length = grad_length(vec2f(grads[first], grads[first + BLOCK]), vec2f(camera.size) / 2.0);
-    if splats[gaussian].reach > 0.0 && is_finite(length) {
-        grad_sums[gaussian] += length;
-        view_counts[gaussian] += 1.0;
+    if splats[place].reach > 0.0 && is_finite(length) {
+        grad_sums[place] += length;
+        view_counts[place] += 1.0;
     }
 }

@@ -6,6 +6,7 @@
 @group(0) @binding(3) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(4) var<storage, read_write> tile_counts: array<u32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)
@@ -20,9 +21,10 @@ fn project(
     }
     let s = splat_of();
     let splat = Splat(s.mean2d, s.log2_opacity, s.opacity, s.root, s.reach, s.half_extent, s.depth, 0.0);
-    splats[gaussian] = splat;
+    let place = camera.first_gaussian + gaussian;
+    splats[place] = splat;
     let count = select(0u, count_tiles(splat), s.reach >= 0.0);
-    tile_counts[gaussian] = count;
+    tile_counts[place] = count;
     // Depths are positive, so their bits sort as they do; what is not drawn comes last.
-    depth_keys[gaussian] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
+    depth_keys[place] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
 }

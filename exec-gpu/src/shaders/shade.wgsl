@@ -5,6 +5,7 @@
 @group(0) @binding(2) var<storage, read> depth_keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> colors: array<f32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)
@@ -14,11 +15,12 @@ fn shade(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= camera.gaussian_count || depth_keys[gaussian] == NOT_DRAWN {
+    let place = camera.first_gaussian + gaussian;
+    if gaussian >= camera.gaussian_count || depth_keys[place] == NOT_DRAWN {
         return;
     }
     let channels = channels_of();
-    let first = gaussian * CHANNEL_VECTORS * 4u;
+    let first = place * CHANNEL_VECTORS * 4u;
     for (var c = 0u; c < CHANNELS; c++) {
         colors[first + c] = channels[c];
     }

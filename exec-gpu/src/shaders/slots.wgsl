@@ -1,9 +1,12 @@
 // Slots to gradients of splats: each Gaussian sums up its own, in the order of their emission.
 
-// Emissions that have a slot.
+// Emissions that have a slot, and the piece of the sums at hand.
 struct Batch {
     first: u32,
     end: u32,
+    first_gaussian: u32,
+    // With the lanes that fill up its last block.
+    gaussians_end: u32,
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -14,6 +17,7 @@ struct Batch {
 @group(0) @binding(5) var<storage, read> slots: array<f32>;
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
 
+// In its piece.
 var<private> gaussian: u32;
 
 fn place_of(number: u32) -> u32 {
@@ -38,15 +42,20 @@ fn sum_slots(
     let index = linear_index(group, groups, local);
     let place = index / SLOT;
     let number = index % SLOT;
-    if place >= camera.gaussian_count {
-        // Lanes that only fill up the last block.
-        gaussian = place;
-        if place < (camera.gaussian_count + BLOCK - 1u) / BLOCK * BLOCK {
-            put_sum(number, 0.0);
-        }
+    // Behind all Gaussians there are lanes that only fill up the last block.
+    let is_filling = place >= camera.gaussian_count;
+    var whose = place;
+    if !is_filling {
+        whose = order[place];
+    }
+    if whose < batch.first_gaussian || whose >= batch.gaussians_end {
         return;
     }
-    gaussian = order[place];
+    gaussian = whose - batch.first_gaussian;
+    if is_filling {
+        put_sum(number, 0.0);
+        return;
+    }
     var sum = 0.0;
     if batch.first > 0u {
         sum = sum_of(number);
@@ -70,7 +79,8 @@ fn finish_splats(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= camera.gaussian_count {
+    let whose = batch.first_gaussian + gaussian;
+    if whose >= min(camera.gaussian_count, batch.gaussians_end) {
         return;
     }
     var is_seen = false;
@@ -78,7 +88,7 @@ fn finish_splats(
         is_seen |= !is_zero(sum_of(number));
     }
     if is_seen {
-        let splat = splats[gaussian];
+        let splat = splats[whose];
         moments_vjp(splat.root, splat.opacity);
     }
 }

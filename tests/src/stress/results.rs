@@ -1,6 +1,6 @@
 //! What an executor makes of a case: a picture, and the gradients of a step of training.
 
-use super::{Case, LAYOUT};
+use super::Case;
 use specula_core::{
     executor::{Executor, Moments, RenderRules, Statistics},
     loss::{LossReport, LossWeights, NormalForm},
@@ -64,20 +64,22 @@ struct Scene<A> {
 
 impl<A> Scene<A> {
     fn new<E: Executor<Array = A, Error: core::fmt::Debug>>(exec: &mut E, case: &Case) -> Self {
+        let Gaussians { count, values, .. } = &case.cloud;
+        let zeros = vec![0.0; values.len()];
+        let mut upload = |values| exec.upload_gaussians(&case.cloud.with_values(values)).expect("numbers fit");
+        let [gaussians, mean, square] = [values, &zeros, &zeros].map(&mut upload);
         let mut upload = |values: &[f32]| exec.upload(values).expect("numbers fit");
-        let Gaussians { count, layout, values } = &case.cloud;
         let texels = case.environment.as_ref().map_or(0, |light| light.values.len());
         let mut zeros = |len: usize| upload(&vec![0.0; len]);
-        let [mean, square, light_mean, light_square, grad_sum, view_count] =
-            [values.len(), values.len(), texels, texels, *count, *count].map(&mut zeros);
+        let [light_mean, light_square, grad_sum, view_count] = [texels, texels, *count, *count].map(&mut zeros);
         let environment = case.environment.as_ref().map(|light| {
             let Environment { resolution, activation, values } = light;
             Environment { resolution: *resolution, activation: *activation, values: upload(values) }
         });
         Self {
-            gaussians: Gaussians { count: *count, layout: *layout, values: upload(values) },
+            gaussians,
             environment,
-            moments: Moments { mean, square },
+            moments: Moments { mean: mean.values, square: square.values },
             light_moments: Moments { mean: light_mean, square: light_square },
             statistics: Statistics { grad_sum, view_count },
             lens: [values.len(), texels, *count],
@@ -94,7 +96,7 @@ impl<A> Scene<A> {
         let light =
             light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("the resolution is allowed"));
         let frame = render(exec, &self.gaussians, light.as_ref(), &case.camera, rules).expect("the executor renders");
-        let channels = rules.blended(LAYOUT).count() + 1;
+        let channels = rules.blended(case.cloud.layout).count() + 1;
         let mut values = vec![0.0; channels * (case.camera.width * case.camera.height) as usize];
         exec.read_frame(&frame, &mut values).expect("the frame has that size");
         wide(&values)
@@ -115,7 +117,7 @@ impl<A> Scene<A> {
             background: case.background,
             rules,
             weights: &WEIGHTS,
-            rates: &vec![0.0; LAYOUT.plane_count()],
+            rates: &vec![0.0; case.cloud.layout.plane_count()],
             environment_rate: 0.0,
             radiance_max: f32::MAX,
             number: 1,
