@@ -25,6 +25,8 @@ use specula_tests::{
 /// side of a cut at 1/255 brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
 const RESOLUTION: usize = 16;
+/// How far `f32` may be from `f64` where nothing is cut off that could be seen, as a share of one or of the number.
+const SAME_NUMBER: f64 = 1e-5;
 
 fn cloud() -> Gaussians<Vec<f32>> {
     random_cloud(300, Layout::shaded(Some(1)), 3)
@@ -85,6 +87,33 @@ fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
     let usual = wide(&picture(&mut CpuViewer::new(Limits::USUAL), &cloud()));
     let apart = psnr(&usual, &exact(&cloud(), &loose));
     assert!(apart < SAME_FRAME, "other limits make another picture, so the comparison can fail: {apart} dB");
+}
+
+/// The largest difference, as a share of one or of the exact number.
+fn largest_difference(own: &[f64], exact: &[f64]) -> f64 {
+    assert_eq!(own.len(), exact.len(), "lists of different lengths cannot be close");
+    let difference = |(own, exact): (&f64, &f64)| (own - exact).abs() / exact.abs().max(1.0);
+    own.iter().zip(exact).map(difference).fold(0.0, |a, b| if b.is_nan() { f64::INFINITY } else { a.max(b) })
+}
+
+#[test]
+fn the_largest_difference_is_seen_wherever_it_is() {
+    assert_eq!(largest_difference(&[1.0, 2.0, 100.0], &[1.0, 2.5, 100.0]), 0.2);
+    assert_eq!(largest_difference(&[1.0, f64::NAN, 3.0], &[1.0, 2.0, 3.0]), f64::INFINITY);
+}
+
+#[test]
+fn ordinary_pictures_in_f32_are_those_in_f64() {
+    for projection in [Projection::Affine, Projection::Tangent, Projection::Ray] {
+        let limits = Limits::LEAST.with_projection(projection);
+        for seed in 1..6 {
+            let cloud = random_cloud(300, Layout::shaded(Some(3)), seed);
+            let difference =
+                largest_difference(&wide(&picture(&mut CpuViewer::new(limits), &cloud)), &exact(&cloud, &limits));
+            println!("{projection:?}, seed {seed}: {difference:.1e}");
+            assert!(difference < SAME_NUMBER, "{projection:?}, seed {seed}: {difference:e}");
+        }
+    }
 }
 
 #[test]
