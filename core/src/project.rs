@@ -31,6 +31,27 @@ pub struct Shape<R> {
     pub opacity_logit: R,
 }
 
+impl<R: Real> Shape<R> {
+    /// Where every number is finite: no other Gaussian is drawn.
+    #[inline(always)]
+    pub fn is_finite(&self) -> R::Mask {
+        let [w, x, y, z] = self.quat;
+        let of_quat = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
+        self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite()
+    }
+    /// The same where the mask holds, zero elsewhere.
+    #[inline(always)]
+    fn keep(self, mask: R::Mask) -> Self {
+        let [w, x, y, z] = self.quat;
+        Self {
+            mean: each!(self.mean, x => x.keep(mask)),
+            log_scales: each!(self.log_scales, x => x.keep(mask)),
+            quat: [w.keep(mask), x.keep(mask), y.keep(mask), z.keep(mask)],
+            opacity_logit: self.opacity_logit.keep(mask),
+        }
+    }
+}
+
 /// A Gaussian's image.
 ///
 /// Instead of the conic Q = cov2d⁻¹ its triangular root W is kept, Q = Wᵀ W: the exponent −½ |W δ|² is then never
@@ -41,7 +62,7 @@ pub struct Splat<R> {
     pub mean2d: [R; 2],
     /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
     pub root_conic: [R; 3],
-    /// Camera-space z of the centre.
+    /// Camera-space z of the centre; −1 for a Gaussian that is not finite.
     pub depth: R,
     /// Opacity, in (0, 1).
     pub opacity: R,
@@ -67,7 +88,8 @@ struct Projection<R> {
     determinant: R,
 }
 
-/// The splat of a Gaussian. Gaussians nearer than [`NEAR`] must not be drawn; their splat is finite but meaningless.
+/// The splat of a Gaussian. Gaussians nearer than [`NEAR`] must not be drawn; their splat is finite but meaningless. So is
+/// that of a Gaussian with a number that is not finite, and it lies behind the eye.
 ///
 /// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V by Cauchy and
 /// Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of 10⁵ px keep their digits.
@@ -83,7 +105,7 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
             camera.focal_px[1].mul_add(y, camera.principal_px[1]),
         ],
         root_conic: [xx, yx, yy],
-        depth: p.mean_in_camera.z,
+        depth: R::select(shape.is_finite(), p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
         opacity: sigmoid(shape.opacity_logit),
         variance: [p.variance_x, p.half[1].length_squared() + BLUR],
     }
@@ -102,7 +124,8 @@ pub struct SplatGrad<R> {
     pub opacity: R,
 }
 
-/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient.
+/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient. A Gaussian
+/// that is not finite has none.
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
@@ -138,12 +161,13 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
 
     let turn = |k: usize| camera.camera_from_world.transform_transposed(grad_columns[k]);
     let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
-    Shape {
+    let grad = Shape {
         mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
         log_scales: scales_vjp(shape.log_scales, p.scales, grad_scales),
         quat: rotation_vjp(shape.quat, &Mat3::from_columns([turn(0), turn(1), turn(2)])),
         opacity_logit: sigmoid_vjp(sigmoid(shape.opacity_logit), grad.opacity),
-    }
+    };
+    grad.keep(shape.is_finite())
 }
 
 #[inline(always)]

@@ -113,7 +113,7 @@ impl Renderer for GpuExecutor {
         &mut self,
         gaussians: &Gaussians<Array>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, GpuError> {

@@ -23,12 +23,13 @@ pub struct Colors {
     pub(crate) values: Array,
 }
 
+/// The channels of what is drawn; what has a colour that is not finite is not drawn any more.
 pub(crate) fn shade(
     machine: &mut Machine,
     gaussians: &Gaussians<&Array>,
     storage: Storage,
     camera: &Camera,
-    splats: &Splats,
+    splats: &mut Splats,
     light: Option<&Light>,
     rules: &RenderRules,
 ) -> Result<Colors, GpuError> {
@@ -42,6 +43,7 @@ pub(crate) fn shade(
     if let Some(light) = own_light {
         bound.extend([Of(&light.texels), Of(&light.split_sum)]);
     }
+    bound.extend([Of(&splats.tile_counts), Of(&splats.splats)]);
     let key = format!("{shading:?} {storage:?} {layout:?}");
     let source = || source::shade(&shading, storage, layout);
     machine.run(&key, "shade", &source, &bound, Groups::For(gaussians.count))?;
