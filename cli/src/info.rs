@@ -7,11 +7,12 @@ use crate::{
     fit::thousands,
     output,
     progress::Talk,
-    scene::{Opened, Scene},
+    scene::{Opened, Scene, nonfinite_words},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
+    census::Census,
     cubemap::FACE_COUNT,
     executor::RenderRules,
     plan::{Channels, Plan, Unlit, channel},

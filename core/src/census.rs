@@ -3,7 +3,7 @@
 use crate::{
     bin::{footprint, half_extent},
     camera::Camera,
-    project::{NEAR, Shape, project},
+    project::{Shape, project},
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
     },
@@ -35,9 +35,9 @@ pub enum Fate {
     NonfiniteHarmonics,
     /// Its opacity is below the least alpha.
     Faint,
-    /// It lies behind the eye, or nearer than [`NEAR`].
+    /// It lies behind the eye, or nearer than [`Camera::near`].
     Near,
-    /// Its place on the screen or the sum of its harmonics is too large for an `f32`.
+    /// Its place, on the way to the screen, or the sum of its harmonics is too large for an `f32`.
     TooLarge,
     /// The box around it misses the picture.
     Outside,
@@ -145,11 +145,12 @@ fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &
     let [opacity_logit] = gaussians.get::<1>(gaussian, OPACITY);
     let shape =
         Shape { mean: take3(MEAN), log_scales: take3(LOG_SCALE), quat: gaussians.get(gaussian, QUAT), opacity_logit };
-    let splat = project(&shape, &camera.lift(0.0_f32));
+    let lifted = camera.lift(0.0_f32);
+    let splat = project(&shape, &lifted);
     let reach = footprint(&splat).reach;
     if splat.opacity <= crate::bin::ALPHA_MIN {
         Fate::Faint
-    } else if splat.depth <= NEAR {
+    } else if splat.depth < 0.0 && lifted.to_camera(shape.mean).is_finite() {
         Fate::Near
     } else if reach < 0.0 || !harmonics(gaussians, gaussian, shape.mean, camera).is_finite() {
         Fate::TooLarge

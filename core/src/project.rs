@@ -11,7 +11,7 @@ use crate::{
 
 /// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's low-pass).
 pub const BLUR: f32 = 0.3;
-/// Gaussians closer to the camera plane than this are not drawn (INRIA's value, in scene units).
+/// Gaussians closer to the camera plane than this are usually not drawn (INRIA's value, in scene units).
 pub const NEAR: f32 = 0.2;
 
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px: no picture tells longer
@@ -62,7 +62,7 @@ pub struct Splat<R> {
     pub mean2d: [R; 2],
     /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
     pub root_conic: [R; 3],
-    /// Camera-space z of the centre; −1 for a Gaussian that is not finite.
+    /// Camera-space z of the centre; −1 for a Gaussian that is nearer than the camera draws, or not finite.
     pub depth: R,
     /// Opacity, in (0, 1).
     pub opacity: R,
@@ -88,8 +88,8 @@ struct Projection<R> {
     determinant: R,
 }
 
-/// The splat of a Gaussian. Gaussians nearer than [`NEAR`] must not be drawn; their splat is finite but meaningless. So is
-/// that of a Gaussian with a number that is not finite, and it lies behind the eye.
+/// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do those with a number that
+/// is not finite: they must not be drawn. What else their splat holds means nothing.
 ///
 /// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V by Cauchy and
 /// Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of 10⁵ px keep their digits.
@@ -99,13 +99,14 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let (xx, yx, yy) = root_of_conic(p.variance_x, p.covariance_xy, p.determinant);
     let x = p.mean_in_camera.x * p.inverse_depth;
     let y = p.mean_in_camera.y * p.inverse_depth;
+    let is_drawn = shape.is_finite() & camera.near.less(p.mean_in_camera.z);
     Splat {
         mean2d: [
             camera.focal_px[0].mul_add(x, camera.principal_px[0]),
             camera.focal_px[1].mul_add(y, camera.principal_px[1]),
         ],
         root_conic: [xx, yx, yy],
-        depth: R::select(shape.is_finite(), p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
+        depth: R::select(is_drawn, p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
         opacity: sigmoid(shape.opacity_logit),
         variance: [p.variance_x, p.half[1].length_squared() + BLUR],
     }
@@ -173,14 +174,14 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
 #[inline(always)]
 fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> {
     let mean_in_camera = camera.to_camera(shape.mean);
-    let near = mean_in_camera.z.constant(NEAR);
-    let depth = R::select(near.less(mean_in_camera.z), mean_in_camera.z, near);
+    let one = mean_in_camera.z.constant(1.0);
+    let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
     let inverse_depth = depth.recip();
 
     let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
     let limit = camera.slope_limit;
     let limited = |i: usize| free_slope[i].max(-limit[i]).min(limit[i]);
-    let is_free = |i: usize| near.constant(1.0).keep(free_slope[i].abs().less(limit[i]));
+    let is_free = |i: usize| one.keep(free_slope[i].abs().less(limit[i]));
     let (slope, slope_is_free) = ([limited(0), limited(1)], [is_free(0), is_free(1)]);
 
     let world_from_local = rotation(shape.quat);

@@ -29,7 +29,7 @@ use specula_core::{
 };
 
 /// The variable `camera` of a shader, in the order of [`take_camera`].
-fn camera_fields() -> [Field; 7] {
+fn camera_fields() -> [Field; 8] {
     [
         variable("camera.row_x", 3),
         variable("camera.row_y", 3),
@@ -38,6 +38,7 @@ fn camera_fields() -> [Field; 7] {
         variable("camera.focal_px", 2),
         variable("camera.principal_px", 2),
         variable("camera.slope_limit", 2),
+        variable("camera.near", 1),
     ]
 }
 
@@ -48,6 +49,7 @@ fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
         focal_px: inputs.array(),
         principal_px: inputs.array(),
         slope_limit: inputs.array(),
+        near: inputs.number(),
     }
 }
 

@@ -4,7 +4,7 @@ struct Camera {
     row_x: vec3f,
     gaussian_count: u32,
     row_y: vec3f,
-    padding_y: u32,
+    near: f32,
     row_z: vec3f,
     padding_z: u32,
     position: vec3f,

@@ -7,6 +7,7 @@ mod naive;
 mod numbers;
 mod scenes;
 mod splats;
+mod training;
 
 /// Says what came out at worst, and fails above what is allowed or if it is no number.
 #[track_caller]
