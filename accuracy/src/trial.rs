@@ -253,7 +253,7 @@ impl Renderer for Stopwatch<'_> {
         &mut self,
         gaussians: &Gaussians<Vec<f32>>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {

@@ -78,8 +78,8 @@ fn picture_stages(exec: &mut CpuExecutor, view: &View<'_, CpuExecutor>, groups: 
 /// Blending one pixel after the other.
 fn plain_loop(exec: &mut CpuExecutor, view: &View<'_, CpuExecutor>, groups: &mut Groups<'_, CpuExecutor>) {
     let View { cloud, light, camera, rules } = *view;
-    let splats = exec.project(cloud, camera).expect("the CPU projects");
-    let colors = exec.shade(cloud, camera, &splats, light, rules).expect("the CPU shades");
+    let mut splats = exec.project(cloud, camera).expect("the CPU projects");
+    let colors = exec.shade(cloud, camera, &mut splats, light, rules).expect("the CPU shades");
     let tiles = exec.bin(&splats, camera).expect("the CPU bins");
     let pairs = groups.amounts.elements(Stage::Blend);
     let blend = |_: &mut CpuExecutor, ()| Ok(work::blend_plainly(&splats, &colors, &tiles, camera));

@@ -163,13 +163,13 @@ pub fn measure_picture<E: Renderer>(
     meter: &mut impl Meter<E>,
 ) -> Result<(), E::Error> {
     let View { cloud, light, camera, rules } = *view;
-    let splats = exec.project(cloud, camera)?;
-    let colors = exec.shade(cloud, camera, &splats, light, rules)?;
+    let mut splats = exec.project(cloud, camera)?;
+    let colors = exec.shade(cloud, camera, &mut splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
-    let blend = |exec: &mut E| exec.blend(&splats, &colors, &tiles, camera);
 
     meter.measure(exec, Stage::Project, nothing, |exec, ()| exec.project(cloud, camera))?;
-    meter.measure(exec, Stage::Shade, nothing, |exec, ()| exec.shade(cloud, camera, &splats, light, rules))?;
+    meter.measure(exec, Stage::Shade, nothing, |exec, ()| exec.shade(cloud, camera, &mut splats, light, rules))?;
+    let blend = |exec: &mut E| exec.blend(&splats, &colors, &tiles, camera);
     meter.measure(exec, Stage::Bin, nothing, |exec, ()| exec.bin(&splats, camera))?;
     meter.measure(exec, Stage::Blend, nothing, |exec, ()| blend(exec))?;
     if rules.is_deferred(cloud.layout) {
@@ -189,8 +189,8 @@ pub fn measure_step<E: Executor>(
     let light = light.as_ref();
     let Scene { profile, rules, camera, cloud, moments, target, rates, .. } = scene;
     let (camera, rules, weights) = (&*camera, &*rules, &profile.weights);
-    let splats = exec.project(cloud, camera)?;
-    let colors = exec.shade(cloud, camera, &splats, light, rules)?;
+    let mut splats = exec.project(cloud, camera)?;
+    let colors = exec.shade(cloud, camera, &mut splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
     let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
     let is_deferred = rules.is_deferred(cloud.layout);

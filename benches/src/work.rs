@@ -149,8 +149,8 @@ mod tests {
         let channels = specula_core::plan::Channels::Color;
         let rules = RenderRules::full(profile.shading, profile.scheme, channels);
         let mut exec = CpuExecutor::new();
-        let splats = exec.project(&cloud, &camera).expect("the CPU projects");
-        let colors = exec.shade(&cloud, &camera, &splats, None, &rules).expect("the CPU shades");
+        let mut splats = exec.project(&cloud, &camera).expect("the CPU projects");
+        let colors = exec.shade(&cloud, &camera, &mut splats, None, &rules).expect("the CPU shades");
         let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
         let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
         let plain = blend_plainly(&splats, &colors, &tiles, &camera);

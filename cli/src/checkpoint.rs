@@ -112,7 +112,8 @@ pub(crate) fn words_of(settings: &Settings) -> String {
 fn sum_of(views: &[View]) -> String {
     let mut sum = crc32fast::Hasher::new();
     for view in views {
-        let Camera { camera_from_world, position, focal_px, principal_px, width, height } = view.camera;
+        // How near Gaussians are drawn follows from where the cameras are.
+        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height } = view.camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
         sum.update(view.name.as_bytes());
         [width, height].iter().for_each(|size| sum.update(&size.to_le_bytes()));

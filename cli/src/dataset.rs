@@ -1,13 +1,14 @@
 //! Data sets as trainings take them.
 
 use crate::{failure::Failure, progress::Talk};
+use specula_core::camera::near_of;
 use specula_io::{
     dataset::{self, LoadOptions},
     points_ply::PointCloud,
 };
 use specula_train::{
     start::Point,
-    view::{Normals, View},
+    view::{Normals, View, extent_of},
 };
 use std::path::Path;
 
@@ -29,11 +30,11 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     work.finish();
     let loaded = loaded?;
     loaded.notes.iter().for_each(|note| talk.note(note));
-    Ok(Dataset {
-        train: loaded.train.into_iter().map(view_of).collect(),
-        test: loaded.test.into_iter().map(view_of).collect(),
-        points: loaded.points.map(|cloud| points_of(&cloud)),
-    })
+    let mut train: Vec<View> = loaded.train.into_iter().map(view_of).collect();
+    let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
+    let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
+    train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
+    Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)) })
 }
 
 fn view_of(view: dataset::View) -> View {

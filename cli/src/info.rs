@@ -7,11 +7,12 @@ use crate::{
     fit::thousands,
     output,
     progress::Talk,
-    scene::{Opened, Scene},
+    scene::{Opened, Scene, nonfinite_words},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
+    census::Census,
     cubemap::FACE_COUNT,
     executor::RenderRules,
     plan::{Channels, Plan, Unlit, channel},
@@ -90,8 +91,9 @@ fn of_scene(path: &Path, opened: &Opened) -> Report {
     }
     add_ranges(&mut report, &scene.gaussians);
     add_light(&mut report, scene);
-    let nonfinite = scene.gaussians.values.iter().filter(|number| !number.is_finite()).count();
-    report.add("not finite", if nonfinite == 0 { "none".into() } else { thousands(nonfinite) }, nonfinite.into());
+    let census = Census::of(&scene.gaussians, None);
+    let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are left out"));
+    report.add("not finite", words, census.nonfinite().into());
     add_plan(&mut report, scene);
     report
 }

@@ -8,10 +8,11 @@ use crate::{
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glam::{Mat3, Vec3};
 use specula_core::{
-    camera::Camera,
+    camera::{Camera, near_of},
     scene::{Gaussians, MEAN},
 };
 use specula_io::cameras::{self, NamedCamera};
+use specula_train::view::extent_of_cameras;
 
 /// Pixels of a picture where nothing says otherwise.
 const SIZE: [u32; 2] = [800, 800];
@@ -35,6 +36,7 @@ impl Tour {
     /// The cameras that were asked for, or those that fit best.
     pub(crate) fn choose(look: &Look, opened: &Opened) -> Result<Self, Failure> {
         let mut tour = Self::unsized_tour(look, opened)?;
+        tour.set_near(own_cameras(opened)?);
         if let Some([width, height]) = look.size {
             tour.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.resized(width, height));
         }
@@ -43,11 +45,20 @@ impl Tour {
 
     /// The cameras of a scene's test views, else all of its own, else a circle around it.
     pub(crate) fn of_scene(opened: &Opened) -> Result<Vec<Camera>, Failure> {
-        let tour = match own_cameras(opened)? {
+        let own = own_cameras(opened)?;
+        let mut tour = match own.clone() {
             Some(own) => Self::of_split(None, own, opened)?,
             None => Self::around(&opened.scene.gaussians, &[], ORBIT, None),
         };
+        tour.set_near(own);
         Ok(tour.cameras.into_iter().map(|(_, camera)| camera).collect())
+    }
+
+    /// The near plane that fits how far the scene's own cameras spread, or these, if it has none.
+    fn set_near(&mut self, own: Option<Vec<NamedCamera>>) {
+        let of = |cameras: &[NamedCamera]| near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
+        let near = of(own.as_deref().unwrap_or(&self.cameras));
+        self.cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
     }
 
     fn unsized_tour(look: &Look, opened: &Opened) -> Result<Self, Failure> {

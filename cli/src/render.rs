@@ -32,6 +32,7 @@ const FRAME_MS: u16 = 60;
 pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
+    opened.scene.note_left_out(talk);
     if let Some(env) = &args.env {
         opened.scene.relight(env, &args.env_options, talk)?;
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {

@@ -12,6 +12,7 @@ use crate::{
 use specula_accuracy::{setting::Setting, subject::Subject};
 use specula_core::{
     camera::Camera,
+    census::{Census, Fate},
     executor::RenderRules,
     pack::Storage,
     plan::{Channels, Needs, Plan},
@@ -72,6 +73,13 @@ impl Opened {
     }
 }
 
+/// How many Gaussians are not finite, and in what; none if there are none.
+pub(crate) fn nonfinite_words(census: &Census) -> Option<String> {
+    let reasons = Fate::ALL.into_iter().filter(|fate| fate.is_nonfinite() && census.count(*fate) > 0);
+    let reasons: Vec<String> = reasons.map(|fate| format!("{} by {}", census.count(fate), fate.words())).collect();
+    (!reasons.is_empty()).then(|| reasons.join(", "))
+}
+
 /// The folder of the model that a PLY file belongs to, if `io` found one around it.
 fn folder_of(path: &Path, model: &Model) -> Option<PathBuf> {
     if path.is_dir() {
@@ -84,6 +92,13 @@ impl Scene {
     /// What a training came to.
     pub(crate) fn of_training(host: HostScene, reading: Reading) -> Self {
         Self { gaussians: host.gaussians, light: host.environment, reading }
+    }
+
+    /// Says how many Gaussians are left out of every picture because a number of theirs is not finite, if any are.
+    pub(crate) fn note_left_out(&self, talk: Talk) {
+        if let Some(words) = nonfinite_words(&Census::of(&self.gaussians, None)) {
+            talk.note(&format!("Gaussians with numbers that are not finite are left out: {words}"));
+        }
     }
 
     /// How pictures with these channels are rendered: the one place where it is decided what they can do without.

@@ -1,10 +1,6 @@
 //! Which tiles of the screen a splat touches.
 
-use crate::{
-    limits::Limits,
-    project::{NEAR, Splat},
-    real::Real,
-};
+use crate::{limits::Limits, project::Splat, real::Real};
 
 /// Pixels along an edge of a tile.
 pub const TILE_SIZE: u32 = 16;
@@ -36,7 +32,7 @@ pub fn footprint_within<R: Real>(splat: &Splat<R>, limits: &Limits) -> Footprint
     let reach = (ratio.max(like.constant(1.0)).ln() * 2.0).sqrt();
     // Comparisons are false for NaN, and finite sums rule out infinity.
     let sum = splat.mean2d[0].abs() + splat.mean2d[1].abs() + splat.variance[0] + splat.variance[1];
-    let is_drawn = like.constant(NEAR).less(splat.depth)
+    let is_drawn = like.zero().less(splat.depth)
         & like.constant(1.0).less(ratio)
         & sum.less(like.constant(f32::MAX))
         & splat.root_conic[2].less(like.constant(f32::MAX));

@@ -2,6 +2,7 @@
 
 use crate::{
     perspective::Projection,
+    project::NEAR,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -18,14 +19,21 @@ pub struct Camera {
     pub focal_px: [f32; 2],
     /// Where the optical axis meets the image, in pixels from its upper left corner.
     pub principal_px: [f32; 2],
+    /// Gaussians closer to the camera plane than this are not drawn; at least zero.
+    pub near: f32,
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
 }
 
+/// [`Camera::near`] of a scene whose cameras spread so far: [`NEAR`], or less in a scene that is smaller than one unit.
+pub fn near_of(extent: f32) -> f32 {
+    NEAR * extent.min(1.0)
+}
+
 impl Camera {
-    /// A camera at `position` that looks at `target`, with `up` upwards in the picture.
+    /// A camera at `position` that looks at `target`, with `up` upwards in the picture, and [`NEAR`] for its near plane.
     ///
     /// `fov_x` is the horizontal field of view in radians, in (0, π). `up` must not be parallel to the view.
     pub fn look_at(position: GlamVec3, target: GlamVec3, up: GlamVec3, fov_x: f32, width: u32, height: u32) -> Self {
@@ -38,6 +46,7 @@ impl Camera {
             position,
             focal_px: [focal, focal],
             principal_px: [0.5 * width as f32, 0.5 * height as f32],
+            near: NEAR,
             width,
             height,
         }
@@ -74,6 +83,7 @@ impl Camera {
             focal_px: [like.constant(self.focal_px[0]), like.constant(self.focal_px[1])],
             principal_px: [like.constant(self.principal_px[0]), like.constant(self.principal_px[1])],
             slope_limit: [like.constant(limit_x), like.constant(limit_y)],
+            near: like.constant(self.near),
         }
     }
 
@@ -103,6 +113,8 @@ pub struct CameraOf<R> {
     pub principal_px: [R; 2],
     /// Largest |x/z| and |y/z| at which the Jacobian is evaluated.
     pub slope_limit: [R; 2],
+    /// Gaussians are drawn beyond this depth.
+    pub near: R,
 }
 
 impl<R: Real> CameraOf<R> {

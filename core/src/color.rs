@@ -1,6 +1,10 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
 
-use crate::{each, real::Real, vector::Vec3};
+use crate::{
+    each,
+    real::Real,
+    vector::{Vec3, vec3},
+};
 
 /// Linear values up to this one are encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
@@ -39,6 +43,27 @@ pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3
         y: srgb_from_linear_vjp(linear.y, srgb.y, grad.y),
         z: srgb_from_linear_vjp(linear.z, srgb.z, grad.z),
     }
+}
+
+/// Residual colours are no larger than this, of either sign: brighter than any light, and the gradients of losses, which
+/// go with the square of what a picture shows, stay far from the end of an `f32`.
+pub const COLOR_MAX: f32 = 1e6;
+
+/// A colour within ± [`COLOR_MAX`].
+#[inline(always)]
+pub fn limited<R: Real>(color: Vec3<R>) -> Vec3<R> {
+    each!(color, x => x.clamp(-COLOR_MAX, COLOR_MAX))
+}
+
+/// Gradient of [`limited`]; zero at the limit and beyond.
+#[inline(always)]
+pub fn limited_vjp<R: Real>(color: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
+    let limit = color.x.constant(COLOR_MAX);
+    vec3(
+        grad.x.keep(color.x.abs().less(limit)),
+        grad.y.keep(color.y.abs().less(limit)),
+        grad.z.keep(color.z.abs().less(limit)),
+    )
 }
 
 /// Linear radiance of an sRGB value, the inverse of [`srgb_from_linear`], for hosts.

@@ -153,14 +153,15 @@ pub trait Renderer {
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Self::Light, Self::Error>;
-    /// Gaussians to splats.
+    /// Gaussians to splats. What is not finite in place, shape or opacity is not drawn.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;
-    /// Splats to channels. Without a light there is no specular term.
+    /// Splats to channels. Without a light there is no specular term. Splats of Gaussians whose attributes are not finite,
+    /// of those that the rules ask for, are not drawn from here on.
     fn shade(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
         camera: &Camera,
-        splats: &Self::Splats,
+        splats: &mut Self::Splats,
         light: Option<&Self::Light>,
         rules: &RenderRules,
     ) -> Result<Self::Colors, Self::Error>;

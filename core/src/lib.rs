@@ -11,7 +11,7 @@
 //! * [`plan`]: what a scene needs and a run leaves out; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
-//! * [`limits`]: where a picture stops to look further
+//! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
@@ -32,6 +32,7 @@ pub mod activation;
 pub mod bin;
 pub mod blend;
 pub mod camera;
+pub mod census;
 pub mod color;
 pub mod covariance;
 pub mod cubemap;

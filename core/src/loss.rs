@@ -3,6 +3,7 @@
 use crate::{
     activation::{sigmoid, softplus},
     depth_normal::{Cross, normal, normal_vjp},
+    normal::RESIDUAL_MAX,
     real::Real,
     vector::{Mat3, Vec3},
 };
@@ -154,10 +155,17 @@ pub fn sparse<R: Real>(opacity_logit: R) -> R {
     -(softplus(opacity_logit) + softplus(-opacity_logit))
 }
 
-/// Gradient of [`sparse`]: 1 − 2σ(x).
+/// Gradient of [`sparse`]: 1 − 2σ(x); zero for what is not finite.
 #[inline(always)]
 pub fn sparse_vjp<R: Real>(opacity_logit: R, grad: R) -> R {
-    grad * (sigmoid(opacity_logit) * -2.0 + 1.0)
+    (grad * (sigmoid(opacity_logit) * -2.0 + 1.0)).keep(opacity_logit.is_finite())
+}
+
+/// Gradient of the square of a number of a normal residual, times half of `grad`: x g, with x within ± [`RESIDUAL_MAX`];
+/// zero for what is not finite.
+#[inline(always)]
+pub fn residual_vjp<R: Real>(number: R, grad: R) -> R {
+    (number.clamp(-RESIDUAL_MAX, RESIDUAL_MAX) * grad).keep(number.is_finite())
 }
 
 /// Coverage is kept this far from 0 and 1 in [`sparse_coverage`].

@@ -1,8 +1,9 @@
 //! The normal of a Gaussian: its shortest axis, turned to the viewer, plus a learned residual (paper, eq. normal).
 
 use crate::{
+    each,
     real::Real,
-    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp},
+    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp, vec3},
 };
 
 /// Which axis of a Gaussian is taken for its normal.
@@ -60,6 +61,10 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     [first, middle, last]
 }
 
+/// Numbers of residuals count as no larger than this, of either sign: beside so much an axis of unit length is lost in
+/// rounding.
+pub const RESIDUAL_MAX: f32 = 1e8;
+
 /// A normal that faces the viewer.
 #[derive(Clone, Copy, Debug)]
 pub struct Facing<R: Real> {
@@ -74,20 +79,21 @@ pub struct Facing<R: Real> {
 
 /// n = (v + Δn₁) where ω_o · v > 0, else −(v + Δn₂), normalised. Where the sum has no length, ± v is taken.
 ///
-/// `negate_second` is the paper's sign of Δn₂; the authors' code computes −v + Δn₂ instead.
+/// Residuals are taken within ± [`RESIDUAL_MAX`]. `negate_second` is the paper's sign of Δn₂; the authors' code computes −v + Δn₂ instead.
 #[inline(always)]
 pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2], negate_second: bool) -> Facing<R> {
     let along = axis.dot(view_dir);
     let keeps = !along.less(along.zero());
     let turned = Vec3::select(keeps, axis, -axis);
     let second = if negate_second { -residuals[1] } else { residuals[1] };
-    let residual = Vec3::select(keeps, residuals[0], second);
+    let residual = each!(Vec3::select(keeps, residuals[0], second), x => x.clamp(-RESIDUAL_MAX, RESIDUAL_MAX));
     let sum = turned + residual;
     let fallback = Vec3::select(keeps, axis, -axis);
     Facing { normal: normalize_or(sum, fallback), residual_squared: residual.length_squared(), sum, keeps, residual }
 }
 
-/// Gradient of [`facing`]: with respect to the axis and both residuals. The choice of side is locally constant.
+/// Gradient of [`facing`]: with respect to the axis and both residuals, of which a limited number has none. The choice of
+/// side is locally constant.
 #[inline(always)]
 pub fn facing_vjp<R: Real>(
     facing: &Facing<R>,
@@ -97,10 +103,21 @@ pub fn facing_vjp<R: Real>(
 ) -> (Vec3<R>, [Vec3<R>; 2]) {
     let grad_sum = normalize_or_vjp(facing.sum, grad_normal);
     let zero = Vec3::zero(grad_residual_squared);
-    let grad_residual = grad_sum.add_scaled(grad_residual_squared * 2.0, facing.residual);
+    let grad_residual = free_vjp(facing.residual, grad_sum.add_scaled(grad_residual_squared * 2.0, facing.residual));
     let second = if negate_second { -grad_residual } else { grad_residual };
     (
         Vec3::select(facing.keeps, grad_sum, -grad_sum),
         [Vec3::select(facing.keeps, grad_residual, zero), Vec3::select(facing.keeps, zero, second)],
+    )
+}
+
+/// The gradient of a residual's numbers, zero where they were limited.
+#[inline(always)]
+fn free_vjp<R: Real>(residual: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
+    let limit = residual.x.constant(RESIDUAL_MAX);
+    vec3(
+        grad.x.keep(residual.x.abs().less(limit)),
+        grad.y.keep(residual.y.abs().less(limit)),
+        grad.z.keep(residual.z.abs().less(limit)),
     )
 }

@@ -23,7 +23,7 @@ use crate::{
     covariance::{rotation, scales},
     each,
     limits::Limits,
-    project::{BLUR, EXTENT_MAX, NEAR, Shape, Splat, root_of_conic},
+    project::{BLUR, EXTENT_MAX, Shape, Splat, root_of_conic},
     real::Real,
     vector::{Vec3, vec3},
 };
@@ -102,7 +102,7 @@ fn slope_in_deviations<R: Real>(splat: &Splat<R>, [x, y]: [R; 2]) -> [R; 2] {
 #[inline(always)]
 fn mean_in_camera<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Vec3<R> {
     let mean = camera.to_camera(shape.mean);
-    vec3(mean.x, mean.y, mean.z.max(mean.z.constant(NEAR)))
+    vec3(mean.x, mean.y, mean.z.max(camera.near))
 }
 
 #[inline(always)]

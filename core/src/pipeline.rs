@@ -16,8 +16,8 @@ pub fn render<E: Renderer>(
     rules: &RenderRules,
 ) -> Result<E::Frame, E::Error> {
     let light = light.filter(|_| rules.is_lit);
-    let splats = exec.project(gaussians, camera)?;
-    let colors = exec.shade(gaussians, camera, &splats, light, rules)?;
+    let mut splats = exec.project(gaussians, camera)?;
+    let colors = exec.shade(gaussians, camera, &mut splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
     let frame = exec.blend(&splats, &colors, &tiles, camera)?;
     if rules.is_deferred(gaussians.layout) { exec.shade_pixels(frame, light, camera) } else { Ok(frame) }
@@ -84,8 +84,8 @@ fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>
         Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
         _ => None,
     };
-    let splats = exec.project(fit.gaussians, step.camera)?;
-    let colors = exec.shade(fit.gaussians, step.camera, &splats, light.as_ref(), step.rules)?;
+    let mut splats = exec.project(fit.gaussians, step.camera)?;
+    let colors = exec.shade(fit.gaussians, step.camera, &mut splats, light.as_ref(), step.rules)?;
     let tiles = exec.bin_for_step(&splats, step.camera)?;
     let mut frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
     let is_deferred = step.rules.is_deferred(fit.gaussians.layout);

@@ -26,6 +26,8 @@ pub struct Needs {
     pub harmonics: [f32; 4],
     /// Largest radiance of any texel of the light; zero without a light.
     pub radiance: f32,
+    /// Whether every number of every Gaussian is finite. Where one is not, it is told by the very attribute.
+    pub is_finite: bool,
 }
 
 /// Gaussians of less opacity are never drawn, however their opacity is rounded on the way.
@@ -45,6 +47,7 @@ impl Needs {
         normal_residual: 0.0,
         harmonics: [0.0; 4],
         radiance: 0.0,
+        is_finite: true,
     };
 
     /// Looks at every Gaussian once; without a light.
@@ -81,6 +84,8 @@ impl Needs {
         if opacity < FAINT {
             return self;
         }
+        let planes = 0..gaussians.layout.plane_count();
+        self.is_finite &= planes.into_iter().all(|plane| gaussians.get::<1>(index, plane)[0].is_finite());
         if gaussians.layout.is_shaded() {
             self = self.and_surface(gaussians, index, opacity);
         }
@@ -157,8 +162,12 @@ impl Plan {
     /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered into `levels`.
     ///
     /// Levels that no roughness of the scene comes near are left out. One more is kept on either side: the roughness of
-    /// a pixel is a mean, which rounding may carry over the border of a level.
+    /// a pixel is a mean, which rounding may carry over the border of a level. Nothing is left out where a number of a
+    /// Gaussian is not finite: only who reads it finds that out.
     pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
+        if !needs.is_finite {
+            return Self { rules: *asked, full: in_full(asked), unlit: None };
+        }
         let sh_degree = needs.sh_degree().min(asked.sh_degree);
         let unlit = unlit(layout, needs, &RenderRules { sh_degree, ..*asked });
         let rules = RenderRules {

@@ -11,7 +11,7 @@ use crate::{
 
 /// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's low-pass).
 pub const BLUR: f32 = 0.3;
-/// Gaussians closer to the camera plane than this are not drawn (INRIA's value, in scene units).
+/// Gaussians closer to the camera plane than this are usually not drawn (INRIA's value, in scene units).
 pub const NEAR: f32 = 0.2;
 
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px: no picture tells longer
@@ -31,6 +31,27 @@ pub struct Shape<R> {
     pub opacity_logit: R,
 }
 
+impl<R: Real> Shape<R> {
+    /// Where every number is finite: no other Gaussian is drawn.
+    #[inline(always)]
+    pub fn is_finite(&self) -> R::Mask {
+        let [w, x, y, z] = self.quat;
+        let of_quat = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
+        self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite()
+    }
+    /// The same where the mask holds, zero elsewhere.
+    #[inline(always)]
+    fn keep(self, mask: R::Mask) -> Self {
+        let [w, x, y, z] = self.quat;
+        Self {
+            mean: each!(self.mean, x => x.keep(mask)),
+            log_scales: each!(self.log_scales, x => x.keep(mask)),
+            quat: [w.keep(mask), x.keep(mask), y.keep(mask), z.keep(mask)],
+            opacity_logit: self.opacity_logit.keep(mask),
+        }
+    }
+}
+
 /// A Gaussian's image.
 ///
 /// Instead of the conic Q = cov2d⁻¹ its triangular root W is kept, Q = Wᵀ W: the exponent −½ |W δ|² is then never
@@ -41,7 +62,7 @@ pub struct Splat<R> {
     pub mean2d: [R; 2],
     /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
     pub root_conic: [R; 3],
-    /// Camera-space z of the centre.
+    /// Camera-space z of the centre; −1 for a Gaussian that is nearer than the camera draws, or not finite.
     pub depth: R,
     /// Opacity, in (0, 1).
     pub opacity: R,
@@ -67,7 +88,8 @@ struct Projection<R> {
     determinant: R,
 }
 
-/// The splat of a Gaussian. Gaussians nearer than [`NEAR`] must not be drawn; their splat is finite but meaningless.
+/// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do those with a number that
+/// is not finite: they must not be drawn. What else their splat holds means nothing.
 ///
 /// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V by Cauchy and
 /// Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of 10⁵ px keep their digits.
@@ -77,13 +99,14 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let (xx, yx, yy) = root_of_conic(p.variance_x, p.covariance_xy, p.determinant);
     let x = p.mean_in_camera.x * p.inverse_depth;
     let y = p.mean_in_camera.y * p.inverse_depth;
+    let is_drawn = shape.is_finite() & camera.near.less(p.mean_in_camera.z);
     Splat {
         mean2d: [
             camera.focal_px[0].mul_add(x, camera.principal_px[0]),
             camera.focal_px[1].mul_add(y, camera.principal_px[1]),
         ],
         root_conic: [xx, yx, yy],
-        depth: p.mean_in_camera.z,
+        depth: R::select(is_drawn, p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
         opacity: sigmoid(shape.opacity_logit),
         variance: [p.variance_x, p.half[1].length_squared() + BLUR],
     }
@@ -102,7 +125,8 @@ pub struct SplatGrad<R> {
     pub opacity: R,
 }
 
-/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient.
+/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient. A Gaussian
+/// that is not finite has none.
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
@@ -138,25 +162,26 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
 
     let turn = |k: usize| camera.camera_from_world.transform_transposed(grad_columns[k]);
     let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
-    Shape {
+    let grad = Shape {
         mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
         log_scales: scales_vjp(shape.log_scales, p.scales, grad_scales),
         quat: rotation_vjp(shape.quat, &Mat3::from_columns([turn(0), turn(1), turn(2)])),
         opacity_logit: sigmoid_vjp(sigmoid(shape.opacity_logit), grad.opacity),
-    }
+    };
+    grad.keep(shape.is_finite())
 }
 
 #[inline(always)]
 fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> {
     let mean_in_camera = camera.to_camera(shape.mean);
-    let near = mean_in_camera.z.constant(NEAR);
-    let depth = R::select(near.less(mean_in_camera.z), mean_in_camera.z, near);
+    let one = mean_in_camera.z.constant(1.0);
+    let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
     let inverse_depth = depth.recip();
 
     let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
     let limit = camera.slope_limit;
     let limited = |i: usize| free_slope[i].max(-limit[i]).min(limit[i]);
-    let is_free = |i: usize| near.constant(1.0).keep(free_slope[i].abs().less(limit[i]));
+    let is_free = |i: usize| one.keep(free_slope[i].abs().less(limit[i]));
     let (slope, slope_is_free) = ([limited(0), limited(1)], [is_free(0), is_free(1)]);
 
     let world_from_local = rotation(shape.quat);

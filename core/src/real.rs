@@ -55,6 +55,11 @@ pub trait Real:
     /// `if_true` where the mask holds, `if_false` elsewhere.
     fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self;
 
+    /// Where `self` is a number of an `f32`: no NaN, no infinity.
+    #[inline(always)]
+    fn is_finite(self) -> Self::Mask {
+        self.abs().less_or_equal(self.constant(f32::MAX))
+    }
     /// 1 / self.
     #[inline(always)]
     fn recip(self) -> Self {

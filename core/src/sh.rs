@@ -1,6 +1,7 @@
 //! Real spherical harmonics up to degree 3, with the signs and constants that the field uses.
 
 use crate::{
+    color::COLOR_MAX,
     each,
     real::Real,
     vector::{Vec3, vec3},
@@ -91,15 +92,16 @@ pub fn basis_vjp<R: Real>(direction: Vec3<R>, count: usize, grad: &[R; MAX_COUNT
     out
 }
 
-/// Colour of plain Gaussian splatting from the sum of its harmonics: sum + ½, at least zero (INRIA's convention).
+/// Colour of plain Gaussian splatting from the sum of its harmonics: sum + ½, at least zero (INRIA's convention) and at
+/// most [`COLOR_MAX`].
 #[inline(always)]
 pub fn radiance<R: Real>(sum: Vec3<R>) -> Vec3<R> {
-    each!(sum, x => (x + 0.5).max(x.zero()))
+    each!(sum, x => (x + 0.5).clamp(0.0, COLOR_MAX))
 }
 
 /// Gradient of [`radiance`]; zero where the colour was limited.
 #[inline(always)]
 pub fn radiance_vjp<R: Real>(sum: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let gate = |x: R, g: R| g.keep(x.constant(-0.5).less(x));
+    let gate = |x: R, g: R| g.keep(x.constant(-0.5).less(x) & x.less(x.constant(COLOR_MAX)));
     vec3(gate(sum.x, grad.x), gate(sum.y, grad.y), gate(sum.z, grad.z))
 }

@@ -6,7 +6,7 @@
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
-    color::{srgb_color, srgb_color_vjp},
+    color::{limited, limited_vjp, srgb_color, srgb_color_vjp},
     covariance::{Quat, rotation, rotation_vjp},
     each,
     normal::{AxisRule, Facing, axis, axis_vjp, facing, facing_vjp},
@@ -72,6 +72,19 @@ pub struct Material<R> {
     pub roughness: R,
     /// Δn₁ and Δn₂.
     pub normal_residuals: [Vec3<R>; 2],
+}
+
+impl<R: Real> Material<R> {
+    /// Where every number that a [`project::Shape`](crate::project::Shape) does not have is finite.
+    #[inline(always)]
+    pub fn is_finite(&self) -> R::Mask {
+        let [first, second] = self.normal_residuals;
+        self.diffuse.is_finite()
+            & self.tint.is_finite()
+            & self.roughness.is_finite()
+            & first.is_finite()
+            & second.is_finite()
+    }
 }
 
 /// What light meets: directions and activated colours of one Gaussian seen from one place.
@@ -222,25 +235,34 @@ impl<R: Real> Terms<R> {
     }
 }
 
-/// The colour of a Gaussian, unbounded above; sRGB-encoded but for [`ShadingForm::Deferred`].
+/// The colour of a Gaussian; sRGB-encoded but for [`ShadingForm::Deferred`]. Residuals are limited
+/// ([`crate::color::COLOR_MAX`]), light is not.
 #[inline(always)]
 pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
+    let residual = limited(terms.residual);
     match form {
-        ShadingForm::Paper => srgb_color(terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual),
+        ShadingForm::Paper => srgb_color(terms.diffuse + terms.tint.times(terms.specular_light) + residual),
         ShadingForm::Official => {
             let specular = reflectance(terms).times(terms.specular_light);
-            terms.diffuse + terms.ambient_light.times(each!(terms.tint, s => -s + 1.0)) + specular + terms.residual
+            terms.diffuse + terms.ambient_light.times(each!(terms.tint, s => -s + 1.0)) + specular + residual
         }
-        ShadingForm::Deferred => terms.diffuse + terms.residual,
+        ShadingForm::Deferred => terms.diffuse + residual,
     }
 }
 
-/// Gradient of [`shade`].
+/// Gradient of [`shade`]; that of a residual is zero where it was limited.
 #[inline(always)]
 pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) -> Terms<R> {
+    let grad = unlimited_vjp(form, terms, grad);
+    Terms { residual: limited_vjp(terms.residual, grad.residual), ..grad }
+}
+
+/// Gradient of [`shade`] as if residuals had no limit to reach.
+#[inline(always)]
+fn unlimited_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) -> Terms<R> {
     match form {
         ShadingForm::Paper => {
-            let linear = terms.diffuse + terms.tint.times(terms.specular_light) + terms.residual;
+            let linear = terms.diffuse + terms.tint.times(terms.specular_light) + limited(terms.residual);
             let grad_linear = srgb_color_vjp(linear, srgb_color(linear), grad);
             Terms {
                 diffuse: grad_linear,

@@ -108,6 +108,11 @@ impl<R: Real> Vec3<R> {
             R::select(mask, if_true.z, if_false.z),
         )
     }
+    /// Where all components are finite.
+    #[inline(always)]
+    pub fn is_finite(self) -> R::Mask {
+        self.x.is_finite() & self.y.is_finite() & self.z.is_finite()
+    }
     /// The components as an array.
     #[inline(always)]
     pub fn to_array(self) -> [R; 3] {

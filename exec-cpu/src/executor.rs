@@ -180,7 +180,7 @@ impl Renderer for CpuExecutor {
         &mut self,
         gaussians: &Gaussians<Vec<f32>>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {

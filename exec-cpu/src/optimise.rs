@@ -4,7 +4,7 @@ use crate::{buffer::Buffer, lanes::Lanes, machine::Machine};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    optimise::{Moment, adam, corrected_epsilon, corrected_rate},
+    optimise::{Moment, adam, corrected_epsilon, corrected_rate, is_usable},
     real::Real,
     scene::BLOCK,
 };
@@ -63,17 +63,17 @@ pub(crate) fn adam_chunk<S: Simd>(
     for ((((value, mean), square), grad), rate) in vectors.zip(grad.chunks_exact(BLOCK)).zip(size.rates.iter().cycle())
     {
         let grad = Lanes::load(simd, grad);
-        let is_finite = grad.abs().less_or_equal(grad.constant(f32::MAX));
-        nonfinite += BLOCK - is_finite.bits().count_ones() as usize;
+        let is_usable = is_usable(grad);
+        nonfinite += BLOCK - is_usable.bits().count_ones() as usize;
         let moment = Moment {
             value: Lanes::load(simd, value),
             mean: Lanes::load(simd, mean),
             square: Lanes::load(simd, square),
         };
-        let next = adam(moment, grad.keep(is_finite), Lanes::splat(simd, *rate), epsilon);
-        Lanes::select(is_finite, next.value, moment.value).store(value);
-        Lanes::select(is_finite, next.mean, moment.mean).store(mean);
-        Lanes::select(is_finite, next.square, moment.square).store(square);
+        let next = adam(moment, grad.keep(is_usable), Lanes::splat(simd, *rate), epsilon);
+        Lanes::select(is_usable, next.value, moment.value).store(value);
+        Lanes::select(is_usable, next.mean, moment.mean).store(mean);
+        Lanes::select(is_usable, next.square, moment.square).store(square);
     }
     nonfinite
 }
@@ -92,7 +92,7 @@ pub(crate) fn adam_all(
     let size = StepSize::new(machine, &[rate], step);
     let mut nonfinite = 0;
     for k in whole..values.len() {
-        if !grad[k].is_finite() {
+        if !is_usable(grad[k]) {
             nonfinite += 1;
             continue;
         }

@@ -84,9 +84,37 @@ impl Splats {
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
         self.drawn[block] != 0
     }
+    /// As many blocks as one task takes, task by task.
+    pub(crate) fn par_chunks_mut(&mut self) -> impl IndexedParallelIterator<Item = SplatBlocks<'_>> {
+        let records = self.records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK);
+        let blocks = records.zip(self.drawn.par_chunks_mut(BLOCKS_AT_ONCE));
+        blocks.map(|(records, drawn)| SplatBlocks { records, drawn })
+    }
     /// Whether a Gaussian of a block is drawn.
     pub(crate) fn is_drawn(&self, block: usize, lane: usize) -> bool {
         self.drawn[block] >> lane & 1 != 0
+    }
+}
+
+/// The splats of some blocks.
+pub(crate) struct SplatBlocks<'a> {
+    records: &'a mut [SplatRecord],
+    drawn: &'a mut [u16],
+}
+
+impl SplatBlocks<'_> {
+    /// Whether any Gaussian of a block is drawn.
+    pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
+        self.drawn[block] != 0
+    }
+    /// Gaussians of a block, a bit for each, that are not drawn after all.
+    pub(crate) fn leave_out(&mut self, block: usize, lanes: u16) {
+        let lanes = lanes & self.drawn[block];
+        if lanes != 0 {
+            self.drawn[block] &= !lanes;
+            let records = self.records[block * BLOCK..].iter_mut().take(BLOCK).enumerate();
+            records.filter(|(lane, _)| lanes >> lane & 1 != 0).for_each(|(_, record)| record.reach = -1.0);
+        }
     }
 }
 

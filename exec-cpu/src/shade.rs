@@ -4,7 +4,7 @@ use crate::{
     CpuExecutor,
     blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
     buffer::Buffer,
-    lanes::{Lanes, store3},
+    lanes::{LaneMask, Lanes, store3},
     light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
     machine::Machine,
     optimise::{StepSize, adam_chunk},
@@ -17,7 +17,7 @@ use specula_core::{
     camera::{Camera, CameraOf},
     each,
     executor::{Moments, RenderRules},
-    loss::{LossWeights, sparse_vjp},
+    loss::{LossWeights, residual_vjp, sparse_vjp},
     pipeline::Step,
     plan::{Channels, channel},
     project::SplatGrad,
@@ -73,40 +73,54 @@ impl Scene<'_> {
     }
 }
 
+/// The channels of what is drawn; what has a colour that is not finite is not drawn any more.
 pub(crate) fn shade_all(
     machine: &Machine,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
-    splats: &Splats,
+    splats: &mut Splats,
     scene: Scene<'_>,
 ) -> Colors {
     let channels = scene.channels().count();
     let mut values = machine.numbers.take(gaussians.count * channels);
     let block_len = gaussians.block_len();
     let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
-    chunks.zip(values.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK * channels)).enumerate().for_each(|(chunk, (blocks, out))| {
-        dispatch!(machine.level, simd => {
-            let camera = camera.lift(Lanes::splat(simd, 0.0));
-            for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_mut(BLOCK * channels)).enumerate() {
-                if splats.block_is_drawn(chunk * BLOCKS_AT_ONCE + index) {
-                    shade_block(simd, block, &camera, scene, out);
+    chunks.zip(values.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK * channels)).zip(splats.par_chunks_mut()).for_each(
+        |((blocks, out), mut splats)| {
+            dispatch!(machine.level, simd => {
+                let camera = camera.lift(Lanes::splat(simd, 0.0));
+                for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_mut(BLOCK * channels)).enumerate() {
+                    if splats.block_is_drawn(index) {
+                        let is_finite = shade_block(simd, block, &camera, scene, out);
+                        splats.leave_out(index, !is_finite.bits() as u16);
+                    }
                 }
-            }
-        });
-    });
+            });
+        },
+    );
     Colors { channels, values }
 }
 
 /// The channels of a block, as lanes.
 type BlockChannels<S> = [Lanes<S>; CHANNELS_MAX];
 
+/// Writes the channels of a block, and says whose attributes are finite, of those that were read.
 #[inline(always)]
-fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>, out: &mut [f32]) {
+fn shade_block<S: Simd>(
+    simd: S,
+    block: &[f32],
+    camera: &CameraOf<Lanes<S>>,
+    scene: Scene<'_>,
+    out: &mut [f32],
+) -> LaneMask<S> {
     let shape = load_shape(simd, block);
     let mut channels = [Lanes::splat(simd, 0.0); CHANNELS_MAX];
     channels[channel::DEPTH] = camera.to_camera(shape.mean).z;
+    let is_finite;
     if scene.layout.is_shaded() && scene.rules.is_color_alone(scene.layout) {
-        put(&mut channels, channel::COLOR, unlit_color(simd, block, camera, scene));
+        let color;
+        (color, is_finite) = unlit_color(simd, block, camera, scene);
+        put(&mut channels, channel::COLOR, color);
     } else if scene.layout.is_shaded() {
         let shaded = Shaded::new(simd, block, camera, scene);
         let color = shade(scene.rules.shading.form, &shaded.terms);
@@ -118,13 +132,16 @@ fn shade_block<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, sce
         if scene.channels() == Channels::Layers {
             put_layers(&mut channels, &shaded, scene.rules.shading.form);
         }
+        is_finite = shaded.material.is_finite() & shaded.terms.residual.is_finite();
     } else {
         let seen = Harmonics::new(simd, block, camera, scene);
         put(&mut channels, channel::COLOR, sh::radiance(seen.sum));
         let axis = plain_normal(simd, block, camera);
         put(&mut channels, channel::NORMAL, axis);
+        is_finite = seen.sum.is_finite();
     }
     interleave(&channels, scene.channels(), out);
+    is_finite
 }
 
 /// The channels of each Gaussian side by side, of those that are blended.
@@ -138,12 +155,19 @@ fn interleave<S: Simd>(channels: &BlockChannels<S>, blended: Channels, out: &mut
     }
 }
 
-/// The colour of a block that no light reaches: of all that shading knows it takes the diffuse colour and the residual.
+/// The colour of a block that no light reaches, and whose is finite: of all that shading knows it takes the diffuse colour
+/// and the residual.
 #[inline(always)]
-fn unlit_color<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Vec3<Lanes<S>> {
+fn unlit_color<S: Simd>(
+    simd: S,
+    block: &[f32],
+    camera: &CameraOf<Lanes<S>>,
+    scene: Scene<'_>,
+) -> (Vec3<Lanes<S>>, LaneMask<S>) {
     let rules = scene.rules.shading;
     let residual = Harmonics::new(simd, block, camera, scene).sum;
-    shade(rules.form, &Terms::unlit(diffuse(Lanes::load3(simd, block, DIFFUSE), rules), residual))
+    let raw = Lanes::load3(simd, block, DIFFUSE);
+    (shade(rules.form, &Terms::unlit(diffuse(raw, rules), residual)), raw.is_finite() & residual.is_finite())
 }
 
 #[inline(always)]
@@ -602,7 +626,8 @@ fn attribute_losses_vjp<S: Simd>(
     }
     if weights.residual != 0.0 && scene.layout.is_shaded() {
         for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
-            add(plane, Lanes::load(simd, &block[plane * BLOCK..]) * (2.0 * weights.residual * share));
+            let number = Lanes::load(simd, &block[plane * BLOCK..]);
+            add(plane, residual_vjp(number, number.constant(2.0 * weights.residual * share)));
         }
     }
 }

@@ -74,7 +74,7 @@ impl Renderer for CpuViewer {
         &mut self,
         gaussians: &Gaussians<Vec<f32>>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {

@@ -119,7 +119,7 @@ impl Renderer for GpuExecutor {
         &mut self,
         gaussians: &Gaussians<Pieces>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, GpuError> {

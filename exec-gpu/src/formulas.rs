@@ -29,7 +29,7 @@ use specula_core::{
 };
 
 /// The variable `camera` of a shader, in the order of [`take_camera`].
-fn camera_fields() -> [Field; 7] {
+fn camera_fields() -> [Field; 8] {
     [
         variable("camera.row_x", 3),
         variable("camera.row_y", 3),
@@ -38,6 +38,7 @@ fn camera_fields() -> [Field; 7] {
         variable("camera.focal_px", 2),
         variable("camera.principal_px", 2),
         variable("camera.slope_limit", 2),
+        variable("camera.near", 1),
     ]
 }
 
@@ -48,6 +49,7 @@ fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
         focal_px: inputs.array(),
         principal_px: inputs.array(),
         slope_limit: inputs.array(),
+        near: inputs.number(),
     }
 }
 
@@ -181,6 +183,21 @@ impl ShadingOf {
         channels.put(channel::NORMAL, seen.normal);
         channels
     }
+    /// The channels that are blended, and 1 where the numbers that they are made of are finite, else 0.
+    fn with_mask<R: Real>(&self, channels: AllChannels<R>, planes: &Planes<'_, R>, camera: &CameraOf<R>) -> Vec<R> {
+        let of_harmonics = self.harmonics(planes, camera).is_finite();
+        let is_finite = if !self.layout.is_shaded() {
+            of_harmonics
+        } else if self.rules.is_color_alone(self.layout) {
+            of_harmonics & planes.vec3(DIFFUSE).is_finite()
+        } else {
+            of_harmonics & self.material(planes).is_finite()
+        };
+        let one = planes.at(OPACITY).constant(1.0);
+        let mut numbers = channels.chosen(self.blended());
+        numbers.push(one.keep(is_finite));
+        numbers
+    }
     fn surface<R: Real>(&self, planes: &Planes<'_, R>, camera: &CameraOf<R>) -> Surface<R> {
         surface(&self.material(planes), camera.position, self.rules.shading)
     }
@@ -271,7 +288,7 @@ impl Formula for ColorsOf {
         fields
     }
     fn results(&self) -> Vec<Field> {
-        vec![field("channels", self.0.blended().count())]
+        vec![field("channels", self.0.blended().count()), field("is_finite", 1)]
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let planes = Planes(inputs.slice(self.0.layout.plane_count()));
@@ -281,7 +298,7 @@ impl Formula for ColorsOf {
         } else {
             self.0.plain(&planes, &camera)
         };
-        channels.chosen(self.0.blended())
+        self.0.with_mask(channels, &planes, &camera)
     }
 }
 
@@ -488,6 +505,7 @@ impl Formula for LitColorsOf {
         let planes = Planes(inputs.slice(self.0.layout.plane_count()));
         let camera = take_camera(inputs);
         let light = LightOf { specular: inputs.vec3(), ambient: inputs.vec3(), split_sum: inputs.array() };
-        self.0.shaded(&planes, &camera, Some(&light)).chosen(self.0.blended())
+        let channels = self.0.shaded(&planes, &camera, Some(&light));
+        self.0.with_mask(channels, &planes, &camera)
     }
 }

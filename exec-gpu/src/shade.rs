@@ -24,12 +24,13 @@ pub struct Colors {
     pub(crate) values: Array,
 }
 
+/// The channels of what is drawn; what has a colour that is not finite is not drawn any more.
 pub(crate) fn shade(
     machine: &mut Machine,
     gaussians: &Gaussians<&Pieces>,
     storage: Storage,
     camera: &Camera,
-    splats: &Splats,
+    splats: &mut Splats,
     light: Option<&Light>,
     rules: &RenderRules,
 ) -> Result<Colors, GpuError> {
@@ -46,6 +47,7 @@ pub(crate) fn shade(
         if let Some(light) = own_light {
             bound.extend([Of(&light.texels), Of(&light.split_sum)]);
         }
+        bound.extend([Of(&splats.tile_counts), Of(&splats.splats)]);
         machine.run(&key, "shade", &source, &bound, Groups::For(piece.gaussians.len()))?;
     }
     Ok(colors)

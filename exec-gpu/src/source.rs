@@ -28,6 +28,7 @@ use specula_core::{
     cubemap::padded_len,
     densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
+    optimise::GRAD_MAX,
     pack::{FULL_PLANES, Storage, pack2, unpack2},
     plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
@@ -211,6 +212,7 @@ pub(crate) fn shade(shading: &ShadingOf, storage: Storage, light: Option<&LightL
         Some(light) => own_light(light.declare(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
     };
+    let source = source.with(&drawn_splats(if light.is_some() { 6 } else { 4 }));
     source.with(include_str!("shaders/shade.wgsl")).text()
 }
 
@@ -223,12 +225,21 @@ fn own_light(source: Source, shading: &ShadingOf) -> Source {
         .with(include_str!("shaders/lit.wgsl"))
 }
 
-const LIT_CHANNELS: &str = "fn channels_of() -> Channels {
+/// What is drawn, from this binding on.
+fn drawn_splats(binding: usize) -> String {
+    let next = binding + 1;
+    format!(
+        "@group(0) @binding({binding}) var<storage, read_write> tile_counts: array<u32>;\n\
+         @group(0) @binding({next}) var<storage, read_write> splats: array<Splat>;\n"
+    )
+}
+
+const LIT_CHANNELS: &str = "fn channels_of() -> LitColorsOf {
     let light = own_light(surface_of());
     return lit_colors_of(light.specular, light.ambient, light.split_sum);
 }
 ";
-const UNLIT_CHANNELS: &str = "fn channels_of() -> Channels {\n    return colors_of();\n}\n";
+const UNLIT_CHANNELS: &str = "fn channels_of() -> ColorsOf {\n    return colors_of();\n}\n";
 
 /// Sums.
 pub(crate) fn scan() -> String {
@@ -457,7 +468,8 @@ pub(crate) fn attribute_losses(losses: &AttributeLosses) -> String {
 
 /// Adam.
 pub(crate) fn optimise() -> String {
-    Source::new().real().formula(&AdamStep).ledger().with(include_str!("shaders/optimise.wgsl")).text()
+    let source = Source::new().real().formula(&AdamStep).ledger().count("GRAD_MAX_BITS", GRAD_MAX.to_bits() as usize);
+    source.with(include_str!("shaders/optimise.wgsl")).text()
 }
 
 /// What a device can do at best.

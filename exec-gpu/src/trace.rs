@@ -185,7 +185,7 @@ impl Not for TracedMask {
     }
 }
 
-/// Each method is what `f32` does; `exp2` and `log2` stand in `real.wgsl`.
+/// Each method is what `f32` does; `exp2`, `log2` and `is_finite` stand in `real.wgsl`.
 impl Real for Traced {
     type Mask = TracedMask;
 
@@ -224,6 +224,9 @@ impl Real for Traced {
     }
     fn select(mask: TracedMask, if_true: Self, if_false: Self) -> Self {
         Self(note(Operation::Select(if_true.0, if_false.0, mask.0)))
+    }
+    fn is_finite(self) -> TracedMask {
+        TracedMask(note(Operation::Call("real_is_finite", self.0)))
     }
 }
 

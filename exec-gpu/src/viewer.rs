@@ -128,7 +128,7 @@ impl Renderer for GpuViewer {
         &mut self,
         gaussians: &Gaussians<Stored>,
         camera: &Camera,
-        splats: &Splats,
+        splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, GpuError> {

@@ -7,7 +7,7 @@ use crate::{
 };
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
-use specula_core::camera::Camera;
+use specula_core::{camera::Camera, project::NEAR};
 use std::{fs, path::Path};
 
 /// A camera and its name.
@@ -103,6 +103,7 @@ impl Entry {
             position: Vec3::from(self.position),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
+            near: NEAR,
             width: self.width,
             height: self.height,
         };

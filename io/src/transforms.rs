@@ -7,7 +7,7 @@ use crate::{
 use core::f64::consts::PI;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
-use specula_core::camera::Camera;
+use specula_core::{camera::Camera, project::NEAR};
 use std::path::{Path, PathBuf};
 
 /// How far the columns of a rotation may be from unit length and right angles; printed matrices have 1e-7.
@@ -132,6 +132,7 @@ impl Transforms {
             position: pose.position.as_vec3(),
             focal_px: focal.map(|focal| focal as f32),
             principal_px: principal.map(|principal| principal as f32),
+            near: NEAR,
             width,
             height,
         })

@@ -138,6 +138,18 @@ pub fn shade<R: Number>(
     (0..gaussians.count).map(|gaussian| shade_one(gaussians, gaussian, camera, light, rules)).collect()
 }
 
+/// Puts splats whose attributes are not finite behind the eye, where nothing is drawn.
+fn leave_out<R: Number>(splats: &mut [Splat<R>], gaussians: &Gaussians<Vec<R>>, camera: &Camera, rules: &RenderRules) {
+    let eye = camera.lift(R::of(0.0)).position;
+    for (gaussian, splat) in splats.iter_mut().enumerate() {
+        let is_finite = Harmonics::new(gaussians, gaussian, eye, rules).sum.is_finite();
+        let is_material = !gaussians.layout.is_shaded() || material(gaussians, gaussian).is_finite();
+        if !(is_finite && is_material) {
+            splat.depth = R::of(-1.0);
+        }
+    }
+}
+
 /// What is blended; nothing of a surface is left out.
 fn blended(rules: &RenderRules, layout: Layout) -> Channels {
     match rules.blended(layout) {
@@ -339,8 +351,9 @@ pub fn render_within<R: Number>(
     rules: &RenderRules,
     limits: &Limits,
 ) -> Frame<R> {
-    let (splats, perspectives) = project_within(gaussians, camera, limits.projection());
+    let (mut splats, perspectives) = project_within(gaussians, camera, limits.projection());
     let colors = shade(gaussians, camera, light, rules);
+    leave_out(&mut splats, gaussians, camera, rules);
     let order = front_to_back_within(&splats, limits);
     let frame = blend_within(&splats, perspectives.as_deref(), &colors, &order, camera, limits);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
@@ -389,8 +402,9 @@ pub fn loss_and_gradient<R: Number>(
     view: &View<'_, R>,
 ) -> (R, Gradient<R>, FrozenWeights) {
     let light = environment.map(|(environment, operator)| prefilter(environment, operator));
-    let splats = project(gaussians, view.camera);
+    let mut splats = project(gaussians, view.camera);
     let colors = shade(gaussians, view.camera, light.as_ref(), view.rules);
+    leave_out(&mut splats, gaussians, view.camera, view.rules);
     let order = front_to_back(&splats);
     let frame = blend(&splats, &colors, &order, view.camera);
     let is_deferred = view.rules.is_deferred(gaussians.layout);

@@ -24,6 +24,7 @@ pub fn numbers_of(camera: &Camera) -> Vec<f32> {
     numbers.extend(lifted.focal_px);
     numbers.extend(lifted.principal_px);
     numbers.extend(lifted.slope_limit);
+    numbers.push(lifted.near);
     numbers
 }
 

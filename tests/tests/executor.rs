@@ -122,8 +122,8 @@ fn back_to_splats(
     view: &Comparison<'_>,
 ) -> (Splats, SplatGrads, Option<LightGrad>) {
     let Comparison { camera, target, rules, weights } = view;
-    let splats = exec.project(cloud, camera).expect("the CPU projects");
-    let colors = exec.shade(cloud, camera, &splats, Some(light), rules).expect("the CPU shades");
+    let mut splats = exec.project(cloud, camera).expect("the CPU projects");
+    let colors = exec.shade(cloud, camera, &mut splats, Some(light), rules).expect("the CPU shades");
     let tiles = exec.bin(&splats, camera).expect("the CPU bins");
     let mut frame = exec.blend(&splats, &colors, &tiles, camera).expect("the CPU blends");
     let is_deferred = rules.is_deferred(cloud.layout);

@@ -178,9 +178,9 @@ impl Scene {
     fn splat_grads<E: Back>(&self, exec: &mut E) -> Vec<f32> {
         let cloud = uploaded(exec, &self.cloud);
         let light = self.light(exec);
-        let splats = exec.project(&cloud, &self.camera).expect("the executor projects");
+        let mut splats = exec.project(&cloud, &self.camera).expect("the executor projects");
         let colors =
-            exec.shade(&cloud, &self.camera, &splats, light.as_ref(), &self.rules).expect("the executor shades");
+            exec.shade(&cloud, &self.camera, &mut splats, light.as_ref(), &self.rules).expect("the executor shades");
         let tiles = exec.bin(&splats, &self.camera).expect("the executor bins");
         let frame = exec.blend(&splats, &colors, &tiles, &self.camera).expect("the executor blends");
         let grad = exec.frame_grad(&frame, self);

@@ -452,8 +452,8 @@ fn observe_on_both(gpu: &mut GpuExecutor, count: usize, [width, height]: [u32; 2
     let camera = camera(width, height);
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
     let mut cpu = CpuExecutor::new();
-    let splats = cpu.project(&cloud, &camera).expect("the CPU projects");
-    let colors = cpu.shade(&cloud, &camera, &splats, None, &rules).expect("the CPU shades");
+    let mut splats = cpu.project(&cloud, &camera).expect("the CPU projects");
+    let colors = cpu.shade(&cloud, &camera, &mut splats, None, &rules).expect("the CPU shades");
     let tiles = cpu.bin(&splats, &camera).expect("the CPU bins");
     let frame = cpu.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let rgba: Vec<u8> = (0..width * height * 4).map(|k| (k * 37 % 251) as u8).collect();

@@ -414,8 +414,8 @@ impl Scene {
         let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
         let environment = upload(exec, &self.environment);
         let light = self.rules.is_lit.then(|| light_of(exec, &self.environment, self.rules.scheme));
-        let splats = exec.project(&cloud, &self.camera).expect("the executor projects");
-        let colors = exec.shade(&cloud, &self.camera, &splats, light.as_ref(), &self.rules).expect("it shades");
+        let mut splats = exec.project(&cloud, &self.camera).expect("the executor projects");
+        let colors = exec.shade(&cloud, &self.camera, &mut splats, light.as_ref(), &self.rules).expect("it shades");
         let tiles = exec.bin(&splats, &self.camera).expect("it sorts");
         let frame = exec.blend(&splats, &colors, &tiles, &self.camera).expect("it blends");
         let mut blended = vec![0.0; grad.len()];

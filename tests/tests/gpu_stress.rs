@@ -2,14 +2,16 @@
 
 use specula_core::{
     executor::{Executor, Renderer},
-    scene::Gaussians,
+    scene::{Gaussians, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{GpuError, GpuExecutor};
 use specula_tests::{
     device::executor,
-    stress::{Case, every_case, results::Results, too_many_splats},
+    formulas::camera,
+    strategies::{random_cloud, random_environment},
+    stress::{Case, LAYOUT, every_case, results::Results, too_many_splats},
 };
 
 /// By how much numbers are moved to see what their rounding does: 16 units in the last place, more than a formula of
@@ -26,6 +28,9 @@ const ROUNDINGS: f64 = 2e-5;
 const LOOSE_MAX: f64 = 0.05;
 /// What is smaller is no number that executors have to keep: devices may take it for zero.
 const LEAST: f64 = 1e-37;
+
+/// Texels along an edge of the light.
+const RESOLUTION: usize = 16;
 
 /// How far from each number those of nudged cases are, at most.
 fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Vec<f64> {
@@ -104,6 +109,48 @@ fn both_executors_render_and_train_alike_at_every_edge() {
     for case in every_case() {
         for shading in case.shadings() {
             found.extend(faults(&mut gpu, &mut cpu, &case, *shading));
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+/// What a number of a Gaussian may be that is none, and what is none but for its size.
+const POISON: [f32; 5] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38, -3e38];
+/// The Gaussians whose numbers are changed.
+const POISONED: [usize; 3] = [0, 17, 39];
+
+/// Random Gaussians, some with this number in a plane, and those of them that are finite.
+fn poisoned(plane: usize, number: f32) -> [Gaussians<Vec<f32>>; 2] {
+    let mut cloud = random_cloud(40, LAYOUT, 61);
+    POISONED.into_iter().for_each(|gaussian| cloud.set(gaussian, plane, [number]));
+    let kept: Vec<usize> = (0..cloud.count).filter(|k| number.is_finite() || !POISONED.contains(k)).collect();
+    let mut rest = random_cloud(kept.len(), LAYOUT, 0);
+    for (to, from) in kept.into_iter().enumerate() {
+        (0..LAYOUT.plane_count()).for_each(|plane| rest.set(to, plane, cloud.get::<1>(from, plane)));
+    }
+    [cloud, rest]
+}
+
+/// On a device whose compiler may take every number for finite.
+#[test]
+fn what_is_not_finite_is_left_out_on_a_device_to_the_last_bit() {
+    let Some(mut gpu) = executor() else { return };
+    let light = random_environment(RESOLUTION, RadianceActivation::Exponential, 3);
+    let numbers = |plane: usize| [POISON[0], POISON[1 + plane % 4]];
+    let cases = (0..LAYOUT.plane_count()).flat_map(|plane| numbers(plane).map(|number| (plane, number)));
+    let mut found = Vec::new();
+    for (k, (plane, number)) in cases.enumerate() {
+        let shading = [ShadingRules::PAPER, ShadingRules::DEFERRED][k % 2];
+        let [with, without] = poisoned(plane, number).map(|cloud| {
+            let case = Case { environment: Some(light.clone()), ..Case::new("poison", camera(48, 32), cloud) };
+            Results::new(&mut gpu, &case, shading)
+        });
+        let lists = [&with.picture, &with.losses, &with.gradient];
+        if with.nonfinite != 0 || !lists.into_iter().flatten().all(|x| x.is_finite()) {
+            found.push(format!("plane {plane} is {number}: {} gradients are not finite", with.nonfinite));
+        }
+        if with.picture != without.picture {
+            found.push(format!("plane {plane} is {number}: the picture is another without it"));
         }
     }
     assert!(found.is_empty(), "{}", found.join("\n"));

@@ -337,8 +337,8 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
     on_executor(rules, |exec| {
         let environment = scene.light.as_ref().expect("there is a light");
         let light = exec.prefilter(environment, rules.scheme, rules.levels)?;
-        let splats = exec.project(&scene.gaussians, camera)?;
-        let colors = exec.shade(&scene.gaussians, camera, &splats, Some(&light), rules)?;
+        let mut splats = exec.project(&scene.gaussians, camera)?;
+        let colors = exec.shade(&scene.gaussians, camera, &mut splats, Some(&light), rules)?;
         let tiles = exec.bin(&splats, camera)?;
         let surface = exec.blend(&splats, &colors, &tiles, camera)?;
         let frame = exec.shade_pixels(surface, Some(&light), camera)?;

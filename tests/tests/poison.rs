@@ -1,5 +1,5 @@
-//! Scenes with any bits for numbers: what has no finite place is left out, all else renders and trains in its senses. Other
-//! numbers that are not finite are refused where a scene is opened.
+//! Scenes with any bits for numbers: Gaussians that are not finite are left out to the last bit and counted, finite ones
+//! of any size make finite pictures and gradients.
 
 use core::cell::RefCell;
 use proptest::{
@@ -9,7 +9,14 @@ use proptest::{
     test_runner::TestRunner,
 };
 use specula_core::{
-    scene::{DIFFUSE, Gaussians, LOG_SCALE, MEAN, RadianceActivation, len_of_values},
+    census::{Census, Fate},
+    executor::{RenderRules, Renderer},
+    plan::{Channels, Needs, Plan},
+    prefilter::PrefilterScheme,
+    scene::{
+        Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY,
+        RadianceActivation, len_of_values,
+    },
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
@@ -18,6 +25,7 @@ use specula_tests::{
     strategies::{random_cloud, random_environment, same_every_time},
     stress::{Case, LAYOUT, results::Results},
 };
+use specula_train::evaluate::render_view;
 
 type Cloud = Gaussians<Vec<f32>>;
 
@@ -25,9 +33,8 @@ type Cloud = Gaussians<Vec<f32>>;
 const CASES: u32 = 100;
 const COUNT: usize = 40;
 const RESOLUTION: usize = 16;
-
-/// What colours and residuals of normals are made of; the square of what is much larger has no place in an `f32`.
-const LARGEST: f32 = 1e15;
+/// Light looked up by Gaussians, and by pixels.
+const SHADINGS: [ShadingRules; 2] = [ShadingRules::PAPER, ShadingRules::DEFERRED];
 
 /// Numbers at every edge.
 const EDGES: [f32; 12] = [
@@ -58,57 +65,199 @@ fn poisoned(poison: &[Poison]) -> Cloud {
     let planes = LAYOUT.plane_count();
     for (place, number) in poison {
         let place = place.index(COUNT * planes);
-        let (gaussian, plane) = (place / planes, place % planes);
-        if is_place(plane) || plane < DIFFUSE && number.is_finite() || number.abs() <= LARGEST {
-            cloud.set(gaussian, plane, [*number]);
-        }
+        cloud.set(place / planes, place % planes, [*number]);
     }
     cloud
 }
 
-/// Whether a plane says where a Gaussian is.
-fn is_place(plane: usize) -> bool {
-    (MEAN..LOG_SCALE).contains(&plane)
+fn is_finite(cloud: &Cloud, gaussian: usize) -> bool {
+    (0..cloud.layout.plane_count()).all(|plane| cloud.get::<1>(gaussian, plane)[0].is_finite())
 }
 
-/// The Gaussians that have a finite place.
-fn placed(cloud: &Cloud) -> Cloud {
-    let numbers = |k: usize| (0..LAYOUT.plane_count()).map(move |plane| cloud.get::<1>(k, plane)[0]);
-    let kept: Vec<usize> = (0..cloud.count)
-        .filter(|k| numbers(*k).enumerate().all(|(plane, number)| !is_place(plane) || number.is_finite()))
-        .collect();
-    let values = vec![0.0; len_of_values(kept.len(), LAYOUT)];
-    let mut rest = Gaussians { count: kept.len(), layout: LAYOUT, values };
+/// The Gaussians whose numbers are all finite.
+fn finite(cloud: &Cloud) -> Cloud {
+    let layout = cloud.layout;
+    let kept: Vec<usize> = (0..cloud.count).filter(|k| is_finite(cloud, *k)).collect();
+    let mut rest = Gaussians { count: kept.len(), layout, values: vec![0.0; len_of_values(kept.len(), layout)] };
     for (to, from) in kept.into_iter().enumerate() {
-        numbers(from).enumerate().for_each(|(plane, number)| rest.set(to, plane, [number]));
+        (0..layout.plane_count()).for_each(|plane| rest.set(to, plane, cloud.get::<1>(from, plane)));
     }
     rest
 }
 
+fn light() -> Environment<Vec<f32>> {
+    random_environment(RESOLUTION, RadianceActivation::Exponential, 3)
+}
+
+fn results(
+    exec: &mut CpuExecutor,
+    cloud: Cloud,
+    light: Option<&Environment<Vec<f32>>>,
+    shading: ShadingRules,
+) -> Results {
+    let case = Case { environment: light.cloned(), ..Case::new("poison", camera(48, 32), cloud) };
+    Results::new(exec, &case, shading)
+}
+
+/// What of the contract a cloud breaks, if anything.
+fn fault(
+    exec: &mut CpuExecutor,
+    cloud: &Cloud,
+    light: Option<&Environment<Vec<f32>>>,
+    shading: ShadingRules,
+) -> Option<String> {
+    let with = results(exec, cloud.clone(), light, shading);
+    for (what, numbers) in [("picture", &with.picture), ("losses", &with.losses), ("gradient", &with.gradient)] {
+        if let Some(number) = numbers.iter().position(|number| !number.is_finite()) {
+            return Some(format!("number {number} of the {what} is {}", numbers[number]));
+        }
+    }
+    if with.nonfinite != 0 {
+        return Some(format!("{} gradients are not finite", with.nonfinite));
+    }
+    if with.picture != results(exec, finite(cloud), light, shading).picture {
+        return Some("the picture changes without what is not finite".into());
+    }
+    let moved = |(plane, gaussian): &(usize, usize)| with.gradient[plane * cloud.count + gaussian] != 0.0;
+    let left_out = (0..cloud.count).filter(|gaussian| !is_finite(cloud, *gaussian));
+    let of_picture = left_out.flat_map(|gaussian| planes_of_pictures().map(move |plane| (plane, gaussian)));
+    of_picture.into_iter().find(moved).map(|(plane, gaussian)| format!("plane {plane} of {gaussian} has a gradient"))
+}
+
+/// Planes that no loss looks at but through pictures.
+fn planes_of_pictures() -> impl Iterator<Item = usize> {
+    let is_of_attributes =
+        |plane: &usize| *plane == OPACITY || (NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3).contains(plane);
+    (0..LAYOUT.plane_count()).filter(move |plane| !is_of_attributes(plane))
+}
+
 #[test]
-fn what_is_not_finite_is_left_out_and_the_rest_renders() {
+fn any_bits_are_drawn_or_left_out_and_nothing_else_changes() {
     let exec = RefCell::new(CpuExecutor::new());
-    let light = random_environment(RESOLUTION, RadianceActivation::Exponential, 3);
+    let light = light();
     let under =
         [(None, ShadingRules::PAPER), (Some(&light), ShadingRules::PAPER), (Some(&light), ShadingRules::DEFERRED)];
     let runner = &mut TestRunner::new(ProptestConfig { cases: CASES, ..same_every_time() });
     let outcome = runner.run(&poison(), |poison| {
         let cloud = poisoned(&poison);
         for (light, shading) in under {
-            let results = |cloud: Cloud| {
-                let case = Case { environment: light.cloned(), ..Case::new("poison", camera(48, 32), cloud) };
-                Results::new(&mut *exec.borrow_mut(), &case, shading)
-            };
-            let with = results(cloud.clone());
-            prop_assert!(with.picture.iter().all(|number| number.is_finite()), "the picture");
-            prop_assert!(with.losses.iter().all(|number| number.is_finite()), "the losses: {:?}", with.losses);
-            prop_assert!(with.gradient.iter().all(|number| number.is_finite()), "a gradient");
-            prop_assert!(
-                with.picture == results(placed(&cloud)).picture,
-                "the picture changes without what has no place"
-            );
+            let fault = fault(&mut exec.borrow_mut(), &cloud, light, shading);
+            prop_assert!(fault.is_none(), "{:?}, {}: {fault:?}", shading.form, light.is_some());
         }
         Ok(())
     });
     assert!(outcome.is_ok(), "{}", outcome.unwrap_err());
+}
+
+/// What a number of a plane may be, and whether it is finite.
+const WRONG: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+const HUGE: [f32; 2] = [3e38, -3e38];
+/// The Gaussians that are changed: in different blocks, near and far.
+const CHANGED: [usize; 5] = [0, 7, 15, 16, 39];
+
+fn with_plane(cloud: &Cloud, plane: usize, number: f32) -> Cloud {
+    let mut cloud = cloud.clone();
+    CHANGED.into_iter().for_each(|gaussian| cloud.set(gaussian, plane, [number]));
+    cloud
+}
+
+#[test]
+fn every_plane_of_a_shaded_gaussian_may_be_anything() {
+    let mut exec = CpuExecutor::new();
+    let (light, cloud) = (light(), random_cloud(COUNT, LAYOUT, 51));
+    let planes = 0..LAYOUT.plane_count();
+    let cases = planes.flat_map(|plane| WRONG.into_iter().chain(HUGE).map(move |number| (plane, number)));
+    for ((plane, number), shading) in cases.flat_map(|case| SHADINGS.map(|shading| (case, shading))) {
+        let fault = fault(&mut exec, &with_plane(&cloud, plane, number), Some(&light), shading);
+        assert_eq!(fault, None, "plane {plane} is {number}, {:?}", shading.form);
+    }
+}
+
+#[test]
+fn every_plane_of_a_plain_gaussian_may_be_anything() {
+    let layout = Layout::radiance(3);
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);
+    let mut exec = CpuExecutor::new();
+    let mut render =
+        |cloud: &Cloud| render_view(&mut exec, cloud, None, &camera(48, 32), &rules).expect("the CPU renders").values;
+    let cloud = random_cloud(COUNT, layout, 52);
+    for plane in 0..layout.plane_count() {
+        for number in WRONG.into_iter().chain(HUGE) {
+            let cloud = with_plane(&cloud, plane, number);
+            let with = render(&cloud);
+            assert!(with.iter().all(|number| number.is_finite()), "plane {plane} is {number}");
+            assert!(with == render(&finite(&cloud)), "plane {plane} is {number}: another picture");
+        }
+    }
+}
+
+#[test]
+fn what_a_plan_leaves_out_hides_nothing_that_is_not_finite() {
+    let mut exec = CpuExecutor::new();
+    let (light, mut cloud) = (light(), random_cloud(COUNT, LAYOUT, 53));
+    // No tint, so that a plan does without light and all that it needs.
+    (0..COUNT).for_each(|gaussian| cloud.set(gaussian, specula_core::scene::TINT, [-200.0; 3]));
+    let full = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    let filtered = exec.prefilter(&light, full.scheme, full.levels).expect("16 is a power of two");
+    for plane in 0..LAYOUT.plane_count() {
+        for number in WRONG {
+            let cloud = with_plane(&cloud, plane, number);
+            let plan = Plan::new(LAYOUT, &Needs::of(&cloud).under(Some(&light)), None, &full);
+            let mut render = |cloud: &Cloud, rules: &RenderRules| {
+                let image = render_view(&mut exec, cloud, Some(&filtered), &camera(48, 32), rules);
+                image.expect("the CPU renders").values[..3 * 48 * 32].to_vec()
+            };
+            let planned = render(&cloud, &plan.rules);
+            assert!(planned == render(&finite(&cloud), &full), "plane {plane} is {number}");
+        }
+    }
+}
+
+/// What a plane that is not finite counts as.
+fn reason(plane: usize) -> Fate {
+    match plane {
+        MEAN..LOG_SCALE => Fate::NonfiniteMean,
+        LOG_SCALE..6 => Fate::NonfiniteScale,
+        6..OPACITY => Fate::NonfiniteQuat,
+        OPACITY => Fate::NonfiniteOpacity,
+        11..17 => Fate::NonfiniteColor,
+        17 => Fate::NonfiniteRoughness,
+        18..24 => Fate::NonfiniteResidual,
+        _ => Fate::NonfiniteHarmonics,
+    }
+}
+
+#[test]
+fn what_is_not_finite_is_counted_by_reason() {
+    let cloud = random_cloud(COUNT, LAYOUT, 54);
+    assert_eq!(Census::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");
+    for plane in 0..LAYOUT.plane_count() {
+        for number in WRONG {
+            let cloud = with_plane(&cloud, plane, number);
+            for camera in [None, Some(camera(48, 32))] {
+                let census = Census::of(&cloud, camera.as_ref());
+                assert_eq!(census.count(reason(plane)), CHANGED.len(), "plane {plane} is {number}");
+                assert_eq!(census.nonfinite(), CHANGED.len(), "plane {plane} is {number}");
+            }
+        }
+    }
+}
+
+/// Gaussians that a picture has splats for are those of which the census says that they are drawn, or outside.
+#[test]
+fn a_census_counts_what_the_executor_draws() {
+    let mut exec = CpuExecutor::new();
+    let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training);
+    for case in specula_tests::stress::every_case() {
+        let mut splats = exec.project(&case.cloud, &case.camera).expect("the CPU projects");
+        exec.shade(&case.cloud, &case.camera, &mut splats, None, &rules).expect("the CPU shades");
+        let drawn = splats.records().iter().filter(|record| record.reach > 0.0).count();
+        let census = Census::of(&case.cloud, Some(&case.camera));
+        let counted = census.count(Fate::Drawn) + census.count(Fate::Outside);
+        if !case.is_on_edge {
+            assert_eq!(counted, drawn, "{}: {census:?}", case.name);
+        }
+        let all: usize = Fate::ALL.into_iter().map(|fate| census.count(fate)).sum();
+        assert_eq!(all, case.cloud.count, "{}: every Gaussian has one fate", case.name);
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     profile::{GaussianStart, Profile},
-    view::View,
+    view::{View, extent_of},
 };
 use core::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -36,15 +36,28 @@ const CUBE_HALF: f32 = 1.3;
 const POINT_STREAM: u64 = 0x706f_696e;
 const NORMAL_STREAM: u64 = 0x6e6f_726d;
 
-/// Random grey points in the cube that the scenes of NeRF-synthetic fill. Points that some picture shows as empty are
+/// How far the cameras of NeRF-synthetic spread ([`extent_of`]).
+const CUBE_EXTENT: f32 = 4.4;
+/// Scenes whose cameras spread so far are taken for as large as those of NeRF-synthetic.
+const USUAL_EXTENTS: core::ops::RangeInclusive<f32> = 1.0..=20.0;
+
+/// Half the edge of the cube for random points: that of NeRF-synthetic, and in scenes of quite another size one in
+/// proportion.
+fn half_cube(extent: f32) -> f32 {
+    if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
+}
+
+/// Random grey points in the cube that the scenes of NeRF-synthetic fill, or a larger or smaller one where the cameras are
+/// much farther from each other, or closer. Points that some picture shows as empty are
 /// drawn again, a bounded number of times, where pictures have an alpha channel.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     const DRAWS_MAX: u64 = 400;
+    let half = half_cube(extent_of(views));
     let checks: Vec<&View> = views.iter().filter(|view| view.has_alpha()).collect();
     let mut points = Vec::with_capacity(count);
     let mut draw = 0;
     while points.len() < count && draw < DRAWS_MAX * count as u64 {
-        let coordinate = |axis: u64| (random::uniform(seed, POINT_STREAM, 3 * draw + axis) * 2.0 - 1.0) * CUBE_HALF;
+        let coordinate = |axis: u64| (random::uniform(seed, POINT_STREAM, 3 * draw + axis) * 2.0 - 1.0) * half;
         let position = [0, 1, 2].map(coordinate);
         if checks.iter().all(|view| may_be_solid(view, position)) {
             points.push(Point { position, color: [0.5; 3] });
@@ -118,10 +131,12 @@ fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Poin
     }
 }
 
-/// Logarithm of the root of the mean squared distance to the three nearest neighbours.
+/// Logarithm of the root of the mean squared distance to the three nearest neighbours. Points that lie on one another count
+/// as a little apart: by 3e-4, or by that share of a cloud that is smaller than one unit.
 fn log_scales(points: &[Point]) -> Vec<f32> {
     const NEIGHBOURS: usize = 3;
     const SQUARE_MIN: f32 = 1e-7;
+    let square_min = SQUARE_MIN * size_of(points).min(1.0).powi(2);
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
     let tree: ImmutableKdTree<f32, 3> =
         ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
@@ -131,7 +146,16 @@ fn log_scales(points: &[Point]) -> Vec<f32> {
         let others = &found[1.min(found.len())..];
         others.iter().map(|neighbour| neighbour.distance).sum::<f32>() / others.len().max(1) as f32
     };
-    positions.iter().map(|position| 0.5 * mean_square(position).max(SQUARE_MIN).ln()).collect()
+    positions.iter().map(|position| 0.5 * mean_square(position).max(square_min).ln()).collect()
+}
+
+/// The longest edge of the box around some points.
+fn size_of(points: &[Point]) -> f32 {
+    let edge = |axis: usize| {
+        let along = points.iter().map(|point| point.position[axis]);
+        along.clone().fold(f32::MIN, f32::max) - along.fold(f32::MAX, f32::min)
+    };
+    [0, 1, 2].map(edge).into_iter().fold(0.0, f32::max)
 }
 
 /// Where a layout keeps each attribute, with the learning rate that it has.

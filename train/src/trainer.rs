@@ -7,7 +7,7 @@ use crate::{
 };
 use specula_core::{
     activation::logit,
-    camera::Camera,
+    camera::{Camera, near_of},
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
     metrics::psnr,
@@ -107,6 +107,8 @@ impl<E: Executor> Trainer<E> {
         } else {
             Vec::new()
         };
+        let extent = extent_of(views);
+        let near = near_of(extent);
         let Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite } = snapshot;
         let HostScene { gaussians, environment } = scene;
         let light = environment.as_ref().zip(light_moments.as_ref()).map(|(light, moments)| -> Result<_, E::Error> {
@@ -123,8 +125,8 @@ impl<E: Executor> Trainer<E> {
                 grad_sum: exec.upload(&statistics.grad_sum)?,
                 view_count: exec.upload(&statistics.view_count)?,
             },
-            pictures: [upload_pictures(&mut exec, views)?, upload_pictures(&mut exec, &halved)?],
-            extent: extent_of(views),
+            pictures: [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?],
+            extent,
             iteration: *iteration,
             order: order.clone(),
             psnr: *psnr,
@@ -400,10 +402,11 @@ fn all_can_be_halved(views: &[View]) -> bool {
     views.iter().all(|view| view.camera.width.min(view.camera.height) >= 2 * SIZE_MIN)
 }
 
-fn upload_pictures<E: Executor>(exec: &mut E, views: &[View]) -> Result<Vec<(Camera, E::Target)>, E::Error> {
+/// Pictures, and their cameras with the near plane of the whole scene.
+fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Result<Vec<(Camera, E::Target)>, E::Error> {
     let mut upload = |view: &View| {
         let [width, height] = [view.camera.width as usize, view.camera.height as usize];
-        Ok((view.camera, exec.target(width, height, &view.rgba)?))
+        Ok((Camera { near, ..view.camera }, exec.target(width, height, &view.rgba)?))
     };
     views.iter().map(&mut upload).collect()
 }

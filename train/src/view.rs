@@ -68,8 +68,14 @@ impl View {
 
 /// How far the cameras spread: 1.1 times the largest distance of one from their mean (INRIA's measure of a scene).
 pub fn extent_of(views: &[View]) -> f32 {
+    extent_of_cameras(views.iter().map(|view| &view.camera))
+}
+
+/// [`extent_of`] of cameras; 1 for a single one.
+pub fn extent_of_cameras<'a>(cameras: impl ExactSizeIterator<Item = &'a Camera> + Clone) -> f32 {
     const MARGIN: f32 = 1.1;
-    let mean = views.iter().map(|view| view.camera.position).sum::<glam::Vec3>() / views.len().max(1) as f32;
-    let farthest = views.iter().map(|view| view.camera.position.distance(mean)).fold(0.0, f32::max);
+    let count = cameras.len().max(1) as f32;
+    let mean = cameras.clone().map(|camera| camera.position).sum::<glam::Vec3>() / count;
+    let farthest = cameras.map(|camera| camera.position.distance(mean)).fold(0.0, f32::max);
     if farthest > 0.0 { MARGIN * farthest } else { 1.0 }
 }

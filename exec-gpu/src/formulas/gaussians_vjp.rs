@@ -8,7 +8,7 @@ use crate::{
 use specula_core::{
     camera::CameraOf,
     cubemap::bilinear_vjp,
-    loss::sparse_vjp,
+    loss::{residual_vjp, sparse_vjp},
     plan::{Channels, channel},
     project::{SplatGrad, project_vjp},
     real::Real,
@@ -311,6 +311,7 @@ impl Formula for AttributeLosses {
         let planes = Planes(inputs.slice(self.layout.plane_count()));
         let [sparse, residual] = inputs.array();
         let of_opacity = self.is_sparse.then(|| sparse_vjp(planes.at(OPACITY), sparse));
-        of_opacity.into_iter().chain(self.residual_planes().map(|plane| planes.at(plane) * residual)).collect()
+        let of_residual = |plane: usize| residual_vjp(planes.at(plane), residual);
+        of_opacity.into_iter().chain(self.residual_planes().map(of_residual)).collect()
     }
 }

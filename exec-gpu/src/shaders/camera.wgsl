@@ -7,7 +7,7 @@ struct Camera {
     // Where the first of them lies in arrays that hold more.
     first_gaussian: u32,
     row_z: vec3f,
-    padding_z: u32,
+    near: f32,
     position: vec3f,
     padding_position: u32,
     focal_px: vec2f,

@@ -19,8 +19,8 @@ struct StepSize {
 @group(0) @binding(6) var<storage, read_write> ledger: array<atomic<u32>>;
 
 // By its bits: compilers may take it for granted that numbers are finite.
-fn is_finite(number: f32) -> bool {
-    return (bitcast<u32>(number) & 0x7f800000u) != 0x7f800000u;
+fn is_usable(grad: f32) -> bool {
+    return (bitcast<u32>(grad) & 0x7fffffffu) <= GRAD_MAX_BITS;
 }
 
 @compute @workgroup_size(GROUP)
@@ -34,7 +34,7 @@ fn optimise(
         return;
     }
     let grad = grads[index];
-    if is_finite(grad) {
+    if is_usable(grad) {
         let rate = rates[index / BLOCK % size.planes];
         let next = adam_step(values[index], means[index], squares[index], grad, rate, size.epsilon);
         values[index] = next.value;

@@ -14,3 +14,8 @@ fn real_log2(x: f32) -> f32 {
     let mantissa = bitcast<f32>(bits - (bitcast<u32>(exponent) << 23u));
     return log2_mantissa(mantissa) + f32(exponent);
 }
+
+// By its bits: compilers may take it for granted that numbers are finite.
+fn real_is_finite(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}

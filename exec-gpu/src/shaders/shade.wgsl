@@ -2,11 +2,18 @@
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<Stored>;
-@group(0) @binding(2) var<storage, read> depth_keys: array<u32>;
+@group(0) @binding(2) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> colors: array<f32>;
 
 // In its piece.
 var<private> gaussian: u32;
+
+// What is not finite is not drawn after all.
+fn leave_out(place: u32) {
+    depth_keys[place] = NOT_DRAWN;
+    tile_counts[place] = 0u;
+    splats[place].reach = -1.0;
+}
 
 @compute @workgroup_size(GROUP)
 fn shade(
@@ -19,7 +26,11 @@ fn shade(
     if gaussian >= camera.gaussian_count || depth_keys[place] == NOT_DRAWN {
         return;
     }
-    let channels = channels_of();
+    let own = channels_of();
+    if own.is_finite == 0.0 {
+        leave_out(place);
+    }
+    let channels = own.channels;
     let first = place * CHANNEL_VECTORS * 4u;
     for (var c = 0u; c < CHANNELS; c++) {
         colors[first + c] = channels[c];

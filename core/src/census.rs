@@ -1,0 +1,182 @@
+//! What becomes of the Gaussians of a cloud in a picture: drawn, or left out and why. Counted when asked for.
+
+use crate::{
+    bin::{footprint, half_extent},
+    camera::Camera,
+    project::{Shape, project},
+    scene::{
+        DIFFUSE, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
+    },
+    sh,
+    shade::view_dir,
+    vector::{Vec3, vec3},
+};
+
+/// What becomes of a Gaussian. Of several reasons to leave it out, the first counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fate {
+    /// It is drawn.
+    Drawn,
+    /// A number of its mean is not finite.
+    NonfiniteMean,
+    /// A logarithm of a scale is not finite.
+    NonfiniteScale,
+    /// A number of its quat is not finite.
+    NonfiniteQuat,
+    /// Its opacity is not finite before the sigmoid.
+    NonfiniteOpacity,
+    /// Its diffuse colour or its tint is not finite before the sigmoid.
+    NonfiniteColor,
+    /// Its roughness is not finite before the sigmoid.
+    NonfiniteRoughness,
+    /// A number of its normal residuals is not finite.
+    NonfiniteResidual,
+    /// A coefficient of its harmonics is not finite.
+    NonfiniteHarmonics,
+    /// Its opacity is below the least alpha.
+    Faint,
+    /// It lies behind the eye, or nearer than [`Camera::near`].
+    Near,
+    /// Its place, on the way to the screen, or the sum of its harmonics is too large for an `f32`.
+    TooLarge,
+    /// The box around it misses the picture.
+    Outside,
+}
+
+impl Fate {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 13] = [
+        Self::Drawn,
+        Self::NonfiniteMean,
+        Self::NonfiniteScale,
+        Self::NonfiniteQuat,
+        Self::NonfiniteOpacity,
+        Self::NonfiniteColor,
+        Self::NonfiniteRoughness,
+        Self::NonfiniteResidual,
+        Self::NonfiniteHarmonics,
+        Self::Faint,
+        Self::Near,
+        Self::TooLarge,
+        Self::Outside,
+    ];
+
+    /// Whether a number of the Gaussian is not finite.
+    pub const fn is_nonfinite(self) -> bool {
+        Self::NonfiniteMean as usize <= self as usize && self as usize <= Self::NonfiniteHarmonics as usize
+    }
+
+    /// In a word or two: what is not finite, or what else is the matter.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Drawn => "drawn",
+            Self::NonfiniteMean => "mean",
+            Self::NonfiniteScale => "scale",
+            Self::NonfiniteQuat => "quat",
+            Self::NonfiniteOpacity => "opacity",
+            Self::NonfiniteColor => "colour",
+            Self::NonfiniteRoughness => "roughness",
+            Self::NonfiniteResidual => "normal residual",
+            Self::NonfiniteHarmonics => "harmonics",
+            Self::Faint => "too faint",
+            Self::Near => "behind the eye or too near",
+            Self::TooLarge => "too large for a number",
+            Self::Outside => "outside of the picture",
+        }
+    }
+
+    /// That of a Gaussian in a picture that reads all its attributes; without a camera, as far as its own numbers tell.
+    pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: Option<&Camera>) -> Self {
+        nonfinite(gaussians, gaussian)
+            .unwrap_or_else(|| camera.map_or(Self::Drawn, |camera| in_view(gaussians, gaussian, camera)))
+    }
+}
+
+/// How many Gaussians have which [`Fate`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Census {
+    counts: [usize; Fate::ALL.len()],
+}
+
+impl Census {
+    /// Looks at every Gaussian once; without a camera, at its own numbers alone.
+    pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, camera: Option<&Camera>) -> Self {
+        let mut counts = [0; Fate::ALL.len()];
+        (0..gaussians.count).for_each(|gaussian| counts[Fate::of(gaussians, gaussian, camera) as usize] += 1);
+        Self { counts }
+    }
+    /// Gaussians of this fate.
+    pub const fn count(&self, fate: Fate) -> usize {
+        self.counts[fate as usize]
+    }
+    /// Gaussians with a number that is not finite.
+    pub fn nonfinite(&self) -> usize {
+        Fate::ALL.into_iter().filter(|fate| fate.is_nonfinite()).map(|fate| self.count(fate)).sum()
+    }
+}
+
+/// Planes of an attribute, first and past the last, and what it means that they are not finite.
+const GEOMETRY: [(usize, usize, Fate); 4] = [
+    (MEAN, LOG_SCALE, Fate::NonfiniteMean),
+    (LOG_SCALE, QUAT, Fate::NonfiniteScale),
+    (QUAT, OPACITY, Fate::NonfiniteQuat),
+    (OPACITY, OPACITY + 1, Fate::NonfiniteOpacity),
+];
+const MATERIAL: [(usize, usize, Fate); 3] = [
+    (DIFFUSE, TINT + 3, Fate::NonfiniteColor),
+    (ROUGHNESS, ROUGHNESS + 1, Fate::NonfiniteRoughness),
+    (NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2 + 3, Fate::NonfiniteResidual),
+];
+
+fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Option<Fate> {
+    let layout = gaussians.layout;
+    let material = if layout.is_shaded() { &MATERIAL[..] } else { &[] };
+    let harmonics = [(layout.sh_start(), layout.plane_count(), Fate::NonfiniteHarmonics)];
+    let is_finite = |plane: usize| gaussians.get::<1>(gaussian, plane)[0].is_finite();
+    let mut attributes = GEOMETRY.iter().chain(material).chain(&harmonics);
+    attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, fate)| *fate)
+}
+
+fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> Fate {
+    let take3 = |plane: usize| {
+        let [x, y, z] = gaussians.get::<3>(gaussian, plane);
+        vec3(x, y, z)
+    };
+    let [opacity_logit] = gaussians.get::<1>(gaussian, OPACITY);
+    let shape =
+        Shape { mean: take3(MEAN), log_scales: take3(LOG_SCALE), quat: gaussians.get(gaussian, QUAT), opacity_logit };
+    let lifted = camera.lift(0.0_f32);
+    let splat = project(&shape, &lifted);
+    let reach = footprint(&splat).reach;
+    if splat.opacity <= crate::bin::ALPHA_MIN {
+        Fate::Faint
+    } else if splat.depth < 0.0 && lifted.to_camera(shape.mean).is_finite() {
+        Fate::Near
+    } else if reach < 0.0 || !harmonics(gaussians, gaussian, shape.mean, camera).is_finite() {
+        Fate::TooLarge
+    } else if misses_picture(splat.mean2d, half_extent(&splat, reach), camera) {
+        Fate::Outside
+    } else {
+        Fate::Drawn
+    }
+}
+
+/// The sum of a Gaussian's harmonics.
+fn harmonics<A: AsRef<[f32]>>(
+    gaussians: &Gaussians<A>,
+    gaussian: usize,
+    mean: Vec3<f32>,
+    camera: &Camera,
+) -> Vec3<f32> {
+    let count = gaussians.layout.sh_count();
+    let basis = sh::basis(-view_dir(mean, camera.position.into()), count);
+    (0..count).fold(Vec3::zero(0.0), |sum, k| {
+        let [x, y, z] = gaussians.get::<3>(gaussian, gaussians.layout.sh_start() + 3 * k);
+        sum.add_scaled(basis[k], vec3(x, y, z))
+    })
+}
+
+fn misses_picture(center: [f32; 2], half: [f32; 2], camera: &Camera) -> bool {
+    let size = [camera.width as f32, camera.height as f32];
+    (0..2).any(|axis| center[axis] + half[axis] < 0.0 || center[axis] - half[axis] > size[axis])
+}
