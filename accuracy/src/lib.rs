@@ -6,6 +6,7 @@
 //! * [`error`]: measures of a picture against the exact one ([`mod@flip`])
 //! * [`front`]: settings that no other beats
 //! * [`budget`]: the cheapest setting for an error, verified on views that it was not chosen by
+//! * [`mod@off_axis`]: how far alphas are from those along rays, by the angle
 //! * [`stability`]: what holds of scenes at the edges of what is valid
 #![forbid(unsafe_code)]
 
@@ -13,6 +14,7 @@ pub mod budget;
 pub mod error;
 pub mod flip;
 pub mod front;
+pub mod off_axis;
 pub mod reference;
 pub mod setting;
 pub mod stability;

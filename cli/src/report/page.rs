@@ -13,6 +13,7 @@ use crate::{
 use plotters::style::RGBColor;
 use specula_accuracy::{
     front::pareto,
+    off_axis::{OffAxis, SCALES, off_axis},
     setting::{Difference, FIXED, KNOBS},
     stability::{PROMISES, Row},
 };
@@ -50,6 +51,7 @@ fn page(findings: &Findings) -> Result<String, Failure> {
     let knobs = knob_plots(findings)?;
     let front_table = html_table(&front_rows(findings));
     let fixed: String = FIXED.iter().map(|(name, why)| format!("<li>{name}: {why}</li>\n")).collect();
+    let off_axis = html_table(&off_axis_rows());
     let stability = stability_section(&findings.stability);
     Ok(format!(
         "<!doctype html>
@@ -78,6 +80,10 @@ chance; <a href=\"report.jsonl\">report.jsonl</a> has medians, spreads, stages, 
 <h2>What cannot be turned</h2>
 <ul>
 {fixed}</ul>
+<h2>Off the axis</h2>
+<p>The largest difference of an alpha from that along rays, affine / on the tangent plane, of opaque Gaussians whose standard
+deviation is a share of their distance. It does not depend on the scene.</p>
+{off_axis}
 {stability}
 </html>
 "
@@ -98,6 +104,24 @@ fn front_plot(findings: &Findings) -> Result<String, Failure> {
         Series { places: usual, color: USUAL, is_line: false, radius: 5 },
     ];
     log_log("every setting", WHOLE, &series)
+}
+
+/// Shapes and angles down, scales across; each affine and on the tangent plane.
+fn off_axis_rows() -> Vec<[String; 2 + SCALES.len()]> {
+    let head = |k: usize| match k {
+        0 => "shape".into(),
+        1 => "off the axis".into(),
+        k => format!("{}", SCALES[k - 2]),
+    };
+    let all = off_axis();
+    let row = |own: &[OffAxis]| {
+        core::array::from_fn(|k| match k {
+            0 => own[0].shape.into(),
+            1 => format!("{}°", own[0].degrees),
+            k => format!("{:.1e} / {:.1e}", own[k - 2].affine, own[k - 2].tangent),
+        })
+    };
+    core::iter::once(core::array::from_fn(head)).chain(all.chunks(SCALES.len()).map(row)).collect()
 }
 
 /// The front as a table.

@@ -4,6 +4,7 @@ use super::{Findings, Measured};
 use crate::{failure::Failure, output};
 use serde_json::{Map, Value, json};
 use specula_accuracy::{
+    off_axis::{OffAxis, off_axis},
     setting::KNOBS,
     stability::{PROMISES, Row},
     trial::{STAGES, Spread},
@@ -14,6 +15,7 @@ use std::path::Path;
 pub(super) fn write(path: &Path, findings: &Findings) -> Result<(), Failure> {
     let settings = findings.measured.iter().map(|own| of_setting(own, findings));
     let lines = core::iter::once(of_scene(findings)).chain(settings).chain(findings.stability.iter().map(of_row));
+    let lines = lines.chain(off_axis().into_iter().map(of_angle));
     output::write_text(path, &lines.map(|line| format!("{line}\n")).collect::<String>())
 }
 
@@ -62,6 +64,17 @@ fn of_setting(own: &Measured, findings: &Findings) -> Value {
 
 fn of_spread(times: Spread) -> Value {
     json!({"min": times.min, "median": times.median, "iqr": times.iqr})
+}
+
+fn of_angle(own: OffAxis) -> Value {
+    json!({
+        "kind": "off axis",
+        "shape": own.shape,
+        "degrees": own.degrees,
+        "scale": own.scale,
+        "affine": own.affine,
+        "tangent": own.tangent,
+    })
 }
 
 fn of_row(row: &Row) -> Value {

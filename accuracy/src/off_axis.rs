@@ -1,0 +1,129 @@
+//! How far alphas are from those along rays, by how far off the axis a Gaussian is seen.
+
+use specula_core::{
+    blend::{self, Stamp},
+    camera::Camera,
+    double::Double,
+    perspective::{self, Perspective, Projection, perspective},
+    project::{Shape, Splat, project},
+    vector::vec3,
+};
+
+/// Angles off the axis, in degrees.
+pub const ANGLES: [f64; 6] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
+/// Standard deviations, as shares of the distance.
+pub const SCALES: [f64; 3] = [0.01, 0.03, 0.1];
+
+/// What is seen: a ball, a disc that faces the eye, or one that is turned away.
+pub const SHAPES: [(&str, f64, f64); 3] =
+    [("ball", 1.0, 0.0), ("disc that faces the eye", 1e-3, 0.0), ("disc turned by 60°", 1e-3, 60.0)];
+
+/// The largest difference of an alpha of an opaque Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OffAxis {
+    /// One of [`SHAPES`].
+    pub shape: &'static str,
+    /// Off the axis, in degrees.
+    pub degrees: f64,
+    /// Standard deviation, as a share of the distance.
+    pub scale: f64,
+    /// Of the affine projection.
+    pub affine: f64,
+    /// Of that onto the tangent plane.
+    pub tangent: f64,
+}
+
+/// All of it, shape by shape, angle by angle.
+pub fn off_axis() -> Vec<OffAxis> {
+    let angles = |shape| ANGLES.into_iter().map(move |degrees| (shape, degrees));
+    let cases = SHAPES.into_iter().flat_map(angles);
+    cases.flat_map(|(shape, degrees)| SCALES.into_iter().map(move |scale| row(shape, degrees, scale))).collect()
+}
+
+fn row((name, thickness, tilt): (&'static str, f64, f64), degrees: f64, scale: f64) -> OffAxis {
+    let shape = shape(degrees, scale, thickness, tilt);
+    let [ray, tangent, affine] = [Projection::Ray, Projection::Tangent, Projection::Within(f32::MAX)]
+        .map(|projection| Seen::new(&shape, projection));
+    OffAxis { shape: name, degrees, scale, affine: apart(&affine, &ray), tangent: apart(&tangent, &ray) }
+}
+
+/// Turned about y so that the eye sees its axis z, and tilted from there.
+fn shape(degrees: f64, scale: f64, thickness: f64, tilt: f64) -> Shape<Double> {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let (half_sin, half_cos) = (0.5 * (degrees + tilt).to_radians()).sin_cos();
+    Shape {
+        mean: vec3(Double(sin), Double(0.0), Double(cos)),
+        log_scales: vec3(Double(scale.ln()), Double(scale.ln()), Double((scale * thickness).ln())),
+        quat: [half_cos, 0.0, half_sin, 0.0].map(Double),
+        opacity_logit: Double(40.0),
+    }
+}
+
+/// So many pixels a unit that the low-pass does not matter.
+const FOCAL: f32 = 1e6;
+/// Steps from the middle of a footprint to its edge.
+const STEPS: i32 = 60;
+/// Standard deviations to the edge.
+const REACH: f64 = 4.0;
+
+/// A Gaussian in a projection.
+struct Seen {
+    splat: Splat<Double>,
+    stamp: Stamp<Double>,
+    own: Perspective<Double>,
+}
+
+impl Seen {
+    fn new(shape: &Shape<Double>, projection: Projection) -> Self {
+        let camera = Camera {
+            camera_from_world: Default::default(),
+            position: Default::default(),
+            focal_px: [FOCAL; 2],
+            principal_px: [0.0; 2],
+            width: 1,
+            height: 1,
+            near: 0.0,
+        };
+        let camera = camera.lift(Double(0.0)).for_projection(projection);
+        let splat = project(shape, &camera);
+        let own = perspective(projection, shape, &splat, &camera);
+        Self { stamp: blend::stamp(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
+    }
+
+    /// Strength at an offset from the mean.
+    fn strength(&self, [dx, dy]: [Double; 2]) -> f64 {
+        let [u, w] = blend::scaled_offset(&self.stamp, dx, dy);
+        let scale = perspective::ray_scale(Double(1.0), self.own.slope, [dx, dy]);
+        let curvature = perspective::scaled_curvature(self.own.curvature);
+        perspective::log2_strength(Double(0.0), u * u + w * w, scale, curvature).0.exp2()
+    }
+}
+
+/// The largest difference of strengths over a footprint.
+fn apart(own: &Seen, exact: &Seen) -> f64 {
+    let step =
+        |axis: usize, k: i32| Double(REACH * own.splat.variance[axis].0.sqrt() * f64::from(k) / f64::from(STEPS));
+    let rows = -STEPS..=STEPS;
+    let places = rows.clone().flat_map(|down| rows.clone().map(move |across| [step(0, across), step(1, down)]));
+    places.map(|place| (own.strength(place) - exact.strength(place)).abs()).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_grow_off_the_axis_and_with_the_scale_and_the_tangent_plane_is_closer_for_balls() {
+        let rows = off_axis();
+        assert_eq!(rows.len(), SHAPES.len() * ANGLES.len() * SCALES.len());
+        let balls: Vec<&OffAxis> = rows.iter().filter(|row| row.shape == "ball").collect();
+        for pair in balls.windows(SCALES.len() + 1) {
+            assert!(pair[0].affine < pair[SCALES.len()].affine, "{pair:?}");
+        }
+        assert!(balls.iter().all(|row| row.tangent <= row.affine + 1e-9), "{balls:?}");
+        let at = |degrees: f64| balls.iter().find(|row| row.degrees == degrees && row.scale == 0.1);
+        let row = at(60.0).expect("there is such a row");
+        // The published table has .205 and .011.
+        assert!((row.affine - 0.205).abs() < 0.005 && (row.tangent - 0.011).abs() < 0.001, "{row:?}");
+    }
+}
