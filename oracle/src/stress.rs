@@ -3,7 +3,7 @@
 use crate::scenes::{camera, random_cloud, random_environment};
 use glam::{Mat3, Vec3};
 use specula_core::{
-    camera::Camera,
+    camera::{Camera, near_of},
     project::NEAR,
     random,
     scene::{
@@ -219,6 +219,7 @@ fn places() -> Vec<Case> {
     let sized = |name: &'static str, size: f32| {
         let mut camera = view();
         camera.position *= size;
+        camera.near = near_of(size);
         let cloud = changed(60, 12, |cloud, k| {
             let (mean, scales) = (cloud.get::<3>(k, MEAN), cloud.get::<3>(k, LOG_SCALE));
             cloud.set(k, MEAN, mean.map(|x| x * size));

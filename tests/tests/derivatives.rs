@@ -443,6 +443,26 @@ proptest! {
     }
 
     #[test]
+    fn what_is_limited_is_derived_right(numbers in vec(-2.0..2.0_f64, 3), of_limit in -2.0..2.0_f64) {
+        prop_assume!((of_limit.abs() - 1.0).abs() > 1e-3);
+        let mut colors = numbers;
+        colors[0] = of_limit * f64::from(color::COLOR_MAX);
+        assert_vjp(
+            &colors,
+            |x| color::limited(take3(x)).to_array().to_vec(),
+            |x, g| color::limited_vjp(take3(x), take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+        // Half of the square of a residual, whose gradient stops to grow at the limit.
+        assert_vjp(
+            &[colors[1]],
+            |x| vec![x[0] * x[0] * 0.5],
+            |x, g| vec![loss::residual_vjp(x[0], g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
     fn coverage_beyond_its_margin_is_derived_right(beyond in -0.1..0.00099_f64) {
         for coverage in [beyond, 1.0 - beyond] {
             assert_vjp(

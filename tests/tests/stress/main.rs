@@ -32,3 +32,35 @@ fn a_value_that_is_too_large_is_seen() {
 fn a_value_that_is_no_number_is_seen() {
     assert_at_most("no number", worst([0.0, f64::NAN, 1.0].into_iter()), 1e30);
 }
+
+/// Sources of the tests that `docs/stability.md` names.
+const SOURCES: [&str; 11] = [
+    include_str!("blending.rs"),
+    include_str!("naive.rs"),
+    include_str!("numbers.rs"),
+    include_str!("scenes.rs"),
+    include_str!("splats.rs"),
+    include_str!("training.rs"),
+    include_str!("../executor.rs"),
+    include_str!("../gpu.rs"),
+    include_str!("../gpu_stress.rs"),
+    include_str!("../gpu_train.rs"),
+    include_str!("../invariants.rs"),
+];
+
+#[test]
+fn every_row_of_the_table_is_there_and_names_tests_that_exist() {
+    let table = include_str!("../../../docs/stability.md");
+    let rows: Vec<&str> =
+        table.lines().filter(|line| line.starts_with("| ") && line.matches('|').count() == 6).collect();
+    for number in 1..=31 {
+        let start = format!("| {number} |");
+        let row = rows.iter().find(|row| row.starts_with(&start)).expect("a row of each number");
+        let mut named = row.split('`').skip(1).step_by(2).filter(|name| name.len() > 30).peekable();
+        assert!(named.peek().is_some() || row.contains("not offered"), "row {number} has no test");
+        for name in named {
+            let declared = format!("fn {name}(");
+            assert!(SOURCES.iter().any(|source| source.contains(&declared)), "row {number}: there is no test {name}");
+        }
+    }
+}

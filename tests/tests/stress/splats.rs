@@ -11,7 +11,7 @@ use specula_core::{
     executor::{RenderRules, Renderer},
     plan::Channels,
     prefilter::PrefilterScheme,
-    project::{BLUR, NEAR, Shape, Splat, SplatGrad, project, project_vjp},
+    project::{BLUR, Shape, Splat, SplatGrad, project, project_vjp},
     random,
     scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     shade::ShadingRules,
@@ -20,6 +20,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_tests::{
     number::{Number, vector},
+    plain,
     strategies::random_cloud,
     stress::{Case, LAYOUT, every_case},
 };
@@ -336,5 +337,39 @@ fn every_gaussian_of_the_hard_scenes_has_a_fate_and_none_is_not_finite_but_where
             .count();
         assert_eq!(Census::of(&cloud, Some(&camera)).nonfinite(), nonfinite, "{name}");
     }
-    assert!(NEAR > 0.0, "what is drawn has a positive depth, whose bits sort as it does");
+}
+
+/// How far a picture may be from that of `f64`, as a share of a number or of one.
+const SAME_PICTURE: f64 = 1e-4;
+
+/// How far the picture of a case is from that of `f64`, number by number, the furthest last.
+fn distances(name: &str) -> Vec<f64> {
+    let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);
+    let exact = plain::render::<Double>(&plain::lift_gaussians(&case.cloud), None, &case.camera, &rules);
+    let own = picture(&mut CpuExecutor::new(), &case.cloud, &case.camera);
+    let apart = |(own, exact): (&f32, &Double)| (f64::from(*own) - exact.0).abs() / exact.0.abs().max(1.0);
+    let mut distances: Vec<f64> = own.iter().zip(&exact.values).map(apart).collect();
+    distances.sort_by(f64::total_cmp);
+    distances
+}
+
+#[test]
+fn what_is_nowhere_is_left_out_by_f64_as_by_f32() {
+    let case = every_case().into_iter().find(|case| case.name == "nowhere").expect("a case of that name");
+    let census = Census::of(&case.cloud, Some(&case.camera));
+    assert!(census.nonfinite() > 20 && census.count(Fate::Drawn) > 10, "some of it is somewhere: {census:?}");
+    let distances = distances(case.name);
+    println!("all but one in a hundred: {:.1e}", distances[distances.len() * 99 / 100]);
+    assert_at_most("a scene of which much is nowhere", distances[distances.len() - 1], SAME_PICTURE);
+}
+
+#[test]
+fn a_world_of_a_millionth_is_drawn_as_f64_draws_it() {
+    let name = "a world of a millionth";
+    let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");
+    assert!(Census::of(&case.cloud, Some(&case.camera)).count(Fate::Drawn) > 50, "it is in front of the near plane");
+    let distances = distances(name);
+    println!("all but one in a hundred: {:.1e}", distances[distances.len() * 99 / 100]);
+    assert_at_most("a world of a millionth", distances[distances.len() - 1], SAME_PICTURE);
 }
