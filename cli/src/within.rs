@@ -73,9 +73,10 @@ fn words(certificate: &Certificate, subject: &Subject) -> String {
     let difference = Difference(setting, &Setting::usual(subject)).to_string();
     let share = own.cost() / usual.cost();
     format!(
-        "error {:.2e} of {asked:e} on {verifying} tiles that it was not chosen by ({:.1} dB, largest {:.1e}), {:.2e} on \
-         {choosing} that it was; {share:.2} of the usual work; turned from the usual: {difference}",
-        verified.rms, verified.psnr, verified.max, chosen_by.rms
+        "at most {asked:e} was asked for; {verifying} tiles that it was not chosen by: error {:.2e} ({:.1} dB), worst tile \
+         {:.2e}, largest difference {:.1e}; {choosing} that it was: {:.2e}, worst {:.2e}; {share:.2} of the usual work; \
+         turned from the usual: {difference}",
+        verified.rms, verified.psnr, verified.worst, verified.max, chosen_by.rms, chosen_by.worst
     )
 }
 
