@@ -138,6 +138,11 @@ pub(crate) struct Train {
     /// specula doctor lists them. Where a GPU fails on the way, the processor goes on from the last checkpoint.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
+    /// Look for the cheapest setting whose pictures of the result are within E of exact ones (root of the mean square, 1
+    /// is white), check it on tiles that it was not chosen by, write its certificate into specula.json, and measure with
+    /// it. Training itself stays as it is: it has the usual setting. render --max-error E has the same pictures.
+    #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero)]
+    pub(crate) max_error: Option<f64>,
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) again: Again,

@@ -16,8 +16,8 @@ use toml::{Table, Value};
 
 /// What may be other when a training goes on: where and for how long it computes, and what is looked at on the way.
 /// Whether a data set is the same is not told by its path.
-const FREE: [&str; 6] =
-    ["iterations", "executor", "checkpoint-every", "save-iterations", "test-iterations", "source-path"];
+const FREE: [&str; 7] =
+    ["iterations", "executor", "checkpoint-every", "save-iterations", "test-iterations", "source-path", "max-error"];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 

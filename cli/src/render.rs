@@ -6,6 +6,7 @@ use crate::{
     dataset,
     failure::Failure,
     look::Tour,
+    machine::ExecutorChoice,
     output,
     pictures::Layer,
     progress::Talk,
@@ -54,8 +55,11 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         false => None,
     };
     if let Some(error) = args.max_error {
-        let (channels, executor) = (Layer::channels(&layers), &args.look.machine.executor);
-        let (renderer, certificate) = within::renderer(&opened, &tour, background, channels, executor, error, talk)?;
+        if let ExecutorChoice::Gpu(_) = args.look.machine.executor {
+            return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
+        }
+        let (cameras, channels) = (tour.cameras.iter().map(|(_, camera)| *camera).collect(), Layer::channels(&layers));
+        let (renderer, certificate) = within::renderer(&opened.scene, cameras, background, channels, error, talk)?;
         job.run_with(renderer, opened.scene.reading.shading.form, background, talk, |_, _| Ok(()))?;
         output::say(&place.folder.display().to_string())?;
         return output::say(&certificate);
@@ -243,7 +247,7 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{convention::Reading, machine::ExecutorChoice, progress::Talk};
+    use crate::{convention::Reading, progress::Talk};
     use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
 
     /// A Gaussian in front of the camera, grey from everywhere.

@@ -11,11 +11,11 @@ use crate::{
     interrupt, output,
     progress::{Talk, Work},
     quality,
-    scene::Renderer,
-    settings,
+    scene::{Renderer, Scene},
+    settings, within,
 };
 use serde_json::{Map, Value, json};
-use specula_core::plan::Channels;
+use specula_core::{camera::Camera, plan::Channels};
 use specula_io::{
     self as io,
     cameras::NamedCamera,
@@ -59,13 +59,15 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
+    let looked_from = cameras_of(&data);
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
     let outcome = training
         .run("training", talk, &pauses, |training, work| pause(args, training, &info, &data.test, background, work))?;
-    finish(args, &mut training, info, outcome, &data.test, background, talk)
+    let views = Views { test: &data.test, looked_from, background };
+    finish(args, &mut training, info, outcome, views, talk)
 }
 
 /// What a training had come to when it was put aside.
@@ -238,14 +240,27 @@ fn pause(
     Ok(())
 }
 
+/// Where a result is looked at from.
+#[derive(Debug)]
+struct Views<'a> {
+    test: &'a [View],
+    looked_from: Vec<Camera>,
+    background: Background,
+}
+
+/// Those of the test views, or else of the pictures.
+fn cameras_of(data: &Dataset) -> Vec<Camera> {
+    let views = if data.test.is_empty() { &data.train } else { &data.test };
+    views.iter().map(|view| view.camera).collect()
+}
+
 /// Saves, measures and says what came out.
 fn finish(
     args: &Train,
     training: &mut Training<'_>,
     mut info: ModelInfo,
     outcome: Outcome,
-    test: &[View],
-    background: Background,
+    views: Views<'_>,
     talk: Talk,
 ) -> Result<(), Failure> {
     let Outcome { iteration, seconds, is_interrupted } = outcome;
@@ -264,17 +279,48 @@ fn finish(
         )));
     }
     talk.note(&format!("saved {place:?}"));
+    let within = certified(args, &scene, &views, info, iteration, talk)?;
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?;
+    let mut renderer = match within {
+        Some(renderer) => renderer,
+        None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?,
+    };
+    let test = views.test;
     let work = talk.work("measuring", test.len() as u64);
-    let measured = renderer.measure(test, background, &work)?;
+    let measured = renderer.measure(test, views.background, &work)?;
     work.finish();
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&mean_quality(&measured)), test.len()))
+}
+
+/// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
+fn certified(
+    args: &Train,
+    scene: &Scene,
+    views: &Views<'_>,
+    mut info: ModelInfo,
+    iteration: u32,
+    talk: Talk,
+) -> Result<Option<Renderer>, Failure> {
+    let Some(error) = args.max_error else { return Ok(None) };
+    let cameras = views.looked_from.clone();
+    match within::renderer(scene, cameras, views.background, Channels::Training, error, talk) {
+        Ok((renderer, certificate)) => {
+            output::say(&certificate)?;
+            info.rest.insert("certificate".into(), certificate.into());
+            scene.save(&args.model_path, iteration, &info)?;
+            Ok(Some(renderer))
+        }
+        Err(Failure::Input(why)) => {
+            talk.note(&why);
+            Ok(None)
+        }
+        Err(failure) => Err(failure),
+    }
 }
 
 /// Writes how good the scene is, and after what time.

@@ -4,40 +4,27 @@ use crate::{
     background::Background,
     convention::Reading,
     failure::Failure,
-    look::Tour,
-    machine::ExecutorChoice,
     progress::Talk,
-    scene::{Opened, Renderer, Scene},
+    scene::{Renderer, Scene},
 };
 use specula_accuracy::{
     budget::{Certificate, Refusal, cheapest_within},
     setting::{Difference, Setting},
     subject::Subject,
 };
-use specula_core::{plan::Channels, shade::ShadingRules};
+use specula_core::{camera::Camera, plan::Channels, shade::ShadingRules};
 
 /// A scene that is rendered within an error, and the certificate of it.
 pub(crate) fn renderer(
-    opened: &Opened,
-    tour: &Tour,
+    scene: &Scene,
+    cameras: Vec<Camera>,
     background: Background,
     channels: Channels,
-    executor: &ExecutorChoice,
     error: f64,
     talk: Talk,
 ) -> Result<(Renderer, String), Failure> {
-    if let ExecutorChoice::Gpu(_) = executor {
-        return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
-    }
-    let cameras = tour.cameras.iter().map(|(_, camera)| *camera).collect();
-    let subject = opened.scene.clone().into_subject(cameras, background.0);
-    if !subject.has_reference() {
-        return Err(Failure::Input(
-            "an error cannot be kept where there are no exact pictures: the authors' shading is what their code does; \
-             leave --max-error out"
-                .into(),
-        ));
-    }
+    let subject = scene.clone().into_subject(cameras, background.0);
+    check(&subject)?;
     talk.note(&format!("looking for the cheapest setting within {error}"));
     let certificate = cheapest_within(&subject, error).map_err(|refusal| match refusal {
         Refusal::TooClose(least) => Failure::Input(format!(
@@ -51,6 +38,18 @@ pub(crate) fn renderer(
     })?;
     let words = words(&certificate, &subject);
     Ok((Renderer::within(scene_of(&certificate.setting, &subject), &certificate.setting, channels)?, words))
+}
+
+/// Refuses what has no exact pictures.
+fn check(subject: &Subject) -> Result<(), Failure> {
+    if subject.has_reference() {
+        return Ok(());
+    }
+    Err(Failure::Input(
+        "an error cannot be kept where there are no exact pictures: the authors' shading is what their code does; leave \
+         --max-error out"
+            .into(),
+    ))
 }
 
 /// The scene with its light and its reading as the setting has them.
@@ -73,10 +72,10 @@ fn words(certificate: &Certificate, subject: &Subject) -> String {
     let difference = Difference(setting, &Setting::usual(subject)).to_string();
     let share = own.cost() / usual.cost();
     format!(
-        "at most {asked:e} was asked for; {verifying} tiles that it was not chosen by: error {:.2e} ({:.1} dB), worst tile \
-         {:.2e}, largest difference {:.1e}; {choosing} that it was: {:.2e}, worst {:.2e}; {share:.2} of the usual work; \
-         turned from the usual: {difference}",
-        verified.rms, verified.psnr, verified.worst, verified.max, chosen_by.rms, chosen_by.worst
+        "error {:.2e} (worst tile {:.2e}) on {verifying} tiles that it was not chosen by, where {asked:e} was allowed \
+         ({:.1} dB, largest difference {:.1e}); {:.2e} (worst tile {:.2e}) on {choosing} that it was; {share:.2} of the \
+         usual work; turned from the usual: {difference}",
+        verified.rms, verified.worst, verified.psnr, verified.max, chosen_by.rms, chosen_by.worst
     )
 }
 

@@ -98,3 +98,22 @@ fn pictures_within_an_error_come_with_a_certificate() {
     assert!(words.contains("cannot be kept") && words.contains("use --max-error "), "{words}");
     render("0").assert().code(2);
 }
+
+#[test]
+fn a_training_ends_with_a_certificate_and_the_same_model() {
+    let tiny = Tiny::new();
+    printed(&mut train(&tiny, "usual"));
+    let said = printed(train(&tiny, "within").args(["--max-error", "0.02"]));
+    assert!(said.starts_with("error "), "{said}");
+    let info = fs::read_to_string(tiny.path("within/specula.json")).unwrap();
+    assert!(info.contains("\"certificate\": \"error "), "{info}");
+    let [usual, within] = ["usual", "within"].map(|model| {
+        let place = format!("{model}/point_cloud");
+        let saved = fs::read_dir(tiny.path(&place)).unwrap().next().unwrap().unwrap().path();
+        fs::read(saved.join("point_cloud.ply")).unwrap()
+    });
+    assert!(usual == within, "looking for a setting changes no training");
+
+    let said = printed(train(&tiny, "too close").args(["--max-error", "1e-9"]));
+    assert!(!said.contains("error "), "what cannot be kept is a note, and the model is there: {said}");
+}
