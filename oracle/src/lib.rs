@@ -5,6 +5,7 @@
 //! gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`. [`scenes`] and [`stress`] are what is looked at.
 #![forbid(unsafe_code)]
 
+pub mod independent;
 mod light;
 mod losses;
 pub mod number;
