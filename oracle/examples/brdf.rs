@@ -19,8 +19,12 @@ const DIRECTIONS: usize = 40;
 const RESOLUTION: usize = 32;
 const SAMPLES: usize = 8;
 /// Each light's name, its first number, and how many it has.
-const LIGHTS: [(&str, usize, usize); 4] =
-    [("the same everywhere", 0, 1), ("brighter upwards", 1, 1), ("studio, as shown", 2, 3), ("studio, sun of 200", 5, 3)];
+const LIGHTS: [(&str, usize, usize); 4] = [
+    ("the same everywhere", 0, 1),
+    ("brighter upwards", 1, 1),
+    ("studio, as shown", 2, 3),
+    ("studio, sun of 200", 5, 3),
+];
 const NUMBERS: usize = 8;
 
 /// What goes to the eye under all lights.

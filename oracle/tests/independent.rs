@@ -197,7 +197,10 @@ fn weights_and_what_passes_are_one() {
         let picture = blend(&own, &vec![vec![1.0]; own.len()], &view(), order);
         let (weights, passed) = picture.values.split_at(picture.pixel_count());
         for (weights, passed) in weights.iter().zip(passed) {
-            assert!((weights + passed - 1.0).abs() < ROUNDING && (0.0..=1.0).contains(passed), "{weights} and {passed}");
+            assert!(
+                (weights + passed - 1.0).abs() < ROUNDING && (0.0..=1.0).contains(passed),
+                "{weights} and {passed}"
+            );
         }
         assert!(passed.iter().any(|passed| *passed < 0.01), "something is covered");
     }
@@ -211,11 +214,8 @@ fn turning_the_whole_world_changes_nothing() {
         (Gaussian { mean: turn * own.mean, axes: turn * own.axes, opacity: own.opacity }, look.clone())
     };
     let turned: Vec<_> = scene.iter().map(turned).collect();
-    let other = View {
-        camera_from_world: view.camera_from_world * turn.transpose(),
-        position: turn * view.position,
-        ..view
-    };
+    let other =
+        View { camera_from_world: view.camera_from_world * turn.transpose(), position: turn * view.position, ..view };
     for order in ORDERS {
         let before = render(&scene, &no_light, LightPer::Gaussian, &view, order).values;
         let after = render(&turned, &no_light, LightPer::Gaussian, &other, order).values;
@@ -242,9 +242,8 @@ fn turning_the_camera_alone_pops_only_where_depths_of_means_decide() {
                 size: [1, 1],
                 ..straight()
             };
-            let [one, next] = [0.0, 1.0].map(|k| {
-                blend(&gaussians, &channels, &turned(4.0 * f64::from(step) + 4.0 * k), order).values
-            });
+            let [one, next] = [0.0, 1.0]
+                .map(|k| blend(&gaussians, &channels, &turned(4.0 * f64::from(step) + 4.0 * k), order).values);
             most = most.max(largest_difference(&one, &next));
         }
         most
@@ -284,7 +283,8 @@ fn it_names_nothing_of_core_but_scenes_and_cameras() {
         include_str!("../src/independent/brdf.rs"),
     ];
     for rest in sources.iter().flat_map(|source| source.split("specula_core").skip(1)) {
-        let is_type = ["::scene", "::camera", "::{camera::Camera, scene::Image}"].iter().any(|own| rest.starts_with(own));
+        let is_type =
+            ["::scene", "::camera", "::{camera::Camera, scene::Image}"].iter().any(|own| rest.starts_with(own));
         assert!(is_type, "specula_core{}", rest.lines().next().unwrap_or_default());
     }
     assert!(sources.iter().all(|source| !source.contains("use crate::{")), "nor anything of the plain pipeline");

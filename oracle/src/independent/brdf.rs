@@ -63,11 +63,7 @@ struct Facets {
 }
 
 impl Facets {
-    fn reflected<const N: usize>(
-        &self,
-        radiance: impl Fn(Direction) -> [f64; N],
-        resolution: usize,
-    ) -> Reflected<N> {
+    fn reflected<const N: usize>(&self, radiance: impl Fn(Direction) -> [f64; N], resolution: usize) -> Reflected<N> {
         let n_dot_v = dot(self.normal, self.to_eye);
         if self.alpha == 0.0 {
             let mirrored = sub(self.normal.map(|c| 2.0 * n_dot_v * c), self.to_eye);
