@@ -7,7 +7,8 @@
 //! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`stress`]: scenes at the edges of what is valid, by name
 //! * [`prefilter_error`]: how far filtered light is from its integral
-//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
+//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly along rays; both in
+//!   `f64`, sharing no formula with core
 
 pub mod brute;
 pub mod compare;
