@@ -10,6 +10,7 @@ use crate::{
     reference::{Exact, Reference},
     subject::Subject,
 };
+use rayon::prelude::*;
 use specula_core::{camera::Camera, double::Double, scene::Image};
 use specula_oracle::{Frame, independent::rays::Order};
 
@@ -30,27 +31,40 @@ pub struct Sort {
     pub orders: [(&'static str, Errors); 2],
 }
 
+/// A tile in every order.
+struct Tile {
+    /// The pipeline's.
+    mean: Frame<Double>,
+    /// The other renderer's, by depth of the mean, by distance of the mean, and pixel by pixel.
+    ordered: [Frame<Double>; 3],
+}
+
 impl Sort {
-    /// Looks at a part of each view.
-    pub fn new(subject: &Subject, reference: &Reference, done: impl Fn(usize)) -> Self {
-        let tiles: Vec<Camera> = subject.cameras.iter().map(|view| middle(view, subject)).collect();
+    /// Looks at a part of each view; `done` is called for each.
+    pub fn new(subject: &Subject, reference: &Reference, done: impl Fn() + Sync) -> Self {
+        let cameras: Vec<Camera> = subject.cameras.iter().map(|view| middle(view, subject)).collect();
+        let tile = |camera: &Camera| {
+            let orders = [Order::Mean, Order::Distance, Order::Response];
+            let ordered = orders.map(|order| reference.frame_in_order(subject, camera, order));
+            let tile = Tile { mean: reference.frame(subject, camera), ordered };
+            done();
+            tile
+        };
+        let tiles: Vec<Tile> = cameras.par_iter().map(tile).collect();
+
         let mut sums = [Sums::default(), Sums::default()];
         let mut apart = 0.0_f64;
-        for (index, tile) in tiles.iter().enumerate() {
-            let mean = reference.frame(subject, tile);
-            let ordered = |order| reference.frame_in_order(subject, tile, order);
-            let [same, distance, response] = [Order::Mean, Order::Distance, Order::Response].map(ordered);
-            let exact = Exact::of(&response, subject.background);
-            for (sums, frame) in sums.iter_mut().zip([&mean, &distance]) {
+        for Tile { mean, ordered: [same, distance, response] } in &tiles {
+            let exact = Exact::of(response, subject.background);
+            for (sums, frame) in sums.iter_mut().zip([mean, distance]) {
                 sums.add(&narrow(frame), &exact, subject.background);
             }
-            apart = apart.max(largest_difference(&mean, &same, subject.background));
-            done(index + 1);
+            apart = apart.max(largest_difference(mean, same, subject.background));
         }
         let [mean, distance] = sums.map(Sums::errors);
         Self {
             tiles: tiles.len(),
-            size: tiles.first().map_or([0; 2], |tile| [tile.width, tile.height]),
+            size: cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]),
             apart,
             orders: [("depth of the mean", mean), ("distance of the mean", distance)],
         }
@@ -100,7 +114,7 @@ mod tests {
             cameras: vec![camera(32, 24), camera(32, 24)],
             background: [0.0; 3],
         };
-        Sort::new(&subject, &Reference::new(&subject), |_| {})
+        Sort::new(&subject, &Reference::new(&subject), || {})
     }
 
     #[test]

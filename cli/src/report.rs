@@ -162,7 +162,8 @@ fn exact_views(reference: &Reference, subject: &Subject, talk: Talk) -> Vec<(Cam
 /// What one order for a picture costs.
 fn sorted(reference: &Reference, subject: &Subject, talk: Talk) -> Sort {
     let work = talk.work("sorted", subject.cameras.len() as u64);
-    let sort = Sort::new(subject, reference, |done| work.done(done as u64, String::new));
+    let done = AtomicU64::new(0);
+    let sort = Sort::new(subject, reference, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
     work.finish();
     sort
 }
