@@ -137,7 +137,7 @@ mod tests {
         reflected(|_| [1.0], NORMAL, at(n_dot_v), roughness, 1).of(0, 1.0)
     }
 
-    /// Heitz 2014, eq. 85: of facets that are seen none is lost, if light is not masked and may go below the horizon.
+    /// The weak white furnace of Heitz 2014: of facets that are seen none is lost, if light is not masked and may go below the horizon.
     struct WeakFurnace(Facets);
 
     impl Weights<1> for WeakFurnace {
