@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use specula_core::{camera::Camera, double::Double, scene::Image};
 use specula_oracle::{Frame, independent::rays::Order};
 
-/// Gaussians times pixels that are looked at for each order, which takes some ten seconds.
+/// Gaussians times pixels that are looked at for each order, which takes ten or twenty seconds of a core.
 const EVALUATIONS: usize = 1_000_000_000;
 
 /// What sorting costs.

@@ -101,13 +101,22 @@ pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: 
 struct Seen {
     /// Which one.
     index: usize,
-    /// L, lower triangular, by rows.
-    root: [DVec3; 3],
+    root: Root,
     /// L⁻¹ μ.
     mean: DVec3,
     depth: f64,
     distance: f64,
     opacity: f64,
+    /// Beyond this squared distance alphas are too small.
+    farthest: f64,
+}
+
+/// L, lower triangular.
+struct Root {
+    /// One over its diagonal.
+    inverse: DVec3,
+    /// What is below: second row, then third.
+    below: [f64; 3],
 }
 
 /// A Gaussian that a ray meets.
@@ -125,31 +134,33 @@ impl Seen {
         let root = root_of_covariance(view.camera_from_world * gaussian.axes, mean.z, view.focal_px);
         let own = Self {
             index,
-            mean: solved(&root, mean),
+            mean: root.solved(mean),
             root,
             depth: mean.z,
             distance: mean.length(),
             opacity: gaussian.opacity,
+            farthest: 2.0 * (gaussian.opacity / ALPHA_LEAST).ln(),
         };
         (own.mean.is_finite() && own.opacity.is_finite()).then_some(own)
     }
 
     fn hit(&self, ray: DVec3, near: f64, order: Order) -> Option<Hit> {
-        let ray = solved(&self.root, ray);
+        let ray = self.root.solved(ray);
         let largest_at = self.mean.dot(ray) / ray.length_squared();
         let (decides, place, nearness) = match order {
             Order::Mean => (self.depth, largest_at.max(0.0), self.depth),
             Order::Distance => (self.depth, largest_at.max(0.0), self.distance),
             Order::Response => (largest_at, largest_at, largest_at),
         };
-        let alpha = self.opacity * (-0.5 * (self.mean - place * ray).length_squared()).exp();
-        let is_drawn = decides > near && alpha >= ALPHA_LEAST;
-        is_drawn.then(|| Hit { index: self.index, nearness, alpha: alpha.min(ALPHA_MAX) })
+        let squared = (self.mean - place * ray).length_squared();
+        let is_drawn = decides > near && squared <= self.farthest;
+        let alpha = || (self.opacity * (-0.5 * squared).exp()).min(ALPHA_MAX);
+        is_drawn.then(|| Hit { index: self.index, nearness, alpha: alpha() })
     }
 }
 
 /// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each less its parts along those before it.
-fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> [DVec3; 3] {
+fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> Root {
     let widened = |axis: usize| LOW_PASS.sqrt() * depth / focal_px[axis];
     let row = |k: usize, across: f64, down: f64| {
         let own = axes.row(k);
@@ -165,19 +176,23 @@ fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> [DVec3; 3]
             (0..5).for_each(|place| rows[below][place] -= root[below][k] * unit[place]);
         }
     }
-    root.map(DVec3::from_array)
+    let inverse = DVec3::new(root[0][0], root[1][1], root[2][2]).recip();
+    Root { inverse, below: [root[1][0], root[2][0], root[2][1]] }
 }
 
 fn dot(a: &[f64; 5], b: &[f64; 5]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// y of L y = x.
-fn solved(root: &[DVec3; 3], x: DVec3) -> DVec3 {
-    let first = x.x / root[0].x;
-    let second = (x.y - root[1].x * first) / root[1].y;
-    let third = (x.z - root[2].x * first - root[2].y * second) / root[2].z;
-    DVec3::new(first, second, third)
+impl Root {
+    /// y of L y = x.
+    fn solved(&self, x: DVec3) -> DVec3 {
+        let [second_row, third_row, last] = self.below;
+        let first = x.x * self.inverse.x;
+        let second = (x.y - second_row * first) * self.inverse.y;
+        let third = (x.z - third_row * first - last * second) * self.inverse.z;
+        DVec3::new(first, second, third)
+    }
 }
 
 /// What a ray meets, nearest first.
