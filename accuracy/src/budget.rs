@@ -73,7 +73,7 @@ pub fn errors_of(
 }
 
 /// Part of a view: what is around a pixel, at the same scale.
-fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Camera {
+pub(crate) fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Camera {
     let principal_px = [camera.principal_px[0] - x as f32, camera.principal_px[1] - y as f32];
     Camera { principal_px, width: size[0], height: size[1], ..*camera }
 }

@@ -7,6 +7,7 @@
 //! * [`front`]: settings that no other beats
 //! * [`budget`]: the cheapest setting for an error, verified on views that it was not chosen by
 //! * [`mod@off_axis`]: how far alphas are from those along rays, by the angle
+//! * [`mod@sort`]: how far one order for a whole picture is from an order for each pixel
 //! * [`stability`]: what holds of scenes at the edges of what is valid
 #![forbid(unsafe_code)]
 
@@ -17,6 +18,7 @@ pub mod front;
 pub mod off_axis;
 pub mod reference;
 pub mod setting;
+pub mod sort;
 pub mod stability;
 pub mod subject;
 pub mod trial;

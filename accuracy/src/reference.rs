@@ -1,4 +1,4 @@
-//! Exact pictures: the pipeline in `f64`, nothing cut off.
+//! Exact pictures: the pipeline in `f64`, nothing cut off; and the same with Gaussians in another order.
 
 use crate::{setting::Setting, subject::Subject};
 use rayon::prelude::*;
@@ -9,7 +9,14 @@ use specula_core::{
     plan::{Channels, channel},
     scene::{Gaussians, Image},
 };
-use specula_oracle as oracle;
+use specula_oracle::{
+    self as oracle,
+    independent::{
+        rays::{Gaussian, Order, View, blend},
+        surface,
+    },
+    number::Number,
+};
 
 /// Nodes of the light's pyramid are so many times narrower than those of executors.
 const FINENESS: usize = 2;
@@ -18,6 +25,8 @@ const FINENESS: usize = 2;
 #[derive(Debug)]
 pub struct Reference {
     gaussians: Gaussians<Vec<Double>>,
+    /// The same as the independent renderer sees them.
+    independent: Vec<Gaussian>,
     light: Option<oracle::Light<Double>>,
     setting: Setting,
 }
@@ -41,7 +50,8 @@ impl Reference {
             oracle::prefilter(&oracle::lift_environment(light), &operator)
         });
         let setting = Setting { channels: Channels::Training, ..Setting::exact(subject) };
-        Self { gaussians: oracle::lift_gaussians(&subject.gaussians), light, setting }
+        let independent = surface::gaussians(&subject.gaussians).into_iter().map(|(gaussian, _)| gaussian).collect();
+        Self { gaussians: oracle::lift_gaussians(&subject.gaussians), independent, light, setting }
     }
 
     /// Exact views from all cameras of the subject, side by side, because each is worked out plainly; `done` is called
@@ -57,13 +67,38 @@ impl Reference {
 
     /// An exact view.
     pub fn view(&self, subject: &Subject, camera: &Camera) -> Exact {
+        Exact::of(&self.frame(subject, camera), subject.background)
+    }
+
+    /// What is blended into an exact view, and shaded.
+    pub(crate) fn frame(&self, subject: &Subject, camera: &Camera) -> oracle::Frame<Double> {
         let rules = self.setting.rules(subject);
-        let frame = oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Limits::LEAST);
+        oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Limits::LEAST)
+    }
+
+    /// The same channels of the same Gaussians, blended in an order by the renderer that shares no formula with core.
+    pub(crate) fn frame_in_order(&self, subject: &Subject, camera: &Camera, order: Order) -> oracle::Frame<Double> {
+        let rules = self.setting.rules(subject);
+        let light = self.light.as_ref();
+        let narrow = |channels: Vec<Double>| channels.into_iter().map(Number::value).collect();
+        let channels: Vec<Vec<f64>> =
+            oracle::shade(&self.gaussians, camera, light, &rules).into_iter().map(narrow).collect();
+        let blended = blend(&self.independent, &channels, &View::of(camera), order);
+        let Image { width, height, channels, values } = blended;
+        let frame = Image { width, height, channels, values: values.into_iter().map(Double).collect() };
+        let is_deferred = rules.is_deferred(self.gaussians.layout);
+        if is_deferred { oracle::shade_pixels(&frame, light, camera) } else { frame }
+    }
+}
+
+impl Exact {
+    /// Of a picture with the channels of training.
+    pub(crate) fn of(frame: &oracle::Frame<Double>, background: [f32; 3]) -> Self {
         let size = frame.pixel_count();
-        let colors = oracle::composite(&frame, subject.background).iter().map(|x| x.0).collect();
+        let colors = oracle::composite(frame, background).iter().map(|x| x.0).collect();
         let normal = |pixel: usize| [0, 1, 2].map(|k| frame.values[(channel::NORMAL + k) * size + pixel].0 as f32);
         let passed = &frame.values[(frame.channels - 1) * size..];
-        Exact {
+        Self {
             colors: Image { width: frame.width, height: frame.height, channels: 3, values: colors },
             normals: (0..size).map(normal).collect(),
             coverage: passed.iter().map(|passed| 1.0 - passed.0).collect(),

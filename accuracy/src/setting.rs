@@ -205,7 +205,7 @@ pub const KNOBS: [Knob; 10] = [
 
 /// What cannot be turned, because there is only one way.
 pub const FIXED: [(&str, &str); 3] = [
-    ("sort", "by depth of the mean; pixel by pixel is not there"),
+    ("sort", "by depth of the mean; how far that is from an order for each pixel is said below"),
     ("levels of light", "ten (exact) or by resolution (official)"),
     ("largest alpha", "0.99, which is part of the model"),
 ];

@@ -20,6 +20,7 @@ use specula_accuracy::{
     error::Errors,
     reference::{Exact, Reference},
     setting::{KNOBS, Setting, Tried, is_possible, random_setting, together},
+    sort::Sort,
     stability,
     subject::Subject,
     trial::{STAGES, Spread, Times, Trial, Work},
@@ -66,6 +67,7 @@ struct Findings {
     repeats: u32,
     usual: Setting,
     measured: Vec<Measured>,
+    sort: Sort,
     stability: Vec<stability::Row>,
 }
 
@@ -122,7 +124,9 @@ fn spread_out(cameras: Vec<Camera>, count: usize, size: u32) -> Vec<Camera> {
 
 impl Findings {
     fn new(model: &Path, subject: &Subject, args: &Report, talk: Talk) -> Result<Self, Failure> {
-        let views = exact_views(subject, talk);
+        let reference = Reference::new(subject);
+        let views = exact_views(&reference, subject, talk);
+        let sort = sorted(&reference, subject, talk);
         let mut bench = Bench { subject, views, trial: Trial::new(subject), repeats: args.repeats };
         let exact = Setting::exact(subject);
         let (settings, knobs) = one_at_a_time(subject, &exact);
@@ -140,20 +144,28 @@ impl Findings {
             repeats: args.repeats,
             usual: Setting::usual(subject),
             measured,
+            sort,
             stability,
         })
     }
 }
 
 /// The exact pictures.
-fn exact_views(subject: &Subject, talk: Talk) -> Vec<(Camera, Exact)> {
-    let work = talk.work("in f64", subject.cameras.len() as u64 + 1);
-    let reference = Reference::new(subject);
-    work.done(1, String::new);
-    let done = AtomicU64::new(1);
+fn exact_views(reference: &Reference, subject: &Subject, talk: Talk) -> Vec<(Camera, Exact)> {
+    let work = talk.work("in f64", subject.cameras.len() as u64);
+    let done = AtomicU64::new(0);
     let views = reference.views(subject, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
     work.finish();
     views
+}
+
+/// What one order for a picture costs.
+fn sorted(reference: &Reference, subject: &Subject, talk: Talk) -> Sort {
+    let work = talk.work("sorted", subject.cameras.len() as u64);
+    let done = AtomicU64::new(0);
+    let sort = Sort::new(subject, reference, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
+    work.finish();
+    sort
 }
 
 /// Every value of each knob, all others at their most exact, and which knob it is; the usual setting last.

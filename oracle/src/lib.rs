@@ -2,9 +2,11 @@
 //!
 //! No tiles, lanes or culling beyond what defines the picture: what an executor's stages are compared with, in `f64` as
 //! the oracle of its error. The stages have core's names; [`loss_and_gradient`] is one step of training up to the
-//! gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`. [`scenes`] and [`stress`] are what is looked at.
+//! gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`. [`independent`] is a renderer that shares no formula
+//! with any of this. [`scenes`] and [`stress`] are what is looked at.
 #![forbid(unsafe_code)]
 
+pub mod independent;
 mod light;
 mod losses;
 pub mod number;

@@ -6,18 +6,18 @@
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`stress`]: scenes at the edges of what is valid, by name
-//! * [`lobe`]: light under a GGX lobe by quadrature; [`prefilter_error`]: how far filtered light is from it
-//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, in `f64`, sharing no formula with core
+//! * [`prefilter_error`]: how far filtered light is from its integral
+//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly along rays; both in
+//!   `f64`, sharing no formula with core
 
 pub mod brute;
 pub mod compare;
 pub mod derivative;
 pub mod device;
 pub mod formulas;
-pub mod lobe;
 pub mod prefilter_error;
 pub mod strategies;
 pub mod stress;
 
 pub use specula_oracle as plain;
-pub use specula_oracle::number;
+pub use specula_oracle::{independent, independent::lobe, number};

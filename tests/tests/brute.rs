@@ -7,6 +7,7 @@ use specula_core::{
 use specula_tests::{
     brute,
     compare::{assert_psnr, psnr},
+    independent::{rays::View, surface::gaussians},
     plain::{composite, lift_gaussians, render},
     strategies::random_cloud,
 };
@@ -29,9 +30,7 @@ fn both(seed: u64, degree: u8) -> [Vec<f64>; 2] {
     let frame = render::<Double>(&lift_gaussians(&cloud), None, &camera, &rules);
     let plain = composite(&frame, BACKGROUND).iter().map(|x| x.0).collect();
 
-    let background = BACKGROUND.map(f64::from);
-    let picture =
-        brute::render(&brute::gaussians(&cloud), &brute::camera(&camera), width as usize, height as usize, background);
+    let picture = brute::render(&gaussians(&cloud), &View::of(&camera), BACKGROUND.map(f64::from));
     [plain, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
 }
 

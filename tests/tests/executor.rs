@@ -25,6 +25,7 @@ use specula_cpu::{
 use specula_tests::{
     brute,
     compare::{assert_psnr, psnr, relative_difference},
+    independent::{rays, surface::gaussians},
     plain::{self, lift_environment, lift_gaussians, prefilter},
     strategies::{random_cloud, random_environment},
     stress::{every_case, results::Results, too_many_splats},
@@ -292,8 +293,7 @@ fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
     let ours = planes
         .flat_map(|(plane, behind)| plane.iter().zip(passed).map(move |(x, t)| f64::from(x + t * behind)))
         .collect();
-    let picture =
-        brute::render(&brute::gaussians(cloud), &brute::camera(camera), width, height, BACKGROUND.map(f64::from));
+    let picture = brute::render(&gaussians(cloud), &rays::View::of(camera), BACKGROUND.map(f64::from));
     [ours, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
 }
 

@@ -12,9 +12,11 @@ use crate::{
 };
 use plotters::style::RGBColor;
 use specula_accuracy::{
+    error::Errors,
     front::pareto,
     off_axis::{OffAxis, SCALES, off_axis},
     setting::{Difference, FIXED, KNOBS},
+    sort::Sort,
     stability::{PROMISES, Row},
 };
 use std::path::Path;
@@ -52,6 +54,7 @@ fn page(findings: &Findings) -> Result<String, Failure> {
     let front_table = html_table(&front_rows(findings));
     let fixed: String = FIXED.iter().map(|(name, why)| format!("<li>{name}: {why}</li>\n")).collect();
     let off_axis = html_table(&off_axis_rows());
+    let sort = sort_section(&findings.sort);
     let stability = stability_section(&findings.stability);
     Ok(format!(
         "<!doctype html>
@@ -80,6 +83,7 @@ chance; <a href=\"report.jsonl\">report.jsonl</a> has medians, spreads, stages, 
 <h2>What cannot be turned</h2>
 <ul>
 {fixed}</ul>
+{sort}
 <h2>Off the axis</h2>
 <p>The largest difference of an alpha from that along rays, affine / on the tangent plane, of opaque Gaussians whose standard
 deviation is a share of their distance. It does not depend on the scene.</p>
@@ -122,6 +126,31 @@ fn off_axis_rows() -> Vec<[String; 2 + SCALES.len()]> {
         })
     };
     core::iter::once(core::array::from_fn(head)).chain(all.chunks(SCALES.len()).map(row)).collect()
+}
+
+/// One order for a picture against an order for each pixel.
+fn sort_section(sort: &Sort) -> String {
+    let row = |(order, errors): &(&str, Errors)| {
+        [
+            (*order).to_owned(),
+            format!("{:.1} dB", errors.psnr),
+            format!("{:.1e}", errors.rms),
+            format!("{:.1e}", errors.max),
+            format!("{:.1e}", errors.flip),
+            format!("{:.2}°", errors.normal_mae),
+        ]
+    };
+    let heads = ["sorted by", "PSNR", "rms", "largest", "FLIP", "normals"].map(str::to_owned);
+    let table = html_table(&core::iter::once(heads).chain(sort.orders.iter().map(row)).collect::<Vec<_>>());
+    let Sort { tiles, size: [width, height], apart, .. } = sort;
+    format!(
+        "<h2>Sort</h2>
+<p>Gaussians are sorted once for a picture. Against an order for each pixel, by the depth at which each Gaussian is strongest
+along the pixel's ray, with everything else equal; the middle of each view, {tiles} tiles of {width} × {height} pixels. The
+order for each pixel is that of a second renderer, which shares no formula with the first; sorted alike, the two are
+{apart:.1e} apart at most.</p>
+{table}"
+    )
 }
 
 /// The front as a table.

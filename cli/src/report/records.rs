@@ -4,8 +4,10 @@ use super::{Findings, Measured};
 use crate::{failure::Failure, output};
 use serde_json::{Map, Value, json};
 use specula_accuracy::{
+    error::Errors,
     off_axis::{OffAxis, off_axis},
     setting::KNOBS,
+    sort::Sort,
     stability::{PROMISES, Row},
     trial::{STAGES, Spread},
 };
@@ -15,7 +17,7 @@ use std::path::Path;
 pub(super) fn write(path: &Path, findings: &Findings) -> Result<(), Failure> {
     let settings = findings.measured.iter().map(|own| of_setting(own, findings));
     let lines = core::iter::once(of_scene(findings)).chain(settings).chain(findings.stability.iter().map(of_row));
-    let lines = lines.chain(off_axis().into_iter().map(of_angle));
+    let lines = lines.chain(off_axis().into_iter().map(of_angle)).chain(of_orders(&findings.sort));
     output::write_text(path, &lines.map(|line| format!("{line}\n")).collect::<String>())
 }
 
@@ -36,7 +38,6 @@ fn of_scene(findings: &Findings) -> Value {
 fn of_setting(own: &Measured, findings: &Findings) -> Value {
     let knobs: Map<String, Value> =
         own.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
-    let errors = own.errors;
     let times: Map<String, Value> =
         STAGES.iter().zip(own.times).map(|(stage, times)| ((*stage).to_owned(), of_spread(times))).collect();
     let work = own.work;
@@ -45,12 +46,7 @@ fn of_setting(own: &Measured, findings: &Findings) -> Value {
         "knobs": knobs,
         "turned": own.knob.map(|knob| KNOBS[knob].name),
         "is_usual": own.setting == findings.usual,
-        "error": {
-            "max": errors.max, "rms": errors.rms, "relative_l2": errors.relative,
-            "psnr": if errors.psnr.is_finite() { json!(errors.psnr) } else { Value::Null },
-            "ssim": errors.ssim, "flip": errors.flip, "p999": errors.p999,
-            "normal_mae": errors.normal_mae, "nonfinite": errors.nonfinite,
-        },
+        "error": of_errors(&own.errors),
         "milliseconds": times,
         "filter_milliseconds": own.filter,
         "work": {
@@ -62,8 +58,31 @@ fn of_setting(own: &Measured, findings: &Findings) -> Value {
     })
 }
 
+fn of_errors(errors: &Errors) -> Value {
+    json!({
+        "max": errors.max, "rms": errors.rms, "relative_l2": errors.relative,
+        "psnr": if errors.psnr.is_finite() { json!(errors.psnr) } else { Value::Null },
+        "ssim": errors.ssim, "flip": errors.flip, "p999": errors.p999,
+        "normal_mae": errors.normal_mae, "nonfinite": errors.nonfinite,
+    })
+}
+
 fn of_spread(times: Spread) -> Value {
     json!({"min": times.min, "median": times.median, "iqr": times.iqr})
+}
+
+/// Against an order for each pixel.
+fn of_orders(sort: &Sort) -> impl Iterator<Item = Value> {
+    sort.orders.iter().map(|(order, errors)| {
+        json!({
+            "kind": "sort",
+            "by": order,
+            "tiles": sort.tiles,
+            "size": sort.size,
+            "error": of_errors(errors),
+            "renderers_apart": sort.apart,
+        })
+    })
 }
 
 fn of_angle(own: OffAxis) -> Value {

@@ -1,19 +1,14 @@
 //! Light under a GGX lobe, by quadrature in `f64`: what every prefilter approximates. And a light that is hard to filter.
 //!
-//! Shares no formula with core: its own faces of the cube, its own lobe, its own solid angles. Numbers are kept in arrays
-//! of any length, so that several lights are integrated at once.
+//! Its own faces of the cube, its own lobe, its own solid angles. Numbers are kept in arrays of any length, so that several
+//! lights are integrated at once.
 
+use super::sphere::{Direction, Weights, cross, dot, integrate, length, normalised, sub};
 use core::array;
-
-/// A unit vector.
-type Direction = [f64; 3];
 
 /// How wide a cell may be, as a share of the scale θ + 2α on which the lobe changes at the angle θ. The lobe has its
 /// nearest pole 2α off the real axis, so that three points along a cell's edge are right to a few parts in a million.
 const OPENING: f64 = 0.5;
-/// Gauss and Legendre's points for three along [−1, 1], and their weights.
-const GAUSS: [(f64, f64); 3] =
-    [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// P(r, ρ) = ∫ L(ω) D(θ/2) (cos θ)₊ dω / ∫ D(θ/2) (cos θ)₊ dω with cos θ = ω · r: light as a mirror of perceptual
 /// roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised; D of Walter et al. 2007, eq. 33).
@@ -21,116 +16,48 @@ const GAUSS: [(f64, f64); 3] =
 /// `radiance` is asked for unit vectors. It may have kinks where a cube map of this resolution has them, between its
 /// texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0 the light comes back as it is.
 pub fn filtered<const N: usize>(
-    radiance: impl Fn(Direction) -> [f64; N],
-    reflection_dir: Direction,
+    radiance: impl Fn([f64; 3]) -> [f64; N],
+    reflection_dir: [f64; 3],
     roughness: f64,
     resolution: usize,
 ) -> [f64; N] {
-    Quadrature { radiance, reflection_dir, alpha: roughness * roughness, opening: OPENING }.mean(resolution)
+    Lobe { reflection_dir, alpha: roughness * roughness, opening: OPENING }.mean(radiance, resolution)
 }
 
-/// One integral.
-struct Quadrature<F> {
-    radiance: F,
+struct Lobe {
     reflection_dir: Direction,
     alpha: f64,
     opening: f64,
 }
 
-/// A rectangle on a face of the cube.
-#[derive(Clone, Copy)]
-struct Cell {
-    /// The axis that the face lies across, and on which side.
-    axis: usize,
-    side: f64,
-    /// Its middle.
-    centre: [f64; 2],
-    /// Half of its width and height.
-    half: [f64; 2],
+impl Lobe {
+    fn mean<const N: usize>(&self, radiance: impl Fn(Direction) -> [f64; N], resolution: usize) -> [f64; N] {
+        if self.alpha == 0.0 {
+            return radiance(self.reflection_dir);
+        }
+        let sums = integrate(radiance, self, resolution);
+        sums.light[0].map(|sum| sum / sums.whole[0])
+    }
 }
 
-/// Σ weight · radiance, and Σ weight.
-type Sums<const N: usize> = ([f64; N], f64);
-
-impl<const N: usize, F: Fn(Direction) -> [f64; N]> Quadrature<F> {
-    fn mean(&self, resolution: usize) -> [f64; N] {
-        if self.alpha == 0.0 {
-            return (self.radiance)(self.reflection_dir);
-        }
-        let lines = lines_of(resolution);
-        let mut sums = ([0.0; N], 0.0);
-        for (axis, side) in (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]) {
-            for across in lines.windows(2) {
-                for down in lines.windows(2) {
-                    let middle = |line: &[f64]| 0.5 * (line[0] + line[1]);
-                    let half = |line: &[f64]| 0.5 * (line[1] - line[0]);
-                    let (centre, half) = ([middle(across), middle(down)], [half(across), half(down)]);
-                    self.add(Cell { axis, side, centre, half }, &mut sums);
-                }
-            }
-        }
-        sums.0.map(|sum| sum / sums.1)
-    }
-
-    fn add(&self, cell: Cell, sums: &mut Sums<N>) {
-        if cell.corners().iter().all(|corner| dot(*corner, self.reflection_dir) <= 0.0) {
-            return;
-        }
-        let width = 2.0 * cell.half[0].max(cell.half[1]);
-        let angle = length(sub(normalised(cell.point([0.0; 2])), self.reflection_dir));
-        if width > self.opening * ((angle - width).max(0.0) + 2.0 * self.alpha) {
-            return cell.quarters().into_iter().for_each(|quarter| self.add(quarter, sums));
-        }
-        for (x, weight_x) in GAUSS {
-            for (y, weight_y) in GAUSS {
-                let point = cell.point([x, y]);
-                let area = cell.half[0] * cell.half[1] * weight_x * weight_y;
-                let light_dir = normalised(point);
-                let weight = area * length(point).powi(-3) * self.lobe(light_dir);
-                let light = (self.radiance)(light_dir);
-                (0..N).for_each(|k| sums.0[k] += weight * light[k]);
-                sums.1 += weight;
-            }
-        }
-    }
-
+impl Weights<1> for Lobe {
     /// D(θ/2) (cos θ)₊ but for a factor: α⁴ / (cos⁴(θ/2) (α² + tan²(θ/2))²) · cos θ.
-    fn lobe(&self, light_dir: Direction) -> f64 {
+    fn of(&self, light_dir: Direction) -> [f64; 1] {
         let cosine = dot(light_dir, self.reflection_dir);
         let sine = length(cross(light_dir, self.reflection_dir));
         let tan2_half = (sine / (1.0 + cosine)).powi(2);
         let alpha2 = self.alpha * self.alpha;
-        ((1.0 + tan2_half) * alpha2 / (alpha2 + tan2_half)).powi(2) * cosine.max(0.0)
-    }
-}
-
-impl Cell {
-    /// A point of it, from coordinates in [−1, 1]².
-    fn point(&self, [x, y]: [f64; 2]) -> Direction {
-        let mut point = [0.0; 3];
-        point[self.axis] = self.side;
-        point[(self.axis + 1) % 3] = self.centre[0] + x * self.half[0];
-        point[(self.axis + 2) % 3] = self.centre[1] + y * self.half[1];
-        point
+        [((1.0 + tan2_half) * alpha2 / (alpha2 + tan2_half)).powi(2) * cosine.max(0.0)]
     }
 
-    fn corners(&self) -> [Direction; 4] {
-        [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]].map(|corner| self.point(corner))
+    fn widest(&self, middle: Direction, width: f64) -> f64 {
+        let angle = length(sub(middle, self.reflection_dir));
+        self.opening * ((angle - width).max(0.0) + 2.0 * self.alpha)
     }
 
-    fn quarters(&self) -> [Self; 4] {
-        [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]].map(|[x, y]| Self {
-            centre: [self.centre[0] + x * self.half[0], self.centre[1] + y * self.half[1]],
-            half: self.half.map(|half| 0.5 * half),
-            ..*self
-        })
+    fn are_zero(&self, light_dir: Direction) -> bool {
+        dot(light_dir, self.reflection_dir) <= 0.0
     }
-}
-
-/// Where the bilinear pieces of a face begin and end: at its edges, and at the centres of its texels.
-fn lines_of(resolution: usize) -> Vec<f64> {
-    let centres = (0..resolution).map(|k| (2 * k + 1) as f64 / resolution as f64 - 1.0);
-    core::iter::once(-1.0).chain(centres).chain([1.0]).collect()
 }
 
 /// A cube map, bilinear between the centres of its texels, also across edges; faces are +X −X +Y −Y +Z −Z, rows down, as
@@ -145,7 +72,7 @@ pub struct CubeMap<const N: usize> {
 
 impl<const N: usize> CubeMap<N> {
     /// Each texel is the mean of what is seen through it, over `samples`² points, by their solid angles.
-    pub fn new(resolution: usize, samples: usize, radiance: impl Fn(Direction) -> [f64; N]) -> Self {
+    pub fn new(resolution: usize, samples: usize, radiance: impl Fn([f64; 3]) -> [f64; N]) -> Self {
         let along = |index: usize, sample: usize| {
             2.0 * (index as f64 + (sample as f64 + 0.5) / samples as f64) / resolution as f64 - 1.0
         };
@@ -166,7 +93,7 @@ impl<const N: usize> CubeMap<N> {
     }
 
     /// The light from a direction.
-    pub fn sample(&self, direction: Direction) -> [f64; N] {
+    pub fn sample(&self, direction: [f64; 3]) -> [f64; N] {
         let (face, at) = face_of(direction);
         let [x, y] = at.map(|s| 0.5 * (s + 1.0) * self.resolution as f64 - 0.5);
         let (column, row) = (x.floor(), y.floor());
@@ -229,7 +156,7 @@ fn face_of(direction: Direction) -> (usize, [f64; 2]) {
 /// A light that is hard to filter, z up: a sky that brightens to the horizon, a sun of radius 2.5°, a band of windows with
 /// panes, a chequered floor. The first three numbers are as a display shows them, limited to [0, 1]; the last three have a
 /// sun of 200 and windows of 8.
-pub fn studio(direction: Direction) -> [f64; 6] {
+pub fn studio(direction: [f64; 3]) -> [f64; 6] {
     const SUN_DIR: Direction = [0.48, -0.6, 0.64];
     const SUN_COSINE: f64 = 0.999_048_221_581_857_8; // of 2.5°
     const CHECKS: f64 = 1.5;
@@ -253,30 +180,13 @@ pub fn studio(direction: Direction) -> [f64; 6] {
     array::from_fn(|k| if k < 3 { shown[k] } else { bright[k - 3] })
 }
 
-fn dot(a: Direction, b: Direction) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Direction, b: Direction) -> Direction {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn sub(a: Direction, b: Direction) -> Direction {
-    array::from_fn(|k| a[k] - b[k])
-}
-
-fn length(a: Direction) -> f64 {
-    dot(a, a).sqrt()
-}
-
-fn normalised(a: Direction) -> Direction {
-    a.map(|c| c / length(a))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::{ROUNDING_F64, assert_close};
+    use crate::independent::assert_close;
+
+    /// A few roundings.
+    const ROUNDING_F64: f64 = 1e-12;
 
     /// What three points along an edge of a cell miss: most where the horizon goes through the wide cells of a coarse map.
     const QUADRATURE: f64 = 1e-4;
@@ -349,8 +259,8 @@ mod tests {
         let map = CubeMap::new(16, 4, studio);
         for roughness in ROUGHNESS {
             let mean = |opening| {
-                let (radiance, alpha) = (|light_dir| map.sample(light_dir), roughness * roughness);
-                Quadrature { radiance, reflection_dir: AXIS, alpha, opening }.mean(16)
+                let lobe = Lobe { reflection_dir: AXIS, alpha: roughness * roughness, opening };
+                lobe.mean(|light_dir| map.sample(light_dir), 16)
             };
             for (usual, fine) in mean(OPENING).into_iter().zip(mean(0.3 * OPENING)) {
                 assert_close(usual / fine, 1.0, QUADRATURE);

@@ -1,0 +1,84 @@
+//! A renderer that shares no formula with core, in `f64`: what core's own formulas are held against.
+//!
+//! Of core it knows types of scenes alone ([`specula_core::scene`], [`specula_core::camera::Camera`]). Everything is
+//! written a second time, the plain way: no tiles, no culling, no early end; every Gaussian in every pixel, exactly
+//! along its ray, each pixel sorted by itself; light by quadrature.
+//!
+//! * [`rays`]: how strong Gaussians are along a ray, in which order, and what is blended of them
+//! * [`surface`]: their colours: harmonics, and the paper's shading function
+//! * [`lobe`]: light under a GGX lobe, what every prefilter approximates; [`brdf`]: light under the whole reflectance
+//!   that the lobe is a part of
+//!
+//! Numbers of any size are not its purpose: where the model limits what is out of bounds, this does not.
+
+pub mod brdf;
+pub mod lobe;
+pub mod rays;
+mod sphere;
+pub mod surface;
+
+use glam::DVec3;
+use rays::{Gaussian, Order, View, blend};
+use specula_core::scene::Image;
+use surface::{Light, Look, SURFACE_CHANNELS, Surface, pixel_color};
+
+/// Who looks the light up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightPer {
+    /// Each Gaussian, once for a picture: its colour is blended.
+    Gaussian,
+    /// Each pixel, for the mean surface that was blended there.
+    Pixel,
+}
+
+/// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. Looks are all of one kind; plain
+/// radiance asks for no light.
+pub fn render(
+    scene: &[(Gaussian, Look)],
+    light: &Light<'_>,
+    light_per: LightPer,
+    view: &View,
+    order: Order,
+) -> Image<Vec<f64>> {
+    let gaussians: Vec<Gaussian> = scene.iter().map(|(gaussian, _)| *gaussian).collect();
+    let surfaces: Option<Vec<&Surface>> = scene.iter().map(|(_, look)| look.surface()).collect();
+    match surfaces.filter(|_| light_per == LightPer::Pixel) {
+        Some(surfaces) => {
+            let channels: Vec<_> =
+                gaussians.iter().zip(surfaces).map(|(own, surface)| surface.channels(to_eye(own, view))).collect();
+            shaded(&blend(&gaussians, &channels, view, order), light, view)
+        }
+        None => {
+            let color = |(own, look): &(Gaussian, Look)| look.color(to_eye(own, view), light).to_array().to_vec();
+            blend(&gaussians, &scene.iter().map(color).collect::<Vec<_>>(), view, order)
+        }
+    }
+}
+
+/// From a Gaussian, of unit length.
+fn to_eye(gaussian: &Gaussian, view: &View) -> DVec3 {
+    (view.position - gaussian.mean).normalize()
+}
+
+/// Blended surfaces under a light.
+fn shaded(blended: &Image<Vec<f64>>, light: &Light<'_>, view: &View) -> Image<Vec<f64>> {
+    let count = blended.pixel_count();
+    let mut values = vec![0.0; 4 * count];
+    for pixel in 0..count {
+        let own: [f64; SURFACE_CHANNELS] = core::array::from_fn(|plane| blended.values[plane * count + pixel]);
+        let transmittance = blended.values[SURFACE_CHANNELS * count + pixel];
+        let to_eye = -(view.camera_from_world.transpose() * view.ray(pixel)).normalize();
+        let color = pixel_color(&own, transmittance, to_eye, light);
+        (0..3).for_each(|c| values[c * count + pixel] = color[c]);
+        values[3 * count + pixel] = transmittance;
+    }
+    Image { channels: 4, values, ..*blended }
+}
+
+/// The two numbers differ by no more than `tolerance`.
+#[cfg(test)]
+#[track_caller]
+fn assert_close(actual: f64, expected: f64, tolerance: f64) {
+    let difference = (actual - expected).abs();
+    assert!(difference <= tolerance, "{actual} is {difference:e} from {expected}, allowed are {tolerance:e}");
+}

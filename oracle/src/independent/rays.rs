@@ -1,0 +1,217 @@
+//! Gaussians along rays, pixel by pixel, each pixel in an order of its own.
+//!
+//! A Gaussian's density along the ray x(t) = t d from the eye is exp(−½ |L⁻¹ (t d − μ)|²) with Σ = L Lᵀ in camera space.
+//! With m = L⁻¹ μ and w = L⁻¹ d it is largest at t = m·w / |w|², where q = |m − t w|² is its squared distance from the
+//! mean in standard deviations. As d is (x, y, 1), t is a depth.
+//!
+//! Σ holds the low-pass: a variance of 0.3 px² across and down, in the plane of the screen at the mean's depth. L comes
+//! from rows of length five, the three axes and two of the low-pass, made orthogonal one after the other (Gram and
+//! Schmidt), so that discs and needles keep the digits that a covariance would have lost.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use specula_core::{camera::Camera, scene::Image};
+
+/// Variance of the low-pass in px² (INRIA's), and the largest alpha: as the model's 32 bits hold them.
+const LOW_PASS: f64 = 0.3_f32 as f64;
+const ALPHA_MAX: f64 = 0.99_f32 as f64;
+/// Smaller alphas are left out before what is left is sorted: all of a million of them together are a millionth.
+const ALPHA_LEAST: f64 = 1e-12;
+
+/// A Gaussian of numbers that mean what they say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gaussian {
+    /// Centre, in world space.
+    pub mean: DVec3,
+    /// Its axes as columns, in world space, each as long as its standard deviation.
+    pub axes: DMat3,
+    /// Opacity, in (0, 1).
+    pub opacity: f64,
+}
+
+/// A pinhole camera that looks along +z, y down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Rotation from world to camera axes.
+    pub camera_from_world: DMat3,
+    /// The camera's centre, in world space.
+    pub position: DVec3,
+    /// Focal lengths, in pixels.
+    pub focal_px: [f64; 2],
+    /// Where the axis meets the picture, in pixels from its upper left corner.
+    pub principal_px: [f64; 2],
+    /// What is no deeper is not drawn; at least zero.
+    pub near: f64,
+    /// Pixels in a row, and rows.
+    pub size: [usize; 2],
+}
+
+impl View {
+    /// One of core's cameras.
+    pub fn of(camera: &Camera) -> Self {
+        Self {
+            camera_from_world: camera.camera_from_world.as_dmat3(),
+            position: camera.position.as_dvec3(),
+            focal_px: camera.focal_px.map(f64::from),
+            principal_px: camera.principal_px.map(f64::from),
+            near: camera.near.into(),
+            size: [camera.width as usize, camera.height as usize],
+        }
+    }
+
+    /// From the eye through the centre of a pixel, in camera space, with z = 1.
+    pub fn ray(&self, pixel: usize) -> DVec3 {
+        let place = [pixel % self.size[0], pixel / self.size[0]];
+        let slope = |axis: usize| (place[axis] as f64 + 0.5 - self.principal_px[axis]) / self.focal_px[axis];
+        DVec3::new(slope(0), slope(1), 1.0)
+    }
+
+    /// How many pixels there are.
+    pub fn pixel_count(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+}
+
+/// What decides which Gaussian is in front of which.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// The depth of the mean, the same in all pixels: what pipelines do. A Gaussian is drawn if its mean is deeper than
+    /// the near plane, and along rays on which it is largest behind the eye it has the strength that it has at the eye.
+    Mean,
+    /// The distance of the mean from the eye, the same in all pixels and however the camera is turned; else as above.
+    Distance,
+    /// The depth of the largest response along the ray of each pixel. A Gaussian is left out of the pixels where that is
+    /// behind the eye, or not deeper than the near plane.
+    Response,
+}
+
+/// Channels of Gaussians as a picture: premultiplied planes, then the transmittance behind them. Nothing is tiled, culled
+/// or ended early: every Gaussian is evaluated in every pixel. `channels` has a list of one length for each Gaussian;
+/// those that are equally deep keep the order in which they come.
+pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: Order) -> Image<Vec<f64>> {
+    let count = channels.first().map_or(0, Vec::len);
+    let seen: Vec<Seen> = gaussians.iter().enumerate().filter_map(|(k, own)| Seen::new(k, own, view)).collect();
+    let pixel = |pixel: usize| composite(&hits(&seen, view.ray(pixel), view.near, order), channels, count);
+    let pixels: Vec<Vec<f64>> = (0..view.pixel_count()).into_par_iter().map(pixel).collect();
+    let values = (0..=count).flat_map(|plane| pixels.iter().map(move |numbers| numbers[plane])).collect();
+    Image { width: view.size[0], height: view.size[1], channels: count + 1, values }
+}
+
+/// A Gaussian in camera space.
+struct Seen {
+    /// Which one.
+    index: usize,
+    root: Root,
+    /// L⁻¹ μ.
+    mean: DVec3,
+    depth: f64,
+    distance: f64,
+    opacity: f64,
+    /// Beyond this squared distance alphas are too small.
+    farthest: f64,
+}
+
+/// L, lower triangular.
+struct Root {
+    /// One over its diagonal.
+    inverse: DVec3,
+    /// What is below: second row, then third.
+    below: [f64; 3],
+}
+
+/// A Gaussian that a ray meets.
+struct Hit {
+    index: usize,
+    /// What is nearer comes first.
+    nearness: f64,
+    alpha: f64,
+}
+
+impl Seen {
+    /// None for numbers that are not finite.
+    fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
+        let mean = view.camera_from_world * (gaussian.mean - view.position);
+        let root = root_of_covariance(view.camera_from_world * gaussian.axes, mean.z, view.focal_px);
+        let own = Self {
+            index,
+            mean: root.solved(mean),
+            root,
+            depth: mean.z,
+            distance: mean.length(),
+            opacity: gaussian.opacity,
+            farthest: 2.0 * (gaussian.opacity / ALPHA_LEAST).ln(),
+        };
+        (own.mean.is_finite() && own.opacity.is_finite()).then_some(own)
+    }
+
+    fn hit(&self, ray: DVec3, near: f64, order: Order) -> Option<Hit> {
+        let ray = self.root.solved(ray);
+        let largest_at = self.mean.dot(ray) / ray.length_squared();
+        let (decides, place, nearness) = match order {
+            Order::Mean => (self.depth, largest_at.max(0.0), self.depth),
+            Order::Distance => (self.depth, largest_at.max(0.0), self.distance),
+            Order::Response => (largest_at, largest_at, largest_at),
+        };
+        let squared = (self.mean - place * ray).length_squared();
+        let is_drawn = decides > near && squared <= self.farthest;
+        let alpha = || (self.opacity * (-0.5 * squared).exp()).min(ALPHA_MAX);
+        is_drawn.then(|| Hit { index: self.index, nearness, alpha: alpha() })
+    }
+}
+
+/// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each less its parts along those before it.
+fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> Root {
+    let widened = |axis: usize| LOW_PASS.sqrt() * depth / focal_px[axis];
+    let row = |k: usize, across: f64, down: f64| {
+        let own = axes.row(k);
+        [own.x, own.y, own.z, across, down]
+    };
+    let mut rows = [row(0, widened(0), 0.0), row(1, 0.0, widened(1)), row(2, 0.0, 0.0)];
+    let mut root = [[0.0; 3]; 3];
+    for k in 0..3 {
+        root[k][k] = dot(&rows[k], &rows[k]).sqrt();
+        let unit = rows[k].map(|x| x / root[k][k]);
+        for below in k + 1..3 {
+            root[below][k] = dot(&rows[below], &unit);
+            (0..5).for_each(|place| rows[below][place] -= root[below][k] * unit[place]);
+        }
+    }
+    let inverse = DVec3::new(root[0][0], root[1][1], root[2][2]).recip();
+    Root { inverse, below: [root[1][0], root[2][0], root[2][1]] }
+}
+
+fn dot(a: &[f64; 5], b: &[f64; 5]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Root {
+    /// y of L y = x.
+    fn solved(&self, x: DVec3) -> DVec3 {
+        let [second_row, third_row, last] = self.below;
+        let first = x.x * self.inverse.x;
+        let second = (x.y - second_row * first) * self.inverse.y;
+        let third = (x.z - third_row * first - last * second) * self.inverse.z;
+        DVec3::new(first, second, third)
+    }
+}
+
+/// What a ray meets, nearest first.
+fn hits(seen: &[Seen], ray: DVec3, near: f64, order: Order) -> Vec<Hit> {
+    let mut hits: Vec<Hit> = seen.iter().filter_map(|own| own.hit(ray, near, order)).collect();
+    hits.sort_by(|a, b| a.nearness.total_cmp(&b.nearness));
+    hits
+}
+
+/// Σ α T of each channel, then the T that is left.
+fn composite(hits: &[Hit], channels: &[Vec<f64>], count: usize) -> Vec<f64> {
+    let mut pixel = vec![0.0; count + 1];
+    let mut transmittance = 1.0;
+    for hit in hits {
+        for (sum, channel) in pixel.iter_mut().zip(&channels[hit.index]) {
+            *sum += hit.alpha * transmittance * channel;
+        }
+        transmittance *= 1.0 - hit.alpha;
+    }
+    pixel[count] = transmittance;
+    pixel
+}
