@@ -1,7 +1,7 @@
 //! `specula train`: from pictures to a model.
 
 use crate::{
-    args::{MachineOptions, Train},
+    args::{MachineOptions, Photographs, Train},
     background::Background,
     checkpoint::{self, Checkpoints},
     config,
@@ -143,13 +143,15 @@ fn make_folder(
 }
 
 fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
+    let Photographs { images, test_every } = args.photographs.clone();
     let points = args.start.points.clone();
-    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points };
+    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every };
     let source = args.source()?;
     let data = dataset::load(source, &options, talk)?;
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json or leave --eval out"
+            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold photographs out \
+             with --test-every, or leave --eval out"
         )));
     }
     Ok(data)
@@ -180,6 +182,8 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
     rest.insert("background".into(), json!(background.0));
     rest.insert("train_views".into(), data.train.len().into());
     rest.insert("test_views".into(), data.test.len().into());
+    rest.insert("images".into(), args.photographs.images.as_str().into());
+    rest.insert("test_every".into(), args.photographs.test_every.into());
     rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
     Ok(ModelInfo {
         version: env!("CARGO_PKG_VERSION").into(),
@@ -203,7 +207,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
         ("source_path", output::absolute(args.source()?).into()),
         ("model_path", output::absolute(&args.model_path).into()),
-        ("images", "images".into()),
+        ("images", args.photographs.images.as_str().into()),
         ("resolution", args.resolution.into()),
         ("white_background", is_white.into()),
         ("data_device", "cpu".into()),

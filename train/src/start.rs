@@ -9,7 +9,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     activation::logit,
     camera::Camera,
-    color::linear_from_srgb,
+    color::{is_unknown, linear_from_srgb},
     normal::AxisRule,
     order::Bounds,
     random,
@@ -71,7 +71,8 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
 fn may_be_solid(view: &View, position: [f32; 3]) -> bool {
     let Some([x, y]) = pixel_of(&view.camera, position) else { return true };
     let pixel = y * view.camera.width as usize + x;
-    view.rgba[4 * pixel + 3] > 0
+    let rgba = &view.rgba[4 * pixel..4 * pixel + 4];
+    rgba[3] > 0 || is_unknown(rgba)
 }
 
 fn pixel_of(camera: &Camera, position: [f32; 3]) -> Option<[usize; 2]> {
