@@ -212,7 +212,7 @@ pub(crate) struct Again {
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Start")]
 pub(crate) struct Start {
-    /// Points to start from, instead of DATASET/points3d.ply.
+    /// Points to start from, instead of those of the data set.
     #[arg(long, value_name = "FILE.ply")]
     pub(crate) points: Option<PathBuf>,
     /// Start from this many random points, even where there is a point cloud. [20000 where there is none]

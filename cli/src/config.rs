@@ -15,9 +15,17 @@ use std::{
 use toml::{Table, Value};
 
 /// What may be other when a training goes on: where and for how long it computes, and what is looked at on the way.
-/// Whether a data set is the same is not told by its path.
-const FREE: [&str; 6] =
-    ["iterations", "executor", "checkpoint-every", "save-iterations", "test-iterations", "source-path"];
+/// Whether a data set is the same is told by its pictures, not by its path or how it is divided.
+const FREE: [&str; 8] = [
+    "iterations",
+    "executor",
+    "checkpoint-every",
+    "save-iterations",
+    "test-iterations",
+    "source-path",
+    "images",
+    "test-every",
+];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 

@@ -32,6 +32,9 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let loaded = loaded?;
     talk.note(&summary(&loaded));
     loaded.notes.iter().for_each(|note| talk.note(note));
+    if let Some(advice) = advice_on_size(&loaded) {
+        talk.note(&advice);
+    }
     let mut train: Vec<View> = loaded.train.into_iter().map(view_of).collect();
     let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
     let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
@@ -60,6 +63,16 @@ fn summary(loaded: &dataset::Dataset) -> String {
     let points = if points == 0 { "no points".to_owned() } else { format!("{} points", thousands(points)) };
     let sizes = sizes(train.iter().chain(test));
     format!("{source}: {} pictures to fit{held_out}, {sizes} pixels, {points}", train.len())
+}
+
+/// What to do about pictures that are wider than the field trains on.
+fn advice_on_size(loaded: &dataset::Dataset) -> Option<String> {
+    const WIDE: u32 = 1600;
+    let widest = loaded.train.iter().map(|view| view.camera.width).max().unwrap_or(0);
+    let factor = [2, 4, 8].into_iter().find(|factor| widest / factor <= WIDE).unwrap_or(8);
+    (widest > WIDE).then(|| {
+        format!("pictures are up to {widest} pixels wide; with -r {factor} training takes far less time and memory")
+    })
 }
 
 /// The size of pictures, or the smallest and the largest.

@@ -46,10 +46,11 @@ pub(crate) struct Folders {
 
 impl Folders {
     /// The image of a camera, and how many times smaller it is still to become: a copy from a folder such as `images_4`
-    /// where there is one of that size.
-    fn image_of(&self, image: &Path, downscale: u32) -> Option<(PathBuf, u32)> {
-        let copy = (downscale > 1).then(|| find_image(&self.smaller(downscale).join(image))).flatten();
-        copy.map(|copy| (copy, 1)).or_else(|| Some((find_image(&self.images.join(image))?, downscale)))
+    /// where there is one, and where it is known for what size the lens was measured.
+    fn image_of(&self, camera: &Posed, downscale: u32) -> Option<(PathBuf, u32)> {
+        let may_be_copy = downscale > 1 && camera.measured_size.is_some();
+        let copy = may_be_copy.then(|| find_image(&self.smaller(downscale).join(&camera.image))).flatten();
+        copy.map(|copy| (copy, 1)).or_else(|| Some((find_image(&self.images.join(&camera.image))?, downscale)))
     }
 
     /// `images_4` beside `images`.
@@ -68,7 +69,7 @@ pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, opt
     let mut missing = Vec::new();
     let mut copies = 0;
     for camera in posed {
-        match folders.image_of(&camera.image, options.downscale) {
+        match folders.image_of(&camera, options.downscale) {
             _ if is_macos_shadow(&camera.image) => missing.push(camera.image),
             Some((file, downscale)) => {
                 copies += usize::from(downscale != options.downscale);

@@ -433,6 +433,15 @@ fn nerfstudio_names_masks() {
 }
 
 #[test]
+fn smaller_copies_need_a_lens_whose_size_is_known() {
+    let folder = nerfstudio(json!({ "w": null, "h": null }));
+    RgbImage::new(WIDTH / 2, HEIGHT / 2).save(made(&folder.path().join("images_2/b.png"))).unwrap();
+    let data = load_with(&folder, LoadOptions { downscale: 2, ..LoadOptions::default() });
+    assert_eq!((names(&data.train)[0], data.train[0].camera.focal_px), ("b", [10.0, 10.5]));
+    assert_eq!(data.notes.len(), 0, "nothing is taken from the copies: {:?}", data.notes);
+}
+
+#[test]
 fn lenses_of_nerfstudio_are_undistorted_or_refused() {
     let distorted = nerfstudio(json!({ "camera_model": "OPENCV", "k1": -0.2, "p1": 0.01 }));
     let fisheye = nerfstudio(json!({ "camera_model": "OPENCV_FISHEYE", "k1": 0.05, "k4": 0.01 }));
