@@ -218,6 +218,10 @@ pub(crate) struct Start {
     /// Start from this many random points, even where there is a point cloud. [20000 where there is none]
     #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) random_points: Option<u32>,
+    /// Start from this many points more, behind those of the data set and in the colours of the pictures: for walls,
+    /// tables and skies on which COLMAP finds none.
+    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0, conflicts_with = "random_points")]
+    pub(crate) background_points: u32,
     /// Share of the run that looks at pictures of half their size, where a step costs less.
     #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,

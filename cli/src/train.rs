@@ -26,7 +26,7 @@ use specula_io::{
 use specula_train::{
     evaluate::{ViewQuality, mean_quality},
     profile::Profile,
-    start::{Point, random_points},
+    start::{Point, points_behind, random_points},
     trainer::{Settings, Snapshot},
     view::View,
 };
@@ -164,9 +164,13 @@ fn background_of(args: &Train, data: &Dataset) -> Background {
 
 fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
     let random = |count: u32| random_points(count as usize, &data.train, args.seed);
+    let with_background = |mut points: Vec<Point>| {
+        points.extend(points_behind(&points, args.start.background_points as usize, &data.train, args.seed));
+        points
+    };
     match (args.start.random_points, data.points.take()) {
         (Some(count), _) => random(count),
-        (None, Some(points)) if !points.is_empty() => points,
+        (None, Some(points)) if !points.is_empty() => with_background(points),
         (None, _) => random(RANDOM_POINTS),
     }
 }

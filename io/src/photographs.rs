@@ -9,7 +9,7 @@ use crate::{
 };
 use std::{
     collections::HashSet,
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 /// The folder of masks, beside that of the images.
