@@ -219,8 +219,8 @@ pub(crate) struct Start {
     #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) random_points: Option<u32>,
     /// Start from this many points more, behind those of the data set and in the colours of the pictures: for walls,
-    /// tables and skies on which COLMAP finds none.
-    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0, conflicts_with = "random_points")]
+    /// tables and skies on which COLMAP finds none. It adds nothing to random points.
+    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0)]
     pub(crate) background_points: u32,
     /// Share of the run that looks at pictures of half their size, where a step costs less.
     #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]

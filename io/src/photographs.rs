@@ -7,10 +7,7 @@ use crate::{
     lens::Lens,
     shot::{Pose, Shot, find_image, find_mask, is_macos_shadow, name_of, without_image_ending},
 };
-use std::{
-    collections::HashSet,
-    path::PathBuf,
-};
+use std::{collections::HashSet, path::PathBuf};
 
 /// The folder of masks, beside that of the images.
 const MASKS: &str = "masks";
