@@ -67,8 +67,15 @@ pub(crate) struct Demo {
 
 /// Fit Gaussians and a light to pictures with known cameras.
 ///
-/// DATASET is a folder with transforms_train.json, transforms_test.json and the pictures that they name, as in NeRF
-/// Synthetic and Shiny Blender. Training starts from DATASET/points3d.ply or --points, else from random points.
+/// DATASET is a folder. What is in it says what it is: transforms_train.json, transforms_test.json and the pictures that
+/// they name, as in NeRF Synthetic and Shiny Blender; sparse/0 and images, photographs whose cameras COLMAP has found, in
+/// its binary or text format; or a transforms.json of nerfstudio or instant-ngp. Training starts from the data set's own
+/// points or --points, else from random points.
+///
+/// Photographs: with --eval every 8th by name is held out. Distortion by the lens is taken out when they are read, for
+/// all of COLMAP's usual camera models; what the lens did not see does not count. Nor does what is black in a picture of
+/// the same name in DATASET/masks. Where there are images_2, images_4 or images_8, -r takes pictures from there.
+///
 /// MODEL becomes a folder that tools for Gaussian splatting know: point_cloud/iteration_N/point_cloud.ply,
 /// cameras.json, cfg_args; beside them the light, as light/iteration_N/environment.exr.
 ///
@@ -82,6 +89,7 @@ pub(crate) struct Demo {
 #[command(after_help = "\
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7000
+  specula train data/garden -m out/garden --eval -r 4       photographs, cameras by COLMAP in data/garden/sparse/0
   specula train data/chair -m out/plain --eval --profile 3dgs
   specula train data/toaster -m out/ablation --eval --profile paper --no-residual
   specula train -m out/chair --resume                       go on after Ctrl-C, a crash or a power cut
@@ -148,6 +156,9 @@ pub(crate) struct Train {
     pub(crate) again: Again,
     #[command(flatten)]
     #[serde(flatten)]
+    pub(crate) photographs: Photographs,
+    #[command(flatten)]
+    #[serde(flatten)]
     pub(crate) start: Start,
     #[command(flatten)]
     #[serde(flatten)]
@@ -167,6 +178,19 @@ impl Train {
         let no_name = || Failure::Input("no data set is named, nor in the file of settings; add its folder".into());
         named.map(PathBuf::as_path).ok_or_else(no_name)
     }
+}
+
+/// What is read of data sets that are one list of photographs.
+#[derive(Args, Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[command(next_help_heading = "Photographs")]
+pub(crate) struct Photographs {
+    /// Folder of the images that COLMAP has looked at, within DATASET; images_4 and the like, if they are smaller copies.
+    #[arg(long, short, value_name = "FOLDER", default_value = specula_io::dataset::IMAGES)]
+    pub(crate) images: String,
+    /// With --eval, hold out every so manieth photograph by name, from the first; 0 for none.
+    #[arg(long, aliases = ["test_every", "llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY)]
+    pub(crate) test_every: u32,
 }
 
 /// How a training goes on, or follows another.
@@ -193,12 +217,16 @@ pub(crate) struct Again {
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Start")]
 pub(crate) struct Start {
-    /// Points to start from, instead of DATASET/points3d.ply.
+    /// Points to start from, instead of those of the data set.
     #[arg(long, value_name = "FILE.ply")]
     pub(crate) points: Option<PathBuf>,
     /// Start from this many random points, even where there is a point cloud. [20000 where there is none]
     #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) random_points: Option<u32>,
+    /// Start from this many points more, behind those of the data set and in the colours of the pictures: for walls,
+    /// tables and skies on which COLMAP finds none. It adds nothing to random points.
+    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0)]
+    pub(crate) background_points: u32,
     /// Share of the run that looks at pictures of half their size, where a step costs less.
     #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,

@@ -15,9 +15,18 @@ use std::{
 use toml::{Table, Value};
 
 /// What may be other when a training goes on: where and for how long it computes, and what is looked at on the way.
-/// Whether a data set is the same is not told by its path.
-const FREE: [&str; 7] =
-    ["iterations", "executor", "checkpoint-every", "save-iterations", "test-iterations", "source-path", "max-error"];
+/// Whether a data set is the same is told by its pictures, not by its path or how it is divided.
+const FREE: [&str; 9] = [
+    "iterations",
+    "executor",
+    "checkpoint-every",
+    "save-iterations",
+    "test-iterations",
+    "max-error",
+    "source-path",
+    "images",
+    "test-every",
+];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 

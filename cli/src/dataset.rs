@@ -1,9 +1,10 @@
 //! Data sets as trainings take them.
 
-use crate::{failure::Failure, progress::Talk};
+use crate::{failure::Failure, fit::thousands, progress::Talk};
 use specula_core::camera::near_of;
 use specula_io::{
-    dataset::{self, LoadOptions},
+    dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
+    model_folder::ModelInfo,
     points_ply::PointCloud,
 };
 use specula_train::{
@@ -29,12 +30,60 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     });
     work.finish();
     let loaded = loaded?;
+    talk.note(&summary(&loaded));
     loaded.notes.iter().for_each(|note| talk.note(note));
+    if let Some(advice) = advice_on_size(&loaded) {
+        talk.note(&advice);
+    }
     let mut train: Vec<View> = loaded.train.into_iter().map(view_of).collect();
     let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
     let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
     train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
     Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)) })
+}
+
+/// The options with which a training read its data set, for one that reads it again.
+pub(crate) fn options_of(info: &ModelInfo) -> LoadOptions {
+    let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
+    let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
+    LoadOptions {
+        downscale: info.downscale.max(1),
+        with_test: info.eval,
+        points: None,
+        images,
+        test_every: every.unwrap_or(TEST_EVERY),
+    }
+}
+
+/// What was read, in one line.
+fn summary(loaded: &dataset::Dataset) -> String {
+    let dataset::Dataset { train, test, points, source, .. } = loaded;
+    let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
+    let points = points.as_ref().map_or(0, |points| points.positions.len());
+    let points = if points == 0 { "no points".to_owned() } else { format!("{} points", thousands(points)) };
+    let sizes = sizes(train.iter().chain(test));
+    format!("{source}: {} pictures to fit{held_out}, {sizes} pixels, {points}", train.len())
+}
+
+/// What to do about pictures that are wider than the field trains on.
+fn advice_on_size(loaded: &dataset::Dataset) -> Option<String> {
+    const WIDE: u32 = 1600;
+    let widest = loaded.train.iter().map(|view| view.camera.width).max().unwrap_or(0);
+    let factor = [2, 4, 8].into_iter().find(|factor| widest / factor <= WIDE).unwrap_or(8);
+    (widest > WIDE).then(|| {
+        format!("pictures are up to {widest} pixels wide; with -r {factor} training takes far less time and memory")
+    })
+}
+
+/// The size of pictures, or the smallest and the largest.
+fn sizes<'a>(views: impl Iterator<Item = &'a dataset::View>) -> String {
+    let mut sizes: Vec<[u32; 2]> = views.map(|view| [view.camera.width, view.camera.height]).collect();
+    sizes.sort_unstable_by_key(|[width, height]| (u64::from(*width) * u64::from(*height), *width));
+    let words = |[width, height]: &[u32; 2]| format!("{width} × {height}");
+    match (sizes.first(), sizes.last()) {
+        (Some(first), Some(last)) if first != last => format!("{} to {}", words(first), words(last)),
+        (first, _) => first.map_or_else(String::new, words),
+    }
 }
 
 fn view_of(view: dataset::View) -> View {

@@ -40,8 +40,9 @@ fn views_of(args: &Eval, opened: &Opened, talk: Talk) -> Result<Vec<View>, Failu
     let source = args.source_path.clone().or(recorded).ok_or_else(|| {
         Failure::Input(format!("{:?} does not say which data set it was trained on; name it with -s", args.scene))
     })?;
-    let downscale = args.resolution.or(info.map(|info| info.downscale.max(1))).unwrap_or(1);
-    let data = dataset::load(&source, &LoadOptions { downscale, with_test: true, points: None }, talk)?;
+    let options = LoadOptions { with_test: true, ..info.map(dataset::options_of).unwrap_or_default() };
+    let downscale = args.resolution.unwrap_or(options.downscale);
+    let data = dataset::load(&source, &LoadOptions { downscale, ..options }, talk)?;
     let views: Vec<View> = match args.split {
         Split::Test => data.test,
         Split::Train => data.train,

@@ -29,7 +29,7 @@ use std::path::Path;
 
 /// Looks, and says.
 pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
-    let report = if args.path.join("transforms_train.json").is_file() {
+    let report = if specula_io::dataset::is_dataset(&args.path) {
         of_dataset(&args.path, talk)?
     } else {
         match Opened::open(&args.path, None) {

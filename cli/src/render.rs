@@ -19,7 +19,6 @@ use crate::{
 use rayon::prelude::*;
 use specula_core::{camera::Camera, plan::Channels, scene::Image, shade::ShadingForm};
 use specula_io::{
-    dataset::LoadOptions,
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
@@ -238,8 +237,7 @@ fn true_views(opened: &Opened, tour: &Tour, talk: Talk) -> Vec<View> {
 }
 
 fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec<View>, Failure> {
-    let options = LoadOptions { downscale: info.downscale.max(1), with_test: info.eval, points: None };
-    let data = dataset::load(Path::new(&info.source_path), &options, talk)?;
+    let data = dataset::load(Path::new(&info.source_path), &dataset::options_of(info), talk)?;
     let tests = data.test.into_iter().filter(|_| test);
     Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
 }

@@ -1,7 +1,7 @@
 //! `specula train`: from pictures to a model.
 
 use crate::{
-    args::{MachineOptions, Train},
+    args::{MachineOptions, Photographs, Train},
     background::Background,
     checkpoint::{self, Checkpoints},
     config,
@@ -26,7 +26,7 @@ use specula_io::{
 use specula_train::{
     evaluate::{ViewQuality, mean_quality},
     profile::Profile,
-    start::{Point, random_points},
+    start::{Point, points_behind, random_points},
     trainer::{Settings, Snapshot},
     view::View,
 };
@@ -145,13 +145,15 @@ fn make_folder(
 }
 
 fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
+    let Photographs { images, test_every } = args.photographs.clone();
     let points = args.start.points.clone();
-    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points };
+    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every };
     let source = args.source()?;
     let data = dataset::load(source, &options, talk)?;
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json or leave --eval out"
+            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold photographs out \
+             with --test-every, or leave --eval out"
         )));
     }
     Ok(data)
@@ -164,9 +166,13 @@ fn background_of(args: &Train, data: &Dataset) -> Background {
 
 fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
     let random = |count: u32| random_points(count as usize, &data.train, args.seed);
+    let with_background = |mut points: Vec<Point>| {
+        points.extend(points_behind(&points, args.start.background_points as usize, &data.train, args.seed));
+        points
+    };
     match (args.start.random_points, data.points.take()) {
         (Some(count), _) => random(count),
-        (None, Some(points)) if !points.is_empty() => points,
+        (None, Some(points)) if !points.is_empty() => with_background(points),
         (None, _) => random(RANDOM_POINTS),
     }
 }
@@ -182,6 +188,8 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
     rest.insert("background".into(), json!(background.0));
     rest.insert("train_views".into(), data.train.len().into());
     rest.insert("test_views".into(), data.test.len().into());
+    rest.insert("images".into(), args.photographs.images.as_str().into());
+    rest.insert("test_every".into(), args.photographs.test_every.into());
     rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
     Ok(ModelInfo {
         version: env!("CARGO_PKG_VERSION").into(),
@@ -205,7 +213,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
         ("source_path", output::absolute(args.source()?).into()),
         ("model_path", output::absolute(&args.model_path).into()),
-        ("images", "images".into()),
+        ("images", args.photographs.images.as_str().into()),
         ("resolution", args.resolution.into()),
         ("white_background", is_white.into()),
         ("data_device", "cpu".into()),

@@ -21,6 +21,51 @@ fn printed(command: &mut assert_cmd::Command) -> String {
     String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
 }
 
+/// Nine photographs of a ball on a wall, taken through a lens with distortion, as COLMAP leaves them.
+fn write_photographs(folder: &Path) {
+    let sparse = folder.join("sparse/0");
+    fs::create_dir_all(&sparse).unwrap();
+    fs::create_dir_all(folder.join("images")).unwrap();
+    let mut images = String::new();
+    for k in 0..9 {
+        let half_turn = 0.05 * (f64::from(k) - 4.0);
+        images += &format!("{k} {} 0 {} 0 0 0 4 1 {k}.jpg\n\n", half_turn.cos(), half_turn.sin());
+        let color = |x: u32, y: u32| match (x.abs_diff(SIZE / 2), y.abs_diff(SIZE / 2)) {
+            (x, y) if x * x + y * y < SIZE * SIZE / 16 => image::Rgb([200, 40, 30]),
+            _ => image::Rgb([120, 130, 150]),
+        };
+        image::RgbImage::from_fn(SIZE, SIZE, color).save(folder.join(format!("images/{k}.jpg"))).unwrap();
+    }
+    let points: String = (0..60).map(|k| format!("{k} {} {} 0.5 150 90 90 0.5\n", k % 8 - 4, k / 8 - 4)).collect();
+    let half = SIZE / 2;
+    fs::write(sparse.join("cameras.txt"), format!("1 SIMPLE_RADIAL {SIZE} {SIZE} 40 {half} {half} 0.2\n")).unwrap();
+    fs::write(sparse.join("images.txt"), images).unwrap();
+    fs::write(sparse.join("points3D.txt"), points).unwrap();
+}
+
+#[test]
+fn photographs_are_trained_measured_and_rendered() {
+    let tiny = Tiny::new();
+    let (data, model) = (tiny.path("photographs"), tiny.path("model"));
+    write_photographs(&data);
+    let mut train = specula();
+    train.arg("train").arg(&data).arg("-m").arg(&model);
+    let done = train.args(["--eval", "--profile", "3dgs", "--iterations", "20", "--llffhold", "4"]).assert().success();
+    let talk = String::from_utf8(done.get_output().stderr.clone()).unwrap();
+    for part in
+        ["COLMAP's model", "SIMPLE_RADIAL", "6 pictures to fit and 3 held out", "60 points", "lens's distortion"]
+    {
+        assert!(talk.contains(part), "{part:?} is missing in: {talk}");
+    }
+    let trained = json(&model.join("results.json"))["ours_20"]["PSNR"].as_f64().unwrap();
+    let evaluated = printed(specula().arg("eval").arg(&model).arg("--json"));
+    let evaluated: Value = serde_json::from_str(&evaluated).unwrap();
+    assert_eq!(evaluated["views"].as_array().unwrap().len(), 3, "the views that were held out");
+    assert!((evaluated["PSNR"].as_f64().unwrap() - trained).abs() < 0.01, "{evaluated}");
+    printed(specula().arg("render").arg(&model));
+    assert!(model.join("test/ours_20/gt/00002.png").is_file(), "true pictures lie beside rendered ones");
+}
+
 #[test]
 fn a_scene_is_trained_measured_rendered_and_relit() {
     let tiny = Tiny::new();

@@ -150,7 +150,7 @@ fn only_the_same_training_goes_on() {
         (&["--resolution", "2"], "--resolution"),
         (&["--light-resolution", "32"], "--light-resolution 16"),
     ] {
-        let sentence = refusal(resumed(&tiny, "model").args(words));
+        let sentence = refusal(resumed(&tiny, "model").arg("--quiet").args(words));
         assert!(sentence.contains(expected) && sentence.contains("checkpoint.safetensors"), "{sentence}");
         assert_eq!(sentence.lines().count(), 1, "one sentence is expected: {sentence}");
     }

@@ -87,9 +87,19 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
-/// Whether any pixel of red, green, blue and alpha bytes is not opaque.
+/// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At an alpha of zero no
+/// colour is seen, so this one can be set aside; that of other transparent pixels is another.
+pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
+
+/// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].
+#[inline(always)]
+pub fn is_unknown(pixel: &[u8]) -> bool {
+    pixel == UNKNOWN
+}
+
+/// Whether any known pixel of red, green, blue and alpha bytes is not opaque.
 pub fn has_alpha(rgba: &[u8]) -> bool {
-    rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX)
+    rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX && !is_unknown(pixel))
 }
 
 /// A blended colour over a background that shines through: C + T · background.

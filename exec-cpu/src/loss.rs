@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use specula_core::{
     bin::tile_count,
     camera::Camera,
-    color::{composite, composite_vjp, from_byte, has_alpha, over},
+    color::{composite, composite_vjp, from_byte, has_alpha, is_unknown, over},
     depth_normal::{expected_depth, is_surface},
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
     plan::{Channels, channel},
@@ -38,6 +38,8 @@ pub struct Target {
     is_empty: Vec<bool>,
     /// Whether any pixel is not opaque.
     has_alpha: bool,
+    /// Whether nothing is known of some pixel.
+    has_unknown: bool,
 }
 
 impl Target {
@@ -58,8 +60,21 @@ impl Target {
             columns,
             is_empty: quads.chunks_exact(QUADS).map(is_transparent).collect(),
             has_alpha: has_alpha(rgba),
+            has_unknown: rgba.chunks_exact(4).any(is_unknown),
             quads,
         }
+    }
+
+    /// One for the pixels of a quad of which something is known, zero for others.
+    #[inline(always)]
+    fn known<S: Simd>(&self, simd: S, [column, row]: [usize; 2], quad: usize) -> Lanes<S> {
+        let quad = &self.quads[(row * self.columns + column) * QUADS + quad];
+        let mut known = [1.0; BLOCK];
+        for lane in 0..BLOCK {
+            let pixel = [quad[0][lane], quad[1][lane], quad[2][lane], quad[3][lane]];
+            known[lane] = if is_unknown(&pixel) { 0.0 } else { 1.0 };
+        }
+        Lanes::from_array(simd, known)
     }
 }
 
@@ -183,7 +198,7 @@ impl Comparison<'_> {
         [f64::from(sums[0].sum()), f64::from(sums[1].sum()), f64::from(sums[2].sum()), 0.0]
     }
 
-    /// Losses of a quad; returns what its planes hold, zero outside the picture.
+    /// Losses of a quad; returns what its planes hold, zero outside the picture and where nothing is known of it.
     #[inline(always)]
     fn quad_losses<S: Simd>(
         &self,
@@ -196,7 +211,10 @@ impl Comparison<'_> {
     ) -> [Lanes<S>; 8] {
         let Self { frame, target, weights, background, .. } = self;
         let channels = frame.channels;
-        let inside = self.inside(simd, place, quad);
+        let mut inside = self.inside(simd, place, quad);
+        if target.has_unknown {
+            inside = inside * target.known(simd, place, quad);
+        }
         let [truth @ .., alpha] =
             read_target(simd, &target.quads[(place[1] * target.columns + place[0]) * QUADS + quad]);
         let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
@@ -244,12 +262,20 @@ impl Comparison<'_> {
         pixels
     }
 
-    /// Gradient of the transmittance through the background.
+    /// Gradient of the transmittance through the background. Windows of SSIM reach pixels of which nothing is known, but
+    /// these have no gradient.
     fn background_vjp(&self, grad: &mut [Quad]) {
         let channels = self.frame.channels;
-        grad.par_chunks_mut(tile_len(channels)).for_each(|tile| {
+        grad.par_chunks_mut(tile_len(channels)).enumerate().for_each(|(slot, tile)| {
             dispatch!(self.machine.level, simd => {
                 for quad in 0..QUADS {
+                    if self.target.has_unknown {
+                        let known = self.target.known(simd, self.frame.cover.place(slot), quad);
+                        for c in 0..3 {
+                            let color = &mut tile[at(channels, quad, c)];
+                            (Lanes::load(simd, color) * known).store(color);
+                        }
+                    }
                     let mut sum = Lanes::load(simd, &tile[at(channels, quad, channels)]);
                     for c in 0..3 {
                         let behind = Lanes::splat(simd, self.background[c]);

@@ -25,6 +25,7 @@ use core::fmt::Write;
 use specula_core::{
     bin::TILE_SIZE,
     blend::{ROOT_SCALE, TRANSMITTANCE_MIN},
+    color::UNKNOWN,
     cubemap::padded_len,
     densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
@@ -509,6 +510,7 @@ impl LossVariant {
         let place = |channel: usize| blended.index_of(channel).unwrap_or(self.channels);
         let source = Source::new().real().count("CHANNELS", self.channels).count("LOSS_GROUP", group);
         source
+            .count("UNKNOWN", u32::from_le_bytes(UNKNOWN) as usize)
             .count("NORMAL_CHANNEL", place(channel::NORMAL))
             .count("DEPTH_CHANNEL", place(channel::DEPTH))
             .count("RESIDUAL_CHANNEL", place(channel::RESIDUAL_SIZE))

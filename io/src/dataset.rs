@@ -1,10 +1,17 @@
-//! Data sets: photographs with their cameras, as NeRF Synthetic and Shiny Blender lay them out.
+//! Data sets: photographs with their cameras, as NeRF Synthetic, COLMAP and nerfstudio lay them out.
+//!
+//! What a folder holds says what it is: `transforms_train.json`, a scene of NeRF Synthetic or Shiny Blender; `sparse`, or
+//! `cameras` and `images` in COLMAP's formats, a reconstruction; `transforms.json`, a data set of nerfstudio or
+//! instant-ngp. Pictures with a lens's distortion become those of a pinhole ([`crate::lens`]). Pictures whose EXIF data
+//! ask for it are turned where they fit their camera only so.
 
 use crate::{
+    blender, colmap,
     error::{Error, Result},
+    nerfstudio,
     pixels::{Normals, Pixels},
     points_ply::{self, PointCloud},
-    transforms::{Frame, Transforms},
+    shot::{Opened, Shot},
 };
 use core::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
@@ -18,15 +25,26 @@ pub struct LoadOptions {
     pub downscale: u32,
     /// Whether the test views are held out; if not, they are trained on as well.
     pub with_test: bool,
-    /// A point cloud to start from, instead of the folder's `points3d.ply`.
+    /// A point cloud to start from, instead of the data set's own.
     pub points: Option<PathBuf>,
+    /// The folder of images that COLMAP has looked at, within the data set. Where there are smaller copies in a folder
+    /// such as `images_4`, those are read instead of being made.
+    pub images: String,
+    /// Every so manieth photograph by name, from the first, is a test view, where nothing else says which are; none
+    /// for 0.
+    pub test_every: u32,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { downscale: 1, with_test: true, points: None }
+        Self { downscale: 1, with_test: true, points: None, images: IMAGES.into(), test_every: TEST_EVERY }
     }
 }
+
+/// The usual folder of images.
+pub const IMAGES: &str = "images";
+/// Every so manieth photograph is a test view, usually: the field's choice.
+pub const TEST_EVERY: u32 = 8;
 
 /// One photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,140 +68,99 @@ pub struct Dataset {
     pub test: Vec<View>,
     /// Points to start from.
     pub points: Option<PointCloud>,
-    /// What was left out or assumed, and why: one sentence each.
+    /// What cameras were read from, in a few words.
+    pub source: String,
+    /// What was left out, changed or assumed, and why: one sentence each.
     pub notes: Vec<String>,
+}
+
+/// What there is in a data set, before any picture is opened.
+#[derive(Debug, Default)]
+pub(crate) struct Listing {
+    pub(crate) train: Vec<Shot>,
+    pub(crate) test: Vec<Shot>,
+    pub(crate) points: Option<PointCloud>,
+    pub(crate) source: String,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Reads a data set on all cores. `progress` is called with the number of images done and of all images, from any
 /// thread and in order of completion.
 pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Dataset> {
-    refuse_impossible(folder, options)?;
-    let mut notes = Vec::new();
-    let train = Transforms::read(&folder.join("transforms_train.json"))?;
-    let test = read_test(folder, &mut notes)?;
-    note_distortion([Some(&train), test.as_ref()], &mut notes);
-
-    let train_jobs = jobs(&train, Split::Train, &mut notes)?;
-    let test_jobs = test.as_ref().map_or(Ok(Vec::new()), |test| jobs(test, Split::Test, &mut notes))?;
-    let points = read_points(folder, options)?;
-
-    let all_jobs: Vec<Job<'_>> = train_jobs.into_iter().chain(test_jobs).collect();
-    let mut train = decode_all(&all_jobs, options.downscale, progress)?;
-    let held_out = if options.with_test { all_jobs.iter().filter(|job| job.split == Split::Test).count() } else { 0 };
+    let Listing { mut train, test, points, source, mut notes } = list(folder, options)?;
+    let points = read_points(folder, options, points)?;
+    let held_out = if options.with_test { test.len() } else { 0 };
+    train.extend(test);
+    let opened = open_all(&train, progress)?;
+    note_changes(&opened, &mut notes);
+    let mut train: Vec<View> = opened.into_iter().map(|opened| opened.view).collect();
     let test = train.split_off(train.len() - held_out);
     note_missing_normals(&test, &mut notes);
-    Ok(Dataset { train, test, points, notes })
+    Ok(Dataset { train, test, points, source, notes })
 }
 
-fn refuse_impossible(folder: &Path, options: &LoadOptions) -> Result<()> {
+fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });
     }
     if !folder.is_dir() {
         return Err(Error::NoFolder { path: folder.to_owned() });
     }
-    if !folder.join("transforms_train.json").is_file() {
-        return Err(Error::NoTransforms { path: folder.to_owned() });
+    if folder.join(blender::TRAIN).is_file() {
+        return blender::list(folder, options);
     }
-    Ok(())
+    if folder.join(nerfstudio::LIST).is_file() && !colmap::is_at(folder) {
+        return nerfstudio::list(folder, options);
+    }
+    let model = colmap::find(folder).ok_or_else(|| Error::NoTransforms { path: folder.to_owned() })?;
+    colmap::list(folder, &model, options)
 }
 
-fn read_test(folder: &Path, notes: &mut Vec<String>) -> Result<Option<Transforms>> {
-    let path = folder.join("transforms_test.json");
-    if path.is_file() {
-        return Transforms::read(&path).map(Some);
-    }
-    notes.push(format!("no {path:?}, so there are no test views"));
-    Ok(None)
+/// Whether a folder looks like a data set.
+pub fn is_dataset(folder: &Path) -> bool {
+    [blender::TRAIN, nerfstudio::LIST].iter().any(|name| folder.join(name).is_file()) || colmap::find(folder).is_some()
 }
 
-fn read_points(folder: &Path, options: &LoadOptions) -> Result<Option<PointCloud>> {
+fn read_points(folder: &Path, options: &LoadOptions, listed: Option<PointCloud>) -> Result<Option<PointCloud>> {
     let usual = folder.join("points3d.ply");
     match &options.points {
         Some(path) => points_ply::read(path).map(Some),
+        None if listed.is_some() => Ok(listed),
         None if usual.is_file() => points_ply::read(&usual).map(Some),
         None => Ok(None),
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Split {
-    Train,
-    Test,
-}
-
-/// One image that is to be read.
-struct Job<'a> {
-    split: Split,
-    transforms: &'a Transforms,
-    frame: &'a Frame,
-    image: PathBuf,
-    normal: Option<PathBuf>,
-}
-
-/// Finds the images of a list, before any is decoded: a missing one is reported at once.
-fn jobs<'a>(transforms: &'a Transforms, split: Split, notes: &mut Vec<String>) -> Result<Vec<Job<'a>>> {
-    let mut jobs = Vec::with_capacity(transforms.frames.len());
-    for frame in &transforms.frames {
-        if frame.is_macos_shadow() {
-            notes.push(format!("skipped {:?}, which macOS made for its own use", frame.file_path));
-            continue;
-        }
-        let image = transforms.image_of(frame)?;
-        let normal = if split == Split::Test { normal_beside(&image) } else { None };
-        jobs.push(Job { split, transforms, frame, image, normal });
-    }
-    Ok(jobs)
-}
-
-/// `r_0_normal.png` beside `r_0.png`.
-fn normal_beside(image: &Path) -> Option<PathBuf> {
-    let stem = image.file_stem()?.to_string_lossy().into_owned();
-    Some(image.with_file_name(format!("{stem}_normal.png"))).filter(|path| path.is_file())
-}
-
-/// Decodes all images; of several faults the first in the list is reported, whatever the threads do.
-fn decode_all(jobs: &[Job<'_>], downscale: u32, progress: impl Fn(usize, usize) + Sync) -> Result<Vec<View>> {
+/// Opens all images; of several faults the first in the list is reported, whatever the threads do.
+fn open_all(shots: &[Shot], progress: impl Fn(usize, usize) + Sync) -> Result<Vec<Opened>> {
     let done = AtomicUsize::new(0);
-    let views: Vec<Result<View>> = jobs
+    let views: Vec<Result<Opened>> = shots
         .par_iter()
-        .map(|job| {
-            let view = job.view(downscale);
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+        .map(|shot| {
+            let view = shot.open();
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, shots.len());
             view
         })
         .collect();
     views.into_iter().collect()
 }
 
-impl Job<'_> {
-    fn view(&self, downscale: u32) -> Result<View> {
-        let image = Pixels::read(&self.image)?;
-        let camera = self.transforms.camera(self.frame, image.width, image.height)?;
-        let [width, height] = [image.width, image.height].map(|size| rounded_quotient(size, downscale));
-        let normal = self.normal.as_deref().map(Normals::read).transpose()?;
-        Ok(View {
-            name: self.frame.name(),
-            camera: camera.resized(width, height),
-            image: if downscale == 1 { image } else { image.resized(width, height) },
-            normal: normal.map(|normal| normal.fitted(width, height)),
-        })
+/// What had to be done to pictures.
+fn note_changes(opened: &[Opened], notes: &mut Vec<String>) {
+    let count = |is: fn(&Opened) -> bool| opened.iter().filter(|view| is(view)).count();
+    let turned = count(|view| view.is_turned);
+    if turned > 0 {
+        notes.push(format!("turned {turned} pictures as their EXIF data say"));
     }
-}
-
-impl Normals {
-    fn fitted(self, width: u32, height: u32) -> Self {
-        if [self.width, self.height] == [width, height] { self } else { self.resized(width, height) }
+    let undistorted = count(|view| view.is_undistorted);
+    if undistorted > 0 {
+        notes.push(format!("took the lens's distortion out of {undistorted} pictures"));
     }
-}
-
-fn rounded_quotient(size: u32, downscale: u32) -> u32 {
-    (f64::from(size) / f64::from(downscale)).round().max(1.0) as u32
-}
-
-fn note_distortion(lists: [Option<&Transforms>; 2], notes: &mut Vec<String>) {
-    if lists.into_iter().flatten().any(|list| list.is_distorted) {
-        notes.push("the lens distortion (k1) of the cameras is ignored; undistort the images for sharp results".into());
+    let unknown: usize = opened.iter().map(|view| view.unknown).sum();
+    if unknown > 0 {
+        let pixels: usize = opened.iter().map(|view| view.view.image.rgba.len() / 4).sum();
+        let (masked, share) = (count(|view| view.unknown > 0), 100.0 * unknown as f64 / pixels as f64);
+        notes.push(format!("{masked} pictures have pixels that do not count, {share:.1} % of all"));
     }
 }
 

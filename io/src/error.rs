@@ -34,19 +34,56 @@ pub enum Error {
         expected: &'static str,
     },
     /// The folder of a data set is not there.
-    #[error("no folder {path:?}; name the folder that holds transforms_train.json and its images")]
+    #[error(
+        "no folder {path:?}; name the folder that holds transforms_train.json, transforms.json or sparse/0, and images"
+    )]
     NoFolder {
         /// The folder.
         path: PathBuf,
     },
     /// The folder is there, but no list of cameras in it.
     #[error(
-        "no transforms_train.json in {path:?}; expected are transforms_train.json, transforms_test.json and the \
-         images that they name, as in NeRF Synthetic and Shiny Blender"
+        "no transforms_train.json in {path:?}, nor COLMAP's sparse/0/cameras.bin and images.bin (or .txt), nor \
+         transforms.json; expected are transforms_train.json and transforms_test.json, as in NeRF Synthetic and Shiny \
+         Blender, or a reconstruction by COLMAP beside a folder images, or nerfstudio's transforms.json"
     )]
     NoTransforms {
         /// The folder.
         path: PathBuf,
+    },
+    /// Cameras, but not one of their images.
+    #[error(
+        "none of the images that the cameras name is in {path:?}, not even {first:?}; name the folder that has them with \
+         --images, within the data set"
+    )]
+    NoImages {
+        /// Where they were looked for.
+        path: PathBuf,
+        /// The first.
+        first: PathBuf,
+    },
+    /// An image that its camera cannot have taken.
+    #[error(
+        "image {path:?} has {} by {} pixels, but its camera {} by {}, which is another shape; take the images that the \
+         cameras were found with, or smaller copies of them", found[0], found[1], expected[0], expected[1]
+    )]
+    OtherShape {
+        /// The image.
+        path: PathBuf,
+        /// Its width and height.
+        found: [u32; 2],
+        /// Those of its camera.
+        expected: [u32; 2],
+    },
+    /// Something wrong at a place of a file.
+    #[error("{place} of {path:?} {what}")]
+    Place {
+        /// The file.
+        path: PathBuf,
+        /// The place: a line, or a record.
+        place: String,
+        /// What is wrong with it, and the remedy.
+        what: String,
     },
     /// A list of cameras without a camera.
     #[error("no frames in {path:?}; list at least one camera with its image")]

@@ -4,15 +4,17 @@
 //! place in it and the remedy. Files are written beside their place and then renamed, so that a file is finished or
 //! untouched.
 //!
-//! * [`dataset`]: photographs with cameras ([`cameras`], [`pixels`])
+//! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
 //! * [`checkpoint`]: a training put aside, so that it can go on
 
+mod blender;
 pub mod cameras;
 pub mod checkpoint;
+mod colmap;
 mod cube;
 pub mod dataset;
 mod error;
@@ -20,10 +22,14 @@ pub mod gaussian_ply;
 mod json;
 pub mod ktx;
 pub mod latlong;
+pub mod lens;
 pub mod model_folder;
+mod nerfstudio;
+mod photographs;
 pub mod picture;
 pub mod pixels;
 pub mod points_ply;
+mod shot;
 mod table;
 mod transforms;
 mod whole_file;

@@ -1,8 +1,9 @@
-//! Photographs and normal maps in memory, and the area average that makes them smaller.
+//! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
 use crate::error::{Error, Result};
 use glam::Vec3;
-use image::{DynamicImage, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits, metadata::Orientation};
+use specula_core::color::{UNKNOWN, is_unknown};
 use std::{fs, path::Path};
 
 /// A picture may take so many bytes of memory, however small its file.
@@ -17,24 +18,95 @@ pub struct Pixels {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Red, green, blue, alpha of each pixel, rows from the top.
+    /// Red, green, blue, alpha of each pixel, rows from the top; [`UNKNOWN`] where nothing is known of it.
     pub rgba: Vec<u8>,
 }
 
+/// A photograph as it was opened.
+pub(crate) struct OpenedPixels {
+    pub(crate) pixels: Pixels,
+    /// Whether it was turned as its EXIF data say.
+    pub(crate) is_turned: bool,
+}
+
 impl Pixels {
-    /// Decodes an image of any format and depth; without an alpha channel it is opaque.
+    /// Decodes an image of any format and depth; without an alpha channel it is opaque. EXIF data are not looked at.
     pub fn read(path: &Path) -> Result<Self> {
-        let image = decode(path)?.into_rgba8();
+        Ok(Self::of(decode(path)?))
+    }
+
+    /// Decodes an image as its camera has it. `fits` says whether a picture of some size has the camera's shape, as far
+    /// as that is known. Programs that find cameras look at pictures as they are stored, so a picture is turned as its
+    /// EXIF data say only where it fits turned and not as it is, or where nothing is known of its camera's size.
+    pub(crate) fn open(path: &Path, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
+        let (mut image, orientation) = decode_with_orientation(path)?;
+        let size = [image.width(), image.height()];
+        let turned = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
+        let is_turned = orientation != Orientation::NoTransforms
+            && match (fits(size), fits(turned)) {
+                (Some(as_stored), Some(turned)) => turned && !as_stored,
+                _ => true,
+            };
+        if is_turned {
+            image.apply_orientation(orientation);
+        }
+        Ok(OpenedPixels { pixels: Self::of(image), is_turned })
+    }
+
+    fn of(image: DynamicImage) -> Self {
+        let image = image.into_rgba8();
         let (width, height) = image.dimensions();
-        Ok(Self { width, height, rgba: image.into_raw() })
+        let mut rgba = image.into_raw();
+        // No picture may say by chance that a pixel is unknown.
+        rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.fill(0));
+        Self { width, height, rgba }
     }
 
     /// The average colour over the area of each new pixel, weighted with alpha, so that what is invisible does not
-    /// bleed into edges. Colours are averaged as they are stored, in sRGB.
+    /// bleed into edges. Colours are averaged as they are stored, in sRGB. Of unknown pixels nothing is taken; where they
+    /// are more than half of the area, the new pixel is unknown.
     pub fn resized(&self, width: u32, height: u32) -> Self {
-        let premultiplied: Vec<[f32; 4]> = self.rgba.chunks_exact(4).map(premultiply).collect();
-        let averages = area_average(&premultiplied, [self.width, self.height], [width, height]);
+        let average = |x: usize, y: usize| {
+            let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
+            if is_unknown(pixel) { [0.0, 0.0, 0.0, 0.0, 1.0] } else { with_zero(premultiply(pixel)) }
+        };
+        let averages = area_average(average, [self.width, self.height], [width, height]);
         Self { width, height, rgba: averages.into_iter().flat_map(straighten).collect() }
+    }
+
+    /// The colour at a place of the picture, in pixels from its upper left corner: bilinear between the four nearest
+    /// pixels, weighted with alpha, and unknown outside or where one of them is unknown.
+    pub(crate) fn between(&self, [x, y]: [f64; 2]) -> [u8; 4] {
+        let [width, height] = [self.width, self.height].map(f64::from);
+        // False for NaN.
+        if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
+            return UNKNOWN;
+        }
+        let [x, y] = [(x - 0.5).clamp(0.0, width - 1.0), (y - 0.5).clamp(0.0, height - 1.0)];
+        let (left, top) = (x as usize, y as usize);
+        let (right, below) = ((left + 1).min(self.width as usize - 1), (top + 1).min(self.height as usize - 1));
+        let (across, down) = ((x - left as f64) as f32, (y - top as f64) as f32);
+        let corners = [
+            (left, top, (1.0 - across) * (1.0 - down)),
+            (right, top, across * (1.0 - down)),
+            (left, below, (1.0 - across) * down),
+            (right, below, across * down),
+        ];
+        let mut sum = [0.0; 5];
+        for (x, y, weight) in corners.into_iter().filter(|(_, _, weight)| *weight > 0.0) {
+            let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
+            if is_unknown(pixel) {
+                return UNKNOWN;
+            }
+            let color = premultiply(pixel);
+            (0..4).for_each(|k| sum[k] += weight * color[k]);
+        }
+        straighten(sum)
+    }
+
+    /// How many pixels are unknown.
+    pub(crate) fn unknown_count(&self) -> usize {
+        self.rgba.chunks_exact(4).filter(|pixel| is_unknown(pixel)).count()
     }
 }
 
@@ -43,9 +115,48 @@ fn premultiply(pixel: &[u8]) -> [f32; 4] {
     [f32::from(pixel[0]) * alpha, f32::from(pixel[1]) * alpha, f32::from(pixel[2]) * alpha, alpha]
 }
 
-fn straighten([red, green, blue, alpha]: [f32; 4]) -> [u8; 4] {
+fn with_zero([red, green, blue, alpha]: [f32; 4]) -> [f32; 5] {
+    [red, green, blue, alpha, 0.0]
+}
+
+/// From a mean of premultiplied colours and alphas, and the share of the area of which nothing is known.
+fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> [u8; 4] {
+    if unknown > 0.5 {
+        return UNKNOWN;
+    }
     let scale = if alpha > 0.0 { alpha.recip() } else { 0.0 };
-    [red * scale, green * scale, blue * scale, alpha * 255.0].map(|channel| (channel + 0.5) as u8)
+    [red * scale, green * scale, blue * scale, alpha / (1.0 - unknown) * 255.0].map(|channel| (channel + 0.5) as u8)
+}
+
+/// What counts of a photograph.
+pub(crate) struct Mask {
+    width: u32,
+    height: u32,
+    counts: Vec<bool>,
+}
+
+impl Mask {
+    /// Decodes a mask: what is white and opaque counts, what is black or transparent does not; one half is the limit.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        const HALF: u32 = 128 * 255;
+        let image = decode(path)?.into_luma_alpha8();
+        let (width, height) = image.dimensions();
+        let counts = image.as_raw().chunks_exact(2).map(|pixel| u32::from(pixel[0]) * u32::from(pixel[1]) >= HALF);
+        Ok(Self { width, height, counts: counts.collect() })
+    }
+
+    /// The picture without what does not count. A mask of another size is stretched.
+    pub(crate) fn applied(&self, mut picture: Pixels) -> Pixels {
+        let (width, height) = (picture.width as usize, picture.height as usize);
+        let column = |x: usize| x * self.width as usize / width;
+        let row = |y: usize| y * self.height as usize / height * self.width as usize;
+        for (index, pixel) in picture.rgba.chunks_exact_mut(4).enumerate() {
+            if !self.counts[row(index / width) + column(index % width)] {
+                pixel.copy_from_slice(&UNKNOWN);
+            }
+        }
+        picture
+    }
 }
 
 /// True normals of a view.
@@ -75,13 +186,12 @@ impl Normals {
 
     /// The mean direction over the area of each new pixel, where at least half of that area has normals.
     pub fn resized(&self, width: u32, height: u32) -> Self {
-        let weighted: Vec<[f32; 4]> = self
-            .values
-            .iter()
-            .zip(&self.mask)
-            .map(|(n, mask)| [n[0], n[1], n[2], f32::from(u8::from(*mask))])
-            .collect();
-        let sums = area_average(&weighted, [self.width, self.height], [width, height]);
+        let weighted = |x: usize, y: usize| {
+            let pixel = y * self.width as usize + x;
+            let [x, y, z] = self.values[pixel];
+            [x, y, z, f32::from(u8::from(self.mask[pixel]))]
+        };
+        let sums = area_average(weighted, [self.width, self.height], [width, height]);
         Self::from_sums(sums.into_iter(), width, height)
     }
 
@@ -98,10 +208,27 @@ impl Normals {
 
 /// Decodes an image by its content, or else by its name, and refuses one without pixels.
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
+    decode_with_orientation(path).map(|(image, _)| image)
+}
+
+/// The same, with how its EXIF data say that it should be turned.
+fn decode_with_orientation(path: &Path) -> Result<(DynamicImage, Orientation)> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
-    reader.limits(limits_of(path)?);
-    with_pixels(path, reader.decode().map_err(Error::decoding(path))?)
+    let mut limits = limits_of(path)?;
+    reader.limits(limits.clone());
+    let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
+    // What is decoded counts as well.
+    limits.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
+    decoder.set_limits(limits).map_err(Error::decoding(path))?;
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let image = DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?;
+    Ok((with_pixels(path, image)?, orientation))
+}
+
+fn swaps_sides(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
 /// Memory that a picture may take, so that a broken header does not ask for more than its file could ever fill.
@@ -119,18 +246,26 @@ pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicIma
     Ok(image)
 }
 
-/// Averages over the area of each new pixel: columns first, then rows.
-fn area_average(pixels: &[[f32; 4]], from: [u32; 2], to: [u32; 2]) -> Vec<[f32; 4]> {
+/// Averages over the area of each new pixel: of columns first, then of rows, row by row, so that nothing as large as the
+/// old picture is kept.
+fn area_average<const N: usize>(
+    pixel: impl Fn(usize, usize) -> [f32; N],
+    from: [u32; 2],
+    to: [u32; 2],
+) -> Vec<[f32; N]> {
     let [width, height] = from.map(|size| size as usize);
     let [new_width, new_height] = to.map(|size| size as usize);
-
     let columns = spans(width, new_width);
-    let narrow: Vec<[f32; 4]> =
-        pixels.chunks_exact(width).flat_map(|row| columns.iter().map(|span| span.sum(|x| row[x]))).collect();
-
-    let rows = spans(height, new_height);
-    let pixel_of = |span: &Span, x: usize| span.sum(|y| narrow[y * new_width + x]);
-    rows.iter().flat_map(|span| (0..new_width).map(move |x| pixel_of(span, x))).collect()
+    let mut averages = vec![[0.0; N]; new_width * new_height];
+    for (sums, rows) in averages.chunks_exact_mut(new_width).zip(spans(height, new_height)) {
+        for (y, share) in (rows.first..).zip(&rows.shares) {
+            for (sum, span) in sums.iter_mut().zip(&columns) {
+                let narrow = span.sum(|x| pixel(x, y));
+                *sum = core::array::from_fn(|k| sum[k] + share * narrow[k]);
+            }
+        }
+    }
+    averages
 }
 
 /// Which old pixels lie in a new one, in one direction, and with what share; the shares add up to one.
@@ -140,8 +275,8 @@ struct Span {
 }
 
 impl Span {
-    fn sum(&self, pixel: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
-        let mut sum = [0.0; 4];
+    fn sum<const N: usize>(&self, pixel: impl Fn(usize) -> [f32; N]) -> [f32; N] {
+        let mut sum = [0.0; N];
         for (offset, share) in self.shares.iter().enumerate() {
             let pixel = pixel(self.first + offset);
             sum = core::array::from_fn(|k| sum[k] + share * pixel[k]);
@@ -179,6 +314,16 @@ mod tests {
     fn a_constant_image_stays_constant_at_any_size() {
         let constant = pixels(7, 5, &[[10, 20, 30, 200]; 35]);
         assert_eq!(constant.resized(3, 2), pixels(3, 2, &[[10, 20, 30, 200]; 6]));
+    }
+
+    #[test]
+    fn of_unknown_pixels_nothing_is_taken() {
+        let row = pixels(4, 1, &[[200, 100, 50, 255], UNKNOWN, [90, 80, 70, 128], [90, 80, 70, 128]]);
+        assert_eq!(row.resized(2, 1).rgba, [[200, 100, 50, 255], [90, 80, 70, 128]].concat());
+        let row = pixels(3, 1, &[UNKNOWN, [9; 4], UNKNOWN]);
+        assert_eq!(row.resized(1, 1).rgba, UNKNOWN);
+        assert_eq!((row.between([1.5, 0.5]), row.between([1.2, 0.5])), ([9; 4], UNKNOWN));
+        assert_eq!((row.between([-0.1, 0.5]), row.between([f64::NAN, 0.5])), (UNKNOWN, UNKNOWN));
     }
 
     #[test]

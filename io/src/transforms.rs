@@ -1,51 +1,77 @@
-//! Lists of cameras as NeRF-synthetic scenes have them: `transforms_train.json` and its kind.
+//! Lists of cameras with poses as matrices: `transforms_train.json` of NeRF-synthetic scenes, and `transforms.json` of
+//! instant-ngp and nerfstudio, whose page on data conventions says what the keys mean.
 
 use crate::{
     error::{Error, Result},
     json,
+    lens::{Distortion, Lens},
+    shot::{self, Pose, camera_of, find_image},
 };
 use core::f64::consts::PI;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
-use specula_core::{camera::Camera, project::NEAR};
+use specula_core::camera::Camera;
 use std::path::{Path, PathBuf};
 
 /// How far the columns of a rotation may be from unit length and right angles; printed matrices have 1e-7.
 const RIGID_TOLERANCE: f64 = 1e-3;
-/// Endings that are tried where a frame names its image without one.
-const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+/// Names of models whose rays are bent by polynomials, or not at all.
+const POLYNOMIAL_MODELS: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
+/// The model of fisheye lenses.
+const FISHEYE_MODEL: &str = "OPENCV_FISHEYE";
 
 /// The cameras of a file, and the folder that their images are relative to.
+#[derive(Debug)]
 pub(crate) struct Transforms {
     path: PathBuf,
-    lens: Lens,
+    intrinsics: Intrinsics,
     pub(crate) frames: Vec<Frame>,
-    /// Whether the file speaks of lens distortion, which is not modelled.
-    pub(crate) is_distorted: bool,
+    pub(crate) rest: Rest,
+}
+
+/// What nerfstudio says besides.
+#[derive(Debug, Default, Deserialize)]
+pub(crate) struct Rest {
+    /// Points in the world of the frames.
+    pub(crate) ply_file_path: Option<String>,
+    /// How COLMAP's world became that of the frames: three rows of four numbers.
+    pub(crate) applied_transform: Option<Vec<[f64; 4]>>,
+    /// Frames to fit, by their `file_path`.
+    pub(crate) train_filenames: Option<Vec<String>>,
+    /// Frames to choose settings by.
+    pub(crate) val_filenames: Option<Vec<String>>,
+    /// Frames to judge by.
+    pub(crate) test_filenames: Option<Vec<String>>,
 }
 
 #[derive(Deserialize)]
 struct File {
     #[serde(flatten)]
-    lens: Lens,
+    intrinsics: Intrinsics,
     #[serde(default)]
     frames: Vec<Frame>,
+    #[serde(flatten)]
+    rest: Rest,
 }
 
 /// One camera.
-#[derive(Deserialize)]
+#[derive(Debug, Deserialize)]
 pub(crate) struct Frame {
     /// Its image, with or without ending.
     pub(crate) file_path: String,
+    /// A picture of what counts in it.
+    pub(crate) mask_path: Option<String>,
     /// From camera to world, rows first, in OpenGL's camera axes.
     transform_matrix: Vec<[f64; 4]>,
     #[serde(flatten)]
-    lens: Lens,
+    intrinsics: Intrinsics,
 }
 
 /// Intrinsics, for all frames or for one; what a frame does not say, the file says.
-#[derive(Clone, Copy, Deserialize)]
-struct Lens {
+#[derive(Clone, Debug, Default, Deserialize)]
+struct Intrinsics {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
     camera_angle_y: Option<f64>,
     fl_x: Option<f64>,
@@ -55,11 +81,18 @@ struct Lens {
     w: Option<f64>,
     h: Option<f64>,
     k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
 }
 
-impl Lens {
-    fn or(self, other: Self) -> Self {
+impl Intrinsics {
+    fn or(&self, other: &Self) -> Self {
         Self {
+            camera_model: self.camera_model.clone().or_else(|| other.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(other.is_fisheye),
             camera_angle_x: self.camera_angle_x.or(other.camera_angle_x),
             camera_angle_y: self.camera_angle_y.or(other.camera_angle_y),
             fl_x: self.fl_x.or(other.fl_x),
@@ -69,11 +102,52 @@ impl Lens {
             w: self.w.or(other.w),
             h: self.h.or(other.h),
             k1: self.k1.or(other.k1),
+            k2: self.k2.or(other.k2),
+            k3: self.k3.or(other.k3),
+            k4: self.k4.or(other.k4),
+            p1: self.p1.or(other.p1),
+            p2: self.p2.or(other.p2),
         }
     }
 
-    fn is_distorted(&self) -> bool {
-        self.k1.is_some_and(|k1| k1 != 0.0)
+    /// The distortion, or what is wrong with it.
+    fn distortion(&self) -> core::result::Result<Distortion, String> {
+        let [k1, k2, k3, k4] = [self.k1, self.k2, self.k3, self.k4].map(|k| k.unwrap_or(0.0));
+        let tangential = [self.p1, self.p2].map(|p| p.unwrap_or(0.0));
+        if ![k1, k2, k3, k4].iter().chain(&tangential).all(|number| (*number as f32).is_finite()) {
+            return Err("has a distortion that is not finite; correct k1 to k4, p1 and p2".into());
+        }
+        let model = self.camera_model.as_deref().unwrap_or("OPENCV");
+        if model == FISHEYE_MODEL || (self.is_fisheye == Some(true) && self.camera_model.is_none()) {
+            return Ok(Distortion::Fisheye { radial: [k1, k2, k3, k4], tangential, prism: [0.0; 2] });
+        }
+        if !POLYNOMIAL_MODELS.contains(&model) {
+            let known = POLYNOMIAL_MODELS.join(", ");
+            return Err(format!("is of the camera model {model:?}; known are {known} and {FISHEYE_MODEL}"));
+        }
+        if k4 != 0.0 {
+            return Err(format!("has a k4, which only {FISHEYE_MODEL} knows; name that camera_model, or remove k4"));
+        }
+        Ok(Distortion::Polynomial { radial: [k1, k2, k3, 0.0, 0.0, 0.0], tangential }.simplified())
+    }
+
+    /// The size that is stated.
+    fn stated_size(&self) -> Option<[u32; 2]> {
+        let whole = |size: f64| (size >= 1.0 && size <= f64::from(u16::MAX)).then_some(size as u32);
+        Some([whole(self.w?)?, whole(self.h?)?])
+    }
+
+    /// The lens of an image of this size, or what is wrong with it.
+    fn lens(&self, size: [u32; 2]) -> core::result::Result<Lens, String> {
+        let focal_px = self.focal_px(size).ok_or_else(|| NO_FOCAL.to_owned())?;
+        let principal_px = self.principal_px(size);
+        if !focal_px.iter().all(|focal| (*focal as f32).is_finite() && *focal as f32 > 0.0) {
+            return Err(BAD_FOCAL.into());
+        }
+        if !principal_px.iter().all(|principal| (*principal as f32).is_finite()) {
+            return Err("has a principal point that is not finite; correct cx and cy".into());
+        }
+        Ok(Lens { focal_px, principal_px, width: size[0], height: size[1], distortion: self.distortion()? })
     }
 
     /// Pixels per pixel for an image of this size: files may speak of images that were made smaller since.
@@ -107,61 +181,61 @@ impl Lens {
 impl Transforms {
     /// Reads and checks a file; frames that macOS made for its own use (`._r_0`) stay in the list.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let File { lens, frames } = json::read(path)?;
+        let File { intrinsics, frames, rest } = json::read(path)?;
         if frames.is_empty() {
             return Err(Error::NoFrames { path: path.to_owned() });
         }
-        let is_distorted = lens.is_distorted() || frames.iter().any(|frame| frame.lens.is_distorted());
-        Ok(Self { path: path.to_owned(), lens, frames, is_distorted })
+        Ok(Self { path: path.to_owned(), intrinsics, frames, rest })
     }
 
-    /// The camera of a frame whose image has this size.
+    /// The pinhole of a frame whose image has this size.
     pub(crate) fn camera(&self, frame: &Frame, width: u32, height: u32) -> Result<Camera> {
-        let pose = frame.pose().map_err(|what| self.refuse(frame, what))?;
-        let lens = frame.lens.or(self.lens);
-        let focal = lens.focal_px([width, height]).ok_or_else(|| self.refuse(frame, NO_FOCAL.into()))?;
-        let principal = lens.principal_px([width, height]);
-        if !focal.iter().all(|focal| focal.is_finite() && *focal > 0.0) {
-            return Err(self.refuse(frame, BAD_FOCAL.into()));
+        Ok(camera_of(&self.pose(frame)?, &self.lens(frame)([width, height])?))
+    }
+
+    /// Where a frame was taken from.
+    pub(crate) fn pose(&self, frame: &Frame) -> Result<Pose> {
+        frame.pose().map_err(|what| self.refuse(frame, what))
+    }
+
+    /// What a frame was taken through, once the size of its image is known.
+    pub(crate) fn lens(&self, frame: &Frame) -> impl Fn([u32; 2]) -> Result<Lens> + Sync + use<> {
+        let intrinsics = frame.intrinsics.or(&self.intrinsics);
+        let (path, frame) = (self.path.clone(), frame.file_path.clone());
+        move |size| {
+            let refuse = |what| Error::Frame { path: path.clone(), frame: frame.clone(), what };
+            intrinsics.lens(size).map_err(refuse)
         }
-        if !principal.iter().all(|principal| principal.is_finite()) {
-            return Err(self.refuse(frame, "has a principal point that is not finite; correct cx and cy".into()));
-        }
-        Ok(Camera {
-            camera_from_world: pose.camera_from_world.as_mat3(),
-            position: pose.position.as_vec3(),
-            focal_px: focal.map(|focal| focal as f32),
-            principal_px: principal.map(|principal| principal as f32),
-            near: NEAR,
-            width,
-            height,
-        })
     }
 
     /// The image of a frame; the ending may be missing, or another one than the frame says.
     pub(crate) fn image_of(&self, frame: &Frame) -> Result<PathBuf> {
-        let named = self.folder().join(frame.file_path.trim_start_matches("./"));
-        if has_image_ending(&named) && named.is_file() {
-            return Ok(named);
-        }
-        let without_ending = if has_image_ending(&named) { named.with_extension("") } else { named.clone() };
-        let mut candidates = IMAGE_ENDINGS.iter().map(|ending| with_ending(&without_ending, ending));
-        candidates.find(|path| path.is_file()).ok_or_else(|| Error::MissingImage {
+        let named = self.named_by(frame);
+        find_image(&named).ok_or_else(|| Error::MissingImage {
             path: named,
             frame: frame.file_path.clone(),
             transforms: self.path.clone(),
         })
     }
 
-    /// The size that the file states for a frame.
-    pub(crate) fn stated_size(&self, frame: &Frame) -> Option<[u32; 2]> {
-        let lens = frame.lens.or(self.lens);
-        let whole = |size: f64| (size >= 1.0 && size <= f64::from(u16::MAX)).then_some(size as u32);
-        Some([whole(lens.w?)?, whole(lens.h?)?])
+    /// Where the image of a frame should be.
+    pub(crate) fn named_by(&self, frame: &Frame) -> PathBuf {
+        self.folder().join(frame.file_path.trim_start_matches("./"))
     }
 
-    fn folder(&self) -> &Path {
+    /// The size that the file states for a frame.
+    pub(crate) fn stated_size(&self, frame: &Frame) -> Option<[u32; 2]> {
+        frame.intrinsics.or(&self.intrinsics).stated_size()
+    }
+
+    /// The folder that paths are relative to.
+    pub(crate) fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// The file.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
     fn refuse(&self, frame: &Frame, what: String) -> Error {
@@ -172,22 +246,15 @@ impl Transforms {
 const NO_FOCAL: &str = "has no focal length; add camera_angle_x (radians) or fl_x (pixels) to the file or to the frame";
 const BAD_FOCAL: &str = "has an impossible focal length; camera_angle_x must be between 0 and π, fl_x above 0";
 
-struct Pose {
-    camera_from_world: DMat3,
-    position: DVec3,
-}
-
 impl Frame {
     /// The name by which the field's tools know a view: its image's, without folder and ending.
     pub(crate) fn name(&self) -> String {
-        let path = Path::new(&self.file_path);
-        let name = if has_image_ending(path) { path.file_stem() } else { path.file_name() };
-        name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+        shot::name_of(Path::new(&self.file_path))
     }
 
     /// Whether macOS made this entry beside the true one.
     pub(crate) fn is_macos_shadow(&self) -> bool {
-        Path::new(&self.file_path).file_name().is_some_and(|name| name.to_string_lossy().starts_with("._"))
+        shot::is_macos_shadow(Path::new(&self.file_path))
     }
 
     /// From OpenGL's camera axes, y up and looking along −z, to ours, y down and looking along +z.
@@ -222,16 +289,4 @@ fn rigid(matrix: DMat3) -> core::result::Result<DMat3, String> {
         return Err("has a transform_matrix that mirrors; export a right-handed camera".into());
     }
     Ok(DMat3::from_quat(DQuat::from_mat3(&rotation).normalize()))
-}
-
-fn has_image_ending(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| IMAGE_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
-}
-
-/// Appends: `with_extension` would take `.5` off `frame_1.5`.
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".");
-    name.push(ending);
-    name.into()
 }

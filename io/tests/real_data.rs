@@ -6,6 +6,7 @@ use specula_io::{
     gaussian_ply, latlong, points_ply,
 };
 use std::{
+    collections::HashMap,
     env, fs,
     path::{Path, PathBuf},
 };
@@ -52,6 +53,78 @@ fn the_spheres_load_with_normals_and_points() -> Result<()> {
         assert!(facing.clone().count() > 1000);
         // Up to the opening of the lens, what is seen faces the camera.
         assert!(facing.into_iter().all(|(normal, _)| forward.dot((*normal).into()) < 0.36));
+    }
+    Ok(())
+}
+
+/// The bytes of a file of COLMAP, taken from its front.
+struct Bytes(Vec<u8>, usize);
+
+impl Bytes {
+    fn of(path: &Path) -> Self {
+        Self(fs::read(path).expect("the file is there"), 0)
+    }
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        self.1 += N;
+        self.0[self.1 - N..self.1].try_into().expect("N bytes were taken")
+    }
+    fn count(&mut self) -> u64 {
+        u64::from_le_bytes(self.take())
+    }
+    fn numbers<const N: usize>(&mut self) -> [f64; N] {
+        core::array::from_fn(|_| f64::from_le_bytes(self.take()))
+    }
+    fn name(&mut self) -> String {
+        let len = self.0[self.1..].iter().position(|byte| *byte == 0).expect("names end");
+        self.1 += len + 1;
+        String::from_utf8_lossy(&self.0[self.1 - len - 1..self.1 - 1]).into_owned()
+    }
+}
+
+/// Points of a reconstruction by their identifiers.
+fn points_of(model: &Path) -> HashMap<u64, [f64; 3]> {
+    let mut bytes = Bytes::of(&model.join("points3D.bin"));
+    let point = |bytes: &mut Bytes| {
+        let (id, position) = (bytes.count(), bytes.numbers());
+        let _color_and_error: [u8; 11] = bytes.take();
+        bytes.1 += 8 * bytes.count() as usize;
+        (id, position)
+    };
+    (0..bytes.count()).map(|_| point(&mut bytes)).collect()
+}
+
+/// Where points were seen, image by image.
+fn observations_of(model: &Path) -> HashMap<String, Vec<([f64; 2], u64)>> {
+    let mut bytes = Bytes::of(&model.join("images.bin"));
+    let image = |bytes: &mut Bytes| {
+        let _id_pose_and_camera: [u8; 64] = bytes.take();
+        let name = bytes.name();
+        let places = (0..bytes.count()).map(|_| (bytes.numbers(), bytes.count())).collect();
+        (name.split('.').next().unwrap_or_default().to_owned(), places)
+    };
+    (0..bytes.count()).map(|_| image(&mut bytes)).collect()
+}
+
+#[test]
+fn points_of_colmap_are_seen_where_it_says() -> Result<()> {
+    for scene in ["colmap/thermos", "colmap/statue"] {
+        let Some(folder) = data(scene) else { return Ok(()) };
+        let loaded = dataset::load(&folder, &LoadOptions::default(), |_, _| {})?;
+        let (points, seen) = (points_of(&folder.join("sparse/0")), observations_of(&folder.join("sparse/0")));
+        let mut errors = Vec::new();
+        for view in loaded.train.iter().chain(&loaded.test) {
+            let camera = view.camera;
+            for (place, point) in seen[&view.name].iter().filter_map(|(place, id)| Some((place, points.get(id)?))) {
+                let p = camera.camera_from_world * (glam::DVec3::from(*point).as_vec3() - camera.position);
+                let x = camera.focal_px[0] * p.x / p.z + camera.principal_px[0];
+                let y = camera.focal_px[1] * p.y / p.z + camera.principal_px[1];
+                errors.push((f64::from(x) - place[0]).hypot(f64::from(y) - place[1]));
+            }
+        }
+        errors.sort_by(f64::total_cmp);
+        let (median, most) = (errors[errors.len() / 2], errors[errors.len() * 99 / 100]);
+        println!("{scene}: {} observations, median {median:.2} px, 99 % within {most:.2} px", errors.len());
+        assert!(median < 1.0 && most < 5.0, "{scene}: median {median} px, 99 % within {most} px");
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use core::ops::Range;
 use specula_core::{
     camera::Camera,
+    color::UNKNOWN,
     double::Double,
     executor::{Executor, RenderRules, Renderer},
     loss::{LossReport, LossWeights, NormalForm},
@@ -427,6 +428,58 @@ fn losses_and_gradients_are_those_of_the_cpu() {
         let wide = where_rendered(&scene, &ours.frame, &wide);
         assert_grad(&what, &scene, &ours.grad, &wide, AS_THE_CPU_COMPARES);
         assert_report(&what, &ours.report, &theirs.report, AS_THE_CPU_REPORTS);
+    }
+}
+
+/// Scenes of whose pictures nothing is known in places: a band from edge to edge, and single pixels.
+fn torn_scenes() -> Vec<Scene> {
+    let mut scenes: Vec<Scene> = scenes().into_iter().map(|(_, scene)| scene).collect();
+    for scene in &mut scenes {
+        let width = scene.camera.width as usize;
+        for (index, pixel) in scene.rgba.chunks_exact_mut(4).enumerate() {
+            let (x, y) = (index % width, index / width);
+            if (x + y) % 31 < 9 || index % 53 == 0 {
+                pixel.copy_from_slice(&UNKNOWN);
+            }
+        }
+    }
+    scenes
+}
+
+#[test]
+fn what_is_unknown_of_a_picture_is_compared_alike_by_both() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    for (k, scene) in torn_scenes().iter().enumerate() {
+        let (ours, theirs) = (scene.on_gpu(&mut gpu), scene.on_cpu(&mut cpu));
+        let wide: Vec<f64> = theirs.grad.iter().map(|x| f64::from(*x)).collect();
+        let wide = where_rendered(scene, &ours.frame, &wide);
+        assert_grad(&format!("torn {k}"), scene, &ours.grad, &wide, AS_THE_CPU_COMPARES);
+        assert_report(&format!("torn {k}"), &ours.report, &theirs.report, AS_THE_CPU_REPORTS);
+    }
+}
+
+#[test]
+fn what_is_unknown_of_a_picture_counts_for_nothing() {
+    let mut cpu = CpuExecutor::new();
+    for scene in torn_scenes() {
+        let compared = scene.on_cpu(&mut cpu);
+        let (channels, size) = (scene.channels(), scene.pixel_count());
+        let is_unknown = |pixel: usize| scene.rgba[4 * pixel..4 * pixel + 4] == UNKNOWN;
+        for pixel in (0..size).filter(|pixel| is_unknown(*pixel)) {
+            let grads = (0..=channels).map(|channel| compared.grad[channel * size + pixel]);
+            assert!(grads.clone().all(|grad| grad == 0.0), "{:?} at pixel {pixel}", grads.collect::<Vec<_>>());
+        }
+
+        let behind = |pixel: usize| compared.frame[channels * size + pixel];
+        let shown = |c: usize, pixel: usize| compared.frame[c * size + pixel] + behind(pixel) * scene.background[c];
+        let truth = scene.plain_target().srgb;
+        let apart = |c: usize, pixel: usize| (f64::from(shown(c, pixel)) - truth[c * size + pixel].0).abs();
+        let known = || (0..size).filter(|pixel| !is_unknown(*pixel));
+        let sum: f64 =
+            (0..3).flat_map(|c| known().map(move |pixel| (c, pixel))).map(|(c, pixel)| apart(c, pixel)).sum();
+        let mean = sum / (3 * size) as f64;
+        assert!((compared.report.absolute - mean).abs() < 1e-5, "{} and not {mean}", compared.report.absolute);
     }
 }
 

@@ -259,6 +259,70 @@ fn make_transforms(folder: &Path) {
     }
 }
 
+/// One list for all views, with a lens.
+fn make_list(folder: &Path) {
+    make_transforms(folder);
+    let text = fs::read_to_string(folder.join("transforms_train.json")).unwrap();
+    let lens = "\"camera_model\": \"OPENCV\", \"fl_x\": 9.5, \"w\": 8, \"h\": 8, \"k1\": -0.1, \"p2\": 0.01,";
+    fs::write(folder.join("transforms.json"), text.replacen('{', &format!("{{{lens}"), 1)).unwrap();
+    fs::remove_file(folder.join("transforms_train.json")).unwrap();
+}
+
+/// Photographs whose cameras COLMAP has found, in its text format.
+fn make_text_reconstruction(folder: &Path) {
+    let cameras = "# two models\n1 PINHOLE 8 8 9 9 4 4\n2 FULL_OPENCV 8 8 9 9 4 4 -0.1 0.1 0 0 0.1 0.1 0.1 0.1\n";
+    let images = "# two lines each\n1 1 0 0 0 0 0 4 1 a.png\n1.5 2.5 -1 3 4 1\n2 0.9 0.1 0 0 0.5 0 4 2 b.png\n\n";
+    let points = "1 0.5 1.5 2.5 255 0 51 0.5 1 0 2 3\n2 0.25 1 2 0 102 255 0.5\n";
+    fs::create_dir_all(folder.join("sparse/0")).unwrap();
+    fs::create_dir_all(folder.join("images")).unwrap();
+    for (name, text) in [("cameras", cameras), ("images", images), ("points3D", points)] {
+        fs::write(folder.join(format!("sparse/0/{name}.txt")), text).unwrap();
+    }
+    for name in ["a.png", "b.png"] {
+        picture::write_rgb(&folder.join("images").join(name), 8, 8, &numbers(8, 192), None).unwrap();
+    }
+}
+
+/// The same in its binary format.
+fn make_reconstruction(folder: &Path) {
+    make_text_reconstruction(folder);
+    let doubles = |numbers: &[f64]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
+    let counts = |counts: &[u64]| counts.iter().flat_map(|count| count.to_le_bytes()).collect::<Vec<u8>>();
+    let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
+    let lens = [9.0, 9.0, 4.0, 4.0, -0.1, 0.1, 0.0, 0.0, 0.1, 0.1, 0.1, 0.1];
+    let camera = |id: u32, model: u32, lens: &[f64]| [words(&[id, model]), counts(&[8, 8]), doubles(lens)].concat();
+    let image = |id: u32, name: &str, places: u64| {
+        let pose = doubles(&[0.9, 0.1, 0.0, 0.0, 0.5, 0.0, 4.0]);
+        let places = [counts(&[places]), vec![5; 24 * places as usize]].concat();
+        [words(&[id]), pose, words(&[id]), name.as_bytes().to_vec(), places].concat()
+    };
+    let point = |id: u64, track: u64| {
+        let place = [counts(&[id]), doubles(&[0.5, 1.5, 2.5]), vec![255, 0, 51]].concat();
+        [place, doubles(&[0.5]), counts(&[track]), vec![1; 8 * track as usize]].concat()
+    };
+    for (name, one, other) in [
+        ("cameras", camera(1, 1, &lens[..4]), camera(2, 6, &lens)),
+        ("images", image(1, "a.png\0", 2), image(2, "b.png\0", 0)),
+        ("points3D", point(1, 2), point(2, 0)),
+    ] {
+        fs::write(folder.join(format!("sparse/0/{name}.bin")), [counts(&[2]), one, other].concat()).unwrap();
+        fs::remove_file(folder.join(format!("sparse/0/{name}.txt"))).unwrap();
+    }
+}
+
+/// A photograph on its side, with EXIF data that say so.
+fn make_photograph(folder: &Path) {
+    make_text_reconstruction(folder);
+    let cameras = "1 PINHOLE 8 12 9 9 4 6\n2 PINHOLE 8 8 9 9 4 4\n";
+    fs::write(folder.join("sparse/0/cameras.txt"), cameras).unwrap();
+    fs::remove_file(folder.join("images/a.png")).unwrap();
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(12, 8).write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    let jpeg = jpeg.into_inner();
+    let exif = b"\xff\xe1\0\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    fs::write(folder.join("images/a.jpg"), [&jpeg[..2], exif, &jpeg[2..]].concat()).unwrap();
+}
+
 fn make_cameras(folder: &Path) {
     make_transforms(folder);
     let cameras = cameras::load_transforms(&folder.join("transforms_train.json"), [8, 8]).unwrap();
@@ -304,6 +368,16 @@ const CAMERAS: Target = Target {
 };
 const TRANSFORMS: Target =
     Target { file: "transforms_train.json", make: make_transforms, read: load_data, ..GAUSSIANS };
+const LIST: Target = Target { file: "transforms.json", make: make_list, ..TRANSFORMS };
+const COLMAP_CAMERAS: Target =
+    Target { file: "sparse/0/cameras.bin", make: make_reconstruction, read: load_data, ..GAUSSIANS };
+const COLMAP_IMAGES: Target = Target { file: "sparse/0/images.bin", ..COLMAP_CAMERAS };
+const COLMAP_POINTS: Target = Target { file: "sparse/0/points3D.bin", ..COLMAP_CAMERAS };
+// The last lines of text may be lost without notice.
+const COLMAP_CAMERAS_TEXT: Target =
+    Target { file: "sparse/0/cameras.txt", make: make_text_reconstruction, needs_its_end: false, ..COLMAP_CAMERAS };
+const COLMAP_IMAGES_TEXT: Target = Target { file: "sparse/0/images.txt", ..COLMAP_CAMERAS_TEXT };
+const COLMAP_POINTS_TEXT: Target = Target { file: "sparse/0/points3D.txt", ..COLMAP_CAMERAS_TEXT };
 const MODEL: Target = Target {
     file: "specula.json",
     make: make_model,
@@ -318,6 +392,7 @@ const PNG: Target = Target {
     // The last chunk of a PNG only says that it is the last.
     needs_its_end: false,
 };
+const PHOTOGRAPH: Target = Target { file: "images/a.jpg", make: make_photograph, read: load_data, ..PNG };
 const HDR: Target = Target {
     file: "a.hdr",
     make: |folder| latlong::write(&folder.join("a.hdr"), &map()).unwrap(),
@@ -368,6 +443,14 @@ targets! {
     checkpoints: CHECKPOINT;
     camera_lists: CAMERAS;
     transforms: TRANSFORMS;
+    one_list_of_transforms: LIST;
+    colmap_cameras: COLMAP_CAMERAS;
+    colmap_images: COLMAP_IMAGES;
+    colmap_points: COLMAP_POINTS;
+    colmap_cameras_as_text: COLMAP_CAMERAS_TEXT;
+    colmap_images_as_text: COLMAP_IMAGES_TEXT;
+    colmap_points_as_text: COLMAP_POINTS_TEXT;
+    photographs: PHOTOGRAPH;
     models: MODEL;
     png: PNG;
     hdr: HDR;
@@ -383,6 +466,17 @@ fn a_header_of_two_billion_vertices_is_refused() {
             let header = format!("ply\nformat {format} 1.0\nelement vertex 2147483648\nproperty float x\n");
             let rest = "property float y\nproperty float z\nend_header\n";
             assert!(place.read(format!("{header}{rest}1 2 3\n").as_bytes()).is_err(), "{format}");
+        }
+    }
+}
+
+#[test]
+fn counts_of_a_reconstruction_that_its_files_cannot_hold_are_refused() {
+    for target in [COLMAP_CAMERAS, COLMAP_IMAGES, COLMAP_POINTS] {
+        let place = Place::new(&target);
+        for count in [3, 1 << 32, u64::MAX / 24, u64::MAX] {
+            let bytes = [&count.to_le_bytes(), &place.right[8..]].concat();
+            assert!(place.read(&bytes).is_err(), "{count} records of {}", target.file);
         }
     }
 }

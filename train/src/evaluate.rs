@@ -101,14 +101,31 @@ pub fn rules_to_measure(view: &View, rules: &RenderRules) -> RenderRules {
 
 /// Measures the picture of a view, rendered by [`rules_to_measure`].
 pub fn measure_view(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> ViewQuality {
-    let rendered = over_background(image, background);
-    let truth = view.over(background);
+    let mut rendered = over_background(image, background);
+    let mut truth = view.over(background);
+    let known = view.known();
+    if let Some(known) = &known {
+        blacken(&mut rendered, known);
+        blacken(&mut truth, known);
+    }
+    let share = known.as_deref().map_or(1.0, share_of);
     ViewQuality {
         name: view.name.clone(),
-        psnr: psnr(mean_squared_error(&rendered, &truth)),
-        ssim: mean_ssim(image.width, image.height, &rendered, &truth),
+        psnr: psnr(mean_squared_error(&rendered, &truth) / share),
+        ssim: ssim_of_known(image.width, &rendered, &truth, known.as_deref()),
         normal_mae: view.normals.as_ref().map(|_| normal_error(image, view)),
     }
+}
+
+/// Makes what is unknown the same in every picture.
+fn blacken(planes: &mut [f32], known: &[bool]) {
+    let pixels = planes.iter_mut().zip(known.iter().cycle());
+    pixels.filter(|(_, known)| !**known).for_each(|(value, _)| *value = 0.0);
+}
+
+/// The share of the pixels that is known, of one at least.
+fn share_of(known: &[bool]) -> f64 {
+    known.iter().filter(|known| **known).count().max(1) as f64 / known.len() as f64
 }
 
 /// Mean squared error of two pictures as 8 bits show them.
@@ -136,18 +153,26 @@ fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
 
 /// Mean SSIM of two pictures of three planes, as 8 bits show them.
 pub fn mean_ssim(width: usize, height: usize, x: &[f32], y: &[f32]) -> f64 {
-    let size = (width * height).max(1);
-    let planes = x.chunks(size).zip(y.chunks(size));
-    planes.map(|(x, y)| ssim_sum(width, x, y)).sum::<f64>() / x.len().max(1) as f64
+    assert_eq!(x.len(), 3 * width * height, "three planes are compared");
+    ssim_of_known(width, x, y, None)
 }
 
-fn ssim_sum(width: usize, x: &[f32], y: &[f32]) -> f64 {
+/// Mean SSIM over the windows whose middle is known.
+fn ssim_of_known(width: usize, x: &[f32], y: &[f32], known: Option<&[bool]>) -> f64 {
+    let size = (x.len() / 3).max(1);
+    let share = known.map_or(1.0, share_of);
+    let sums = x.chunks(size).zip(y.chunks(size)).map(|(x, y)| ssim_sum(width, x, y, known));
+    sums.sum::<f64>() / (x.len().max(1) as f64 * share)
+}
+
+fn ssim_sum(width: usize, x: &[f32], y: &[f32], known: Option<&[bool]>) -> f64 {
     let shown = |plane: &[f32]| plane.iter().map(|v| f32::from(quantize(*v)) / 255.0).collect::<Vec<_>>();
     let (x, y) = (shown(x), shown(y));
     let product = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
     let maps = [&product(&x, &x), &product(&y, &y), &product(&x, &y), &x, &y].map(|map| blur(width, map));
     let [xx, yy, xy, x, y] = &maps;
-    (0..x.len()).map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] }))).sum()
+    let counted = (0..x.len()).filter(|k| known.is_none_or(|known| known[*k]));
+    counted.map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] }))).sum()
 }
 
 /// A plane blurred by SSIM's window; beyond the border it is zero.
@@ -171,4 +196,37 @@ fn blur(width: usize, plane: &[f32]) -> Vec<f32> {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use specula_core::{camera::Camera, color::UNKNOWN};
+
+    #[test]
+    fn what_is_unknown_is_not_measured() {
+        let (width, height) = (32, 24);
+        let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width as u32, height as u32);
+        let truth = |k: usize| if k % width < 20 { [k as u8, 77, 3, 255] } else { UNKNOWN };
+        let rgba = (0..width * height).flat_map(truth).collect();
+        let view = View { name: "torn".into(), camera, rgba, normals: None };
+        // What is known is shown as it is, one level too bright; elsewhere there is noise, then nothing.
+        let image = |elsewhere: fn(usize) -> f32| {
+            let shown = |c: usize, k: usize| match view.rgba[4 * k..4 * k + 4] {
+                [.., 0] => elsewhere(k),
+                ref pixel => (f32::from(pixel[c]) + 1.0).min(255.0) / 255.0,
+            };
+            let color = (0..3).flat_map(|c| (0..width * height).map(move |k| (c, k)));
+            let mut values: Vec<f32> = color.map(|(c, k)| shown(c, k)).collect();
+            values.extend(vec![0.0; width * height]);
+            Image { width, height, channels: 4, values }
+        };
+        let [noisy, empty] = [image(|k| (k % 7) as f32 / 7.0), image(|_| 0.0)];
+        let [noisy, empty] = [noisy, empty].map(|image| measure_view(&image, &view, [1.0; 3]));
+        assert_eq!(noisy, empty);
+        let one_level = 20.0 * 255.0_f64.log10();
+        assert!((noisy.psnr - one_level).abs() < 0.1, "{} dB", noisy.psnr);
+        assert!(noisy.ssim > 0.9, "{}", noisy.ssim);
+    }
 }

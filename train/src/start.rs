@@ -9,7 +9,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     activation::logit,
     camera::Camera,
-    color::linear_from_srgb,
+    color::{is_unknown, linear_from_srgb},
     normal::AxisRule,
     order::Bounds,
     random,
@@ -67,11 +67,47 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     points
 }
 
+/// Points behind some points, for what they do not reach: COLMAP finds few where little stands out, as on walls and tables.
+/// Each lies on the ray of a random opaque pixel and has its colour; its depth is from once to [`BEHIND`] times the median
+/// depth of the points that the view sees, evenly in 1 / depth. Views in turn; fewer than `count` where pixels are not
+/// opaque.
+pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) -> Vec<Point> {
+    let depths: Vec<Option<f32>> = views.iter().map(|view| median_depth(points, &view.camera)).collect();
+    let draw = |index: usize| {
+        let place = index % views.len();
+        let view = &views[place];
+        let number = |axis: u64| random::uniform(seed, BEHIND_STREAM, 3 * index as u64 + axis);
+        let [width, height] = [view.camera.width, view.camera.height];
+        let [x, y] = [number(0) * width as f32, number(1) * height as f32];
+        let pixel = (y as usize).min(height as usize - 1) * width as usize + (x as usize).min(width as usize - 1);
+        let [r, g, b, a] = [0, 1, 2, 3].map(|c| f32::from(view.rgba[4 * pixel + c]) / 255.0);
+        let nearness = 1.0 - number(2) * (1.0 - BEHIND.recip());
+        let ray = view.camera.camera_from_world.transpose() * view.camera.ray_in_camera(x, y);
+        let position = view.camera.position + ray * (depths[place]? / nearness);
+        (a == 1.0).then_some(Point { position: position.to_array(), color: [r, g, b] })
+    };
+    if views.is_empty() { Vec::new() } else { (0..count).filter_map(draw).collect() }
+}
+
+/// How many times farther than the points themselves those behind them may be.
+const BEHIND: f32 = 4.0;
+const BEHIND_STREAM: u64 = 0x6265_6869;
+
+/// The median depth of the points that a camera sees, if it sees any.
+fn median_depth(points: &[Point], camera: &Camera) -> Option<f32> {
+    let seen = points.iter().filter(|point| pixel_of(camera, point.position).is_some());
+    let depth = |point: &Point| (camera.camera_from_world * (position_vec(point.position) - camera.position)).z;
+    let mut depths: Vec<f32> = seen.map(depth).collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
 /// Whether a view does not show a point's place as empty.
 fn may_be_solid(view: &View, position: [f32; 3]) -> bool {
     let Some([x, y]) = pixel_of(&view.camera, position) else { return true };
     let pixel = y * view.camera.width as usize + x;
-    view.rgba[4 * pixel + 3] > 0
+    let rgba = &view.rgba[4 * pixel..4 * pixel + 4];
+    rgba[3] > 0 || is_unknown(rgba)
 }
 
 fn pixel_of(camera: &Camera, position: [f32; 3]) -> Option<[usize; 2]> {
@@ -178,4 +214,29 @@ pub(crate) fn rates_by_plane(layout: Layout, rates: &crate::profile::Rates, exte
         put(layout.sh_start() + 3, 3 * (layout.sh_count() - 1), rates.sh_rest.at(step));
     }
     by_plane
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use specula_core::color::UNKNOWN;
+
+    #[test]
+    fn points_behind_lie_in_their_picture_beyond_what_is_seen() {
+        let camera = Camera::look_at(Vec3::X * 5.0, Vec3::ZERO, Vec3::Z, 0.7, 40, 30);
+        let half = |pixel: u32| if pixel % 40 < 20 { UNKNOWN } else { [255, 0, 51, 255] };
+        let rgba = (0..40 * 30).flat_map(half).collect();
+        let view = View { name: "wall".into(), camera, rgba, normals: None };
+        let seen = [-0.5, 0.0, 0.5].map(|x| Point { position: [x, 0.0, 0.0], color: [0.5; 3] });
+        let behind = points_behind(&seen, 200, core::slice::from_ref(&view), 3);
+        assert!((60..140).contains(&behind.len()), "{} points where half is known", behind.len());
+        for Point { position, color } in behind {
+            let [x, _] = pixel_of(&camera, position).expect("it is in the picture");
+            let depth = 5.0 - position[0];
+            assert!(x >= 19 && (4.999..20.01).contains(&depth), "at {x}, {depth} away");
+            assert_eq!(color, [1.0, 0.0, 0.2]);
+        }
+        assert!(points_behind(&[], 9, &[view], 3).is_empty(), "nothing is known of how far anything is");
+    }
 }

@@ -2,7 +2,7 @@
 
 use specula_core::{
     camera::Camera,
-    color::{has_alpha, over},
+    color::{UNKNOWN, has_alpha, is_unknown, over},
 };
 
 /// True normals of a view.
@@ -14,7 +14,8 @@ pub struct Normals {
     pub mask: Vec<bool>,
 }
 
-/// A picture of 8-bit sRGB and straight alpha, and its camera, whose size is the picture's.
+/// A picture of 8-bit sRGB and straight alpha, and its camera, whose size is the picture's. A pixel that is [`UNKNOWN`]
+/// counts neither in training nor in measures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// What the data set calls it.
@@ -33,13 +34,19 @@ impl View {
         has_alpha(&self.rgba)
     }
 
-    /// The view at half its size: means over 2×2 pixels, weighted by alpha; a last odd row or column is left out.
-    /// Normals are not kept.
+    /// The view at half its size: means over 2×2 pixels, weighted by alpha; a last odd row or column is left out. Where
+    /// more than two of the four are unknown, the mean is, else they are left out of it. Normals are not kept.
     pub fn halved(&self) -> Self {
         let [width, height] = [self.camera.width as usize / 2, self.camera.height as usize / 2];
         let row_len = self.camera.width as usize;
         let mean = |x: usize, y: usize| {
             let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| 4 * ((2 * y + dy) * row_len + 2 * x + dx));
+            let is_unknown = |start: usize| is_unknown(&self.rgba[start..start + 4]);
+            let known = 4 - corners.iter().filter(|start| is_unknown(**start)).count() as u32;
+            if known < 2 {
+                return UNKNOWN;
+            }
+            // Unknown pixels have no alpha, so no weight.
             let alphas = corners.map(|start| u32::from(self.rgba[start + 3]));
             let sum: u32 = alphas.iter().sum();
             let color = |c: usize| {
@@ -47,7 +54,7 @@ impl View {
                     corners.iter().zip(alphas).map(|(start, a)| u32::from(self.rgba[start + c]) * a).sum();
                 (weighted + sum / 2).checked_div(sum).unwrap_or(0) as u8
             };
-            [color(0), color(1), color(2), ((sum + 2) / 4) as u8]
+            [color(0), color(1), color(2), ((sum + known / 2) / known) as u8]
         };
         Self {
             name: self.name.clone(),
@@ -57,7 +64,13 @@ impl View {
         }
     }
 
-    /// The picture over a background, as three planes in \[0, 1\].
+    /// Which pixels are known; none where all are.
+    pub fn known(&self) -> Option<Vec<bool>> {
+        let known: Vec<bool> = self.rgba.chunks_exact(4).map(|pixel| !is_unknown(pixel)).collect();
+        known.contains(&false).then_some(known)
+    }
+
+    /// The picture over a background, as three planes in \[0, 1\]; what is unknown shows the background.
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
         let share = |byte: u8| f32::from(byte) / 255.0;
         let pixel = move |c: usize, pixel: &[u8]| over(share(pixel[c]), share(pixel[3]), background[c]);
@@ -78,4 +91,30 @@ pub fn extent_of_cameras<'a>(cameras: impl ExactSizeIterator<Item = &'a Camera> 
     let mean = cameras.clone().map(|camera| camera.position).sum::<glam::Vec3>() / count;
     let farthest = cameras.map(|camera| camera.position.distance(mean)).fold(0.0, f32::max);
     if farthest > 0.0 { MARGIN * farthest } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn view(width: u32, pixels: &[[u8; 4]]) -> View {
+        let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width, pixels.len() as u32 / width);
+        View { name: "one".into(), camera, rgba: pixels.concat(), normals: None }
+    }
+
+    #[test]
+    fn unknown_pixels_have_no_share_in_a_smaller_view() {
+        let (color, other) = ([200, 100, 50, 255], [100, 50, 0, 255]);
+        let halved = view(4, &[color, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, other, UNKNOWN, other]).halved();
+        assert_eq!(halved.rgba, [[150, 75, 25, 255], UNKNOWN].concat());
+    }
+
+    #[test]
+    fn views_say_what_is_known_of_them() {
+        let torn = view(2, &[[9; 4], UNKNOWN, [0; 4], [255; 4]]);
+        assert_eq!(torn.known(), Some(vec![true, false, true, true]));
+        assert_eq!(view(1, &[[9; 4]]).known(), None);
+        assert!(!view(2, &[[255; 4], UNKNOWN]).has_alpha(), "what is unknown is not transparent");
+    }
 }

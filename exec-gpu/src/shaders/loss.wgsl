@@ -59,9 +59,17 @@ fn transmittance_at(place: u32) -> f32 {
     return blended[CHANNELS * pixel_count() + place];
 }
 
-// Outside the picture nothing is covered.
+// Whether a pixel lies in the picture, and something is known of it.
+fn is_known(pixel: vec2u) -> bool {
+    if !is_inside(pixel) {
+        return false;
+    }
+    return texels[place_of(pixel)] != UNKNOWN;
+}
+
+// Outside the picture, and where nothing is known of it, nothing is covered.
 fn passed_at(pixel: vec2u) -> f32 {
-    if is_inside(pixel) {
+    if is_known(pixel) {
         return transmittance_at(place_of(pixel));
     }
     return 1.0;

@@ -81,7 +81,7 @@ fn residual_grad(passed: f32) -> f32 {
 
 // Gradient of a pixel's colour.
 fn compare_color(pixel: vec2u, c: u32, passed: f32, texel: u32, of_windows: vec3f) -> f32 {
-    if !is_inside(pixel) {
+    if !is_known(pixel) {
         return 0.0;
     }
     let color = colors[c * pixel_count() + place_of(pixel)];

@@ -16,9 +16,9 @@ fn sees_a_mark(tile: vec2u) -> bool {
     return found != 0u;
 }
 
-// Outside the picture both colours are zero.
+// Outside the picture, and where nothing is known of it, both colours are zero.
 fn pair_at(pixel: vec2u, c: u32) -> vec2f {
-    if !is_inside(pixel) {
+    if !is_known(pixel) {
         return vec2f(0.0);
     }
     let place = place_of(pixel);

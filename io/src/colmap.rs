@@ -1,0 +1,307 @@
+//! Reconstructions of COLMAP: `cameras`, `images` and `points3D`, in its binary and in its text format, as its page on
+//! output formats describes them. Poses are from world to camera, x to the right, y down, looking along +z; pixel centres
+//! are at + ½. Both are ours as well.
+
+mod binary;
+mod text;
+
+use crate::{
+    dataset::{Listing, LoadOptions},
+    error::{Error, Result},
+    lens::{Distortion, Lens},
+    photographs::{self, Folders, HeldOut, Posed},
+    points_ply::PointCloud,
+    shot::Pose,
+};
+use glam::{DMat3, DQuat, DVec3};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// Folders of a data set in which a reconstruction may be; COLMAP numbers those that it could not join.
+const PLACES: [&str; 5] = ["sparse", "", "colmap/sparse", "colmap", "distorted/sparse"];
+/// Sizes and counts of pixels beyond this are not believed.
+const SIZE_MAX: u64 = 1 << 16;
+
+/// Where a reconstruction is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Model {
+    pub(crate) folder: PathBuf,
+    pub(crate) is_text: bool,
+}
+
+impl Model {
+    fn in_folder(folder: &Path) -> Option<Self> {
+        let has =
+            |ending: &str| ["cameras", "images"].iter().all(|name| folder.join(format!("{name}.{ending}")).is_file());
+        let is_text = match (has("bin"), has("txt")) {
+            (true, _) => false,
+            (false, true) => true,
+            (false, false) => return None,
+        };
+        Some(Self { folder: folder.to_owned(), is_text })
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.{}", if self.is_text { "txt" } else { "bin" }))
+    }
+
+    /// How much there is of it, to choose the largest of several.
+    fn size(&self) -> u64 {
+        fs::metadata(self.file("images")).map_or(0, |data| data.len())
+    }
+
+    fn format(&self) -> &'static str {
+        if self.is_text { "text" } else { "binary" }
+    }
+}
+
+/// The reconstruction of a data set: the largest, where there are several in one place.
+pub(crate) fn find(folder: &Path) -> Option<Model> {
+    PLACES.iter().find_map(|place| in_place(&folder.join(place), place.is_empty()))
+}
+
+/// Whether there is one that is the data set's own, and not what another program left beside its list.
+pub(crate) fn is_at(folder: &Path) -> bool {
+    PLACES[..2].iter().any(|place| in_place(&folder.join(place), place.is_empty()).is_some())
+}
+
+fn in_place(place: &Path, is_root: bool) -> Option<Model> {
+    if let Some(model) = Model::in_folder(place) {
+        return Some(model);
+    }
+    if is_root {
+        return None;
+    }
+    let mut models: Vec<Model> = numbered(place).iter().filter_map(|folder| Model::in_folder(folder)).collect();
+    models.sort_by_key(|model| core::cmp::Reverse(model.size()));
+    models.into_iter().next()
+}
+
+/// Folders in a folder, by name.
+fn numbered(place: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(place).into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
+}
+
+/// A camera as COLMAP has it: one lens for all images that share it.
+#[derive(Clone, Debug, PartialEq)]
+struct Camera {
+    id: u32,
+    model: &'static Kind,
+    width: u64,
+    height: u64,
+    params: Vec<f64>,
+}
+
+/// An image as COLMAP has it.
+#[derive(Clone, Debug, PartialEq)]
+struct Image {
+    /// From world to camera: w, x, y, z.
+    quat: [f64; 4],
+    /// What is added to a world point after it was turned.
+    translation: [f64; 3],
+    camera: u32,
+    name: String,
+}
+
+/// A point as COLMAP has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Point {
+    position: [f64; 3],
+    color: [u8; 3],
+}
+
+/// A camera model: its number and name in files, and how many parameters it has.
+#[derive(Debug, PartialEq, Eq)]
+struct Kind {
+    number: u32,
+    name: &'static str,
+    params: usize,
+}
+
+/// COLMAP's camera models that are known, by their numbers.
+const KINDS: [Kind; 11] = [
+    Kind { number: 0, name: "SIMPLE_PINHOLE", params: 3 },
+    Kind { number: 1, name: "PINHOLE", params: 4 },
+    Kind { number: 2, name: "SIMPLE_RADIAL", params: 4 },
+    Kind { number: 3, name: "RADIAL", params: 5 },
+    Kind { number: 4, name: "OPENCV", params: 8 },
+    Kind { number: 5, name: "OPENCV_FISHEYE", params: 8 },
+    Kind { number: 6, name: "FULL_OPENCV", params: 12 },
+    Kind { number: 7, name: "FOV", params: 5 },
+    Kind { number: 8, name: "SIMPLE_RADIAL_FISHEYE", params: 4 },
+    Kind { number: 9, name: "RADIAL_FISHEYE", params: 5 },
+    Kind { number: 10, name: "THIN_PRISM_FISHEYE", params: 12 },
+];
+
+/// What to do about a camera model that is not known.
+fn unknown_model(model: &str) -> String {
+    let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
+    format!(
+        "is of the camera model {model}; known are {}: undistort the images with colmap image_undistorter, or \
+         reconstruct with one of these",
+        known.join(", ")
+    )
+}
+
+/// What is wrong at a place of a file.
+fn refuse(path: &Path, place: impl Into<String>, what: impl Into<String>) -> Error {
+    Error::Place { path: path.to_owned(), place: place.into(), what: what.into() }
+}
+
+/// Lists a data set whose cameras COLMAP found, and reads its points.
+pub(crate) fn list(folder: &Path, model: &Model, options: &LoadOptions) -> Result<Listing> {
+    let cameras = read_cameras(model)?;
+    let images = read_images(model)?;
+    if images.is_empty() {
+        return Err(Error::NoFrames { path: model.file("images") });
+    }
+    let mut notes = Vec::new();
+    note_several(folder, model, &mut notes);
+    let kinds: BTreeSet<&str> = cameras.values().map(|camera| camera.model.name).collect();
+    let posed: Result<Vec<Posed>> = images.into_iter().map(|image| posed(model, image, &cameras)).collect();
+    let folders = Folders { root: folder.to_owned(), images: folder.join(&options.images) };
+    let mut listing = photographs::list(posed?, &folders, &HeldOut::Every(options.test_every), options)?;
+    listing.notes.splice(0..0, notes);
+    listing.source = format!(
+        "COLMAP's model in {:?} ({}; {} cameras, {})",
+        model.folder,
+        model.format(),
+        cameras.len(),
+        kinds.into_iter().collect::<Vec<_>>().join(", ")
+    );
+    if options.points.is_none() {
+        listing.points = Some(read_points(model, &mut listing.notes)?);
+    }
+    Ok(listing)
+}
+
+fn note_several(folder: &Path, model: &Model, notes: &mut Vec<String>) {
+    let Some(place) = model.folder.parent().filter(|place| *place != folder) else { return };
+    let others =
+        numbered(place).into_iter().filter_map(|folder| Model::in_folder(&folder)).filter(|other| other != model);
+    let names: Vec<String> = others.map(|other| format!("{:?}", other.folder)).collect();
+    if !names.is_empty() {
+        notes.push(format!("{:?} is the largest model; left out is {}", model.folder, names.join(", ")));
+    }
+}
+
+fn posed(model: &Model, image: Image, cameras: &BTreeMap<u32, Camera>) -> Result<Posed> {
+    let refuse = |what: &str| refuse(&model.file("images"), format!("image {:?}", image.name), what);
+    let camera = cameras.get(&image.camera);
+    let camera = camera.ok_or_else(|| refuse(&format!("has the camera {}, which is not listed", image.camera)))?;
+    let lens = camera.lens();
+    let pose = image.pose().ok_or_else(|| {
+        refuse("has a pose that is not finite, or no rotation; remove the image, or reconstruct again")
+    })?;
+    Ok(Posed {
+        image: PathBuf::from(image.name),
+        mask: None,
+        pose,
+        measured_size: Some([lens.width, lens.height]),
+        lens: Box::new(move |[width, height]| Ok(lens.resized(width, height))),
+    })
+}
+
+impl Image {
+    /// The pose, unless it is none.
+    fn pose(&self) -> Option<Pose> {
+        let [w, x, y, z] = self.quat;
+        let length = DQuat::from_xyzw(x, y, z, w).length();
+        if !(length > 1e-6 && length < 1e6) {
+            return None;
+        }
+        let camera_from_world = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let position = -(camera_from_world.transpose() * DVec3::from(self.translation));
+        position.as_vec3().is_finite().then_some(Pose { camera_from_world, position })
+    }
+}
+
+impl Camera {
+    /// A camera that can be, or what is wrong with it.
+    fn checked(self) -> core::result::Result<Self, String> {
+        if !(1..=SIZE_MAX).contains(&self.width) || !(1..=SIZE_MAX).contains(&self.height) {
+            return Err(format!(
+                "has pictures of {} by {} pixels; 1 to {SIZE_MAX} are possible",
+                self.width, self.height
+            ));
+        }
+        if !self.params.iter().all(|param| (*param as f32).is_finite()) {
+            return Err("has a parameter that is not finite; reconstruct again".into());
+        }
+        if !self.lens().focal_px.iter().all(|focal| *focal as f32 > 0.0) {
+            return Err("has an impossible focal length; it must be above 0".into());
+        }
+        Ok(self)
+    }
+
+    /// Focal lengths, principal point and distortion, of whatever model.
+    fn lens(&self) -> Lens {
+        let p = |k: usize| self.params[k];
+        let one_focal = [0, 2, 3, 8, 9].contains(&self.model.number);
+        let (focal_px, rest) = if one_focal { ([p(0), p(0)], 1) } else { ([p(0), p(1)], 2) };
+        let (width, height) = (self.width as u32, self.height as u32);
+        let principal_px = [p(rest), p(rest + 1)];
+        let k = |index: usize| self.params.get(rest + 2 + index).copied().unwrap_or(0.0);
+        Lens { focal_px, principal_px, width, height, distortion: distortion_of(self.model, k).simplified() }
+    }
+}
+
+/// The distortion of a model whose coefficients begin with `k(0)`.
+fn distortion_of(model: &Kind, k: impl Fn(usize) -> f64) -> Distortion {
+    let polynomial = |radial, tangential| Distortion::Polynomial { radial, tangential };
+    let fisheye = |radial, tangential, prism| Distortion::Fisheye { radial, tangential, prism };
+    match model.name {
+        "SIMPLE_RADIAL" | "RADIAL" => polynomial([k(0), k(1), 0.0, 0.0, 0.0, 0.0], [0.0; 2]),
+        "OPENCV" => polynomial([k(0), k(1), 0.0, 0.0, 0.0, 0.0], [k(2), k(3)]),
+        "FULL_OPENCV" => polynomial([k(0), k(1), k(4), k(5), k(6), k(7)], [k(2), k(3)]),
+        "FOV" => Distortion::FieldOfView { omega: k(0) },
+        "OPENCV_FISHEYE" => fisheye([k(0), k(1), k(2), k(3)], [0.0; 2], [0.0; 2]),
+        "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" => fisheye([k(0), k(1), 0.0, 0.0], [0.0; 2], [0.0; 2]),
+        "THIN_PRISM_FISHEYE" => fisheye([k(0), k(1), k(4), k(5)], [k(2), k(3)], [k(6), k(7)]),
+        _ => Distortion::None,
+    }
+}
+
+fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Camera>> {
+    let path = model.file("cameras");
+    let cameras = if model.is_text { text::cameras(&path)? } else { binary::cameras(&path)? };
+    let checked = |camera: Camera| {
+        let id = camera.id;
+        camera.checked().map(|camera| (id, camera)).map_err(|what| refuse(&path, format!("camera {id}"), what))
+    };
+    cameras.into_iter().map(checked).collect()
+}
+
+fn read_images(model: &Model) -> Result<Vec<Image>> {
+    let path = model.file("images");
+    if model.is_text { text::images(&path) } else { binary::images(&path) }
+}
+
+/// Reads the points of a reconstruction; one that is not finite is left out with a note.
+pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<PointCloud> {
+    let path = model.file("points3D");
+    if !path.is_file() {
+        notes.push(format!("no {path:?}, so training starts from random points"));
+        return Ok(PointCloud::default());
+    }
+    let points = if model.is_text { text::points(&path)? } else { binary::points(&path)? };
+    let mut cloud = PointCloud::default();
+    for Point { position, color } in &points {
+        let position = DVec3::from(*position).as_vec3();
+        if position.is_finite() {
+            cloud.positions.push(position.to_array());
+            cloud.colors.push(color.map(|channel| f32::from(channel) / 255.0));
+        }
+    }
+    let left_out = points.len() - cloud.positions.len();
+    if left_out > 0 {
+        notes.push(format!("left out {left_out} points of {path:?} that are not finite"));
+    }
+    Ok(cloud)
+}

@@ -1,0 +1,152 @@
+//! COLMAP's binary files: counts, identifiers and numbers in little endian, one record after the other.
+
+use super::{Camera, Image, KINDS, Point, refuse, unknown_model};
+use crate::error::{Error, Result};
+use std::{
+    fs::File,
+    io::{BufRead, BufReader, Read},
+    path::Path,
+};
+
+/// Bytes of an image's name that are believed.
+const NAME_MAX: u64 = 4096;
+/// Least bytes of a record: a camera without parameters, an image without a name, a point that no image sees.
+const CAMERA_LEN: u64 = 24;
+const IMAGE_LEN: u64 = 73;
+const POINT_LEN: u64 = 51;
+/// Bytes of a place of an image, and of a place in the track of a point.
+const PLACE_LEN: u64 = 24;
+const TRACK_LEN: u64 = 8;
+
+/// A file of records, and how much of it is left.
+struct Records<'a> {
+    path: &'a Path,
+    reader: BufReader<File>,
+    left: u64,
+    /// What is being read.
+    what: &'static str,
+    count: u64,
+    index: u64,
+}
+
+impl<'a> Records<'a> {
+    /// Opens a file that begins with the count of its records, each of so many bytes or more.
+    fn open(path: &'a Path, what: &'static str, len_min: u64) -> Result<Self> {
+        let file = File::open(path).map_err(Error::reading(path))?;
+        let left = file.metadata().map_err(Error::reading(path))?.len();
+        let mut records = Self { path, reader: BufReader::new(file), left, what, count: 0, index: 0 };
+        records.count = records.u64()?;
+        if records.count > records.left / len_min {
+            return Err(refuse(
+                path,
+                "the header",
+                format!("promises {} {what}s, more than there are bytes for; copy the file again", records.count),
+            ));
+        }
+        Ok(records)
+    }
+
+    /// Reads all records.
+    fn all<T>(mut self, mut read: impl FnMut(&mut Self) -> Result<T>) -> Result<Vec<T>> {
+        let mut all = Vec::with_capacity(self.count as usize);
+        for index in 0..self.count {
+            self.index = index;
+            all.push(read(&mut self)?);
+        }
+        Ok(all)
+    }
+
+    fn refuse(&self, what: impl Into<String>) -> Error {
+        refuse(self.path, format!("{} {} of {}", self.what, self.index + 1, self.count), what)
+    }
+
+    fn cut_short(&self) -> Error {
+        self.refuse("is cut short; copy the file again")
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut bytes = [0; N];
+        if self.left < N as u64 {
+            return Err(self.cut_short());
+        }
+        self.reader.read_exact(&mut bytes).map_err(Error::reading(self.path))?;
+        self.left -= N as u64;
+        Ok(bytes)
+    }
+
+    fn u32(&mut self) -> Result<u32> {
+        self.bytes().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Result<u64> {
+        self.bytes().map(u64::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Result<f64> {
+        self.bytes().map(f64::from_le_bytes)
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N]> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.f64()?;
+        }
+        Ok(numbers)
+    }
+
+    /// Text that ends with a zero.
+    fn text(&mut self) -> Result<String> {
+        let mut bytes = Vec::new();
+        let most = self.left.min(NAME_MAX);
+        let read = self.reader.by_ref().take(most).read_until(0, &mut bytes).map_err(Error::reading(self.path))?;
+        self.left -= read as u64;
+        if bytes.pop() != Some(0) {
+            return Err(self.refuse("has a name without end; copy the file again"));
+        }
+        String::from_utf8(bytes).map_err(|_| self.refuse("has a name that is not UTF-8; rename the image"))
+    }
+
+    /// Passes by a count and so many records of this length.
+    fn pass(&mut self, len: u64) -> Result<()> {
+        let count = self.u64()?;
+        let size = count.checked_mul(len).filter(|size| *size <= self.left).ok_or_else(|| self.cut_short())?;
+        self.reader.seek_relative(size as i64).map_err(Error::reading(self.path))?;
+        self.left -= size;
+        Ok(())
+    }
+}
+
+/// Reads `cameras.bin`.
+pub(super) fn cameras(path: &Path) -> Result<Vec<Camera>> {
+    Records::open(path, "camera", CAMERA_LEN)?.all(|records| {
+        let (id, number) = (records.u32()?, records.u32()?);
+        let (width, height) = (records.u64()?, records.u64()?);
+        let known = KINDS.iter().find(|kind| kind.number == number);
+        let model = known.ok_or_else(|| records.refuse(unknown_model(&format!("number {number}"))))?;
+        let params: Result<Vec<f64>> = (0..model.params).map(|_| records.f64()).collect();
+        Ok(Camera { id, model, width, height, params: params? })
+    })
+}
+
+/// Reads `images.bin`, without the places of points in images.
+pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
+    Records::open(path, "image", IMAGE_LEN)?.all(|records| {
+        let _id = records.u32()?;
+        let (quat, translation) = (records.numbers()?, records.numbers()?);
+        let (camera, name) = (records.u32()?, records.text()?);
+        records.pass(PLACE_LEN)?;
+        Ok(Image { quat, translation, camera, name })
+    })
+}
+
+/// Reads `points3D.bin`, without the images that see each.
+pub(super) fn points(path: &Path) -> Result<Vec<Point>> {
+    Records::open(path, "point", POINT_LEN)?.all(|records| {
+        let _id = records.u64()?;
+        let position = records.numbers()?;
+        let color = records.bytes()?;
+        let _error = records.f64()?;
+        records.pass(TRACK_LEN)?;
+        Ok(Point { position, color })
+    })
+}

@@ -1,0 +1,133 @@
+//! What data sets of photographs have in common: a folder of images, perhaps with smaller copies and masks beside it,
+//! and one list of cameras, of which every so manieth is held out.
+
+use crate::{
+    dataset::{Listing, LoadOptions},
+    error::{Error, Result},
+    lens::Lens,
+    shot::{Pose, Shot, find_image, find_mask, is_macos_shadow, name_of, without_image_ending},
+};
+use std::{collections::HashSet, path::PathBuf};
+
+/// The folder of masks, beside that of the images.
+const MASKS: &str = "masks";
+/// So many names are spelled out in a note.
+const NAMES_MAX: usize = 3;
+
+/// A camera of a list, and what its image is called there.
+pub(crate) struct Posed {
+    /// The image, relative to the folder of images.
+    pub(crate) image: PathBuf,
+    /// A picture of what counts in it, where the list names one.
+    pub(crate) mask: Option<PathBuf>,
+    pub(crate) pose: Pose,
+    pub(crate) measured_size: Option<[u32; 2]>,
+    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
+}
+
+/// Which views are held out.
+pub(crate) enum HeldOut {
+    /// Every so manieth by name, from the first; none for 0.
+    Every(u32),
+    /// Those that the list names; the names are those of images.
+    Named(HashSet<PathBuf>),
+}
+
+/// Where images are.
+pub(crate) struct Folders {
+    /// The data set's.
+    pub(crate) root: PathBuf,
+    /// That of its images.
+    pub(crate) images: PathBuf,
+}
+
+impl Folders {
+    /// The image of a camera, and how many times smaller it is still to become: a copy from a folder such as `images_4`
+    /// where there is one, and where it is known for what size the lens was measured.
+    fn image_of(&self, camera: &Posed, downscale: u32) -> Option<(PathBuf, u32)> {
+        let may_be_copy = downscale > 1 && camera.measured_size.is_some();
+        let copy = may_be_copy.then(|| find_image(&self.smaller(downscale).join(&camera.image))).flatten();
+        copy.map(|copy| (copy, 1)).or_else(|| Some((find_image(&self.images.join(&camera.image))?, downscale)))
+    }
+
+    /// `images_4` beside `images`.
+    fn smaller(&self, downscale: u32) -> PathBuf {
+        let mut name = self.images.as_os_str().to_owned();
+        name.push(format!("_{downscale}"));
+        name.into()
+    }
+}
+
+/// Lists photographs by name. One that is not there is left out with a note, for people remove what is blurred; where
+/// none is there, that is an error.
+pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, options: &LoadOptions) -> Result<Listing> {
+    let mut listing = Listing::default();
+    let mut found = Vec::with_capacity(posed.len());
+    let mut missing = Vec::new();
+    let mut copies = 0;
+    for camera in posed {
+        match folders.image_of(&camera, options.downscale) {
+            _ if is_macos_shadow(&camera.image) => missing.push(camera.image),
+            Some((file, downscale)) => {
+                copies += usize::from(downscale != options.downscale);
+                found.push((camera.image.clone(), shot(camera, file, downscale, folders)));
+            }
+            None => missing.push(camera.image),
+        }
+    }
+    if found.is_empty() {
+        let first = missing.first().cloned().unwrap_or_default();
+        return Err(Error::NoImages { path: folders.images.clone(), first });
+    }
+    note_copies(&mut listing.notes, copies, found.len(), folders, options.downscale);
+    note_missing(&mut listing.notes, &missing, folders);
+    found.sort_by(|(one, _), (other, _)| one.cmp(other));
+    name_apart(&mut found);
+    for (index, (image, shot)) in found.into_iter().enumerate() {
+        let is_test = match held_out {
+            HeldOut::Every(every) => *every > 0 && index.is_multiple_of(*every as usize),
+            HeldOut::Named(names) => names.contains(&image),
+        };
+        if is_test { listing.test.push(shot) } else { listing.train.push(shot) }
+    }
+    Ok(listing)
+}
+
+fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders) -> Shot {
+    let Posed { image, mask, pose, measured_size, lens } = camera;
+    let mask = mask.or_else(|| find_mask(&folders.root.join(MASKS), &image));
+    Shot { name: name_of(&image), image: file, mask, normal: None, pose, measured_size, lens, downscale }
+}
+
+/// Names of views have no folder, but where two would be the same.
+fn name_apart(found: &mut [(PathBuf, Shot)]) {
+    let names: HashSet<&str> = found.iter().map(|(_, shot)| shot.name.as_str()).collect();
+    if names.len() < found.len() {
+        for (image, shot) in found {
+            shot.name = without_image_ending(image).to_string_lossy().replace('\\', "/");
+        }
+    }
+}
+
+fn note_copies(notes: &mut Vec<String>, copies: usize, all: usize, folders: &Folders, downscale: u32) {
+    if copies > 0 {
+        let rest = match all - copies {
+            0 => String::new(),
+            rest => format!("; {rest} are not there and were made smaller"),
+        };
+        notes.push(format!("{copies} images are those of {:?}{rest}", folders.smaller(downscale)));
+    }
+}
+
+fn note_missing(notes: &mut Vec<String>, missing: &[PathBuf], folders: &Folders) {
+    if !missing.is_empty() {
+        let names: Vec<String> = missing.iter().take(NAMES_MAX).map(|image| format!("{image:?}")).collect();
+        let more = if missing.len() > NAMES_MAX { ", …" } else { "" };
+        let count = missing.len();
+        notes.push(format!(
+            "left out {count} cameras without an image in {:?}: {}{more}",
+            folders.images,
+            names.join(", ")
+        ));
+    }
+}

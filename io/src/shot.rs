@@ -1,0 +1,175 @@
+//! One photograph before it is opened: its file, where it was taken from, and through what.
+
+use crate::{
+    dataset::View,
+    error::{Error, Result},
+    lens::{Distortion, Lens},
+    pixels::{Mask, Normals, Pixels},
+};
+use glam::{DMat3, DVec3};
+use specula_core::{camera::Camera, project::NEAR};
+use std::path::{Path, PathBuf};
+
+/// Endings that are tried where an image is named without one, or has another one than its list says.
+pub(crate) const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+/// How much wider or narrower a picture may be than its camera, as a share: sizes are rounded when they are made smaller.
+const SHAPE_TOLERANCE: f64 = 0.02;
+
+/// Where a camera is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pose {
+    /// Rotation from world to camera axes: x to the right, y down, looking along +z.
+    pub(crate) camera_from_world: DMat3,
+    /// The camera's centre, in world space.
+    pub(crate) position: DVec3,
+}
+
+/// A photograph that is to be opened.
+pub(crate) struct Shot {
+    /// What it is called.
+    pub(crate) name: String,
+    /// Its file.
+    pub(crate) image: PathBuf,
+    /// A picture of what counts in it.
+    pub(crate) mask: Option<PathBuf>,
+    /// Its true normals.
+    pub(crate) normal: Option<PathBuf>,
+    /// Where it was taken from.
+    pub(crate) pose: Pose,
+    /// The size that it had when its lens was measured, if that is known.
+    pub(crate) measured_size: Option<[u32; 2]>,
+    /// Its lens, once it is known how large it is.
+    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
+    /// How many times smaller it is to become.
+    pub(crate) downscale: u32,
+}
+
+impl core::fmt::Debug for Shot {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(out, "Shot({})", self.name)
+    }
+}
+
+/// A view, and what had to be done for it.
+#[derive(Debug)]
+pub(crate) struct Opened {
+    pub(crate) view: View,
+    /// Whether it was resampled to take a lens's distortion out.
+    pub(crate) is_undistorted: bool,
+    /// Whether it was turned as its EXIF data say.
+    pub(crate) is_turned: bool,
+    /// How many of its pixels are unknown.
+    pub(crate) unknown: usize,
+}
+
+impl Shot {
+    /// Opens the photograph: turned as its camera has it, without what its mask leaves out, made smaller, and without
+    /// its lens's distortion.
+    pub(crate) fn open(&self) -> Result<Opened> {
+        let stored = Pixels::open(&self.image, |size| self.fits(size))?;
+        let (image, is_turned) = (stored.pixels, stored.is_turned);
+        self.refuse_other_shape(&image)?;
+        let lens = (self.lens)([image.width, image.height])?;
+        let image = match &self.mask {
+            Some(mask) => Mask::read(mask)?.applied(image),
+            None => image,
+        };
+
+        let [width, height] = [image.width, image.height].map(|size| rounded_quotient(size, self.downscale));
+        let image = if self.downscale == 1 { image } else { image.resized(width, height) };
+        let lens = lens.resized(width, height);
+        let is_undistorted = lens.distortion != Distortion::None;
+        let image = if is_undistorted { lens.undistorted(&image) } else { image };
+
+        let normal = self.normal.as_deref().map(Normals::read).transpose()?;
+        let normal = normal.map(|normal| normal.fitted(width, height));
+        let unknown = image.unknown_count();
+        let view = View { name: self.name.clone(), camera: camera_of(&self.pose, &lens), image, normal };
+        Ok(Opened { view, is_undistorted, is_turned, unknown })
+    }
+
+    /// Whether a picture of this size has the shape that its camera has, as far as that is known.
+    fn fits(&self, [width, height]: [u32; 2]) -> Option<bool> {
+        self.measured_size.map(|[camera_width, camera_height]| {
+            let ratio = f64::from(width) * f64::from(camera_height) / (f64::from(height) * f64::from(camera_width));
+            // A small picture may be off by a pixel.
+            let tolerance = SHAPE_TOLERANCE.max(1.0 / f64::from(width.min(height)));
+            (ratio - 1.0).abs() <= tolerance
+        })
+    }
+
+    fn refuse_other_shape(&self, image: &Pixels) -> Result<()> {
+        let found = [image.width, image.height];
+        match (self.measured_size, self.fits(found)) {
+            (Some(expected), Some(false)) => Err(Error::OtherShape { path: self.image.clone(), found, expected }),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Normals {
+    fn fitted(self, width: u32, height: u32) -> Self {
+        if [self.width, self.height] == [width, height] { self } else { self.resized(width, height) }
+    }
+}
+
+fn rounded_quotient(size: u32, downscale: u32) -> u32 {
+    (f64::from(size) / f64::from(downscale)).round().max(1.0) as u32
+}
+
+/// A pinhole in the place of a lens, whose distortion was taken out.
+pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
+    Camera {
+        camera_from_world: pose.camera_from_world.as_mat3(),
+        position: pose.position.as_vec3(),
+        focal_px: lens.focal_px.map(|focal| focal as f32),
+        principal_px: lens.principal_px.map(|principal| principal as f32),
+        near: NEAR,
+        width: lens.width,
+        height: lens.height,
+    }
+}
+
+/// The name by which the field's tools know a view: its image's, without folder and ending.
+pub(crate) fn name_of(image: &Path) -> String {
+    let name = if has_image_ending(image) { image.file_stem() } else { image.file_name() };
+    name.unwrap_or(image.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// The file of an image; the ending may be missing, or another one than its list says.
+pub(crate) fn find_image(named: &Path) -> Option<PathBuf> {
+    if has_image_ending(named) && named.is_file() {
+        return Some(named.to_owned());
+    }
+    let without_ending = without_image_ending(named);
+    let candidates = IMAGE_ENDINGS.iter().flat_map(|ending| [(*ending).to_owned(), ending.to_uppercase()]);
+    candidates.map(|ending| with_ending(&without_ending, &ending)).find(|path| path.is_file())
+}
+
+/// The mask of an image in a folder of masks: `a.jpg`, COLMAP's `a.jpg.png`, or `a` with another ending.
+pub(crate) fn find_mask(folder: &Path, image: &Path) -> Option<PathBuf> {
+    let named = folder.join(image);
+    let double = with_ending(&named, "png");
+    if double.is_file() { Some(double) } else { find_image(&named) }
+}
+
+pub(crate) fn has_image_ending(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| IMAGE_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
+}
+
+pub(crate) fn without_image_ending(path: &Path) -> PathBuf {
+    if has_image_ending(path) { path.with_extension("") } else { path.to_owned() }
+}
+
+/// Whether macOS made a file beside the true one, for its own use.
+pub(crate) fn is_macos_shadow(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("._"))
+}
+
+/// Appends: `with_extension` would take `.5` off `frame_1.5`.
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".");
+    name.push(ending);
+    name.into()
+}
