@@ -75,6 +75,19 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
     Ok(Dataset { train, test, points, notes })
 }
 
+/// Reads one photograph, by its place among those that [`load`] fits with the same options, or among those held out.
+pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
+    refuse_impossible(folder, options)?;
+    let mut notes = Vec::new();
+    let train = Transforms::read(&folder.join("transforms_train.json"))?;
+    let test = read_test(folder, &mut notes)?;
+    let train_jobs = jobs(&train, Split::Train, &mut notes)?;
+    let test_jobs = test.as_ref().map_or(Ok(Vec::new()), |test| jobs(test, Split::Test, &mut notes))?;
+    let place = if is_held_out { train_jobs.len() + index } else { index };
+    let mut all_jobs = train_jobs.into_iter().chain(test_jobs);
+    all_jobs.nth(place).map(|job| job.view(options.downscale)).transpose()
+}
+
 fn refuse_impossible(folder: &Path, options: &LoadOptions) -> Result<()> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });
