@@ -13,6 +13,7 @@ use crate::{
     quality,
     scene::Renderer,
     settings,
+    view::{self, Shown, Source, live::Live},
 };
 use serde_json::{Map, Value, json};
 use specula_core::plan::Channels;
@@ -30,7 +31,7 @@ use specula_train::{
     trainer::{Settings, Snapshot},
     view::View,
 };
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// Where a bar is being drawn already.
 const QUIET: Talk = Talk { quiet: true };
@@ -59,6 +60,9 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
+    if args.watch.view.is_some() {
+        training = watched(args, training, &data, background, talk)?;
+    }
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
@@ -211,6 +215,33 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     ];
     let cloud = dataset::cloud_of(points);
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
+}
+
+/// The training with a page that shows it.
+fn watched<'a>(
+    args: &Train,
+    mut training: Training<'a>,
+    data: &Dataset,
+    background: Background,
+    talk: Talk,
+) -> Result<Training<'a>, Failure> {
+    let live = Arc::new(Live::new(args.iterations, training.iteration()));
+    let named = |view: &View| (view.name.clone(), view.camera);
+    let source = args.source()?.to_owned();
+    let shown = Shown {
+        name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        scene: training.scene()?,
+        known: data.test.iter().chain(&data.train).map(named).collect(),
+        held_out: data.test.len(),
+        source: Some(Source {
+            folder: source,
+            options: LoadOptions { downscale: args.resolution, with_test: args.eval, points: None },
+        }),
+        background,
+        live: Some(live.clone()),
+    };
+    view::watch(args, shown, talk)?;
+    Ok(training.watched(live))
 }
 
 /// What is done at a step in between.
