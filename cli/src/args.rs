@@ -4,11 +4,12 @@
 
 use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use core::net::{Ipv4Addr, SocketAddr};
 use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
 use specula_io::latlong::UpAxis;
 use std::{
-    net::{Ipv4Addr, SocketAddr, ToSocketAddrs},
+    net::ToSocketAddrs,
     path::{Path, PathBuf},
 };
 

@@ -2,8 +2,9 @@
 
 use crate::pictures::Layer;
 use clap::ValueEnum;
+use core::str::FromStr;
 use glam::Vec3;
-use std::{collections::HashMap, str::FromStr};
+use std::collections::HashMap;
 
 /// Pixels along an edge of a picture, and in all of it, at most.
 const EDGE_MAX: u32 = 4096;

@@ -37,6 +37,11 @@ export class Stream {
     this.next();
   }
 
+  /** Whether what is wanted is shown. */
+  get isIdle() {
+    return !this.flight && !this.isWanted;
+  }
+
   get isResting() {
     return performance.now() - this.changedAt >= REST;
   }

@@ -48,8 +48,10 @@ export class Training {
       `${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
     this.progress.dataset.iteration = iteration;
     this.draw(curve, iterations);
-    if (iteration !== this.iteration && this.stream.isResting) this.stream.change(false);
+    // A picture that is on its way is waited for, however long it takes.
+    if (iteration === this.iteration || !this.stream.isIdle) return;
     this.iteration = iteration;
+    this.stream.change(false);
   }
 
   /** PSNR and the number of Gaussians over the iterations, each in its own range. */
