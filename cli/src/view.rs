@@ -66,7 +66,10 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     }
     interrupt::watch()?;
     announce(&listener, &site)?;
-    talk.note("open it in a browser; Ctrl-C ends it");
+    talk.note(match args.listen.ip().is_unspecified() {
+        true => "open it in a browser, with this machine's name or address in place of the zeros; Ctrl-C ends it",
+        false => "open it in a browser; Ctrl-C ends it",
+    });
     runtime.block_on(server::serve(listener, site))
 }
 

@@ -92,6 +92,7 @@ async function start() {
   const panel = element("panel");
   const togglePanel = () => {
     panel.hidden = !panel.hidden;
+    document.body.classList.toggle("with-panel", !panel.hidden);
     element("show-panel").setAttribute("aria-expanded", !panel.hidden);
     light.place();
   };
