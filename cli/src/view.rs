@@ -153,6 +153,7 @@ fn spawn_renderer(mut studio: Studio, queue: Arc<Queue<Job>>, live: Option<Arc<L
     }
     thread::spawn(move || {
         let closing = Closing(queue);
+        studio.warm_up();
         while let Some(Job { ask, reply }) = closing.0.next() {
             // Who went away wants no picture.
             if reply.is_closed() {

@@ -2,7 +2,7 @@
 
 use super::{
     album::Album,
-    lights::{Cube, Lights},
+    lights::{Cube, Lights, OWN},
     request::{Ask, From, LightAsk, Pose, Show},
 };
 use crate::{
@@ -97,6 +97,12 @@ impl Studio {
         self.lights.set_own(scene.light);
         self.filtered.clear();
         Ok(())
+    }
+
+    /// Filters the scene's own light, which takes longest the first time: before somebody waits for it.
+    pub(super) fn warm_up(&mut self) {
+        // What is wrong with it is told to who asks for a picture.
+        let _ = self.filtered(LightAsk { id: OWN, turn: 0.0, stops: 0.0 });
     }
 
     /// Makes a picture.

@@ -31,8 +31,14 @@ export class Light {
   choose(id) {
     this.id = id;
     this.choice.value = id;
+    this.look();
+    this.set({});
+  }
+
+  /** Shows what the light looks like now. */
+  look() {
     this.server
-      .get("light", { light: id })
+      .get("light", { light: this.id })
       .then((response) => response.blob())
       .then((blob) => {
         URL.revokeObjectURL(this.url);
@@ -40,7 +46,6 @@ export class Light {
         this.panorama.style.backgroundImage = `url(${this.url})`;
       })
       .catch(() => (this.panorama.style.backgroundImage = "none"));
-    this.set({});
   }
 
   /** Another turn in degrees, or exposure in stops. */

@@ -87,7 +87,7 @@ async function start() {
   offerViews(scene.views, (index) => jumped(camera.showView(index)));
   light = new Light(server, () => stream.change(), say);
   const path = new Path(camera, server, words, moved, say);
-  const training = new Training(server, stream, say);
+  const training = new Training(server, stream, light, say);
 
   const panel = element("panel");
   const togglePanel = () => {

@@ -1,11 +1,12 @@
 // A training that is going on: how far it has come, its curves, pause and single steps.
 
-/** Between two looks, in milliseconds. */
+/** Between two looks, in milliseconds, and between two at the light. */
 const PATIENCE = 700;
+const PATIENCE_FOR_LIGHT = 5000;
 
 export class Training {
-  constructor(server, stream, say) {
-    Object.assign(this, { server, stream, say });
+  constructor(server, stream, light, say) {
+    Object.assign(this, { server, stream, light, say, lightSeen: 0 });
     const element = (id) => document.getElementById(id);
     [this.section, this.progress, this.curve, this.button] = ["training", "progress", "curve", "pause"].map(element);
     if (!server.scene.live) return;
@@ -52,6 +53,10 @@ export class Training {
     if (iteration === this.iteration || !this.stream.isIdle) return;
     this.iteration = iteration;
     this.stream.change(false);
+    const now = performance.now();
+    if (now - this.lightSeen < PATIENCE_FOR_LIGHT || !this.server.scene.shaded) return;
+    this.lightSeen = now;
+    this.light.look();
   }
 
   /** PSNR and the number of Gaussians over the iterations, each in its own range. */
