@@ -4,10 +4,14 @@
 
 use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use core::net::{Ipv4Addr, SocketAddr};
 use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
 use specula_io::latlong::UpAxis;
-use std::path::{Path, PathBuf};
+use std::{
+    net::ToSocketAddrs,
+    path::{Path, PathBuf},
+};
 
 /// Scenes of 3D Gaussians that carry a shading function: fitted to pictures, rendered, taken apart, relit.
 ///
@@ -33,6 +37,7 @@ Examples:
   specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
+  specula view out/chair                          look around in it, in a browser
   specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
   specula info out/chair                          what is in it";
 
@@ -44,6 +49,7 @@ pub(crate) enum Command {
     Render(Render),
     Relight(Relight),
     Eval(Eval),
+    View(View),
     Prefilter(Prefilter),
     Report(Report),
     Info(Info),
@@ -94,6 +100,7 @@ Examples:
   specula train data/toaster -m out/ablation --eval --profile paper --no-residual
   specula train -m out/chair --resume                       go on after Ctrl-C, a crash or a power cut
   specula train -m out/chair --resume --iterations 30000    go on for longer than was asked for
+  specula train data/chair -m out/chair --view              watch it in a browser, at http://127.0.0.1:7008/
   specula train data/drums -m out/drums --config out/chair/config.toml    another scene, told the same
 Profiles:
   specula    whatever measures best; the default
@@ -152,6 +159,9 @@ pub(crate) struct Train {
     #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero)]
     pub(crate) max_error: Option<f64>,
     #[command(flatten)]
+    #[serde(skip)]
+    pub(crate) watch: Watch,
+    #[command(flatten)]
     #[serde(flatten)]
     pub(crate) again: Again,
     #[command(flatten)]
@@ -191,6 +201,20 @@ pub(crate) struct Photographs {
     /// With --eval, hold out every so manieth photograph by name, from the first; 0 for none.
     #[arg(long, aliases = ["test_every", "llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY)]
     pub(crate) test_every: u32,
+}
+
+/// How a training is watched.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Watching")]
+pub(crate) struct Watch {
+    /// Serve a page that shows the scene while it is trained, with curves, and pauses the training or has it take single
+    /// steps; specula view tells about addresses. What is trained does not depend on it.
+    #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = crate::view::ADDRESS, value_parser = address)]
+    pub(crate) view: Option<SocketAddr>,
+    /// Ask who opens the page for this word; by default one that nobody guesses where the page is served to other
+    /// machines, and none on this one.
+    #[arg(long, value_name = "WORD", requires = "view", value_parser = token)]
+    pub(crate) token: Option<String>,
 }
 
 /// How a training goes on, or follows another.
@@ -397,7 +421,7 @@ pub(crate) struct Look {
 }
 
 /// What renders a scene.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct MachineOptions {
     /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
     /// lists them.
@@ -507,6 +531,51 @@ pub(crate) struct Eval {
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Look around in a scene, in a browser.
+///
+/// Serves a page at an address that goes to stdout, until Ctrl-C. Pictures are rendered here and sent as they are asked
+/// for: open it on a phone or over a slow link, and they become smaller while one moves. Drag to turn, scroll or pinch
+/// to come closer, press ? for all keys. Layers are chosen with 1 to 0; a lat-long map of light (.hdr, .exr) can be dropped
+/// onto the page, and dragged to be turned; the camera can be sent along a path, whose frames come as a ZIP file.
+///
+/// Only this machine can open the page, unless --listen names an address that others reach. Then whoever opens it needs
+/// a token, which is part of the address that is printed. Nothing is encrypted: over a network that is not trusted, use
+/// ssh -L 7008:localhost:7008 instead.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula view out/chair
+  specula view out/spheres --env sunset.hdr forest.hdr
+  specula view scene.ply --background white
+  specula view out/chair --listen 0.0.0.0:7008      for a phone in the same network
+  specula train data/chair -m out/chair --view      a scene while it is trained")]
+pub(crate) struct View {
+    /// Folder of a model, or a PLY file.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    /// Where the page is served; port 0 takes any that is free.
+    #[arg(long, value_name = "[HOST:]PORT", default_value = crate::view::ADDRESS, value_parser = address)]
+    pub(crate) listen: SocketAddr,
+    /// Ask who opens the page for this word; by default one that nobody guesses where the page is served to other
+    /// machines, and none on this one.
+    #[arg(long, value_name = "WORD", value_parser = token)]
+    pub(crate) token: Option<String>,
+    /// Lights to choose from, beside the scene's own.
+    #[arg(long, value_name = "FILE.hdr|.exr", num_args = 1..)]
+    pub(crate) env: Vec<PathBuf>,
+    /// Axis of the world that the upper edges of these files show.
+    #[arg(long, alias = "env_up", value_enum, default_value_t = Up::Z)]
+    pub(crate) env_up: Up,
+    /// Behind the scene; that of the training by default, or else black.
+    #[arg(long, value_name = "black|white|R,G,B")]
+    pub(crate) background: Option<Background>,
+    /// How to read the attributes, where the scene does not say it or says it wrongly.
+    #[arg(long, value_enum)]
+    pub(crate) profile: Option<ProfileName>,
+    #[command(flatten)]
+    pub(crate) machine: MachineOptions,
 }
 
 /// Filter a light for every roughness, and write it as a cube map that other programs load.
@@ -760,6 +829,20 @@ fn downscale(text: &str) -> Result<u32, String> {
 fn finite(text: &str) -> Result<f32, String> {
     let number: f32 = text.parse().map_err(|_| "use a number".to_owned())?;
     if number.is_finite() { Ok(number) } else { Err("use a finite number".into()) }
+}
+
+/// A port of this machine, or a host and a port.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let here = || text.parse().map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port))).ok();
+    let named = || text.to_socket_addrs().ok().and_then(|mut addresses| addresses.next());
+    here().or_else(named).ok_or_else(|| "use a port, or a host and a port, such as 7008 or 0.0.0.0:7008".to_owned())
+}
+
+/// A word that an address and a header can hold.
+fn token(text: &str) -> Result<String, String> {
+    const LEAST: usize = 8;
+    let is_fine = text.len() >= LEAST && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LEAST} letters and digits or more")) }
 }
 
 fn weight(text: &str) -> Result<f32, String> {

@@ -8,9 +8,11 @@
 use crate::{args::ProfileName, failure::Failure};
 use serde_json::{Map, Value};
 use specula_core::{
+    executor::RenderRules,
     normal::AxisRule,
-    prefilter::PrefilterScheme,
-    scene::{DIFFUSE, Gaussians, NORMAL_RESIDUAL_2},
+    plan::{Channels, Needs, Plan},
+    prefilter::{Levels, PrefilterScheme},
+    scene::{DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_2},
     shade::{ShadingForm, ShadingRules},
 };
 use specula_io::model_folder::Model;
@@ -32,6 +34,13 @@ impl Reading {
     pub(crate) const DEFERRED: Self = Self { shading: ShadingRules::DEFERRED, ..Self::PAPER };
     /// What the authors' code does.
     pub(crate) const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
+
+    /// How Gaussians of this layout are rendered so that pictures have these channels: the one place where it is decided
+    /// what they can do without.
+    pub(crate) fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
+        let full = RenderRules::full(self.shading, self.scheme, channels);
+        Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })
+    }
 
     /// That of a model: what it says itself; else that of the authors' code, whose layout it has.
     pub(crate) fn of_model(model: &Model) -> Self {
@@ -147,10 +156,7 @@ fn convert(gaussians: &mut Gaussians<Vec<f32>>, shading: ShadingRules, sign: f32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::{
-        activation::sigmoid,
-        scene::{Layout, len_of_values},
-    };
+    use specula_core::{activation::sigmoid, scene::len_of_values};
 
     fn one(diffuse: f32, residual: f32) -> Gaussians<Vec<f32>> {
         let layout = Layout::shaded(None);

@@ -9,6 +9,7 @@ use crate::{
     progress::{Talk, Work},
     scene::Scene,
     settings::reading_of,
+    view::live::{Live, Wish},
 };
 use specula_core::executor::Executor;
 use specula_cpu::CpuExecutor;
@@ -17,7 +18,7 @@ use specula_train::{
     trainer::{HostScene, Settings, Snapshot, Trainer},
     view::View,
 };
-use std::{fmt, time::Instant};
+use std::{fmt, sync::Arc, time::Instant};
 
 /// A run on some executor.
 pub(crate) trait Run {
@@ -108,6 +109,8 @@ pub(crate) struct Training<'a> {
     iterations: u32,
     /// What steps have taken so far, without what was done in between.
     seconds: f64,
+    /// Who watches.
+    live: Option<Arc<Live>>,
 }
 
 /// How it went.
@@ -135,12 +138,17 @@ impl<'a> Training<'a> {
         let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start, talk)?;
         let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
         let rescue = is_on_device.then_some(Rescue { settings, reload });
-        Ok(Self { trainer, choice, rescue, checkpoints: None, reading, iterations, seconds: 0.0 })
+        Ok(Self { trainer, choice, rescue, checkpoints: None, reading, iterations, seconds: 0.0, live: None })
     }
 
     /// Puts what was learned aside on the way, and at the end; so many seconds have gone by.
     pub(crate) fn with_checkpoints(self, checkpoints: Checkpoints, seconds: f64) -> Self {
         Self { checkpoints: Some(checkpoints), seconds, ..self }
+    }
+
+    /// Somebody watches from now on.
+    pub(crate) fn watched(self, live: Arc<Live>) -> Self {
+        Self { live: Some(live), ..self }
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
@@ -174,9 +182,16 @@ impl<'a> Training<'a> {
         work: &Work,
         pause: &mut impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
+        self.show()?;
+        if interrupt::is_requested() {
+            return Ok(());
+        }
         let start = Instant::now();
         self.trainer.step()?;
         self.seconds += start.elapsed().as_secs_f64();
+        if let Some(live) = &self.live {
+            live.note(self.iteration(), self.seconds, self.trainer.psnr(), self.trainer.gaussian_count());
+        }
         work.done(self.iteration().into(), || self.message());
         if pauses.contains(&self.iteration()) && !self.is_finished() {
             pause(self, work)?;
@@ -184,6 +199,19 @@ impl<'a> Training<'a> {
         // After the pause: who goes on from here has not missed it.
         let is_due = self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.is_due(self.iteration()));
         if is_due { self.put_aside(work) } else { Ok(()) }
+    }
+
+    /// Shows the scene to who watches, if it is asked for, and waits while the training is paused.
+    fn show(&mut self) -> Result<(), Failure> {
+        let Some(live) = self.live.clone() else { return Ok(()) };
+        while let Some(wish) = live.wish() {
+            match wish {
+                Wish::Scene => live.give(self.scene()?, self.iteration()),
+                Wish::Patience if interrupt::is_requested() => break,
+                Wish::Patience => live.wait(),
+            }
+        }
+        Ok(())
     }
 
     /// Writes a checkpoint where there is none of this iteration. A full disk is no reason to stop: there may be room
@@ -355,6 +383,7 @@ mod tests {
             reading: reading_of(&settings().profile),
             iterations: 6,
             seconds: 0.0,
+            live: None,
         }
     }
 

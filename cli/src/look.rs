@@ -116,7 +116,36 @@ impl Tour {
     }
 }
 
-fn own_cameras(opened: &Opened) -> Result<Option<Vec<NamedCamera>>, Failure> {
+/// Where one stands who wants to look around in a scene.
+#[derive(Debug)]
+pub(crate) struct Surroundings {
+    /// The cameras that the scene knows.
+    pub(crate) known: Vec<NamedCamera>,
+    /// A camera to begin with.
+    pub(crate) start: Camera,
+    /// What the cameras look at.
+    pub(crate) centre: Vec3,
+    pub(crate) up: Vec3,
+}
+
+impl Surroundings {
+    /// Of Gaussians, and the cameras that are known with them.
+    pub(crate) fn of(gaussians: &Gaussians<Vec<f32>>, mut known: Vec<NamedCamera>) -> Self {
+        let orbit = Orbit::of(gaussians, &known);
+        let around: Vec<Camera> =
+            (0..ORBIT).map(|index| orbit.camera(TAU * index as f32 / ORBIT as f32, None, None)).collect();
+        let near = match known.is_empty() {
+            true => near_of(extent_of_cameras(around.iter())),
+            false => near_of(extent_of_cameras(known.iter().map(|(_, camera)| camera))),
+        };
+        known.iter_mut().for_each(|(_, camera)| camera.near = near);
+        let start = known.first().map_or(around[0], |(_, camera)| *camera);
+        Self { start: Camera { near, ..start }, known, centre: orbit.centre, up: orbit.up }
+    }
+}
+
+/// The cameras of the folder of a model, test views first.
+pub(crate) fn own_cameras(opened: &Opened) -> Result<Option<Vec<NamedCamera>>, Failure> {
     let file = opened.folder.as_ref().map(|folder| folder.join("cameras.json"));
     match file.filter(|file| file.is_file()) {
         Some(file) => Ok(Some(cameras::read(&file)?)),

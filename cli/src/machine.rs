@@ -67,10 +67,14 @@ impl Serialize for ExecutorChoice {
     }
 }
 
-/// A scene where it is rendered.
+/// A scene where it is rendered, under any of several lights.
 pub(crate) trait Machine: Send {
-    /// A view: the channels, then transmittance.
-    fn view(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure>;
+    /// A view under the light in this place, if there is one: the channels, then transmittance.
+    fn view(&mut self, place: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure>;
+    /// Filters a light into a place, instead of the one that was there.
+    fn put_light(&mut self, place: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), Failure>;
+    /// Shows other Gaussians from now on.
+    fn put_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), Failure>;
 }
 
 impl fmt::Debug for dyn Machine {
@@ -83,7 +87,25 @@ impl fmt::Debug for dyn Machine {
 struct Loaded<E: Renderer> {
     exec: E,
     gaussians: Gaussians<E::Array>,
-    light: Option<E::Light>,
+    lights: Vec<Option<E::Light>>,
+    /// A light as it is stored.
+    rounded: fn(E::Light, Storage) -> E::Light,
+    storage: Storage,
+}
+
+impl<E: Renderer> Loaded<E>
+where
+    E::Error: Into<Failure>,
+{
+    fn new(
+        mut exec: E,
+        gaussians: &Gaussians<Vec<f32>>,
+        rounded: fn(E::Light, Storage) -> E::Light,
+        storage: Storage,
+    ) -> Result<Self, Failure> {
+        let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
+        Ok(Self { exec, gaussians, lights: Vec::new(), rounded, storage })
+    }
 }
 
 impl<E> Machine for Loaded<E>
@@ -93,10 +115,28 @@ where
     E::Light: Send,
     E::Error: Into<Failure>,
 {
-    fn view(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure> {
-        render_view(&mut self.exec, &self.gaussians, self.light.as_ref(), camera, rules).map_err(Into::into)
+    fn view(&mut self, place: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure> {
+        let light = self.lights.get(place).and_then(Option::as_ref);
+        render_view(&mut self.exec, &self.gaussians, light, camera, rules).map_err(Into::into)
+    }
+
+    fn put_light(&mut self, place: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), Failure> {
+        let values = self.exec.upload(&light.values).map_err(Into::into)?;
+        let light = self.exec.prefilter(&light.with_values(values), rules.scheme, rules.levels).map_err(Into::into)?;
+        let places = self.lights.len().max(place + 1);
+        self.lights.resize_with(places, || None);
+        self.lights[place] = Some((self.rounded)(light, self.storage));
+        Ok(())
+    }
+
+    fn put_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), Failure> {
+        self.gaussians = self.exec.upload_gaussians(gaussians).map_err(Into::into)?;
+        Ok(())
     }
 }
+
+/// Where the light of a scene that has only one is.
+pub(crate) const OWN_LIGHT: usize = 0;
 
 /// A scene, loaded where it was asked to be rendered; `light` is what it looks up. The Gaussians are rounded already.
 pub(crate) fn load(
@@ -110,7 +150,8 @@ pub(crate) fn load(
     match (&options.executor, options.projection) {
         (choice, Projection::Affine) => {
             if let Some(device) = device::choose(choice, talk)? {
-                return device.load(scene, light, rules, options.storage());
+                let machine = device.load(&scene.gaussians, options.storage())?;
+                return lit(machine, light, rules);
             }
         }
         (ExecutorChoice::Gpu(_), _) => {
@@ -131,9 +172,18 @@ pub(crate) fn load_within(
     limits: Limits,
     storage: Storage,
 ) -> Result<Box<dyn Machine>, Failure> {
-    let mut exec = CpuViewer::new(limits);
-    let light = light.map(|light| exec.prefilter(&light, rules.scheme, rules.levels)).transpose()?;
-    Ok(Box::new(Loaded { exec, gaussians: scene.gaussians, light: light.map(|light| rounded(light, storage)) }))
+    lit(Box::new(Loaded::new(CpuViewer::new(limits), &scene.gaussians, rounded, storage)?), light, rules)
+}
+
+fn lit(
+    mut machine: Box<dyn Machine>,
+    light: Option<Environment<Vec<f32>>>,
+    rules: &RenderRules,
+) -> Result<Box<dyn Machine>, Failure> {
+    if let Some(light) = light {
+        machine.put_light(OWN_LIGHT, &light, rules)?;
+    }
+    Ok(machine)
 }
 
 fn rounded(mut light: Light, storage: Storage) -> Light {
@@ -181,13 +231,8 @@ pub(crate) mod device {
         failure::Failure,
         fit::{Run, Start},
         progress::Talk,
-        scene::Scene,
     };
-    use specula_core::{
-        executor::{RenderRules, Renderer as _},
-        pack::Storage,
-        scene::Environment,
-    };
+    use specula_core::{pack::Storage, scene::Gaussians};
     use specula_gpu::{
         Gpu, GpuExecutor, GpuViewer,
         device::{AdapterReport, adapters},
@@ -233,21 +278,14 @@ pub(crate) mod device {
     }
 
     impl Device {
+        /// Gaussians on the device, which rounds what it stores itself.
         pub(super) fn load(
             self,
-            scene: Scene,
-            light: Option<Environment<Vec<f32>>>,
-            rules: &RenderRules,
+            gaussians: &Gaussians<Vec<f32>>,
             storage: Storage,
         ) -> Result<Box<dyn Machine>, Failure> {
-            let mut exec = GpuViewer::new(GpuExecutor::new(self.0), storage);
-            let gaussians = exec.upload_gaussians(&scene.gaussians)?;
-            let light = light.map(|light| {
-                let environment = light.with_values(exec.upload(&light.values)?);
-                exec.prefilter(&environment, rules.scheme, rules.levels)
-            });
-            let light = light.transpose()?;
-            Ok(Box::new(Loaded { exec, gaussians, light }))
+            let exec = GpuViewer::new(GpuExecutor::new(self.0), storage);
+            Ok(Box::new(Loaded::new(exec, gaussians, |light, _| light, storage)?))
         }
 
         pub(super) fn train(
@@ -270,9 +308,8 @@ mod device {
         failure::Failure,
         fit::{Run, Start},
         progress::Talk,
-        scene::Scene,
     };
-    use specula_core::{executor::RenderRules, pack::Storage, scene::Environment};
+    use specula_core::{pack::Storage, scene::Gaussians};
     use specula_train::{trainer::Settings, view::View};
 
     /// There is none.
@@ -290,9 +327,7 @@ mod device {
     impl Device {
         pub(super) fn load(
             self,
-            _scene: Scene,
-            _light: Option<Environment<Vec<f32>>>,
-            _rules: &RenderRules,
+            _gaussians: &Gaussians<Vec<f32>>,
             _storage: Storage,
         ) -> Result<Box<dyn Machine>, Failure> {
             match self {}

@@ -29,6 +29,7 @@ mod scene;
 mod settings;
 mod train;
 mod truth;
+mod view;
 mod within;
 
 use args::{Arguments, Command};
@@ -70,6 +71,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(args) => render::run(args, talk),
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
+        Command::View(args) => view::run(args, talk),
         Command::Prefilter(args) => prefilter::run(args, talk),
         Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),

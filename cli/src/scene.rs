@@ -5,7 +5,7 @@ use crate::{
     background::Background,
     convention::{self, Reading},
     failure::Failure,
-    machine::{self, Machine},
+    machine::{self, Machine, OWN_LIGHT},
     progress::{Talk, Work},
     relay::relay,
 };
@@ -101,17 +101,14 @@ impl Scene {
         }
     }
 
-    /// How pictures with these channels are rendered: the one place where it is decided what they can do without.
+    /// How pictures with these channels are rendered.
     pub(crate) fn plan(&self, channels: Channels) -> Plan {
-        let Reading { shading, scheme } = self.reading;
-        let layout = self.gaussians.layout;
-        let asked = RenderRules { sh_degree: layout.sh_degree, ..RenderRules::full(shading, scheme, channels) };
         let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
-        Plan::new(layout, &needs, self.levels().as_ref(), &asked)
+        self.reading.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels)
     }
 
     /// The same with the numbers of its Gaussians as they are stored, so that the plan looks at what is rendered.
-    fn rounded(mut self, storage: Storage) -> Self {
+    pub(crate) fn rounded(mut self, storage: Storage) -> Self {
         storage.round(&mut self.gaussians);
         self
     }
@@ -119,8 +116,7 @@ impl Scene {
     /// The levels that the light is filtered into, if there is one and it can be looked up.
     pub(crate) fn levels(&self) -> Option<Levels> {
         let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
-        let Reading { scheme, .. } = self.reading;
-        Some(Levels::new(scheme, fitting_resolution(light.resolution, scheme)))
+        Some(levels_of(light, self.reading.scheme))
     }
 
     /// The scene as it is looked at from some cameras, over a background.
@@ -137,19 +133,30 @@ impl Scene {
         options: &EnvOptions,
         talk: Talk,
     ) -> Result<latlong::LatLong, Failure> {
-        if !self.gaussians.layout.is_shaded() {
-            return Err(Failure::Input(
-                "the scene is plain Gaussian splatting, whose colours hold their light for ever; train it with \
-                 --profile specula to put it under another light"
-                    .into(),
-            ));
-        }
+        self.refuse_plain()?;
         let map = read_env(path, options.exposure, talk)?;
-        let [least, usual] = LIGHT_RESOLUTION;
-        let resolution = self.light.as_ref().map_or(usual, |light| light.resolution.max(least));
+        let resolution = self.resolution_of_others();
         let values = latlong::to_cube(&map, resolution, options.env_up.into());
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
         Ok(map)
+    }
+
+    /// A scene that has nothing to do with light cannot be put under another.
+    pub(crate) fn refuse_plain(&self) -> Result<(), Failure> {
+        if self.gaussians.layout.is_shaded() {
+            return Ok(());
+        }
+        Err(Failure::Input(
+            "the scene is plain Gaussian splatting, whose colours hold their light for ever; train it with --profile \
+             specula to put it under another light"
+                .into(),
+        ))
+    }
+
+    /// The resolution of lights that are put into the scene.
+    pub(crate) fn resolution_of_others(&self) -> usize {
+        let [least, usual] = LIGHT_RESOLUTION;
+        self.light.as_ref().map_or(usual, |light| light.resolution.max(least))
     }
 
     /// Writes the scene into the folder of a model.
@@ -212,7 +219,7 @@ impl Renderer {
 
     /// A view: the channels, then transmittance.
     pub(crate) fn view(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, Failure> {
-        self.machine.view(camera, &self.rules)
+        self.machine.view(OWN_LIGHT, camera, &self.rules)
     }
 
     /// Measures every view.
@@ -226,7 +233,7 @@ impl Renderer {
         relay(
             views.len(),
             work,
-            |index| self.machine.view(&views[index].camera, &rules_to_measure(&views[index], &rules)),
+            |index| self.machine.view(OWN_LIGHT, &views[index].camera, &rules_to_measure(&views[index], &rules)),
             |index, image| Ok(measure_view(&image, &views[index], background.0)),
         )
     }
@@ -256,13 +263,18 @@ pub(crate) fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f3
     }
 }
 
+/// The levels that a light is filtered into.
+pub(crate) fn levels_of(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Levels {
+    Levels::new(scheme, fitting_resolution(light.resolution, scheme))
+}
+
 /// The least resolution that the prefilter takes and that holds a light of this one.
 fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
     resolution.next_power_of_two().max(scheme.resolution_min())
 }
 
 /// A light whose resolution the prefilter takes: other tools also write resolutions that are no power of two.
-fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
+pub(crate) fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
     resampled(light, fitting_resolution(light.resolution, scheme))
 }
 

@@ -12,7 +12,9 @@ use crate::{
     progress::{Talk, Work},
     quality,
     scene::{Renderer, Scene},
-    settings, within,
+    settings,
+    view::{self, Shown, Source, live::Live},
+    within,
 };
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, plan::Channels};
@@ -30,7 +32,7 @@ use specula_train::{
     trainer::{Settings, Snapshot},
     view::View,
 };
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// Where a bar is being drawn already.
 const QUIET: Talk = Talk { quiet: true };
@@ -60,6 +62,9 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     let looked_from = cameras_of(&data);
+    if args.watch.view.is_some() {
+        training = watched(args, training, &data, background, talk)?;
+    }
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
@@ -144,12 +149,15 @@ fn make_folder(
     Ok(checkpoints)
 }
 
-fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
+fn options_of(args: &Train) -> LoadOptions {
     let Photographs { images, test_every } = args.photographs.clone();
     let points = args.start.points.clone();
-    let options = LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every };
+    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every }
+}
+
+fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
     let source = args.source()?;
-    let data = dataset::load(source, &options, talk)?;
+    let data = dataset::load(source, &options_of(args), talk)?;
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
             "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold photographs out \
@@ -221,6 +229,30 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     ];
     let cloud = dataset::cloud_of(points);
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
+}
+
+/// The training with a page that shows it.
+fn watched<'a>(
+    args: &Train,
+    mut training: Training<'a>,
+    data: &Dataset,
+    background: Background,
+    talk: Talk,
+) -> Result<Training<'a>, Failure> {
+    let live = Arc::new(Live::new(args.iterations, training.iteration()));
+    let named = |view: &View| (view.name.clone(), view.camera);
+    let source = args.source()?.to_owned();
+    let shown = Shown {
+        name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        scene: training.scene()?,
+        known: data.test.iter().chain(&data.train).map(named).collect(),
+        held_out: data.test.len(),
+        source: Some(Source { folder: source, options: options_of(args) }),
+        background,
+        live: Some(live.clone()),
+    };
+    view::watch(args, shown, talk)?;
+    Ok(training.watched(live))
 }
 
 /// What is done at a step in between.

@@ -99,6 +99,15 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
     Ok(Dataset { train, test, points, source, notes })
 }
 
+/// Reads one photograph, by its place among those that [`load`] fits with the same options, or among those held out.
+pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
+    // Where points are named, those of the data set are not read.
+    let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
+    let Listing { train, test, .. } = list(folder, &without_points)?;
+    let shots = if is_held_out { test } else { train };
+    shots.get(index).map(|shot| shot.open().map(|opened| opened.view)).transpose()
+}
+
 fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });

@@ -7,7 +7,7 @@ use crate::{
     whole_file,
 };
 use core::f64::consts::PI;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Rgb, codecs};
 use rayon::prelude::*;
 use specula_core::cubemap;
@@ -196,6 +196,24 @@ pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
     };
     let texels = (0..values.len() / 3).map(from);
     texels.flat_map(|start| [values[start], values[start + 1], values[start + 2]]).collect()
+}
+
+/// A cube map turned about an axis of unit length, by so many radians, counterclockwise to who looks against it: what
+/// came from d comes from the turned d. Bilinear between texels; a turn of zero changes nothing.
+pub fn turned(values: &[f32], resolution: usize, axis: [f64; 3], radians: f64) -> Vec<f32> {
+    if radians == 0.0 {
+        return values.to_vec();
+    }
+    let (cube, back) = (Cube::new(values, resolution), DQuat::from_axis_angle(axis.into(), -radians));
+    let mut turned = vec![0.0; values.len()];
+    turned.par_chunks_mut(3 * resolution).enumerate().for_each(|(line, row_of_texels)| {
+        let (face, row) = (line / resolution, line % resolution);
+        for (column, texel) in row_of_texels.chunks_exact_mut(3).enumerate() {
+            let direction = DVec3::from(cubemap::texel_direction(face, column, row, resolution));
+            texel.copy_from_slice(&cube.sample((back * direction).to_array()));
+        }
+    });
+    turned
 }
 
 fn sample_count(pixels_in_texel: f64) -> usize {

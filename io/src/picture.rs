@@ -10,7 +10,11 @@ use crate::{
 use colorous::Gradient;
 use core::time::Duration;
 use font8x8::UnicodeFonts;
-use image::{DynamicImage, Frame, GrayImage, ImageFormat, Rgb, RgbaImage, codecs::gif, imageops};
+use image::{
+    DynamicImage, ExtendedColorType, Frame, GrayImage, ImageEncoder, ImageFormat, Rgb, RgbaImage,
+    codecs::{self, gif, png::CompressionType},
+    imageops,
+};
 use std::{
     io::{self, Cursor, Write},
     path::Path,
@@ -117,6 +121,27 @@ pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alp
 /// Writes an image as PNG.
 pub fn write(path: &Path, image: &RgbImage) -> Result<()> {
     write_png(path, &image.clone().into())
+}
+
+/// An image as the bytes of a PNG, packed fast rather than tightly.
+pub fn to_png(image: &RgbImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let encoder =
+        codecs::png::PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, codecs::png::FilterType::Adaptive);
+    encode(image, encoder);
+    bytes
+}
+
+/// An image as the bytes of a JPEG; `quality` is 1 to 100.
+pub fn to_jpeg(image: &RgbImage, quality: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    encode(image, codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, quality));
+    bytes
+}
+
+fn encode(image: &RgbImage, encoder: impl ImageEncoder) {
+    let written = encoder.write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8);
+    written.expect("memory takes an image of three bytes a pixel");
 }
 
 fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {

@@ -372,3 +372,20 @@ fn impossible_cameras_json_is_refused() {
     fs::write(&path, "[]").unwrap();
     assert_says(&cameras::read_cameras(&path, [1, 1]).unwrap_err().to_string(), &["no frames"]);
 }
+
+#[test]
+fn one_view_is_read_as_among_all() {
+    let folder = scene();
+    for with_test in [false, true] {
+        let options = LoadOptions { downscale: 2, with_test, ..LoadOptions::default() };
+        let all = dataset::load(folder.path(), &options, |_, _| {}).unwrap();
+        let one = |is_held_out, index| dataset::load_one(folder.path(), &options, is_held_out, index).unwrap();
+        for (index, view) in all.train.iter().enumerate() {
+            assert_eq!(one(false, index).as_ref(), Some(view), "view {index} to fit");
+        }
+        for (index, view) in all.test.iter().enumerate() {
+            assert_eq!(one(true, index).as_ref(), Some(view), "view {index} that is held out");
+        }
+        assert_eq!(one(true, 1), None, "there are no more");
+    }
+}

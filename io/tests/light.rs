@@ -267,3 +267,22 @@ fn a_turned_light_has_above_what_it_had_above() {
         }
     }
 }
+
+#[test]
+fn a_light_turned_about_an_axis_comes_from_turned_directions() {
+    const RESOLUTION: usize = 32;
+    let direction = |k: usize| {
+        let size = RESOLUTION * RESOLUTION;
+        texel_direction(k / size, k % RESOLUTION, k / RESOLUTION % RESOLUTION, RESOLUTION)
+    };
+    let values: Vec<f32> = (0..6 * RESOLUTION * RESOLUTION).flat_map(|k| smooth(direction(k))).collect();
+    assert_eq!(latlong::turned(&values, RESOLUTION, [0.0, 0.0, 1.0], 0.0), values, "no turn changes no bit");
+    let quarter = latlong::turned(&values, RESOLUTION, [0.0, 0.0, 1.0], core::f64::consts::FRAC_PI_2);
+    for (k, texel) in quarter.chunks_exact(3).enumerate() {
+        // Counterclockwise, seen from above: x goes to y.
+        let [x, y, z] = direction(k);
+        for (found, expected) in texel.iter().zip(smooth([y, -x, z])) {
+            assert_near(*found, expected, 1e-2, "what came from (y, −x, z) comes from (x, y, z)");
+        }
+    }
+}

@@ -115,3 +115,14 @@ fn animations_play_every_frame() {
     let sentence = picture::write_animation(&folder.path().join("a.mp4"), &frames, 40).unwrap_err().to_string();
     assert!(sentence.contains("a.mp4") && sentence.contains(".gif"), "{sentence}");
 }
+
+#[test]
+fn pictures_are_packed_in_memory_exactly_or_nearly() {
+    let image = RgbImage::from_fn(40, 24, |x, y| Rgb([6 * x as u8, 10 * y as u8, 99]));
+    let exactly = image::load_from_memory(&picture::to_png(&image)).unwrap().to_rgb8();
+    assert!(exactly == image, "PNG loses nothing");
+    let [well, badly] = [95, 20].map(|quality| picture::to_jpeg(&image, quality));
+    assert!(badly.len() < well.len(), "less quality takes less room");
+    let nearly = image::load_from_memory(&well).unwrap().to_rgb8();
+    assert!(nearly.iter().zip(image.iter()).all(|(a, b)| a.abs_diff(*b) < 12), "JPEG loses little");
+}

@@ -1,0 +1,210 @@
+//! `specula view`: a scene in a browser. A thread renders what clients ask for, one picture after the other; a server
+//! hands them the page and the pictures. What a client looks at is known to the client alone, so they do not disturb
+//! each other.
+
+mod album;
+mod guard;
+mod lights;
+pub(crate) mod live;
+mod queue;
+mod request;
+mod server;
+mod studio;
+
+use crate::{
+    args::{MachineOptions, Train, View},
+    background::Background,
+    dataset,
+    failure::Failure,
+    interrupt,
+    look::{Surroundings, own_cameras},
+    output,
+    pictures::Layer,
+    progress::Talk,
+    scene::{Opened, Scene},
+};
+pub(crate) use album::Source;
+use album::{Album, camera_facts};
+use core::net::SocketAddr;
+use guard::Guard;
+use lights::Lights;
+use live::Live;
+use queue::Queue;
+use serde_json::{Value, json};
+use server::{Job, Site};
+use specula_io::cameras::NamedCamera;
+use std::{
+    path::PathBuf,
+    sync::Arc,
+    thread::{self, JoinHandle},
+};
+use studio::Studio;
+use tokio::{net::TcpListener, runtime::Runtime};
+
+/// Where the page is served if nothing else is said.
+pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
+
+/// Serves the page until Ctrl-C.
+pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
+    let opened = Opened::open(&args.scene, args.profile)?;
+    opened.scene.note_left_out(talk);
+    let background = opened.background(args.background);
+    let name = name_of(&args.scene);
+    let shown = Shown {
+        name,
+        known: own_cameras(&opened)?.unwrap_or_default(),
+        held_out: held_out(&opened),
+        source: source_of(&opened),
+        scene: opened.scene,
+        background,
+        live: None,
+    };
+    let place = Place { address: args.listen, token: args.token.clone() };
+    let machine = args.machine.clone();
+    let Stage { site, lights, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
+    for env in &args.env {
+        lights.add(env, &name_of(env), args.env_up, talk)?;
+    }
+    interrupt::watch()?;
+    announce(&listener, &site)?;
+    talk.note(match args.listen.ip().is_unspecified() {
+        true => "open it in a browser, with this machine's name or address in place of the zeros; Ctrl-C ends it",
+        false => "open it in a browser; Ctrl-C ends it",
+    });
+    runtime.block_on(server::serve(listener, site))
+}
+
+/// What is shown, and what is known about it.
+#[derive(Debug)]
+pub(crate) struct Shown {
+    pub(crate) name: String,
+    pub(crate) scene: Scene,
+    /// Views, those that were held out first, and how many those are.
+    pub(crate) known: Vec<NamedCamera>,
+    pub(crate) held_out: usize,
+    pub(crate) source: Option<Source>,
+    pub(crate) background: Background,
+    /// The training that it is of, if it is going on.
+    pub(crate) live: Option<Arc<Live>>,
+}
+
+/// Where a page is served, and the token that is asked for.
+#[derive(Clone, Debug)]
+pub(crate) struct Place {
+    address: SocketAddr,
+    token: Option<String>,
+}
+
+/// Everything that it takes to serve a page.
+struct Stage {
+    site: Arc<Site>,
+    lights: Arc<Lights>,
+    runtime: Runtime,
+    listener: TcpListener,
+}
+
+impl Stage {
+    /// Takes the address first, so that nothing is rendered in vain, and starts the thread that renders.
+    fn new(shown: Shown, place: &Place, machine: MachineOptions, talk: Talk) -> Result<Self, Failure> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(|error| Failure::Internal(format!("cannot serve: {error}")))?;
+        let listener = runtime.block_on(server::listen(place.address))?;
+        let guard = Guard::new(place.address.ip(), place.token.as_deref())?;
+
+        let Shown { name, scene, known, held_out, source, background, live } = shown;
+        let Surroundings { known, start, centre, up } = Surroundings::of(&scene.gaussians, known);
+        let album = Album::new(known, held_out, source);
+        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
+        let facts = json!({
+            "name": name,
+            "gaussians": scene.gaussians.count,
+            "shaded": scene.gaussians.layout.is_shaded(),
+            "layers": layers(&scene, &album),
+            "views": album.facts(),
+            "start": camera_facts(&start),
+            "centre": centre.to_array(),
+            "up": up.to_array(),
+            "background": background.0,
+            "pixels_max": request::PIXELS_MAX,
+        });
+        let studio = Studio::new(scene, lights.clone(), album, background, start.near, machine, talk)?;
+        let queue = Arc::new(Queue::new());
+        spawn_renderer(studio, queue.clone(), live.clone());
+        let site = Arc::new(Site { guard, queue, lights: lights.clone(), facts, live, talk });
+        Ok(Self { site, lights, runtime, listener })
+    }
+}
+
+/// The layers that can be shown.
+fn layers(scene: &Scene, album: &Album) -> Vec<Value> {
+    let is_shaded = scene.gaussians.layout.is_shaded();
+    let layers = Layer::expanded(&[Layer::All]).into_iter().filter(|layer| is_shaded || !layer.is_of_shading());
+    let error = album.has_photographs().then(|| request::ERROR.into());
+    layers.map(|layer| layer.name().into()).chain(error).collect()
+}
+
+/// Renders what is asked for, one picture after the other.
+fn spawn_renderer(mut studio: Studio, queue: Arc<Queue<Job>>, live: Option<Arc<Live>>) -> JoinHandle<()> {
+    /// However the thread ends, nobody waits for it any more.
+    struct Closing(Arc<Queue<Job>>);
+    impl Drop for Closing {
+        fn drop(&mut self) {
+            self.0.close();
+        }
+    }
+    thread::spawn(move || {
+        let closing = Closing(queue);
+        studio.warm_up();
+        while let Some(Job { ask, reply }) = closing.0.next() {
+            // Who went away wants no picture.
+            if reply.is_closed() {
+                continue;
+            }
+            let latest = live.as_ref().and_then(|live| live.take());
+            let shot = latest.map_or(Ok(()), |scene| studio.put(scene)).and_then(|()| studio.shoot(&ask));
+            // The same, while it was made.
+            let _ = reply.send(shot);
+        }
+    })
+}
+
+/// Says where the page is.
+fn announce(listener: &TcpListener, site: &Site) -> Result<(), Failure> {
+    let address = listener.local_addr().map_err(|error| Failure::Internal(format!("no address: {error}")))?;
+    let token = site.guard.token().map_or(String::new(), |token| format!("#token={token}"));
+    output::say(&format!("http://{address}/{token}"))
+}
+
+/// Shows a training while it goes on, in threads of their own.
+pub(crate) fn watch(args: &Train, shown: Shown, talk: Talk) -> Result<(), Failure> {
+    let Some(address) = args.watch.view else { return Ok(()) };
+    let place = Place { address, token: args.watch.token.clone() };
+    let machine = MachineOptions::in_full(&args.executor);
+    let Stage { site, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
+    announce(&listener, &site)?;
+    thread::spawn(move || {
+        if let Err(failure) = runtime.block_on(server::serve(listener, site)) {
+            talk.note(&format!("{failure}; the training goes on unwatched"));
+        }
+    });
+    Ok(())
+}
+
+/// What a file or a folder is called.
+fn name_of(path: &std::path::Path) -> String {
+    let absolute = PathBuf::from(output::absolute(path));
+    absolute.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn held_out(opened: &Opened) -> usize {
+    let count = opened.info.as_ref().and_then(|info| info.rest.get("test_views")?.as_u64());
+    count.unwrap_or(0) as usize
+}
+
+/// The photographs of a model, if the data set of its training is still there.
+fn source_of(opened: &Opened) -> Option<Source> {
+    let info = opened.info.as_ref()?;
+    let options = dataset::options_of(info);
+    let folder = PathBuf::from(&info.source_path);
+    folder.is_dir().then_some(Source { folder, options })
+}

@@ -1,0 +1,111 @@
+// Which light the scene is under, turned and made brighter; new ones are opened, or dropped onto the page.
+
+export class Light {
+  constructor(server, changed, say) {
+    Object.assign(this, { server, changed, say, id: 0, turn: 0, stops: 0 });
+    const element = (id) => document.getElementById(id);
+    [this.choice, this.panorama, this.file] = ["lights", "panorama", "light-file"].map(element);
+    [this.turnInput, this.stopsInput] = ["turn", "stops"].map(element);
+    element("light").hidden = !server.scene.shaded;
+    server.scene.lights.forEach((light) => this.offer(light));
+    this.choice.addEventListener("change", () => this.choose(Number(this.choice.value)));
+    element("open-light").addEventListener("click", () => this.file.click());
+    this.file.addEventListener("change", () => this.bring([...this.file.files]));
+    this.turnInput.addEventListener("input", () => this.set({ turn: Number(this.turnInput.value) }));
+    this.stopsInput.addEventListener("input", () => this.set({ stops: Number(this.stopsInput.value) }));
+    this.takeDrags();
+    this.takeDrops();
+    if (server.scene.shaded && server.scene.lights.length > 0) this.choose(server.scene.lights[0].id);
+  }
+
+  /** The words of a query. */
+  words() {
+    const { id: light, turn, stops } = this;
+    return { light, turn, stops };
+  }
+
+  offer({ id, name }) {
+    this.choice.add(new Option(name, id));
+  }
+
+  choose(id) {
+    this.id = id;
+    this.choice.value = id;
+    this.look();
+    this.set({});
+  }
+
+  /** Shows what the light looks like now. */
+  look() {
+    this.server
+      .get("light", { light: this.id })
+      .then((response) => response.blob())
+      .then((blob) => {
+        URL.revokeObjectURL(this.url);
+        this.url = URL.createObjectURL(blob);
+        this.panorama.style.backgroundImage = `url(${this.url})`;
+      })
+      .catch(() => (this.panorama.style.backgroundImage = "none"));
+  }
+
+  /** Another turn in degrees, or exposure in stops. */
+  set({ turn = this.turn, stops = this.stops }) {
+    this.turn = ((((turn + 180) % 360) + 360) % 360) - 180;
+    this.stops = Math.min(Math.max(stops, -4), 4);
+    this.turnInput.value = this.turn;
+    this.stopsInput.value = this.stops;
+    document.getElementById("turn-told").value = `${Math.round(this.turn)}°`;
+    document.getElementById("stops-told").value = this.stops > 0 ? `+${this.stops}` : this.stops;
+    this.panorama.style.filter = `brightness(${2 ** (this.stops / 2.2)})`;
+    this.place();
+    this.changed();
+  }
+
+  /** Puts the panorama where it is turned to; what is to the left of it is counterclockwise, seen from above. */
+  place() {
+    this.panorama.style.backgroundPositionX = `${(-this.turn / 360) * this.panorama.clientWidth}px`;
+  }
+
+  takeDrags() {
+    const { panorama } = this;
+    panorama.addEventListener("pointerdown", (event) => panorama.setPointerCapture(event.pointerId));
+    panorama.addEventListener("pointermove", (event) => {
+      if (!panorama.hasPointerCapture(event.pointerId)) return;
+      this.set({ turn: Math.round(this.turn - (360 * event.movementX) / panorama.clientWidth) });
+    });
+  }
+
+  takeDrops() {
+    const holdsFiles = (event) => event.dataTransfer?.types.includes("Files");
+    const mark = (isOver) => document.body.classList.toggle("dropping", isOver);
+    window.addEventListener("dragover", (event) => {
+      if (!holdsFiles(event)) return;
+      event.preventDefault();
+      mark(true);
+    });
+    window.addEventListener("dragleave", (event) => event.relatedTarget === null && mark(false));
+    window.addEventListener("drop", (event) => {
+      event.preventDefault();
+      mark(false);
+      this.bring([...event.dataTransfer.files]);
+    });
+  }
+
+  /** Sends files to the server, and shows the scene under the last of them. */
+  async bring(files) {
+    for (const file of files) {
+      this.say(`reading ${file.name} …`, "note");
+      try {
+        const up = document.getElementById("y-up").checked ? "y" : "z";
+        const response = await this.server.post("light", { name: file.name, up }, file);
+        const light = await response.json();
+        this.offer(light);
+        this.choose(light.id);
+        this.say("");
+      } catch (error) {
+        this.say(error.message);
+      }
+    }
+    this.file.value = "";
+  }
+}

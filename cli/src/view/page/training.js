@@ -1,0 +1,89 @@
+// A training that is going on: how far it has come, its curves, pause and single steps.
+
+/** Between two looks, in milliseconds, and between two at the light. */
+const PATIENCE = 700;
+const PATIENCE_FOR_LIGHT = 5000;
+
+export class Training {
+  constructor(server, stream, light, say) {
+    Object.assign(this, { server, stream, light, say, lightSeen: 0 });
+    const element = (id) => document.getElementById(id);
+    [this.section, this.progress, this.curve, this.button] = ["training", "progress", "curve", "pause"].map(element);
+    if (!server.scene.live) return;
+    this.section.hidden = false;
+    this.button.addEventListener("click", () => this.toggle());
+    for (const button of this.section.querySelectorAll("[data-steps]")) {
+      button.addEventListener("click", () => this.steer({ do: "step", steps: button.dataset.steps }));
+    }
+    this.look();
+  }
+
+  toggle() {
+    if (this.server.scene.live) this.steer({ do: this.isPaused ? "go" : "pause" });
+  }
+
+  async steer(words) {
+    try {
+      this.show(await (await this.server.post("training", words)).json());
+    } catch (error) {
+      this.say(error.message);
+    }
+  }
+
+  async look() {
+    try {
+      this.show(await (await this.server.get("training", {})).json());
+    } catch {
+      this.progress.textContent = "The training has ended; specula view shows what it came to.";
+    }
+    setTimeout(() => this.look(), PATIENCE);
+  }
+
+  show(report) {
+    const { iteration, iterations, seconds, psnr, gaussians, paused, curve } = report;
+    this.isPaused = paused;
+    this.button.textContent = paused ? "Go on" : "Pause";
+    this.button.classList.toggle("on", paused);
+    const quality = psnr === null ? "" : `, PSNR ${psnr.toFixed(2)} dB`;
+    this.progress.textContent =
+      `${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
+    this.progress.dataset.iteration = iteration;
+    this.draw(curve, iterations);
+    // A picture that is on its way is waited for, however long it takes.
+    if (iteration === this.iteration || !this.stream.isIdle) return;
+    this.iteration = iteration;
+    this.stream.change(false);
+    const now = performance.now();
+    if (now - this.lightSeen < PATIENCE_FOR_LIGHT || !this.server.scene.shaded) return;
+    this.lightSeen = now;
+    this.light.look();
+  }
+
+  /** PSNR and the number of Gaussians over the iterations, each in its own range. */
+  draw(curve, iterations) {
+    const { curve: canvas } = this;
+    const density = Math.min(window.devicePixelRatio || 1, 2);
+    const [width, height] = [canvas.clientWidth * density, canvas.clientHeight * density];
+    [canvas.width, canvas.height] = [width, height];
+    const context = canvas.getContext("2d");
+    context.font = `${11 * density}px system-ui, sans-serif`;
+    const rows = [
+      { values: curve.psnr, color: "#e0a458", unit: " dB", digits: 1 },
+      { values: curve.gaussians, color: "#7fa8c9", unit: " Gaussians", digits: 0 },
+    ];
+    const margin = 16 * density;
+    rows.forEach(({ values, color, unit, digits }, row) => {
+      const known = values.filter((value) => value !== null);
+      if (known.length === 0) return;
+      const [least, most] = [Math.min(...known), Math.max(...known)];
+      const y = (value) => height - 2 - (height - margin - 4) * ((value - least) / (most - least || 1));
+      [context.strokeStyle, context.fillStyle, context.lineWidth] = [color, color, 1.5 * density];
+      context.beginPath();
+      values.forEach((value, k) => value !== null && context.lineTo((width * curve.iteration[k]) / iterations, y(value)));
+      context.stroke();
+      context.textAlign = row === 0 ? "left" : "right";
+      const told = [least, most].map((value) => value.toFixed(digits)).join(" – ");
+      context.fillText(told + unit, row === 0 ? 0 : width, margin - 5 * density);
+    });
+  }
+}

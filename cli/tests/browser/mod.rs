@@ -1,0 +1,192 @@
+//! A real browser, asked over its DevTools protocol what it shows.
+
+use core::{cell::RefCell, time::Duration};
+use serde_json::{Value, json};
+use std::{
+    io::{BufRead, BufReader},
+    net::TcpStream,
+    process::{Child, Command, Stdio},
+    thread::sleep,
+    time::Instant,
+};
+use tempfile::TempDir;
+use tungstenite::{Message, WebSocket, client};
+
+/// Names of browsers that speak the protocol.
+const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
+/// How long a page may take for anything.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A browser without a window, which ends when it is dropped.
+pub(crate) struct Browser {
+    child: Child,
+    socket: RefCell<(WebSocket<TcpStream>, u64)>,
+    _profile: TempDir,
+}
+
+impl Browser {
+    /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none.
+    pub(crate) fn start() -> Option<Self> {
+        let named = std::env::var("SPECULA_BROWSER").ok();
+        let name = named.or_else(|| NAMES.into_iter().find(|name| is_there(name)).map(str::to_owned))?;
+        let profile = tempfile::tempdir().unwrap();
+        let mut command = Command::new(name);
+        command.args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]);
+        command.args(["--force-color-profile=srgb", "--remote-debugging-port=0", "about:blank"]);
+        command.arg(format!("--user-data-dir={}", profile.path().display()));
+        command.env("XDG_RUNTIME_DIR", profile.path()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("the browser starts");
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let url = lines.find_map(|line| Some(line.ok()?.split_once("listening on ")?.1.to_owned()));
+        let url = url.expect("the browser says where it listens");
+        // Whatever else it says is read, so that it never waits.
+        std::thread::spawn(move || lines.for_each(drop));
+        let address = url.trim_start_matches("ws://").split('/').next().unwrap();
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (socket, _) = client(&url, stream).unwrap();
+        Some(Self { child, socket: RefCell::new((socket, 0)), _profile: profile })
+    }
+
+    /// A page of this size, in a profile of its own.
+    pub(crate) fn open(&self, url: &str, [width, height]: [u32; 2]) -> Page<'_> {
+        let context = self.call(None, "Target.createBrowserContext", json!({}))["browserContextId"].clone();
+        let about = json!({"url": "about:blank", "browserContextId": context});
+        let target = self.call(None, "Target.createTarget", about)["targetId"].clone();
+        let attached = self.call(None, "Target.attachToTarget", json!({"targetId": target, "flatten": true}));
+        let page = Page { browser: self, session: attached["sessionId"].as_str().unwrap().to_owned(), target };
+        page.resize([width, height], false);
+        page.call("Page.enable", json!({}));
+        page.go(url);
+        page
+    }
+
+    fn call(&self, session: Option<&str>, method: &str, params: Value) -> Value {
+        self.asked(session, method, params).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// What the browser answers, or why it does not.
+    fn asked(&self, session: Option<&str>, method: &str, params: Value) -> Result<Value, Value> {
+        let (socket, count) = &mut *self.socket.borrow_mut();
+        *count += 1;
+        let mut message = json!({"id": *count, "method": method, "params": params});
+        if let Some(session) = session {
+            message["sessionId"] = session.into();
+        }
+        socket.send(Message::text(message.to_string())).unwrap();
+        loop {
+            let Message::Text(text) = socket.read().unwrap_or_else(|error| panic!("{method}: {error}")) else {
+                continue;
+            };
+            let answer: Value = serde_json::from_str(&text).unwrap();
+            if answer["id"] == *count {
+                return if answer["error"].is_null() {
+                    Ok(answer["result"].clone())
+                } else {
+                    Err(answer["error"].clone())
+                };
+            }
+        }
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn is_there(name: &str) -> bool {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&path).any(|folder| folder.join(name).is_file())
+}
+
+/// A page that a browser shows.
+pub(crate) struct Page<'a> {
+    browser: &'a Browser,
+    session: String,
+    target: Value,
+}
+
+impl Page<'_> {
+    fn call(&self, method: &str, params: Value) -> Value {
+        self.browser.call(Some(&self.session), method, params)
+    }
+
+    /// Shows another address.
+    pub(crate) fn go(&self, url: &str) {
+        self.call("Page.navigate", json!({"url": url}));
+    }
+
+    /// As large as this, as on a phone if it is one.
+    pub(crate) fn resize(&self, [width, height]: [u32; 2], is_phone: bool) {
+        let size = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": is_phone});
+        self.call("Emulation.setDeviceMetricsOverride", size);
+        self.call("Emulation.setTouchEmulationEnabled", json!({"enabled": is_phone}));
+    }
+
+    /// What an expression comes to; a promise is waited for.
+    pub(crate) fn eval(&self, expression: &str) -> Value {
+        self.try_eval(expression).unwrap_or_else(|error| panic!("{expression}: {error}"))
+    }
+
+    /// The same, where a page may be on its way to another.
+    fn try_eval(&self, expression: &str) -> Result<Value, Value> {
+        let asked = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
+        let answer = self.browser.asked(Some(&self.session), "Runtime.evaluate", asked)?;
+        let exception = &answer["exceptionDetails"];
+        if exception.is_null() { Ok(answer["result"]["value"].clone()) } else { Err(exception.clone()) }
+    }
+
+    /// Waits until an expression holds.
+    pub(crate) fn wait(&self, expression: &str) {
+        let start = Instant::now();
+        while self.eval(expression) != true {
+            let said =
+                || self.eval("document.getElementById('message')?.textContent + ' | ' + document.body?.innerText");
+            assert!(start.elapsed() < PATIENCE, "{expression} does not come true; the page says: {}", said());
+            sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Presses, moves and releases the mouse.
+    pub(crate) fn drag(&self, from: [f64; 2], to: [f64; 2]) {
+        const STEPS: u32 = 6;
+        let mouse = |kind: &str, [x, y]: [f64; 2], buttons: u32| {
+            let event = json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1});
+            self.call("Input.dispatchMouseEvent", event);
+        };
+        mouse("mousePressed", from, 1);
+        for step in 1..=STEPS {
+            let share = f64::from(step) / f64::from(STEPS);
+            mouse("mouseMoved", [0, 1].map(|k| from[k] + share * (to[k] - from[k])), 1);
+        }
+        mouse("mouseReleased", to, 0);
+    }
+
+    /// A finger that goes from one place to another.
+    pub(crate) fn swipe(&self, from: [f64; 2], to: [f64; 2]) {
+        let touch = |kind: &str, points: Value| {
+            self.call("Input.dispatchTouchEvent", json!({"type": kind, "touchPoints": points}));
+        };
+        touch("touchStart", json!([{"x": from[0], "y": from[1]}]));
+        touch("touchMove", json!([{"x": to[0], "y": to[1]}]));
+        touch("touchEnd", json!([]));
+    }
+
+    /// Presses a key that is a character.
+    pub(crate) fn press(&self, key: &str) {
+        for kind in ["keyDown", "keyUp"] {
+            self.call(
+                "Input.dispatchKeyEvent",
+                json!({"type": kind, "key": key, "text": if kind == "keyDown" { key } else { "" }}),
+            );
+        }
+    }
+
+    /// Closes it, whatever it waits for.
+    pub(crate) fn close(self) {
+        self.browser.call(None, "Target.closeTarget", json!({"targetId": self.target}));
+    }
+}

@@ -1,0 +1,514 @@
+//! The page of `specula view`: what is served, to whom, and what a real browser makes of it.
+
+mod browser;
+mod site;
+mod tiny;
+
+use assert_cmd::cargo::cargo_bin;
+use browser::{Browser, Page};
+use core::time::Duration;
+use image::RgbImage;
+use serde_json::json;
+use site::{Answer, Site, request, sent};
+use specula_io::{
+    latlong::{self, LatLong},
+    model_folder::{gaussians_at, light_at},
+};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+    thread,
+    time::Instant,
+};
+use tiny::{Tiny, specula, train};
+
+/// A query for a picture of a pose from which the scene is seen.
+const POSE: &str = "eye=4,0,1.5&look=-4,0,-1.5&up=0,0,1&angle=40&size=48,40";
+
+fn trained(tiny: &Tiny) -> PathBuf {
+    train(tiny, "model").args(["--eval", "--quiet"]).assert().success();
+    tiny.path("model")
+}
+
+/// A picture that the program writes of a view.
+fn rendered(tiny: &Tiny, model: &Path, words: &[&str], name: &str) -> RgbImage {
+    let out = tiny.path("pictures");
+    let mut command = specula();
+    command.arg("render").arg(model).arg("-o").arg(&out).args(["--executor", "cpu", "--quiet"]).args(words);
+    command.assert().success();
+    image::open(out.join(name)).unwrap().to_rgb8()
+}
+
+/// A light that is bright on one side.
+fn sky(tiny: &Tiny) -> Vec<u8> {
+    let path = tiny.path("sky.hdr");
+    let rgb = (0..32 * 16).flat_map(|k| if k % 32 < 8 { [8.0, 4.0, 1.0] } else { [0.02; 3] }).collect();
+    latlong::write(&path, &LatLong { width: 32, height: 16, rgb }).unwrap();
+    fs::read(path).unwrap()
+}
+
+#[test]
+fn pictures_are_those_that_render_writes() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let site = Site::of(&model, &["--quiet"]);
+    let scene = site.get("/scene").json();
+    assert_eq!((&scene["name"], &scene["gaussians"], &scene["shaded"]), (&json!("model"), &json!(200), &json!(true)));
+    assert_eq!((scene["views"].as_array().unwrap().len(), &scene["views"][0]["held_out"]), (11, &json!(true)));
+    for layer in ["rgb", "normal", "depth", "alpha", "specular", "roughness"] {
+        let expected = rendered(&tiny, &model, &["--layers", layer], &format!("{layer}/00001.png"));
+        let shown = site.get(&format!("/frame?view=1&size=32,32&layer={layer}"));
+        assert!(shown.head.to_lowercase().contains("x-view: r_1"), "{}", shown.head);
+        assert_eq!(shown.picture(), expected, "{layer}");
+    }
+    let expected = rendered(&tiny, &model, &["--layers", "rgb", "--size", "48,48"], "rgb/00001.png");
+    assert_eq!(site.get("/frame?view=1&size=48,80").picture(), expected, "as large as fits");
+    let jpeg = site.get(&format!("/frame?{POSE}&format=jpeg&quality=90"));
+    assert!(jpeg.head.contains("image/jpeg") && jpeg.picture().dimensions() == (48, 40), "{}", jpeg.head);
+}
+
+#[test]
+fn errors_are_those_of_the_nearest_view() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let site = Site::of(&model, &["--quiet"]);
+    let view = site.get("/scene").json()["views"][5].clone();
+    let list = |value: &serde_json::Value| {
+        let numbers = value.as_array().unwrap().iter();
+        numbers.map(ToString::to_string).collect::<Vec<_>>().join(",")
+    };
+    let [eye, look, up] = ["eye", "look", "up"].map(|name| list(&view[name]));
+    let answer = site.get(&format!("/frame?eye={eye}&look={look}&up={up}&angle=50&size=32,32&layer=error"));
+    let head = answer.head.to_lowercase();
+    assert!(head.contains(&format!("x-view: {}", view["name"].as_str().unwrap())), "{head}");
+    let told: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
+    assert!((5.0..60.0).contains(&told), "PSNR {told}");
+    assert_eq!(answer.picture().dimensions(), (32, 32));
+
+    // Held-out views are measured as `eval` does it.
+    let report = specula().arg("eval").arg(&model).args(["--json", "--executor", "cpu"]).output().unwrap().stdout;
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let head = site.get("/frame?view=2&size=32,32&layer=error").head.to_lowercase();
+    let told: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
+    assert!((told - report["views"][2]["PSNR"].as_f64().unwrap()).abs() < 0.006, "{told}: {report}");
+
+    fs::remove_dir_all(tiny.data()).unwrap();
+    let gone = site.get("/frame?view=3&size=32,32&layer=error");
+    assert!(gone.status == 400 && gone.text().contains("data"), "{}", gone.text());
+}
+
+#[test]
+fn bad_requests_are_refused_in_a_sentence() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    let cases = [
+        ("/frame", "missing"),
+        ("/frame?view=0&size=5000,5", "size"),
+        ("/frame?view=0&size=4000,4000", "pixels"),
+        ("/frame?view=99&size=32,32", "view 99"),
+        ("/frame?view=0&size=32,32&layer=colour", "colour"),
+        ("/frame?view=0&size=32,32&light=7", "light 7"),
+        ("/frame?view=0&size=32,32&format=gif", "format"),
+        ("/frame?eye=1,2,3&look=0,0,1&up=0,0,1&angle=40&size=32,32", "parallel"),
+        ("/light?light=x", "light"),
+    ];
+    for (path, word) in cases {
+        let answer = site.get(path);
+        let text = answer.text();
+        assert!(answer.status == 400 && text.contains(word) && text.lines().count() == 1, "{path}: {answer:?}");
+    }
+    assert_eq!(site.get("/nothing").status, 404);
+    assert_eq!(site.get("/training").status, 404, "nothing is trained");
+    let uploads: [(&str, &[u8], &str); 4] = [
+        ("/light?name=sky.png", b"", ".hdr or .exr"),
+        ("/light?name=sky.hdr", b"no light", "sky.hdr"),
+        ("/light?name=../../sky.exr", b"no light", "sky.exr"),
+        ("/light?name=sky.hdr&up=x", b"", "y or z"),
+    ];
+    for (path, body, word) in uploads {
+        let answer = site.post(path, body);
+        assert!(answer.status == 400 && answer.text().contains(word), "{path}: {}", answer.text());
+    }
+    // Who sends too much may find the connection closed before it has read why.
+    let status = site.post("/light?name=sky.hdr", &vec![0; (64 << 20) + 1]).status;
+    assert!(status == 413 || status == 0, "{status}");
+    assert_eq!(site.get(&format!("/frame?{POSE}")).status, 200, "it still answers");
+}
+
+#[test]
+fn who_may_not_ask_is_not_answered() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let here = Site::of(&model, &["--quiet"]);
+    let page = here.get("/");
+    assert!(page.status == 200 && page.head.contains("default-src 'self'"), "{}", page.head);
+    for headers in [[("host", "evil.example")], [("origin", "http://evil.example")], [("sec-fetch-site", "cross-site")]]
+    {
+        assert_eq!(here.get_as("/scene", &headers).status, 403, "{headers:?}");
+    }
+    let posted = request(here.port, "POST", "/light?name=a.hdr", &[("origin", "http://evil.example")], b"x");
+    assert_eq!(posted.status, 403, "nothing comes in from elsewhere");
+
+    let anywhere = Site::of(&model, &["--quiet", "--listen", "0.0.0.0:0"]);
+    let (_, token) = anywhere.url.split_once("#token=").expect("a token is part of the address");
+    let elsewhere = ("host", "192.168.0.2:7008");
+    assert_eq!(anywhere.get_as("/", &[elsewhere]).status, 200, "the page holds nothing");
+    for path in ["/scene", "/frame", "/light", "/training"] {
+        assert_eq!(anywhere.get_as(path, &[elsewhere]).status, 401, "{path}");
+        assert_eq!(anywhere.get_as(path, &[elsewhere, ("x-specula-token", "0000")]).status, 401, "{path}");
+    }
+    assert_eq!(anywhere.get_as("/scene", &[elsewhere, ("x-specula-token", token)]).status, 200);
+}
+
+#[test]
+fn clients_look_at_what_they_like_and_go_when_they_like() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let site = Site::of(&model, &["--quiet"]);
+    let added = site.post("/light?name=sky.hdr", &sky(&tiny)).json();
+    assert_eq!(added, json!({"id": 1, "name": "sky"}));
+    let paths = ["", "&light=1", "&light=1&turn=90", "&light=1&stops=2", "&layer=normal"]
+        .map(|more| format!("/frame?view=0&size=32,32{more}"));
+    let alone: Vec<Vec<u8>> = paths.iter().map(|path| site.get(path).body).collect();
+    for (index, picture) in alone.iter().enumerate() {
+        assert!(alone[..index].iter().all(|other| other != picture), "{} looks like another", paths[index]);
+    }
+    let expected = {
+        let env = tiny.path("sky.hdr").display().to_string();
+        rendered(&tiny, &model, &["--layers", "rgb", "--env", &env], "rgb/00000.png")
+    };
+    assert_eq!(image::load_from_memory(&alone[1]).unwrap().to_rgb8(), expected, "as `render --env` has it");
+
+    // All at once, while others ask for much and do not wait for it.
+    thread::scope(|scope| {
+        for _ in 0..8 {
+            drop(sent(site.port, "GET", "/frame?view=0&size=2000,2000&layer=light", &[], &[]));
+        }
+        for (path, expected) in paths.iter().zip(&alone) {
+            let site = &site;
+            scope.spawn(move || {
+                for _ in 0..3 {
+                    assert!(site.get(path).body == *expected, "{path} is another picture in company");
+                }
+            });
+        }
+    });
+}
+
+#[cfg(unix)]
+#[test]
+fn it_ends_when_it_is_asked_to() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    // A connection that is kept open holds nothing up.
+    let _open = std::net::TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+    Command::new("kill").args(["-INT", &site.id().to_string()]).status().unwrap();
+    let start = Instant::now();
+    assert_eq!(site.ended(), Some(0));
+    assert!(start.elapsed() < Duration::from_secs(5), "it took {:?}", start.elapsed());
+}
+
+#[test]
+fn an_address_that_is_taken_is_said() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = specula().arg("view").arg(&model).args(["--listen", &address]).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && said.contains(&address) && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn a_plain_scene_has_no_light() {
+    let tiny = Tiny::new();
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("plain"));
+    command.args(["--profile", "3dgs", "--iterations", "20", "--random-points", "100", "--quiet"]).assert().success();
+    let site = Site::of(&tiny.path("plain"), &["--quiet"]);
+    assert_eq!(site.get("/scene").json()["layers"], json!(["rgb", "normal", "depth", "alpha", "error"]));
+    assert_eq!(site.get(&format!("/frame?{POSE}")).status, 200);
+    assert_eq!(site.get(&format!("/frame?{POSE}&layer=tint")).status, 400);
+    assert_eq!(site.post("/light?name=sky.hdr", &sky(&tiny)).status, 400);
+}
+
+/// Steps of a training that is watched: enough to be paused on the way.
+const STEPS: u32 = 400;
+
+/// What a training leaves: Gaussians and light, to the last bit.
+fn learned(model: &Path) -> [Vec<u8>; 2] {
+    [gaussians_at(model, STEPS), light_at(model, STEPS)].map(|path| fs::read(path).unwrap())
+}
+
+/// A training in which Gaussians come and go.
+fn training(tiny: &Tiny, model: &str) -> Command {
+    let mut command = Command::new(cargo_bin!("specula"));
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model));
+    command.args([
+        "--iterations",
+        &STEPS.to_string(),
+        "--random-points",
+        "200",
+        "--light-resolution",
+        "16",
+        "--executor",
+        "cpu",
+    ]);
+    command.args(["--densification-interval", "10", "--densify-from-iter", "10", "--max-gaussians", "400"]);
+    command
+}
+
+#[test]
+fn a_training_that_is_watched_comes_to_the_same_bits() {
+    let tiny = Tiny::new();
+    assert!(training(&tiny, "alone").arg("--quiet").status().unwrap().success());
+
+    let mut command = training(&tiny, "watched");
+    command.args(["--view", "0", "--quiet"]);
+    let site = Site::started(command);
+    let frame = || site.get("/frame?view=0&size=32,32");
+    let iteration = |answer: &Answer| -> u64 {
+        let head = answer.head.to_lowercase();
+        head.lines().find_map(|line| line.strip_prefix("x-iteration: ")).unwrap().parse().unwrap()
+    };
+    let paused = site.post("/training?do=pause", &[]).json();
+    assert_eq!((&paused["paused"], &paused["iterations"]), (&json!(true), &json!(STEPS)));
+    let settled = |steps: &str| {
+        let before = site.post(&format!("/training?do=step&steps={steps}"), &[]).json();
+        let start = Instant::now();
+        loop {
+            let now = site.get("/training").json();
+            if now["paused"] == true || start.elapsed() > Duration::from_secs(20) {
+                return (before["iteration"].as_u64().unwrap(), now["iteration"].as_u64().unwrap());
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+    };
+    let (_, start) = settled("0");
+    assert!(start < u64::from(STEPS) / 2, "it was paused in time");
+    let mut pictures = vec![frame().body];
+    for steps in [1, 7] {
+        settled(&steps.to_string());
+        let asked = Instant::now();
+        while iteration(&frame()) < start + steps && asked.elapsed() < Duration::from_secs(20) {
+            thread::sleep(Duration::from_millis(50));
+        }
+        pictures.push(frame().body);
+    }
+    assert!(pictures[0] != pictures[2], "the picture follows the training");
+    let report = site.get("/training").json();
+    assert!(report["curve"]["iteration"].as_array().unwrap().len() as u64 >= start + 8, "{report}");
+    site.post("/training?do=go", &[]);
+    assert_eq!(site.ended(), Some(0), "it comes to its end");
+    assert!(learned(&tiny.path("alone")) == learned(&tiny.path("watched")), "the models differ");
+}
+
+/// Pixels along an edge of the window in which the browser shows the page.
+const WINDOW: u32 = 320;
+/// Whether a whole picture is shown, and nothing is on the way.
+const STILL: &str = "document.getElementById('picture')?.dataset.still === 'true'";
+/// Red, green, blue of all that is shown, as text.
+const PIXELS: &str = "(() => {
+  const canvas = document.getElementById('picture');
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  return JSON.stringify([canvas.width, canvas.height, Array.from(data).filter((_, k) => k % 4 < 3)]);
+})()";
+
+/// What a page shows once it rests.
+fn shown(page: &Page<'_>) -> RgbImage {
+    page.wait(STILL);
+    let text = page.eval(PIXELS);
+    let (width, height, bytes) = serde_json::from_str(text.as_str().unwrap()).unwrap();
+    RgbImage::from_raw(width, height, bytes).unwrap()
+}
+
+/// The share of the numbers of two pictures that differ by more than a few steps.
+fn share_that_differs(one: &RgbImage, other: &RgbImage) -> f64 {
+    assert_eq!(one.dimensions(), other.dimensions(), "the window is the same");
+    let differing = one.as_raw().iter().zip(other.as_raw()).filter(|(a, b)| a.abs_diff(**b) > 4).count();
+    differing as f64 / one.as_raw().len() as f64
+}
+
+fn is_same(one: &RgbImage, other: &RgbImage) -> bool {
+    share_that_differs(one, other) == 0.0
+}
+
+#[test]
+fn a_browser_shows_turns_and_relights_the_scene() {
+    let Some(browser) = Browser::start() else {
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "CI needs a browser: install chromium, or name one in SPECULA_BROWSER"
+        );
+        return eprintln!("NOT TESTED, because there is no chromium on the path, nor one that SPECULA_BROWSER names");
+    };
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let site = Site::of(&model, &["--quiet"]);
+    let page = browser.open(&site.url, [WINDOW; 2]);
+    let size = format!("{WINDOW},{WINDOW}");
+    let first = shown(&page);
+    let expected = rendered(&tiny, &model, &["--layers", "rgb", "--size", &size], "rgb/00000.png");
+    assert!(is_same(&first, &expected), "the page shows the first view as `render` writes it");
+
+    dragging_turns_it(&page, &first);
+    dropping_a_light_changes_it(&page, &first, &sky(&tiny));
+    layers_are_chosen_by_key(&page, &tiny, &model);
+    a_path_is_saved(&page);
+    two_clients_do_not_disturb_each_other(&browser, &page, &site);
+    a_phone_shows_it(&browser, &site);
+    nothing_is_asked_for_from_outside(&page, &site);
+    the_token_is_needed_and_found(&browser, &model);
+}
+
+fn back_to_the_start(page: &Page<'_>) -> RgbImage {
+    page.press("r");
+    page.press("1");
+    shown(page)
+}
+
+fn dragging_turns_it(page: &Page<'_>, first: &RgbImage) {
+    let count = "Number(document.getElementById('picture').dataset.shown)";
+    let before = page.eval(count).as_u64().unwrap();
+    page.drag([120.0, 160.0], [180.0, 200.0]);
+    let turned = shown(page);
+    assert!(share_that_differs(first, &turned) > 0.02, "a drag turns the scene");
+    assert!(page.eval(count).as_u64().unwrap() > before + 1, "pictures come while it is dragged");
+    assert!(is_same(&back_to_the_start(page), first), "and there is a way back");
+}
+
+fn dropping_a_light_changes_it(page: &Page<'_>, first: &RgbImage, sky: &[u8]) {
+    let drop = format!(
+        "(() => {{
+          const files = new DataTransfer();
+          files.items.add(new File([new Uint8Array({sky:?})], 'sky.hdr'));
+          window.dispatchEvent(new DragEvent('drop', {{ dataTransfer: files, bubbles: true, cancelable: true }}));
+        }})()"
+    );
+    page.eval(&drop);
+    page.wait("document.getElementById('lights').value === '1'");
+    let relit = shown(page);
+    assert!(share_that_differs(first, &relit) > 0.02, "a light that is dropped lights the scene");
+    for _ in 0..12 {
+        page.press("]");
+    }
+    let turned = shown(page);
+    assert!(share_that_differs(&relit, &turned) > 0.01, "a light can be turned");
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
+    for _ in 0..12 {
+        page.press("[");
+    }
+    assert!(is_same(&shown(page), first), "and there is a way back");
+
+    page.eval(&drop.replace("'sky.hdr'", "'sky.txt'"));
+    page.wait("document.getElementById('message').textContent.includes('.hdr or .exr')");
+}
+
+fn layers_are_chosen_by_key(page: &Page<'_>, tiny: &Tiny, model: &Path) {
+    let size = format!("{WINDOW},{WINDOW}");
+    for (key, layer) in [("2", "normal"), ("6", "specular")] {
+        page.press(key);
+        let expected = rendered(tiny, model, &["--layers", layer, "--size", &size], &format!("{layer}/00000.png"));
+        assert!(is_same(&shown(page), &expected), "{layer}");
+    }
+    page.press("x");
+    page.wait("document.getElementById('status').textContent.includes('PSNR')");
+    page.press("?");
+    page.wait("document.getElementById('help').open");
+    page.eval("document.getElementById('help').close()");
+    back_to_the_start(page);
+}
+
+fn a_path_is_saved(page: &Page<'_>) {
+    // What would be saved is kept instead.
+    page.eval(
+        "(() => {
+          window.saved = {};
+          const address = URL.createObjectURL;
+          let latest;
+          URL.createObjectURL = (blob) => address((latest = blob));
+          HTMLAnchorElement.prototype.click = function () {
+            window.saved[this.download] = latest.arrayBuffer();
+          };
+        })()",
+    );
+    page.press("k");
+    page.press("n");
+    page.press("k");
+    page.eval("document.getElementById('frames').value = 3; document.getElementById('frame-size').value = '24×16'");
+    for (button, file) in [("save-frames", "frames.zip"), ("save-path", "path.json")] {
+        page.eval(&format!("document.getElementById('{button}').click()"));
+        page.wait(&format!("'{file}' in window.saved"));
+    }
+    let bytes = |file: &str| -> Vec<u8> {
+        let list = page.eval(&format!("window.saved['{file}'].then((bytes) => Array.from(new Uint8Array(bytes)))"));
+        serde_json::from_value(list).unwrap()
+    };
+    let zip = bytes("frames.zip");
+    let names = ["00000.png", "00001.png", "00002.png"]
+        .map(|name| zip.windows(name.len()).filter(|letters| *letters == name.as_bytes()).count());
+    assert_eq!(names, [2; 3], "each file, and its line in the directory");
+    let png = zip.windows(8).position(|eight| eight == b"\x89PNG\r\n\x1a\n").unwrap();
+    assert_eq!(image::load_from_memory(&zip[png..]).unwrap().to_rgb8().dimensions(), (24, 16), "as was asked for");
+    let folder = tempfile::tempdir().unwrap();
+    let (zipped, cameras) = (folder.path().join("frames.zip"), folder.path().join("path.json"));
+    fs::write(&zipped, &zip).unwrap();
+    fs::write(&cameras, bytes("path.json")).unwrap();
+    let known = specula_io::cameras::read_cameras(&cameras, [1, 1]).unwrap();
+    assert_eq!((known.len(), known[0].1.width, known[0].1.height), (3, 24, 16), "as `render --cameras` reads them");
+    if let Ok(status) = Command::new("python3").args(["-m", "zipfile", "-t"]).arg(&zipped).output() {
+        assert!(status.status.success(), "the file is a whole ZIP: {status:?}");
+    }
+    page.eval("document.getElementById('clear-path').click()");
+    back_to_the_start(page);
+}
+
+fn two_clients_do_not_disturb_each_other(browser: &Browser, page: &Page<'_>, site: &Site) {
+    let before = shown(page);
+    let other = browser.open(&site.url, [WINDOW; 2]);
+    assert!(is_same(&shown(&other), &before), "both begin with the same");
+    other.drag([100.0, 100.0], [160.0, 130.0]);
+    let turned = shown(&other);
+    assert!(!is_same(&turned, &before), "one has turned");
+    assert!(is_same(&shown(page), &before), "the other has not");
+    // One goes away in the middle of a drag.
+    other.eval(
+        "document.dispatchEvent(new Event('x')); window.dispatchEvent(new KeyboardEvent('keydown', { key: 'a' }))",
+    );
+    other.close();
+    page.drag([120.0, 160.0], [200.0, 160.0]);
+    assert!(!is_same(&shown(page), &before), "the one that stays is served as before");
+    back_to_the_start(page);
+}
+
+fn a_phone_shows_it(browser: &Browser, site: &Site) {
+    let page = browser.open("about:blank", [390, 844]);
+    page.resize([390, 844], true);
+    page.go(&site.url);
+    page.wait(STILL);
+    let before = shown(&page);
+    assert_eq!(before.dimensions(), (390, 844), "the picture fills the screen");
+    assert_eq!(page.eval("document.documentElement.scrollWidth"), 390, "nothing sticks out");
+    assert_eq!(page.eval("document.getElementById('panel').hidden"), true, "the picture comes first");
+    page.swipe([120.0, 400.0], [220.0, 440.0]);
+    page.wait("document.getElementById('views').value === ''");
+    assert!(share_that_differs(&before, &shown(&page)) > 0.01, "a finger turns it");
+    page.close();
+}
+
+fn nothing_is_asked_for_from_outside(page: &Page<'_>, site: &Site) {
+    let names = page.eval("performance.getEntriesByType('resource').map((entry) => entry.name)");
+    let names: Vec<String> = serde_json::from_value(names).unwrap();
+    let own = site.url.trim_end_matches('/');
+    let is_own = |name: &&String| name.starts_with(own) || name.starts_with("blob:") || name.starts_with("data:");
+    assert!(!names.is_empty() && names.iter().all(|name| is_own(&name)), "{names:?}");
+}
+
+fn the_token_is_needed_and_found(browser: &Browser, model: &Path) {
+    let site = Site::of(model, &["--quiet", "--token", "abcd1234"]);
+    let page = browser.open(&site.url, [WINDOW; 2]);
+    page.wait(STILL);
+    let without = browser.open(site.url.split('#').next().unwrap(), [WINDOW; 2]);
+    without.wait("document.getElementById('message')?.textContent.includes('token') === true");
+}
