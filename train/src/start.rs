@@ -68,7 +68,7 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
 }
 
 /// Points behind some points, for what they do not reach: COLMAP finds few where little stands out, as on walls and tables.
-/// Each lies on the ray of a random opaque pixel and has its colour; its depth is from once to [`BEHIND`] times the median
+/// Each lies on the ray of a random opaque pixel and has its colour; its depth is from once to four times the median
 /// depth of the points that the view sees, evenly in 1 / depth. Views in turn; fewer than `count` where pixels are not
 /// opaque.
 pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) -> Vec<Point> {
