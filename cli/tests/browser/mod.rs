@@ -25,9 +25,12 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none.
+    /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none, or "none" is named.
     pub(crate) fn start() -> Option<Self> {
         let named = std::env::var("SPECULA_BROWSER").ok();
+        if named.as_deref() == Some("none") {
+            return None;
+        }
         let name = named.or_else(|| NAMES.into_iter().find(|name| is_there(name)).map(str::to_owned))?;
         let profile = tempfile::tempdir().unwrap();
         let mut command = Command::new(name);
