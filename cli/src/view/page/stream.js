@@ -130,6 +130,7 @@ export class Stream {
     const span = this.pace ? this.pace.now - this.pace.since : 0;
     facts.rate = span > 300 ? (1000 * this.pace.count) / span : null;
     for (const name of ["view", "psnr", "iteration"]) facts[name] = response.headers.get(`x-${name}`);
+    this.iteration = facts.iteration;
     this.shown += 1;
     Object.assign(this.canvas.dataset, { shown: this.shown, still: facts.isStill, share: this.share.toFixed(2) });
     this.onshown(facts);

@@ -49,9 +49,8 @@ export class Training {
       `${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
     this.progress.dataset.iteration = iteration;
     this.draw(curve, iterations);
-    // A picture that is on its way is waited for, however long it takes.
-    if (iteration === this.iteration || !this.stream.isIdle) return;
-    this.iteration = iteration;
+    // A picture that is on its way is waited for, however long it takes; it may still show an earlier step.
+    if (Number(this.stream.iteration) === iteration || !this.stream.isIdle) return;
     this.stream.change(false);
     const now = performance.now();
     if (now - this.lightSeen < PATIENCE_FOR_LIGHT || !this.server.scene.shaded) return;
