@@ -250,6 +250,13 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_of_nothing_is_exact() {
+        let nothing = Subject { gaussians: random_cloud(0, Layout::shaded(Some(1)), 0), ..subject(LIT, SMALL) };
+        let certificate = cheapest_within(&nothing, 1e-6).expect("there is nothing to get wrong");
+        assert_eq!((certificate.verified.max, certificate.verified.nonfinite), (0.0, 0), "{certificate:?}");
+    }
+
+    #[test]
     fn what_is_allowed_more_error_costs_no_more() {
         let subject = subject(4, SMALL);
         let cost = |error: f64| cheapest_within(&subject, error).expect("it can be met").work[0].cost();

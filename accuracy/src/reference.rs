@@ -72,12 +72,18 @@ impl Reference {
 
     /// What is blended into an exact view, and shaded.
     pub(crate) fn frame(&self, subject: &Subject, camera: &Camera) -> oracle::Frame<Double> {
+        if self.gaussians.count == 0 {
+            return nothing(camera);
+        }
         let rules = self.setting.rules(subject);
         oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Limits::LEAST)
     }
 
     /// The same channels of the same Gaussians, blended in an order by the renderer that shares no formula with core.
     pub(crate) fn frame_in_order(&self, subject: &Subject, camera: &Camera, order: Order) -> oracle::Frame<Double> {
+        if self.gaussians.count == 0 {
+            return nothing(camera);
+        }
         let rules = self.setting.rules(subject);
         let light = self.light.as_ref();
         let narrow = |channels: Vec<Double>| channels.into_iter().map(Number::value).collect();
@@ -89,6 +95,15 @@ impl Reference {
         let is_deferred = rules.is_deferred(self.gaussians.layout);
         if is_deferred { oracle::shade_pixels(&frame, light, camera) } else { frame }
     }
+}
+
+/// A view of no Gaussian at all: every channel is zero, and all light passes.
+fn nothing(camera: &Camera) -> oracle::Frame<Double> {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let channels = Channels::Training.count() + 1;
+    let mut values = vec![Double(0.0); channels * width * height];
+    values[(channels - 1) * width * height..].fill(Double(1.0));
+    Image { width, height, channels, values }
 }
 
 impl Exact {
