@@ -104,8 +104,10 @@ pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: 
     // Where points are named, those of the data set are not read.
     let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
     let Listing { train, test, .. } = list(folder, &without_points)?;
-    let shots = if is_held_out { test } else { train };
-    shots.get(index).map(|shot| shot.open().map(|opened| opened.view)).transpose()
+    // Where none are held out, those that might be are fitted after the others.
+    let place = if is_held_out { train.len() + index } else { index };
+    let shot = train.iter().chain(&test).nth(place);
+    shot.map(|shot| shot.open().map(|opened| opened.view)).transpose()
 }
 
 fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
