@@ -97,8 +97,11 @@ pub fn tiles(trial: &mut Trial<'_>, subject: &Subject) -> Result<Vec<Camera>, Cp
 fn tile_that_differs(trial: &mut Trial<'_>, subject: &Subject, number: u64, view: &Camera) -> Result<Camera, CpuError> {
     let size = [view.width.min(TILE), view.height.min(TILE)];
     let room = [view.width - size[0], view.height - size[1]];
+    if room == [0; 2] {
+        return Ok(*view);
+    }
     let mut most = (f32::NEG_INFINITY, *view);
-    for place in 0..if room == [0; 2] { 0 } else { PLACES } {
+    for place in 0..PLACES {
         let draw = |axis: usize| {
             let share = random::uniform(SEED, number, 2 * place + axis as u64);
             (share * (room[axis] + 1) as f32) as u32

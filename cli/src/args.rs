@@ -410,6 +410,13 @@ pub(crate) struct Look {
     /// Pixels of the pictures; those of the cameras by default.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
+    #[command(flatten)]
+    pub(crate) showing: Showing,
+}
+
+/// How a scene is read and shown.
+#[derive(Args, Debug)]
+pub(crate) struct Showing {
     /// Behind the scene; that of the training by default, or else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<Background>,
@@ -568,14 +575,8 @@ pub(crate) struct View {
     /// Axis of the world that the upper edges of these files show.
     #[arg(long, alias = "env_up", value_enum, default_value_t = Up::Z)]
     pub(crate) env_up: Up,
-    /// Behind the scene; that of the training by default, or else black.
-    #[arg(long, value_name = "black|white|R,G,B")]
-    pub(crate) background: Option<Background>,
-    /// How to read the attributes, where the scene does not say it or says it wrongly.
-    #[arg(long, value_enum)]
-    pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
-    pub(crate) machine: MachineOptions,
+    pub(crate) showing: Showing,
 }
 
 /// Filter a light for every roughness, and write it as a cube map that other programs load.

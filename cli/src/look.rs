@@ -80,8 +80,7 @@ impl Tour {
 
     /// The model's cameras, which are listed test views first.
     fn of_split(asked: Option<Split>, mut own: Vec<NamedCamera>, opened: &Opened) -> Result<Self, Failure> {
-        let count = opened.info.as_ref().and_then(|info| info.rest.get("test_views")?.as_u64());
-        let test_count = count.map(|count| (count as usize).min(own.len()));
+        let test_count = opened.test_views().map(|count| count.min(own.len()));
         let usual = if test_count.is_some_and(|count| count > 0) { Split::Test } else { Split::All };
         let split = asked.unwrap_or(usual);
         match (split, test_count) {

@@ -24,7 +24,7 @@ const PREVIEW: [usize; 2] = [512, 256];
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
-    let mut opened = Opened::open(&args.scene, args.look.profile)?;
+    let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
     opened.scene.relight(&args.env, &args.env_options, talk)?;
@@ -33,7 +33,7 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     output::make_folder(&place.folder)?;
     write_light(&place.folder.join("light.png"), opened.scene.light.as_ref())?;
 
-    let background = opened.background(args.look.background);
+    let background = opened.background(args.look.showing.background);
     let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place };
     let mut pairs = Vec::new();
     job.run(opened, talk, |index, image| {

@@ -30,7 +30,7 @@ const FRAME_MS: u16 = 60;
 
 /// Renders what was asked for.
 pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
-    let mut opened = Opened::open(&args.scene, args.look.profile)?;
+    let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     opened.scene.note_left_out(talk);
     if let Some(env) = &args.env {
@@ -47,14 +47,16 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
 
     let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };
     let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
-    let background = opened.background(args.look.background);
+    let background = opened.background(args.look.showing.background);
     job.write_truths(&truths, background)?;
     let mut verification = match args.verify_omissions {
-        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.machine, talk)?),
+        true => {
+            Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine, talk)?)
+        }
         false => None,
     };
     if let Some(error) = args.max_error {
-        if let ExecutorChoice::Gpu(_) = args.look.machine.executor {
+        if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
             return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
         }
         let (cameras, channels) = (tour.cameras.iter().map(|(_, camera)| *camera).collect(), Layer::channels(&layers));
@@ -155,9 +157,9 @@ impl Job<'_> {
         talk: Talk,
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
-        let background = opened.background(self.look.background);
+        let background = opened.background(self.look.showing.background);
         let form = opened.scene.reading.shading.form;
-        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.machine, talk)?;
+        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine, talk)?;
         self.run_with(renderer, form, background, talk, each)
     }
 

@@ -18,6 +18,7 @@ use core::sync::atomic::{AtomicU64, Ordering};
 use specula_accuracy::{
     budget::errors_of,
     error::Errors,
+    off_axis::{OffAxis, off_axis},
     reference::{Exact, Reference},
     setting::{KNOBS, Setting, Tried, is_possible, random_setting, together},
     sort::Sort,
@@ -68,6 +69,7 @@ struct Findings {
     usual: Setting,
     measured: Vec<Measured>,
     sort: Sort,
+    off_axis: Vec<OffAxis>,
     stability: Vec<stability::Row>,
 }
 
@@ -125,8 +127,8 @@ fn spread_out(cameras: Vec<Camera>, count: usize, size: u32) -> Vec<Camera> {
 impl Findings {
     fn new(model: &Path, subject: &Subject, args: &Report, talk: Talk) -> Result<Self, Failure> {
         let reference = Reference::new(subject);
-        let views = exact_views(&reference, subject, talk);
-        let sort = sorted(&reference, subject, talk);
+        let views = view_by_view("in f64", subject, talk, |done| reference.views(subject, done));
+        let sort = view_by_view("sorted", subject, talk, |done| Sort::new(subject, &reference, done));
         let mut bench = Bench { subject, views, trial: Trial::new(subject), repeats: args.repeats };
         let exact = Setting::exact(subject);
         let (settings, knobs) = one_at_a_time(subject, &exact);
@@ -145,27 +147,19 @@ impl Findings {
             usual: Setting::usual(subject),
             measured,
             sort,
+            off_axis: off_axis(),
             stability,
         })
     }
 }
 
-/// The exact pictures.
-fn exact_views(reference: &Reference, subject: &Subject, talk: Talk) -> Vec<(Camera, Exact)> {
-    let work = talk.work("in f64", subject.cameras.len() as u64);
+/// What is worked out for each view, which calls what it is given when one is done.
+fn view_by_view<T>(what: &str, subject: &Subject, talk: Talk, run: impl FnOnce(&(dyn Fn() + Sync)) -> T) -> T {
+    let work = talk.work(what, subject.cameras.len() as u64);
     let done = AtomicU64::new(0);
-    let views = reference.views(subject, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
+    let all = run(&|| work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
     work.finish();
-    views
-}
-
-/// What one order for a picture costs.
-fn sorted(reference: &Reference, subject: &Subject, talk: Talk) -> Sort {
-    let work = talk.work("sorted", subject.cameras.len() as u64);
-    let done = AtomicU64::new(0);
-    let sort = Sort::new(subject, reference, || work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
-    work.finish();
-    sort
+    all
 }
 
 /// Every value of each knob, all others at their most exact, and which knob it is; the usual setting last.

@@ -67,6 +67,12 @@ impl Opened {
         Ok(Self { scene, folder, iteration: model.iteration, info: model.info })
     }
 
+    /// How many views of the model were held out, if it says so; they are the first of its cameras.
+    pub(crate) fn test_views(&self) -> Option<usize> {
+        let count = self.info.as_ref()?.rest.get("test_views")?.as_u64()?;
+        Some(count as usize)
+    }
+
     /// Behind the scene: what was asked for, else that of the training, else black.
     pub(crate) fn background(&self, asked: Option<Background>) -> Background {
         asked.or(self.info.as_ref().map(Background::of_model)).unwrap_or(Background::BLACK)

@@ -213,9 +213,12 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
     })
 }
 
+fn named(view: &View) -> NamedCamera {
+    (view.name.clone(), view.camera)
+}
+
 fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
-    let named =
-        |views: &[View]| views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>();
+    let named = |views: &[View]| views.iter().map(named).collect::<Vec<NamedCamera>>();
     let is_white = background_of(args, data) == Background::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
@@ -240,7 +243,6 @@ fn watched<'a>(
     talk: Talk,
 ) -> Result<Training<'a>, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
-    let named = |view: &View| (view.name.clone(), view.camera);
     let source = args.source()?.to_owned();
     let shown = Shown {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -319,7 +321,7 @@ fn finish(
         )));
     }
     talk.note(&format!("saved {place:?}"));
-    let within = certified(args, &scene, &views, info, iteration, talk)?;
+    let within = certified(args, &scene, &views, info, talk)?;
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
@@ -343,7 +345,6 @@ fn certified(
     scene: &Scene,
     views: &Views<'_>,
     mut info: ModelInfo,
-    iteration: u32,
     talk: Talk,
 ) -> Result<Option<Renderer>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
@@ -352,7 +353,7 @@ fn certified(
         Ok((renderer, certificate)) => {
             output::say(&certificate)?;
             info.rest.insert("certificate".into(), certificate.into());
-            scene.save(&args.model_path, iteration, &info)?;
+            model_folder::save_info(&args.model_path, &info)?;
             Ok(Some(renderer))
         }
         Err(Failure::Input(why)) => {

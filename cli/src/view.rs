@@ -46,21 +46,21 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
-    let opened = Opened::open(&args.scene, args.profile)?;
+    let opened = Opened::open(&args.scene, args.showing.profile)?;
     opened.scene.note_left_out(talk);
-    let background = opened.background(args.background);
+    let background = opened.background(args.showing.background);
     let name = name_of(&args.scene);
     let shown = Shown {
         name,
         known: own_cameras(&opened)?.unwrap_or_default(),
-        held_out: held_out(&opened),
+        held_out: opened.test_views().unwrap_or(0),
         source: source_of(&opened),
         scene: opened.scene,
         background,
         live: None,
     };
     let place = Place { address: args.listen, token: args.token.clone() };
-    let machine = args.machine.clone();
+    let machine = args.showing.machine.clone();
     let Stage { site, lights, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
     for env in &args.env {
         lights.add(env, &name_of(env), args.env_up, talk)?;
@@ -194,11 +194,6 @@ pub(crate) fn watch(args: &Train, shown: Shown, talk: Talk) -> Result<(), Failur
 fn name_of(path: &std::path::Path) -> String {
     let absolute = PathBuf::from(output::absolute(path));
     absolute.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn held_out(opened: &Opened) -> usize {
-    let count = opened.info.as_ref().and_then(|info| info.rest.get("test_views")?.as_u64());
-    count.unwrap_or(0) as usize
 }
 
 /// The photographs of a model, if the data set of its training is still there.

@@ -108,11 +108,16 @@ pub fn remove_unfinished(folder: &Path) {
 
 /// Writes a model at an iteration. Earlier iterations stay.
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
-    json::write(&folder.join("specula.json"), snapshot.info)?;
+    save_info(folder, snapshot.info)?;
     if let Some(light) = snapshot.light {
         save_light(folder, iteration, light)?;
     }
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
+}
+
+/// Writes what is known about a model, `specula.json`, and nothing else of it.
+pub fn save_info(folder: &Path, info: &ModelInfo) -> Result<()> {
+    json::write(&folder.join("specula.json"), info)
 }
 
 fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {

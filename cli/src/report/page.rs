@@ -14,7 +14,7 @@ use plotters::style::RGBColor;
 use specula_accuracy::{
     error::Errors,
     front::pareto,
-    off_axis::{OffAxis, SCALES, off_axis},
+    off_axis::{OffAxis, SCALES},
     setting::{Difference, FIXED, KNOBS},
     sort::Sort,
     stability::{PROMISES, Row},
@@ -53,7 +53,7 @@ fn page(findings: &Findings) -> Result<String, Failure> {
     let knobs = knob_plots(findings)?;
     let front_table = html_table(&front_rows(findings));
     let fixed: String = FIXED.iter().map(|(name, why)| format!("<li>{name}: {why}</li>\n")).collect();
-    let off_axis = html_table(&off_axis_rows());
+    let off_axis = html_table(&off_axis_rows(&findings.off_axis));
     let sort = sort_section(&findings.sort);
     let stability = stability_section(&findings.stability);
     Ok(format!(
@@ -111,13 +111,12 @@ fn front_plot(findings: &Findings) -> Result<String, Failure> {
 }
 
 /// Shapes and angles down, scales across; each affine and on the tangent plane.
-fn off_axis_rows() -> Vec<[String; 2 + SCALES.len()]> {
+fn off_axis_rows(all: &[OffAxis]) -> Vec<[String; 2 + SCALES.len()]> {
     let head = |k: usize| match k {
         0 => "shape".into(),
         1 => "off the axis".into(),
         k => format!("{}", SCALES[k - 2]),
     };
-    let all = off_axis();
     let row = |own: &[OffAxis]| {
         core::array::from_fn(|k| match k {
             0 => own[0].shape.into(),

@@ -5,7 +5,7 @@ use crate::{failure::Failure, output};
 use serde_json::{Map, Value, json};
 use specula_accuracy::{
     error::Errors,
-    off_axis::{OffAxis, off_axis},
+    off_axis::OffAxis,
     setting::KNOBS,
     sort::Sort,
     stability::{PROMISES, Row},
@@ -17,7 +17,7 @@ use std::path::Path;
 pub(super) fn write(path: &Path, findings: &Findings) -> Result<(), Failure> {
     let settings = findings.measured.iter().map(|own| of_setting(own, findings));
     let lines = core::iter::once(of_scene(findings)).chain(settings).chain(findings.stability.iter().map(of_row));
-    let lines = lines.chain(off_axis().into_iter().map(of_angle)).chain(of_orders(&findings.sort));
+    let lines = lines.chain(findings.off_axis.iter().map(of_angle)).chain(of_orders(&findings.sort));
     output::write_text(path, &lines.map(|line| format!("{line}\n")).collect::<String>())
 }
 
@@ -85,7 +85,7 @@ fn of_orders(sort: &Sort) -> impl Iterator<Item = Value> {
     })
 }
 
-fn of_angle(own: OffAxis) -> Value {
+fn of_angle(own: &OffAxis) -> Value {
     json!({
         "kind": "off axis",
         "shape": own.shape,
