@@ -1,8 +1,9 @@
 //! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
 use crate::error::{Error, Result};
+use exr::meta::BlockDescription;
 use glam::Vec3;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits, metadata::Orientation};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
 use specula_core::color::{UNKNOWN, is_unknown};
 use std::{fs, path::Path};
 
@@ -215,15 +216,35 @@ pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
 fn decode_with_orientation(path: &Path) -> Result<(DynamicImage, Orientation)> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
+    let format = reader.format();
     let mut limits = limits_of(path)?;
     reader.limits(limits.clone());
     let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
     // What is decoded counts as well.
     limits.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
+    limits.reserve(largest_block(path, format)).map_err(Error::decoding(path))?;
     decoder.set_limits(limits).map_err(Error::decoding(path))?;
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let image = DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?;
     Ok((with_pixels(path, image)?, orientation))
+}
+
+/// Bytes of the largest block of an OpenEXR file: a tile may be far larger than the picture, and is made room for as its
+/// header has it. Other formats have none, and a header that cannot be read is left to the decoder.
+fn largest_block(path: &Path, format: Option<ImageFormat>) -> u64 {
+    if format != Some(ImageFormat::OpenExr) {
+        return 0;
+    }
+    let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
+    headers.iter().map(bytes_of_block).max().unwrap_or(0)
+}
+
+fn bytes_of_block(header: &exr::meta::header::Header) -> u64 {
+    let pixels = match header.blocks {
+        BlockDescription::Tiles(tiles) => tiles.tile_size.0 as u64 * tiles.tile_size.1 as u64,
+        BlockDescription::ScanLines => header.compression.scan_lines_per_block() as u64 * header.layer_size.0 as u64,
+    };
+    pixels.saturating_mul(header.channels.bytes_per_pixel as u64)
 }
 
 fn swaps_sides(orientation: Orientation) -> bool {

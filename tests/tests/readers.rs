@@ -490,6 +490,24 @@ fn a_picture_of_four_billion_rows_is_refused() {
     }
 }
 
+/// A tile of two gigabytes in a picture of 4 × 24 pixels: a header that promises it, and a block that says it is so long.
+#[test]
+fn a_tile_far_larger_than_its_picture_is_refused() {
+    const BYTES_OF_TILE: u32 = 2_000_000_000;
+    let place = Place::new(&CUBE);
+    let mut bytes = place.right.clone();
+    let after = |name: &[u8]| place.right.windows(name.len()).position(|window| window == name).unwrap() + name.len();
+    // Behind the attribute's length stands the tile's width; the only block begins where the table of blocks ends.
+    let width_at = after(b"tiledesc\0") + 4;
+    let table = (0..bytes.len() - 8).find(|at| bytes[*at..at + 8] == (*at as u64 + 8).to_le_bytes()).unwrap();
+    // A block has the place of its tile as four numbers, then its length.
+    let len_at = table + 8 + 16;
+    bytes[width_at..width_at + 4].copy_from_slice(&(1_u32 << 24).to_le_bytes());
+    bytes[len_at..len_at + 4].copy_from_slice(&BYTES_OF_TILE.to_le_bytes());
+    let refusal = place.read(&bytes).expect_err("nothing fills such a tile");
+    assert!(refusal.contains("promises more pixels"), "{refusal}");
+}
+
 #[test]
 #[should_panic(expected = "bytes for a file of")]
 fn a_reader_that_takes_too_much_is_noticed() {
