@@ -84,11 +84,20 @@ fn view(tile: usize, count: usize) -> usize {
     if count < TILES { tile % count } else { tile * count / TILES }
 }
 
+/// Views that are no larger than a tile are taken once each, but one alone both to choose by and to verify on.
+fn tile_count(views: &[Camera]) -> usize {
+    let is_small = |view: &Camera| view.width <= TILE && view.height <= TILE;
+    match views.len() {
+        0 => 0,
+        count if views.iter().all(is_small) => count.clamp(2, TILES),
+        _ => TILES,
+    }
+}
+
 /// Tiles of views that are evenly spread over those of the subject, where the usual setting differs most from the most
 /// exact one that the processor has: errors are larger there than in whole pictures.
 pub fn tiles(trial: &mut Trial<'_>, subject: &Subject) -> Result<Vec<Camera>, CpuError> {
-    let count = if subject.cameras.is_empty() { 0 } else { TILES };
-    (0..count)
+    (0..tile_count(&subject.cameras))
         .map(|k| tile_that_differs(trial, subject, k as u64, &subject.cameras[view(k, subject.cameras.len())]))
         .collect()
 }
@@ -274,6 +283,22 @@ mod tests {
             Err(Refusal::TooClose(error)) => assert!(error > 1e-12 && error < 1e-2, "{error}"),
             other => panic!("{other:?}"),
         }
+    }
+
+    #[test]
+    fn small_views_are_held_out_or_chosen_by_and_never_both() {
+        let some = |count: usize| {
+            let subject = subject(7, SMALL);
+            let subject = Subject { cameras: subject.cameras[..count].to_vec(), ..subject };
+            tiles(&mut Trial::new(&subject), &subject).expect("it renders")
+        };
+        for count in [2, 5, 8] {
+            let tiles = some(count);
+            let of_chosen: Vec<&Camera> = tiles.iter().step_by(2).collect();
+            assert_eq!(tiles.len(), count);
+            assert!(tiles.iter().skip(1).step_by(2).all(|held_out| !of_chosen.contains(&held_out)), "{count} views");
+        }
+        assert_eq!(some(1).len(), 2, "one view is all there is");
     }
 
     #[test]
