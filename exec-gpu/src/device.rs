@@ -51,6 +51,17 @@ pub enum GpuError {
         /// How large it may be.
         limit: u64,
     },
+    /// The device of another program allows too little.
+    #[error(
+        "the device that {adapter:?} gave the program allows less than WebGPU does by default ({reason}); ask for \
+             wgpu::Limits::default() or more when it is requested"
+    )]
+    TooLimited {
+        /// The adapter's name.
+        adapter: String,
+        /// What it allows too little of.
+        reason: String,
+    },
     /// The device is gone.
     #[error("the device was lost: {reason}; try again, or use the CPU")]
     Lost {
@@ -178,6 +189,22 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
         let of_loss = fault.clone();
         device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
+        Ok(Self { device, queue, info, limits, piece_max: u64::MAX, fault, waits: AtomicUsize::new(0) })
+    }
+
+    /// The device of a program that draws itself, so that pictures get to its textures without leaving the device; see
+    /// [`crate::compose`]. It has to allow what WebGPU does by default, and needs no features. Its errors go where the
+    /// program wants them: the callbacks for errors and for a lost device stay the program's.
+    pub fn shared(device: Device, queue: Queue) -> Result<Self, GpuError> {
+        let (info, limits) = (device.adapter_info(), device.limits());
+        let mut lacks = Vec::new();
+        Limits::default().check_limits_with_fail_fn(&limits, false, |name, needed, allowed| {
+            lacks.push(format!("{name}: {allowed} of {needed}"));
+        });
+        if !lacks.is_empty() {
+            return Err(GpuError::TooLimited { adapter: info.name, reason: lacks.join(", ") });
+        }
+        let fault = Arc::new(Mutex::new(None));
         Ok(Self { device, queue, info, limits, piece_max: u64::MAX, fault, waits: AtomicUsize::new(0) })
     }
 

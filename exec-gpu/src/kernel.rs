@@ -156,16 +156,7 @@ fn compile(gpu: &Gpu, entry: &'static str, source: &str) -> Kernel {
     let module = gpu
         .device
         .create_shader_module(ShaderModuleDescriptor { label: Some(entry), source: ShaderSource::Wgsl(source.into()) });
-    let entries: Vec<BindGroupLayoutEntry> = bindings_of(source)
-        .map(|(binding, kind)| BindGroupLayoutEntry {
-            binding,
-            visibility: ShaderStages::COMPUTE,
-            ty: BindingType::Buffer { ty: kind, has_dynamic_offset: false, min_binding_size: None },
-            count: None,
-        })
-        .collect();
-    let layout =
-        gpu.device.create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(entry), entries: &entries });
+    let layout = layout_of(gpu, entry, source, ShaderStages::COMPUTE);
     let pipeline_layout = gpu.device.create_pipeline_layout(&PipelineLayoutDescriptor {
         label: Some(entry),
         bind_group_layouts: &[Some(&layout)],
@@ -184,6 +175,19 @@ fn compile(gpu: &Gpu, entry: &'static str, source: &str) -> Kernel {
         cache: None,
     });
     Kernel { pipeline, layout }
+}
+
+/// The bindings that a source declares, for one kind of stage.
+pub(crate) fn layout_of(gpu: &Gpu, label: &str, source: &str, visibility: ShaderStages) -> BindGroupLayout {
+    let entries: Vec<BindGroupLayoutEntry> = bindings_of(source)
+        .map(|(binding, kind)| BindGroupLayoutEntry {
+            binding,
+            visibility,
+            ty: BindingType::Buffer { ty: kind, has_dynamic_offset: false, min_binding_size: None },
+            count: None,
+        })
+        .collect();
+    gpu.device.create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
 /// Numbers and kinds of a source's bindings.

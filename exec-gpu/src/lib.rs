@@ -9,6 +9,7 @@ pub mod bin;
 pub mod blend;
 pub mod blend_vjp;
 pub mod ceilings;
+pub mod compose;
 mod densify;
 pub mod device;
 pub mod executor;
@@ -35,6 +36,7 @@ pub mod trace;
 mod view;
 pub mod viewer;
 
+pub use compose::Composer;
 pub use device::{Gpu, GpuError};
 pub use executor::GpuExecutor;
 pub use viewer::GpuViewer;

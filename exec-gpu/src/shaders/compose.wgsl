@@ -1,0 +1,44 @@
+// A picture over what a texture holds: one triangle that covers the viewport.
+
+struct Picture {
+    size: vec2u,
+    // Where the transmittance lies among the blended planes.
+    transmittance: u32,
+    // Whether the texture encodes what it is given as sRGB.
+    is_encoded: u32,
+}
+
+@group(0) @binding(0) var<uniform> picture: Picture;
+@group(0) @binding(1) var<storage, read> colors: array<f32>;
+@group(0) @binding(2) var<storage, read> blended: array<f32>;
+
+struct Corner {
+    @builtin(position) position: vec4f,
+    // From the picture's upper left corner, 1 at its lower right one.
+    @location(0) place: vec2f,
+}
+
+@vertex
+fn corner(@builtin(vertex_index) number: u32) -> Corner {
+    let place = vec2f(f32((number << 1u) & 2u), f32(number & 2u));
+    return Corner(vec4f(place.x * 2.0 - 1.0, 1.0 - place.y * 2.0, 0.0, 1.0), place);
+}
+
+// IEC 61966-2-1.
+fn linear_from_srgb(srgb: vec3f) -> vec3f {
+    let above = pow((max(srgb, vec3f(0.0)) + 0.055) / 1.055, vec3f(2.4));
+    return select(above, srgb / 12.92, srgb <= vec3f(0.04045));
+}
+
+@fragment
+fn color(seen: Corner) -> @location(0) vec4f {
+    let pixel = min(vec2u(seen.place * vec2f(picture.size)), picture.size - 1u);
+    let index = pixel.y * picture.size.x + pixel.x;
+    let plane = picture.size.x * picture.size.y;
+    let alpha = 1.0 - blended[picture.transmittance * plane + index];
+    let premultiplied = vec3f(colors[index], colors[plane + index], colors[2u * plane + index]);
+    if picture.is_encoded == 0u || alpha <= 0.0 {
+        return vec4f(premultiplied, alpha);
+    }
+    return vec4f(linear_from_srgb(premultiplied / alpha) * alpha, alpha);
+}
