@@ -19,6 +19,40 @@
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
 //! figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient of a function's result
 //! back to its arguments and stands right after the function.
+//!
+//! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s + c_r)`, without any
+//! executor:
+//!
+//! ```
+//! use specula_core::{
+//!     activation::logit,
+//!     shade::{Material, ShadingRules, Terms, shade, surface},
+//!     vector::{Vec3, vec3},
+//! };
+//!
+//! // Flat along z, so that its normal is ±z; red, with a mirror on top of it.
+//! let material = Material {
+//!     mean: vec3(0.0_f32, 0.0, 0.0),
+//!     quat: [1.0, 0.0, 0.0, 0.0],
+//!     log_scales: vec3(-2.0, -2.0, -5.0),
+//!     diffuse: vec3(logit(0.4), logit(0.1), logit(0.1)),
+//!     tint: Vec3::splat(logit(0.3)),
+//!     roughness: logit(0.2),
+//!     normal_residuals: [Vec3::splat(0.0); 2],
+//! };
+//! let rules = ShadingRules::PAPER;
+//! let surface = surface(&material, vec3(1.0, 0.0, 1.0), rules);
+//! // Seen from +x and +z, it mirrors what is at −x and +z.
+//! assert!((surface.reflection_dir.x + surface.reflection_dir.z).abs() < 1e-6 && surface.reflection_dir.z > 0.7);
+//!
+//! let color_under = |radiance: f32| {
+//!     let unlit = Terms::unlit(surface.diffuse, Vec3::splat(0.0));
+//!     let specular_light = Vec3::splat(radiance);
+//!     shade(rules.form, &Terms { tint: surface.tint, specular_light, ..unlit })
+//! };
+//! assert!(color_under(1.0).y > color_under(0.0).y, "light is added");
+//! assert!(color_under(0.0).x > color_under(0.0).y, "and without it, it is red");
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 

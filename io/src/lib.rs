@@ -10,6 +10,23 @@
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
 //! * [`checkpoint`]: a training put aside, so that it can go on
+//!
+//! ```
+//! use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};
+//! use specula_io::gaussian_ply;
+//!
+//! let layout = Layout::radiance(3);
+//! let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
+//! gaussians.set(0, MEAN, [1.0, 2.0, 3.0]);
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("scene.ply");
+//! gaussian_ply::write(&path, &gaussians, &[])?;
+//! assert_eq!(gaussian_ply::read(&path)?.gaussians.get::<3>(0, MEAN), [1.0, 2.0, 3.0]);
+//!
+//! let refusal = gaussian_ply::read(&folder.path().join("nothing.ply")).err().expect("it is not there");
+//! assert!(refusal.to_string().contains("nothing.ply"));
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
 
 mod blender;
 pub mod cameras;

@@ -1,4 +1,26 @@
 //! The optimisation loop: profiles, schedules, densification, evaluation. It knows no executor by name.
+//!
+//! A grey picture is learned by fifty steps on the processor; [`evaluate`] measures views that were held out.
+//!
+//! ```
+//! use glam::Vec3;
+//! use specula_core::camera::Camera;
+//! use specula_cpu::CpuExecutor;
+//! use specula_train::{profile::by_name, trainer::{Settings, Trainer}, view::View};
+//!
+//! let camera = Camera::look_at(Vec3::new(0.0, -3.0, 0.5), Vec3::ZERO, Vec3::Z, 0.7, 32, 32);
+//! let rgba = [100, 100, 100, 255].repeat(32 * 32);
+//! let views = [View { name: "grey".into(), camera, rgba, normals: None }];
+//! let profile = by_name("specula", 50).expect("a profile that there is");
+//! let settings = Settings { profile, iterations: 50, seed: 0, background: [1.0; 3], random_points: 500 };
+//! let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &[])?;
+//! while !trainer.is_finished() {
+//!     trainer.step()?;
+//! }
+//! let model = trainer.download()?;
+//! assert!(model.gaussians.count > 0);
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
 
 pub mod evaluate;
 pub mod profile;
