@@ -5,9 +5,10 @@
 use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
+use glam::Vec3;
 use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
-use specula_io::latlong::UpAxis;
+use specula_io::latlong::{Stand, UpAxis};
 use std::{
     net::ToSocketAddrs,
     path::{Path, PathBuf},
@@ -464,9 +465,10 @@ impl MachineOptions {
 /// How a file of light is read.
 #[derive(Args, Debug)]
 pub(crate) struct EnvOptions {
-    /// Axis of the world that the upper edge of the file shows: Blender's z, or y as in the authors' files.
-    #[arg(long, alias = "env_up", value_enum, default_value_t = Up::Z)]
-    pub(crate) env_up: Up,
+    /// What the upper edge of the file shows: what is above in the scene as its cameras stand, which is z in Blender's
+    /// data and where there are no cameras; or an axis of the world, Blender's z, or y as in the authors' files.
+    #[arg(long, alias = "env_up", value_enum, default_value_t = EnvUp::Scene)]
+    pub(crate) env_up: EnvUp,
     /// Times two to this power.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     pub(crate) exposure: f32,
@@ -572,9 +574,9 @@ pub(crate) struct View {
     /// Lights to choose from, beside the scene's own.
     #[arg(long, value_name = "FILE.hdr|.exr", num_args = 1..)]
     pub(crate) env: Vec<PathBuf>,
-    /// Axis of the world that the upper edges of these files show.
-    #[arg(long, alias = "env_up", value_enum, default_value_t = Up::Z)]
-    pub(crate) env_up: Up,
+    /// What the upper edges of these files show: what is above in the scene, or an axis of the world.
+    #[arg(long, alias = "env_up", value_enum, default_value_t = EnvUp::Scene)]
+    pub(crate) env_up: EnvUp,
     #[command(flatten)]
     pub(crate) showing: Showing,
 }
@@ -800,11 +802,34 @@ pub(crate) enum Up {
     Z,
 }
 
-impl From<Up> for UpAxis {
-    fn from(up: Up) -> Self {
-        match up {
-            Up::Y => Self::Y,
-            Up::Z => Self::Z,
+impl Up {
+    /// How a file with this above stands in a world.
+    pub(crate) fn stand(self) -> Stand {
+        match self {
+            Self::Y => UpAxis::Y.into(),
+            Self::Z => UpAxis::Z.into(),
+        }
+    }
+}
+
+/// What a file of light has above.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EnvUp {
+    /// What is above in the scene.
+    Scene,
+    /// The axis of GaussianShader and nvdiffrec.
+    Y,
+    /// Blender's axis.
+    Z,
+}
+
+impl EnvUp {
+    /// How the file stands in a scene that has this above.
+    pub(crate) fn stand(self, above: Vec3) -> Stand {
+        match self {
+            Self::Scene => Stand::above(above.as_dvec3().to_array()),
+            Self::Y => UpAxis::Y.into(),
+            Self::Z => UpAxis::Z.into(),
         }
     }
 }

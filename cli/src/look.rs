@@ -171,10 +171,7 @@ impl Orbit {
             return Self { centre, up: Vec3::Z, distance, elevation: ELEVATION };
         }
         let centre = seen_point(known);
-        let share = 1.0 / known.len() as f32;
-        // The second row of the rotation is down in the picture.
-        let up = -known.iter().map(|(_, camera)| camera.camera_from_world.row(1)).sum::<Vec3>();
-        let up = straightened(up.try_normalize().unwrap_or(Vec3::Z));
+        let (share, up) = (1.0 / known.len() as f32, above(known));
         let distance = share * known.iter().map(|(_, camera)| camera.position.distance(centre)).sum::<f32>();
         let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
         let elevation = (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, HIGHEST);
@@ -194,6 +191,18 @@ impl Orbit {
             None => camera,
         }
     }
+}
+
+/// What is above, as cameras stand: +z where there are none.
+pub(crate) fn above(known: &[NamedCamera]) -> Vec3 {
+    // The second row of the rotation is down in the picture.
+    let up = -known.iter().map(|(_, camera)| camera.camera_from_world.row(1)).sum::<Vec3>();
+    straightened(up.try_normalize().unwrap_or(Vec3::Z))
+}
+
+/// What is above in a scene, as its own cameras stand.
+pub(crate) fn above_in(opened: &Opened) -> Result<Vec3, Failure> {
+    Ok(above(&own_cameras(opened)?.unwrap_or_default()))
 }
 
 /// An axis of the world that is close to `up`, or else `up` itself.

@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Prefilter, talk: Talk) -> Result<(), Failure> {
     output::write_json(&args.output.with_extension("json"), &description(args, container, levels))?;
     if args.previews {
         for (level, CubeLevel { resolution, rgb }) in faces.iter().enumerate() {
-            write_preview(&beside(&args.output, level, "png"), rgb, *resolution, args.up.into())?;
+            write_preview(&beside(&args.output, level, "png"), rgb, *resolution, args.up.stand())?;
         }
     }
     output::say(&args.output.display().to_string())
@@ -105,7 +105,7 @@ fn open(args: &Prefilter, talk: Talk) -> Result<Environment<Vec<f32>>, Failure> 
     if !args.env.is_dir() {
         let map = read_env(&args.env, args.exposure, talk)?;
         let resolution = args.resolution.unwrap_or(RESOLUTION);
-        return Ok(Environment { resolution, activation, values: latlong::to_cube(&map, resolution, args.up.into()) });
+        return Ok(Environment { resolution, activation, values: latlong::to_cube(&map, resolution, args.up.stand()) });
     }
     let light = model_folder::open(&args.env)?.light.ok_or_else(|| {
         Failure::Input(format!(

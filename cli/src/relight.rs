@@ -3,7 +3,7 @@
 use crate::{
     args::Relight,
     failure::Failure,
-    look::Tour,
+    look::{Tour, above_in},
     output,
     pictures::Layer,
     progress::Talk,
@@ -11,10 +11,11 @@ use crate::{
     scene::Opened,
     truth::{Truths, fit_and_measure},
 };
+use glam::Vec3;
 use serde_json::json;
 use specula_core::scene::Environment;
 use specula_io::{
-    latlong::{self, UpAxis},
+    latlong::{self, Stand},
     picture,
 };
 use std::path::Path;
@@ -27,11 +28,12 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
-    opened.scene.relight(&args.env, &args.env_options, talk)?;
+    let above = above_in(&opened)?;
+    opened.scene.relight(&args.env, &args.env_options, above, talk)?;
     let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
     let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"))?;
     output::make_folder(&place.folder)?;
-    write_light(&place.folder.join("light.png"), opened.scene.light.as_ref())?;
+    write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
 
     let background = opened.background(args.look.showing.background);
     let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place };
@@ -58,14 +60,15 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     ))
 }
 
-/// Writes a preview of a light, if there is one: lat-long, z up.
-pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>) -> Result<(), Failure> {
-    light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, UpAxis::Z))
+/// Writes a preview of a light, if there is one: lat-long, with what is above in the scene at its upper edge.
+pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>, above: Vec3) -> Result<(), Failure> {
+    let stand = Stand::above(above.as_dvec3().to_array());
+    light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, stand))
 }
 
 /// Writes a preview of a cube map: lat-long.
-pub(crate) fn write_preview(path: &Path, values: &[f32], resolution: usize, up: UpAxis) -> Result<(), Failure> {
+pub(crate) fn write_preview(path: &Path, values: &[f32], resolution: usize, stand: Stand) -> Result<(), Failure> {
     let [width, height] = PREVIEW;
-    let map = latlong::from_cube(values, resolution, width, height, up);
+    let map = latlong::from_cube(values, resolution, width, height, stand);
     Ok(picture::write(path, &picture::tone_map_latlong(&map))?)
 }

@@ -5,7 +5,7 @@ use crate::{
     background::Background,
     dataset,
     failure::Failure,
-    look::Tour,
+    look::{Tour, above_in},
     machine::ExecutorChoice,
     output,
     pictures::Layer,
@@ -33,8 +33,9 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     opened.scene.note_left_out(talk);
+    let above = above_in(&opened)?;
     if let Some(env) = &args.env {
-        opened.scene.relight(env, &args.env_options, talk)?;
+        opened.scene.relight(env, &args.env_options, above, talk)?;
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
         talk.note("the scene has no light, so nothing specular is shown; name one with --env");
     }
@@ -42,7 +43,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let place = Place::of(&opened, args.output.as_deref(), tour.name)?;
     output::make_folder(&place.folder)?;
     if layers.contains(&Layer::Light) {
-        write_light(&place.folder.join("light.png"), opened.scene.light.as_ref())?;
+        write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
     }
 
     let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };

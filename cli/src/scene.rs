@@ -9,6 +9,7 @@ use crate::{
     progress::{Talk, Work},
     relay::relay,
 };
+use glam::Vec3;
 use specula_accuracy::{setting::Setting, subject::Subject};
 use specula_core::{
     camera::Camera,
@@ -132,17 +133,18 @@ impl Scene {
         Subject { gaussians, light, shading, scheme, cameras, background }
     }
 
-    /// Puts in another light.
+    /// Puts in another light. `above` is what the scene has above.
     pub(crate) fn relight(
         &mut self,
         path: &Path,
         options: &EnvOptions,
+        above: Vec3,
         talk: Talk,
     ) -> Result<latlong::LatLong, Failure> {
         self.refuse_plain()?;
         let map = read_env(path, options.exposure, talk)?;
         let resolution = self.resolution_of_others();
-        let values = latlong::to_cube(&map, resolution, options.env_up.into());
+        let values = latlong::to_cube(&map, resolution, options.env_up.stand(above));
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
         Ok(map)
     }

@@ -88,6 +88,54 @@ impl UpAxis {
     }
 }
 
+/// How a lat-long map stands in a world: what its upper edge shows, and in which direction its centre lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stand {
+    /// Along an axis of the world, in the convention of one of the field's tools.
+    Axis(UpAxis),
+    /// Along any direction: that of [`UpAxis::Z`], turned by the shortest way from +z.
+    Above {
+        /// From the turned map to the world.
+        world_from_map: DQuat,
+    },
+}
+
+impl Stand {
+    /// With this direction, of any length but 0, above. Along +z and +y it is as with [`UpAxis`].
+    pub fn above(direction: [f64; 3]) -> Self {
+        let above = DVec3::from(direction).normalize();
+        match [DVec3::Z, DVec3::Y].map(|axis| axis == above) {
+            [true, _] => Self::Axis(UpAxis::Z),
+            [_, true] => Self::Axis(UpAxis::Y),
+            _ => Self::Above { world_from_map: DQuat::from_rotation_arc(DVec3::Z, above) },
+        }
+    }
+
+    /// Where a direction of any length appears: (u, v) in [0, 1], from the upper left corner.
+    pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
+        match self {
+            Self::Axis(up) => up.place(direction),
+            Self::Above { world_from_map } => {
+                UpAxis::Z.place((world_from_map.inverse() * DVec3::from(direction)).to_array())
+            }
+        }
+    }
+
+    /// The unit direction that appears at (u, v).
+    pub fn direction(self, place: [f64; 2]) -> [f64; 3] {
+        match self {
+            Self::Axis(up) => up.direction(place),
+            Self::Above { world_from_map } => (world_from_map * DVec3::from(UpAxis::Z.direction(place))).to_array(),
+        }
+    }
+}
+
+impl From<UpAxis> for Stand {
+    fn from(up: UpAxis) -> Self {
+        Self::Axis(up)
+    }
+}
+
 impl LatLong {
     /// A pixel; columns go around, rows beyond a pole continue on its other side.
     fn pixel(&self, column: isize, row: isize) -> [f32; 3] {
@@ -153,19 +201,20 @@ pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
 
 /// Resamples to a cube map, six faces of resolution² texels. Each texel is the mean radiance over its solid angle, so
 /// that a small sun keeps its energy.
-pub fn to_cube(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32> {
+pub fn to_cube(map: &LatLong, resolution: usize, stand: impl Into<Stand>) -> Vec<f32> {
     // At a face's centre a texel spans 2/resolution radians, a pixel 2π/width.
     let pixels_in_texel = map.width as f64 / (PI * resolution as f64);
-    cube_of(map, resolution, up, sample_count(pixels_in_texel))
+    cube_of(map, resolution, stand.into(), sample_count(pixels_in_texel))
 }
 
 /// Resamples to a cube map by one bilinear look-up at each texel's centre, as the authors' loader does.
 pub fn to_cube_bilinear(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32> {
-    cube_of(map, resolution, up, 1)
+    cube_of(map, resolution, up.into(), 1)
 }
 
 /// Resamples a cube map to a lat-long map. Each pixel is the mean radiance over its solid angle.
-pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize, up: UpAxis) -> LatLong {
+pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize, stand: impl Into<Stand>) -> LatLong {
+    let stand = stand.into();
     let texels_in_pixel = PI * resolution as f64 / width as f64;
     let samples = sample_count(texels_in_pixel);
     let cube = Cube::new(values, resolution);
@@ -174,7 +223,7 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
         for (column, pixel) in pixels.chunks_exact_mut(3).enumerate() {
             pixel.copy_from_slice(&mean_over(samples, |x, y| {
                 let v = (row as f64 + y) / height as f64;
-                let direction = up.direction([(column as f64 + x) / width as f64, v]);
+                let direction = stand.direction([(column as f64 + x) / width as f64, v]);
                 (cube.sample(direction), (v * PI).sin())
             }));
         }
@@ -220,7 +269,7 @@ fn sample_count(pixels_in_texel: f64) -> usize {
     ((OVERSAMPLING * pixels_in_texel).ceil() as usize).clamp(1, SAMPLES_MAX)
 }
 
-fn cube_of(map: &LatLong, resolution: usize, up: UpAxis, samples: usize) -> Vec<f32> {
+fn cube_of(map: &LatLong, resolution: usize, stand: Stand, samples: usize) -> Vec<f32> {
     let mut values = vec![0.0; 18 * resolution * resolution];
     values.par_chunks_mut(3 * resolution).enumerate().for_each(|(line, row_of_texels)| {
         let (face, row) = (line / resolution, line % resolution);
@@ -228,7 +277,7 @@ fn cube_of(map: &LatLong, resolution: usize, up: UpAxis, samples: usize) -> Vec<
         for (column, texel) in row_of_texels.chunks_exact_mut(3).enumerate() {
             texel.copy_from_slice(&mean_over(samples, |x, y| {
                 let direction = cubemap::direction(face, on_face(column, x), on_face(row, y));
-                (map.sample(up.place(direction)), solid_angle_density(direction))
+                (map.sample(stand.place(direction)), solid_angle_density(direction))
             }));
         }
     });

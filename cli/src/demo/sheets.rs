@@ -2,7 +2,7 @@
 
 use super::data::LIGHTS;
 use crate::{
-    args::{EnvOptions, MachineOptions, Up},
+    args::{EnvOptions, EnvUp, MachineOptions},
     background::Background,
     failure::Failure,
     look::Tour,
@@ -12,6 +12,7 @@ use crate::{
     render::truth,
     scene::{Renderer, Scene},
 };
+use glam::Vec3;
 use specula_core::{camera::Camera, plan::Channels, scene::Environment, shade::ShadingForm};
 use specula_io::{
     cameras::NamedCamera,
@@ -146,8 +147,8 @@ fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<RgbIm
     let mut rows = Vec::new();
     for light in LIGHTS {
         let mut scene = scene.clone();
-        let options = EnvOptions { env_up: Up::Z, exposure: 0.0 };
-        scene.relight(&folder.join(format!("data/light/{light}.hdr")), &options, talk)?;
+        let options = EnvOptions { env_up: EnvUp::Z, exposure: 0.0 };
+        scene.relight(&folder.join(format!("data/light/{light}.hdr")), &options, Vec3::Z, talk)?;
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = preview(&cube.values, cube.resolution);
         let mut row = vec![Panel::new(picture::tone_map_latlong(&map), light)];

@@ -2,14 +2,14 @@
 
 use super::request::LightAsk;
 use crate::{
-    args::Up,
+    args::EnvUp,
     failure::Failure,
     progress::Talk,
     scene::{radiance, read_env},
 };
 use glam::Vec3;
 use specula_core::scene::{Environment, RadianceActivation};
-use specula_io::latlong::{self, LatLong, UpAxis};
+use specula_io::latlong::{self, LatLong, Stand};
 use std::{
     path::Path,
     sync::{Arc, Mutex, MutexGuard},
@@ -66,9 +66,9 @@ impl Lights {
     }
 
     /// Reads a lat-long map, and keeps it.
-    pub(super) fn add(&self, file: &Path, name: &str, up: Up, talk: Talk) -> Result<Label, Failure> {
+    pub(super) fn add(&self, file: &Path, name: &str, up: EnvUp, talk: Talk) -> Result<Label, Failure> {
         let map = read_env(file, 0.0, talk)?;
-        let values = latlong::to_cube(&map, self.resolution, up.into());
+        let values = latlong::to_cube(&map, self.resolution, up.stand(self.up));
         let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
         let mut shelf = self.lock();
         shelf.count += 1;
@@ -103,8 +103,8 @@ impl Lights {
         let cube = self.get(ask)??;
         let values = radiance(cube.activation, &cube.values);
         let [width, height] = PREVIEW;
-        let up = if self.up.y.abs() > self.up.z.abs() { UpAxis::Y } else { UpAxis::Z };
-        Some(latlong::from_cube(&values, cube.resolution, width, height, up))
+        let stand = Stand::above(self.up.as_dvec3().to_array());
+        Some(latlong::from_cube(&values, cube.resolution, width, height, stand))
     }
 
     /// Turned and made brighter; as it is, to the last bit, where it is neither.
@@ -127,6 +127,7 @@ impl Lights {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_io::latlong::UpAxis;
 
     const QUIET: Talk = Talk { quiet: true };
     const OWN_LIGHT: LightAsk = LightAsk { id: OWN, turn: 0.0, stops: 0.0 };
@@ -144,13 +145,41 @@ mod tests {
     }
 
     #[test]
+    fn a_light_stands_as_the_scene_does_and_its_preview_as_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sky.exr");
+        let (width, height) = (16, 8);
+        let rgb = (0..3 * width * height).map(|k| if k < 3 * width * height / 2 { 1.0 } else { 0.0 }).collect();
+        latlong::write(&file, &LatLong { width, height, rgb }).unwrap();
+        for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
+            let lights = Lights::new(None, 16, above);
+            let id = lights.add(&file, "sky", EnvUp::Scene, QUIET).unwrap().id;
+            let ask = LightAsk { id, ..OWN_LIGHT };
+            let cube = lights.get(ask).unwrap().unwrap();
+            let sees = |direction: Vec3| {
+                let [u, v] = UpAxis::Z.place(direction.as_dvec3().to_array());
+                let map = latlong::from_cube(&cube.values, 16, 64, 32, UpAxis::Z);
+                map.rgb[3 * ((v * 31.99) as usize * 64 + (u * 63.99) as usize)]
+            };
+            assert!(sees(above) > 0.99 && sees(-above) < 0.01, "the sky is above where {above} is");
+            let preview = lights.preview(ask).unwrap();
+            let rows = preview.rgb.chunks_exact(3 * preview.width);
+            let means: Vec<f32> = rows.map(|row| row.iter().sum::<f32>() / row.len() as f32).collect();
+            let half = means.len() / 2;
+            // The horizon is as wide as a pixel of the file, and a texel of the cube.
+            assert!(means[..half - half / 4].iter().all(|mean| *mean > 0.99), "the sky is the upper half: {means:?}");
+            assert!(means[half + half / 4..].iter().all(|mean| *mean < 0.01), "and nothing else: {means:?}");
+        }
+    }
+
+    #[test]
     fn the_oldest_light_makes_room_and_the_scenes_own_stays() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sky.hdr");
         latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
         let lights = Lights::new(Some(grey()), 16, Vec3::Z);
         for _ in 0..=LIGHTS_MAX {
-            lights.add(&file, "sky", Up::Z, QUIET).unwrap();
+            lights.add(&file, "sky", EnvUp::Z, QUIET).unwrap();
         }
         let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
         assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, OWN, 2));

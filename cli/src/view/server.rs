@@ -8,7 +8,7 @@ use super::{
     request::{Ask, Packing, Words},
     studio::Shot,
 };
-use crate::{args::Up, failure::Failure, interrupt, progress::Talk};
+use crate::{args::EnvUp, failure::Failure, interrupt, progress::Talk};
 use axum::{
     Router,
     body::Bytes,
@@ -237,14 +237,14 @@ async fn add_light(
         return Err(bad("the scene is plain Gaussian splatting, whose colours hold their light for ever".into()));
     }
     let name = words.get("name").cloned().unwrap_or_default();
-    let up = words.get("up").map_or(Ok(Up::Z), |word| Up::from_str(word, false));
-    let up = up.map_err(|_| bad("up is y or z".into()))?;
+    let up = words.get("up").map_or(Ok(EnvUp::Scene), |word| EnvUp::from_str(word, false));
+    let up = up.map_err(|_| bad("up is scene, y or z".into()))?;
     let added = spawn_blocking(move || add(&site, &name, up, &body)).await;
     added.map_err(|error| Refusal(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?
 }
 
 /// Readers take files, which they also bound by: so the bytes become one for a moment.
-fn add(site: &Site, name: &str, up: Up, bytes: &[u8]) -> Result<Response, Refusal> {
+fn add(site: &Site, name: &str, up: EnvUp, bytes: &[u8]) -> Result<Response, Refusal> {
     let file_name = Path::new(name);
     let ending = file_name.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     if !["hdr", "exr"].contains(&ending.as_str()) {

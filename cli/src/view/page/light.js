@@ -96,7 +96,7 @@ export class Light {
     for (const file of files) {
       this.say(`reading ${file.name} …`, "note");
       try {
-        const up = document.getElementById("y-up").checked ? "y" : "z";
+        const up = document.getElementById("y-up").checked ? "y" : "scene";
         const response = await this.server.post("light", { name: file.name, up }, file);
         const light = await response.json();
         this.offer(light);
