@@ -32,7 +32,7 @@ const FRAME_MS: u16 = 60;
 pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
-    opened.scene.note_left_out(talk);
+    opened.note_oddities(talk);
     let above = above_in(&opened)?;
     if let Some(env) = &args.env {
         opened.scene.relight(env, &args.env_options, above, talk)?;

@@ -53,6 +53,8 @@ pub(crate) struct Opened {
     pub(crate) folder: Option<PathBuf>,
     pub(crate) iteration: Option<u32>,
     pub(crate) info: Option<ModelInfo>,
+    /// Whether its light was replaced in the authors' way.
+    is_relit: bool,
 }
 
 impl Opened {
@@ -65,7 +67,15 @@ impl Opened {
         convention::from_file(&mut gaussians, reading.shading);
         sort_in_space(&mut gaussians);
         let scene = Scene { gaussians, light: model.light, reading };
-        Ok(Self { scene, folder, iteration: model.iteration, info: model.info })
+        Ok(Self { scene, folder, iteration: model.iteration, info: model.info, is_relit: model.is_relit })
+    }
+
+    /// Says what pictures of it have or lack that nobody may expect.
+    pub(crate) fn note_oddities(&self, talk: Talk) {
+        if self.is_relit {
+            talk.note("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
+        }
+        self.scene.note_left_out(talk);
     }
 
     /// How many views of the model were held out, if it says so; they are the first of its cameras.
@@ -102,7 +112,7 @@ impl Scene {
     }
 
     /// Says how many Gaussians are left out of every picture because a number of theirs is not finite, if any are.
-    pub(crate) fn note_left_out(&self, talk: Talk) {
+    fn note_left_out(&self, talk: Talk) {
         if let Some(words) = nonfinite_words(&Census::of(&self.gaussians, None)) {
             talk.note(&format!("Gaussians with numbers that are not finite are left out: {words}"));
         }

@@ -47,7 +47,7 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let opened = Opened::open(&args.scene, args.showing.profile)?;
-    opened.scene.note_left_out(talk);
+    opened.note_oddities(talk);
     let background = opened.background(args.showing.background);
     let name = name_of(&args.scene);
     let shown = Shown {

@@ -16,7 +16,7 @@ use crate::{
     cameras::{self, NamedCamera},
     error::{Error, Result},
     gaussian_ply, json,
-    latlong::{self, UpAxis},
+    latlong::{self, LatLong, UpAxis},
     points_ply::{self, PointCloud},
     whole_file,
 };
@@ -32,6 +32,10 @@ use std::{
 const HDR_SIZE: [usize; 2] = [1024, 512];
 /// Resolution of a face to which the authors' tools resample `brdf_mlp.hdr`.
 const HDR_RESOLUTION: usize = 512;
+
+/// What RGBE may take from a light or add to it, as a share: it rounds all channels of a pixel by steps of 1/256 of the
+/// largest.
+const ROUNDED: f64 = 0.02;
 
 /// Settings of a training, and what else is worth knowing of a model: `specula.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -82,6 +86,8 @@ pub struct Model {
     pub comments: Vec<String>,
     /// Radiance itself ([`RadianceActivation::Identity`]); none for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Whether that is a `brdf_mlp.hdr` which somebody put in the place of the one that was saved.
+    pub is_relit: bool,
     /// Settings; none if another program trained it.
     pub info: Option<ModelInfo>,
     /// The iteration; none for a PLY file outside of a model's folder.
@@ -183,7 +189,8 @@ pub fn latest_iteration(folder: &Path) -> Result<u32> {
 
 /// Opens the last iteration of a model, or a PLY file, together with the light and settings around it.
 ///
-/// A model of the authors' own tools, which has only `brdf_mlp.hdr`, gets its light from there.
+/// A model of the authors' own tools, which has only `brdf_mlp.hdr`, gets its light from there; so does one whose
+/// `brdf_mlp.hdr` was replaced by another map, as the authors' users relight.
 pub fn open(path: &Path) -> Result<Model> {
     if path.is_dir() { open_iteration(path, latest_iteration(path)?) } else { open_ply(path) }
 }
@@ -195,10 +202,12 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
         return Err(Error::NoModel { path: folder.to_owned(), iteration: iteration.to_string() });
     }
     let file = gaussian_ply::read(&path)?;
+    let (light, is_relit) = read_light(folder, iteration)?;
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
-        light: read_light(folder, iteration)?,
+        light,
+        is_relit,
         info: read_info(folder)?,
         iteration: Some(iteration),
     })
@@ -209,7 +218,14 @@ fn open_ply(path: &Path) -> Result<Model> {
         return open_iteration(&folder, iteration);
     }
     let file = gaussian_ply::read(path)?;
-    Ok(Model { gaussians: file.gaussians, comments: file.comments, light: None, info: None, iteration: None })
+    Ok(Model {
+        gaussians: file.gaussians,
+        comments: file.comments,
+        light: None,
+        is_relit: false,
+        info: None,
+        iteration: None,
+    })
 }
 
 /// The model's folder and iteration, if a PLY file is at its place in one.
@@ -230,17 +246,36 @@ fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
 }
 
-fn read_light(folder: &Path, iteration: u32) -> Result<Option<Environment<Vec<f32>>>> {
+/// The light, and whether it is another than was saved.
+fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f32>>>, bool)> {
     let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
-    let (values, resolution) = if exact.is_file() {
-        latlong::read_cube_exr(&exact)?
-    } else if hdr.is_file() {
-        let (map, _) = latlong::read(&hdr)?;
-        (latlong::to_cube_bilinear(&map, HDR_RESOLUTION, UpAxis::Y), HDR_RESOLUTION)
-    } else {
-        return Ok(None);
-    };
-    Ok(Some(Environment { resolution, activation: RadianceActivation::Identity, values }))
+    let exact = if exact.is_file() { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
+    let map = if hdr.is_file() { Some(latlong::read(&hdr)?.0) } else { None };
+    Ok(match (exact, map) {
+        (Some(exact), Some(map)) if is_of(&exact, &map) => (Some(exact), false),
+        (exact, Some(map)) => {
+            let values = latlong::to_cube_bilinear(&map, HDR_RESOLUTION, UpAxis::Y);
+            (Some(identity((values, HDR_RESOLUTION))), exact.is_some())
+        }
+        (exact, None) => (exact, false),
+    })
+}
+
+fn identity((values, resolution): (Vec<f32>, usize)) -> Environment<Vec<f32>> {
+    Environment { resolution, activation: RadianceActivation::Identity, values }
+}
+
+/// Whether a map is what [`save`] makes of a light, up to what RGBE rounds.
+fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
+    let [width, height] = HDR_SIZE;
+    if [map.width, map.height] != HDR_SIZE {
+        return false;
+    }
+    let own = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Y);
+    let radiance = own.rgb.iter().map(|radiance| f64::from(*radiance));
+    let differences = own.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
+    // Not a number, where one is infinite, is no difference that anybody made.
+    !(differences.sum::<f64>() > ROUNDED * radiance.sum::<f64>())
 }
 
 /// Where the Gaussians of an iteration are.

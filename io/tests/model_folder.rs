@@ -191,3 +191,27 @@ fn the_hdr_of_a_saved_light_leads_back_to_it() {
     assert!((mean(0) - 2.0).abs() < 0.05, "{}", mean(0));
     assert!((1..6).all(|face| mean(face) < 0.15));
 }
+
+#[test]
+fn a_light_that_was_replaced_is_taken_and_one_that_was_not_stays_exact() {
+    let folder = tempfile::tempdir().unwrap();
+    let light = light(RadianceActivation::Identity);
+    save(folder.path(), 7, Some(&light));
+    let kept = model_folder::open(folder.path()).unwrap();
+    assert_eq!((kept.light.as_ref(), kept.is_relit), (Some(&light), false), "nobody touched it");
+
+    let hdr = folder.path().join("brdf_mlp/iteration_7/brdf_mlp.hdr");
+    let (mut map, _) = latlong::read(&hdr).unwrap();
+    map.rgb.iter_mut().for_each(|radiance| *radiance *= 1.1);
+    latlong::write(&hdr, &map).unwrap();
+    let relit = model_folder::open(folder.path()).unwrap();
+    assert!(relit.is_relit, "it is a tenth brighter");
+    let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+    let ratio = mean(&relit.light.unwrap().values) / mean(&light.values);
+    // A mean over texels of two resolutions, of light that differs from texel to texel.
+    assert!((ratio - 1.1).abs() < 0.05, "{ratio}");
+
+    let small = latlong::LatLong { width: 8, height: 4, rgb: vec![1.0; 96] };
+    latlong::write(&hdr, &small).unwrap();
+    assert!(model_folder::open(folder.path()).unwrap().is_relit, "a map of another size is another one");
+}
