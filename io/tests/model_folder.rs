@@ -211,7 +211,7 @@ fn a_light_that_was_replaced_is_taken_and_one_that_was_not_stays_exact() {
     // A mean over texels of two resolutions, of light that differs from texel to texel.
     assert!((ratio - 1.1).abs() < 0.05, "{ratio}");
 
-    let small = latlong::LatLong { width: 8, height: 4, rgb: vec![1.0; 96] };
+    let small = LatLong { width: 8, height: 4, rgb: vec![1.0; 96] };
     latlong::write(&hdr, &small).unwrap();
     assert!(model_folder::open(folder.path()).unwrap().is_relit, "a map of another size is another one");
 }
