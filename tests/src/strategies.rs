@@ -1,6 +1,6 @@
 //! Random input for property tests.
 
-use core::f64::consts::TAU;
+use core::{f64::consts::TAU, str::FromStr};
 use glam::{Mat3, Quat, Vec3};
 use proptest::{prelude::*, test_runner::RngSeed};
 use specula_core::{
@@ -8,10 +8,23 @@ use specula_core::{
     scene::{Gaussians, Layout},
 };
 pub use specula_oracle::scenes::{random_cloud, random_environment};
+use std::env;
 
 /// The same input in every run, so that a test that passes keeps passing; failures need no file to be found again.
 pub fn same_every_time() -> ProptestConfig {
     ProptestConfig { rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() }
+}
+
+/// Cases that are the same in every run, unless the environment asks for others: `SPECULA_FUZZ_SEED` and
+/// `SPECULA_FUZZ_CASES`, which `scripts/fuzz` sets.
+pub fn as_many_as_wanted(usual: u32) -> ProptestConfig {
+    let cases = from_env("SPECULA_FUZZ_CASES").unwrap_or(usual);
+    let seed = from_env("SPECULA_FUZZ_SEED").unwrap_or(1);
+    ProptestConfig { cases, rng_seed: RngSeed::Fixed(seed), ..same_every_time() }
+}
+
+fn from_env<T: FromStr>(name: &str) -> Option<T> {
+    env::var(name).ok()?.parse().ok()
 }
 
 /// A direction, every one as likely as any other.

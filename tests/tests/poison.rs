@@ -22,7 +22,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_tests::{
     formulas::camera,
-    strategies::{random_cloud, random_environment, same_every_time},
+    strategies::{as_many_as_wanted, random_cloud, random_environment},
     stress::{Case, LAYOUT, results::Results},
 };
 use specula_train::evaluate::render_view;
@@ -137,7 +137,7 @@ fn any_bits_are_drawn_or_left_out_and_nothing_else_changes() {
     let light = light();
     let under =
         [(None, ShadingRules::PAPER), (Some(&light), ShadingRules::PAPER), (Some(&light), ShadingRules::DEFERRED)];
-    let runner = &mut TestRunner::new(ProptestConfig { cases: CASES, ..same_every_time() });
+    let runner = &mut TestRunner::new(as_many_as_wanted(CASES));
     let outcome = runner.run(&poison(), |poison| {
         let cloud = poisoned(&poison);
         for (light, shading) in under {

@@ -5,7 +5,7 @@ use proptest::{
     collection::vec,
     prelude::*,
     sample::{Index, select},
-    test_runner::{RngSeed, TestRunner},
+    test_runner::TestRunner,
 };
 use specula_core::{
     executor::{Moments, Statistics},
@@ -21,10 +21,11 @@ use specula_io::{
     pixels::Pixels,
     points_ply::{self, PointCloud},
 };
+use specula_tests::strategies::as_many_as_wanted;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::{
     alloc::System,
-    env, fs,
+    fs,
     path::Path,
     sync::{Mutex, MutexGuard, PoisonError},
 };
@@ -36,7 +37,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 /// One test at a time, because all of them share one count of memory.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Files that are tried by each test, and the seed that they come from, unless the environment says otherwise.
+/// Files that are tried by each test, unless the environment says otherwise, and the seed of noise.
 const CASES: u32 = 300;
 const SEED: u64 = 1;
 /// Longest file of random bytes, and longest beginning of a file that is tried.
@@ -102,7 +103,7 @@ impl<'a> Place<'a> {
     }
 
     fn survives_anything(&self) {
-        let runner = &mut TestRunner::new(config());
+        let runner = &mut TestRunner::new(as_many_as_wanted(CASES));
         let wrong = prop_oneof![
             1 => vec(any::<u8>(), 0..LEN_MAX),
             4 => vec(edit(), 1..6).prop_map(|edits| {
@@ -127,16 +128,6 @@ impl<'a> Place<'a> {
         let bytes: Vec<u8> = (0..1_000_000_u64).map(|k| random::bits(SEED, 0, k) as u8).collect();
         assert!(self.read(&bytes).is_err(), "noise passes for a file");
     }
-}
-
-fn from_env<T: core::str::FromStr>(name: &str, usual: T) -> T {
-    env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
-}
-
-fn config() -> ProptestConfig {
-    let seed = RngSeed::Fixed(from_env("SPECULA_FUZZ_SEED", SEED));
-    let cases = from_env("SPECULA_FUZZ_CASES", CASES);
-    ProptestConfig { rng_seed: seed, cases, failure_persistence: None, ..ProptestConfig::default() }
 }
 
 /// One thing that goes wrong with a file.
