@@ -39,6 +39,7 @@ Examples:
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
   specula view out/chair                          look around in it, in a browser
+  specula export out/chair -o chair.ply           for any viewer of Gaussians
   specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
   specula info out/chair                          what is in it";
 
@@ -51,6 +52,7 @@ pub(crate) enum Command {
     Relight(Relight),
     Eval(Eval),
     View(View),
+    Export(Export),
     Prefilter(Prefilter),
     Report(Report),
     Info(Info),
@@ -579,6 +581,73 @@ pub(crate) struct View {
     pub(crate) env_up: EnvUp,
     #[command(flatten)]
     pub(crate) showing: Showing,
+}
+
+/// Write a scene for other programs: Gaussians, its light, or a mesh.
+///
+/// The ending of each FILE says what it becomes. Gaussians: .ply, INRIA's layout, which any viewer of Gaussians opens;
+/// .splat, 32 bytes each, a colour that is the same from everywhere; .spz, compressed; .glb, glTF with
+/// KHR_gaussian_splatting, and what shading needs beside it. Light: .hdr or .exr, lat-long; .ktx2, filtered for every
+/// roughness, as specula prefilter writes it. Mesh: .obj, or .ply with --mesh, fused from rendered depths.
+///
+/// Other programs know no shading function. So colours of shaded Gaussians are baked into spherical harmonics, which
+/// look the same but for sharp reflections, and cannot be relit: --bake sh, the default, because the diffuse colour
+/// alone, --bake diffuse, lacks all that the light adds. The directions that count are those from which the cameras of
+/// the training see a Gaussian. How far pictures of what was written are from specula's own is printed, in dB.
+///
+/// Places and directions are those of the data set's world; nothing is turned or scaled.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula export out/chair -o chair.ply
+  specula export out/chair -o chair.splat chair.spz chair.glb
+  specula export out/chair --env sunset.hdr -o sunset.ply         under another light
+  specula export out/chair -o light.exr light.ktx2
+  specula export out/chair -o chair.obj --voxels 384")]
+pub(crate) struct Export {
+    /// Folder of a model, or a PLY file.
+    #[arg(value_name = "MODEL")]
+    pub(crate) model: PathBuf,
+    /// What to write; the ending says how: .ply, .splat, .spz, .glb, .hdr, .exr, .ktx2, .obj.
+    #[arg(long, short, value_name = "FILE", num_args = 1.., required = true)]
+    pub(crate) output: Vec<PathBuf>,
+    /// What becomes of the shading of a shaded scene.
+    #[arg(long, value_enum, default_value_t = BakeName::Sh)]
+    pub(crate) bake: BakeName,
+    /// Degree of the spherical harmonics, 0 to 3; 3 by default, or that of a plain scene.
+    #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub(crate) sh_degree: Option<u8>,
+    /// Leave out Gaussians whose opacity is below this; below 1/255, the default, nobody sees them.
+    #[arg(long, alias = "min_opacity", value_name = "0..1", default_value_t = specula_core::bin::ALPHA_MIN, value_parser = share)]
+    pub(crate) min_opacity: f32,
+    /// Another light, instead of the scene's own.
+    #[arg(long, value_name = "FILE.hdr|.exr")]
+    pub(crate) env: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) env_options: EnvOptions,
+    /// Write a mesh where the ending, .ply, could be either.
+    #[arg(long)]
+    pub(crate) mesh: bool,
+    /// Voxels of a mesh along the longest edge of its volume.
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u16).range(8..=1024))]
+    pub(crate) voxels: u16,
+    /// Axis that is above in files of light: that of the scene's world, or y, as engines have it.
+    #[arg(long, value_enum, default_value_t = Up::Z)]
+    pub(crate) up: Up,
+    /// Do not render, so do not say how far pictures of what is written are from specula's own.
+    #[arg(long, alias = "no_error")]
+    pub(crate) no_error: bool,
+    #[command(flatten)]
+    pub(crate) showing: Showing,
+}
+
+/// What becomes of a shading function where none is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BakeName {
+    /// Its colours, as spherical harmonics.
+    Sh,
+    /// Its diffuse colour alone.
+    Diffuse,
 }
 
 /// Filter a light for every roughness, and write it as a cube map that other programs load.

@@ -54,6 +54,30 @@ impl Tour {
         Ok(tour.cameras.into_iter().map(|(_, camera)| camera).collect())
     }
 
+    /// The cameras that a scene was fitted to: those that are not its test views, where it says which, else all of its own.
+    pub(crate) fn fitted(opened: &Opened) -> Result<Option<Vec<Camera>>, Failure> {
+        let Some(own) = own_cameras(opened)? else { return Ok(None) };
+        let tests = opened.test_views().filter(|count| *count < own.len()).unwrap_or(0);
+        let mut tour = Self { name: "fitted", cameras: own[tests..].to_vec(), split: None, is_turntable: false };
+        tour.set_near(Some(own));
+        Ok(Some(tour.cameras.into_iter().map(|(_, camera)| camera).collect()))
+    }
+
+    /// Cameras all around a scene, evenly spread over a sphere: for what has to be seen from everywhere.
+    pub(crate) fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
+        let (centre, radius) = middle(gaussians);
+        let distance = 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin();
+        let [width, height] = SIZE;
+        let camera = |direction: [f32; 3]| {
+            let outwards = Vec3::from(direction);
+            let up = outwards.any_orthonormal_vector();
+            Camera::look_at(centre + outwards * distance, centre, up, FIELD_OF_VIEW, width, height)
+        };
+        let cameras: Vec<Camera> = directions(count as usize).map(camera).collect();
+        let near = near_of(extent_of_cameras(cameras.iter()));
+        cameras.into_iter().map(|camera| Camera { near, ..camera }).collect()
+    }
+
     /// The near plane that fits how far the scene's own cameras spread, or these, if it has none.
     fn set_near(&mut self, own: Option<Vec<NamedCamera>>) {
         let of = |cameras: &[NamedCamera]| near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
@@ -203,6 +227,23 @@ pub(crate) fn above(known: &[NamedCamera]) -> Vec3 {
 /// What is above in a scene, as its own cameras stand.
 pub(crate) fn above_in(opened: &Opened) -> Result<Vec3, Failure> {
     Ok(above(&own_cameras(opened)?.unwrap_or_default()))
+}
+
+/// Unit directions, evenly spread over the sphere: a Fibonacci lattice, each with the same share of it.
+pub(crate) fn directions(count: usize) -> impl Iterator<Item = [f32; 3]> {
+    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+    (0..count).map(move |k| {
+        let z = 1.0 - (2 * k + 1) as f64 / count as f64;
+        let (sin, cos) = (k as f64 * GOLDEN_ANGLE).sin_cos();
+        let radius = (1.0 - z * z).sqrt();
+        [radius * cos, radius * sin, z].map(|x| x as f32)
+    })
+}
+
+/// At most so many things, evenly spread over all.
+pub(crate) fn evenly<T: Copy>(things: &[T], most: usize) -> Vec<T> {
+    let count = things.len().min(most);
+    (0..count).map(|k| things[(2 * k + 1) * things.len() / (2 * count)]).collect()
 }
 
 /// An axis of the world that is close to `up`, or else `up` itself.

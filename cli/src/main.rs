@@ -2,6 +2,7 @@
 
 mod args;
 mod background;
+mod bake;
 mod checkpoint;
 mod config;
 mod convention;
@@ -9,8 +10,10 @@ mod dataset;
 mod demo;
 mod doctor;
 mod eval;
+mod export;
 mod failure;
 mod fit;
+mod fuse;
 mod info;
 mod interrupt;
 mod look;
@@ -72,6 +75,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
         Command::View(args) => view::run(args, talk),
+        Command::Export(args) => export::run(args, talk),
         Command::Prefilter(args) => prefilter::run(args, talk),
         Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),

@@ -14,6 +14,7 @@
 //! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves
+//! * [`sh_fit`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
@@ -94,6 +95,8 @@ pub mod random;
 pub mod real;
 pub mod scene;
 pub mod sh;
+pub mod sh_fit;
 pub mod shade;
 pub mod split_sum;
+pub mod tsdf;
 pub mod vector;

@@ -56,6 +56,11 @@ impl SplatGrads {
     pub fn values(&self) -> &[f32] {
         &self.values
     }
+    /// The gradient of one channel of one Gaussian: by linearity the sum over all pixels of the pixel's gradient, times
+    /// the share that the Gaussian has of the pixel.
+    pub fn of_channel(&self, gaussian: usize, channel: usize) -> f32 {
+        self.block(gaussian / BLOCK)[(GEOMETRY + channel) * BLOCK + gaussian % BLOCK]
+    }
     /// The planes of a block.
     pub(crate) fn block(&self, block: usize) -> &[f32] {
         let len = BLOCK * (GEOMETRY + self.channels);

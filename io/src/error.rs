@@ -33,6 +33,16 @@ pub enum Error {
         /// Endings that are known.
         expected: &'static str,
     },
+    /// More bytes than the format can count.
+    #[error(
+        "{path:?} would have {len} bytes, and the format ends at 4 GiB; leave Gaussians out with --min-opacity, or harmonics with --sh-degree"
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+        /// Its bytes.
+        len: usize,
+    },
     /// The folder of a data set is not there.
     #[error(
         "no folder {path:?}; name the folder that holds transforms_train.json, transforms.json or sparse/0, and images"

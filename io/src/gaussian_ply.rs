@@ -5,7 +5,7 @@
 //!
 //! | layout | columns |
 //! |---|---|
-//! | 3D Gaussian splatting | x y z, nx ny nz (0), f_dc, f_rest (colour by colour, without f_dc), opacity, scale, rot |
+//! | 3D Gaussian splatting | x y z, nx ny nz (0, or true normals), f_dc, f_rest (colour by colour, without f_dc), opacity, scale, rot |
 //! | GaussianShader | x y z, nx ny nz (Δn₁), nx2 ny2 nz2 (Δn₂), f_dc (diffuse), f_rest (coefficient by coefficient, with the first), opacity, scale, rot, roughness, specular |
 
 use crate::{
@@ -34,10 +34,19 @@ pub struct GaussianFile {
     pub comments: Vec<String>,
 }
 
-/// A column of a file: its name, and the plane that it holds; no plane means that zeros are written.
+/// A column of a file: its name, and what it holds.
 struct Column {
     name: String,
-    plane: Option<usize>,
+    holds: Holds,
+}
+
+/// Numbers of a column.
+#[derive(Clone, Copy)]
+enum Holds {
+    /// A plane of the Gaussians.
+    Plane(usize),
+    /// A component of the normals that are written beside plain Gaussians; without them, zeros.
+    Normal(usize),
 }
 
 /// Reads Gaussians of either layout; a file with the property `roughness` is GaussianShader's.
@@ -53,10 +62,21 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
 
 /// Writes Gaussians in the layout of their appearance. Comments must be single lines.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>, comments: &[String]) -> Result<()> {
+    write_with_normals(path, gaussians, None, comments)
+}
+
+/// Writes Gaussians, and beside plain ones a normal of each, where the layout has room for it.
+pub fn write_with_normals(
+    path: &Path,
+    gaussians: &Gaussians<Vec<f32>>,
+    normals: Option<&[[f32; 3]]>,
+    comments: &[String],
+) -> Result<()> {
+    assert!(normals.is_none_or(|normals| normals.len() == gaussians.count), "each Gaussian has a normal");
     let columns = columns(gaussians.layout);
     whole_file::write(path, |out| {
         write_header(out, gaussians.count, &columns, comments)?;
-        write_rows(out, gaussians, &columns)
+        write_rows(out, gaussians, normals, &columns)
     })
 }
 
@@ -87,7 +107,7 @@ fn name_of(layout: Layout) -> &'static str {
 fn names_by_plane(layout: Layout) -> Vec<String> {
     let mut names = vec![String::new(); layout.plane_count()];
     for column in columns(layout) {
-        if let Some(plane) = column.plane {
+        if let Holds::Plane(plane) = column.holds {
             names[plane] = column.name;
         }
     }
@@ -102,7 +122,8 @@ fn columns(layout: Layout) -> Vec<Column> {
 fn radiance_columns(layout: Layout) -> Vec<Column> {
     let mut columns = Vec::new();
     name_planes(&mut columns, ["x", "y", "z"], MEAN);
-    columns.extend(["nx", "ny", "nz"].map(|name| Column { name: name.into(), plane: None }));
+    columns
+        .extend((0..).zip(["nx", "ny", "nz"]).map(|(k, name)| Column { name: name.into(), holds: Holds::Normal(k) }));
     number_planes(&mut columns, "f_dc_", 0..3, |c| layout.sh_start() + c);
     let rest = layout.sh_count() - 1;
     number_planes(&mut columns, "f_rest_", 0..3 * rest, |i| layout.sh_start() + 3 * (i % rest + 1) + i / rest);
@@ -130,7 +151,7 @@ fn push_shape(columns: &mut Vec<Column>) {
 }
 
 fn name_planes<const N: usize>(columns: &mut Vec<Column>, names: [&str; N], first: usize) {
-    columns.extend((first..).zip(names).map(|(plane, name)| Column { name: name.into(), plane: Some(plane) }));
+    columns.extend((first..).zip(names).map(|(plane, name)| Column { name: name.into(), holds: Holds::Plane(plane) }));
 }
 
 fn number_planes(
@@ -139,7 +160,7 @@ fn number_planes(
     numbers: core::ops::Range<usize>,
     plane: impl Fn(usize) -> usize,
 ) {
-    columns.extend(numbers.map(|i| Column { name: format!("{prefix}{i}"), plane: Some(plane(i)) }));
+    columns.extend(numbers.map(|i| Column { name: format!("{prefix}{i}"), holds: Holds::Plane(plane(i)) }));
 }
 
 fn write_header(out: &mut impl Write, count: usize, columns: &[Column], comments: &[String]) -> io::Result<()> {
@@ -154,12 +175,20 @@ fn write_header(out: &mut impl Write, count: usize, columns: &[Column], comments
     writeln!(out, "end_header")
 }
 
-fn write_rows(out: &mut impl Write, gaussians: &Gaussians<Vec<f32>>, columns: &[Column]) -> io::Result<()> {
+fn write_rows(
+    out: &mut impl Write,
+    gaussians: &Gaussians<Vec<f32>>,
+    normals: Option<&[[f32; 3]]>,
+    columns: &[Column],
+) -> io::Result<()> {
     let mut row = Vec::with_capacity(4 * columns.len());
     for gaussian in 0..gaussians.count {
         row.clear();
         for column in columns {
-            let number = column.plane.map_or(0.0, |plane| gaussians.values[gaussians.index_of(gaussian, plane)]);
+            let number = match column.holds {
+                Holds::Plane(plane) => gaussians.values[gaussians.index_of(gaussian, plane)],
+                Holds::Normal(k) => normals.map_or(0.0, |normals| normals[gaussian][k]),
+            };
             row.extend(number.to_le_bytes());
         }
         out.write_all(&row)?;

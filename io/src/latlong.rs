@@ -380,14 +380,23 @@ fn rounded_up_half(rgb: [f32; 3]) -> [f32; 3] {
     rgb.map(|channel| channel + half_step)
 }
 
-/// OpenEXR writes out of order and needs to seek, so it is made in memory first.
 fn write_exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<()> {
+    whole_file::write_bytes(path, &exr(path, width, height, rgb)?)
+}
+
+/// The bytes of [`write_cube_exr`], for a file that holds them among others.
+pub(crate) fn cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<Vec<u8>> {
+    exr(path, resolution, 6 * resolution, values)
+}
+
+/// OpenEXR writes out of order and needs to seek, so it is made in memory first.
+fn exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<Vec<u8>> {
     let mut bytes = Cursor::new(Vec::new());
     let encoder = codecs::openexr::OpenExrEncoder::new(&mut bytes);
     encoder
         .write_image(bytemuck::cast_slice(rgb), width as u32, height as u32, ExtendedColorType::Rgb32F)
         .map_err(|error| Error::Write { path: path.to_owned(), cause: io::Error::other(error) })?;
-    whole_file::write_bytes(path, bytes.get_ref())
+    Ok(bytes.into_inner())
 }
 
 pub(crate) fn ending(path: &Path) -> Option<String> {

@@ -7,6 +7,7 @@
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
+//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
 //! * [`checkpoint`]: a training put aside, so that it can go on
@@ -36,10 +37,12 @@ mod cube;
 pub mod dataset;
 mod error;
 pub mod gaussian_ply;
+pub mod glb;
 mod json;
 pub mod ktx;
 pub mod latlong;
 pub mod lens;
+pub mod mesh;
 pub mod model_folder;
 mod nerfstudio;
 mod photographs;
@@ -47,6 +50,8 @@ pub mod picture;
 pub mod pixels;
 pub mod points_ply;
 mod shot;
+pub mod splat;
+pub mod spz;
 mod table;
 mod transforms;
 mod whole_file;

@@ -1,0 +1,387 @@
+//! `specula export`: a scene for other programs.
+
+use crate::{
+    args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName},
+    background::Background,
+    bake::{self, Baked},
+    convention::Reading,
+    failure::Failure,
+    fit::thousands,
+    fuse,
+    look::{Tour, above_in, evenly},
+    output, prefilter,
+    progress::Talk,
+    scene::{Opened, Renderer, Scene, radiance},
+};
+use serde_json::json;
+use specula_core::{
+    activation::sigmoid,
+    camera::Camera,
+    metrics::psnr,
+    plan::Channels,
+    scene::{Gaussians, Layout, OPACITY, len_of_values},
+};
+use specula_io::{
+    Error, gaussian_ply,
+    glb::{self, Attribute, Shading},
+    latlong, mesh, splat, spz,
+};
+use specula_train::evaluate::{mean_squared_error, over_background};
+use std::{fs, path::Path};
+
+/// Cameras from which pictures are compared, at most.
+const COMPARED_MAX: usize = 12;
+/// Cameras of a scene that knows none.
+const SPHERE: u32 = 64;
+/// Cameras whose depths are fused, at most.
+const FUSED_MAX: usize = 120;
+/// Rows of a lat-long map for each texel along an edge of a face, so that nothing is lost.
+const ROWS: usize = 2;
+/// The degree of what is baked, unless another is asked for.
+const DEGREE: u8 = 3;
+
+/// Writes what was asked for.
+pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
+    let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
+    let mut opened = Opened::open(&args.model, args.showing.profile)?;
+    opened.note_oddities(talk);
+    if let Some(env) = &args.env {
+        let above = above_in(&opened)?;
+        opened.scene.relight(env, &args.env_options, above, talk)?;
+    }
+    for path in &args.output {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        output::make_folder(folder.unwrap_or(Path::new(".")))?;
+    }
+    let exporter = Exporter { args, background: opened.background(args.showing.background), opened, talk };
+    let mut plain = None;
+    for (path, format) in args.output.iter().zip(formats) {
+        match format {
+            Format::Light(light) => exporter.write_light(path, light)?,
+            Format::Mesh => exporter.write_mesh(path)?,
+            Format::Gaussians(kind) => {
+                let plain = match &mut plain {
+                    Some(plain) => plain,
+                    none => none.insert(exporter.plain()?),
+                };
+                exporter.write_gaussians(path, kind, plain)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What a file becomes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Gaussians(Kind),
+    Light(LightKind),
+    Mesh,
+}
+
+/// How Gaussians are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Ply,
+    Splat,
+    Spz,
+    Glb,
+}
+
+/// How a light is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LightKind {
+    LatLong,
+    Filtered,
+}
+
+impl Format {
+    fn of(path: &Path, is_mesh: bool) -> Result<Self, Failure> {
+        let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
+        Ok(match (ending.as_deref(), is_mesh) {
+            (Some("obj"), _) | (Some("ply"), true) => Self::Mesh,
+            (Some("ply"), false) => Self::Gaussians(Kind::Ply),
+            (Some("splat"), _) => Self::Gaussians(Kind::Splat),
+            (Some("spz"), _) => Self::Gaussians(Kind::Spz),
+            (Some("glb"), _) => Self::Gaussians(Kind::Glb),
+            (Some("hdr" | "exr"), _) => Self::Light(LightKind::LatLong),
+            (Some("ktx2"), _) => Self::Light(LightKind::Filtered),
+            _ => {
+                let expected = ".ply, .splat, .spz or .glb (Gaussians), .hdr, .exr or .ktx2 (light), or .obj (mesh)";
+                return Err(Error::Ending { path: path.to_owned(), expected }.into());
+            }
+        })
+    }
+}
+
+/// Gaussians as other programs know them.
+struct Plain {
+    gaussians: Gaussians<Vec<f32>>,
+    /// Of shaded ones.
+    normals: Option<Vec<[f32; 3]>>,
+    /// Which of the scene's they are.
+    kept: Vec<usize>,
+    /// Specula's own pictures of the scene, each as its camera shows it; none where no error is asked for.
+    own: Vec<(Camera, Vec<f32>)>,
+}
+
+/// A scene on its way out.
+struct Exporter<'a> {
+    args: &'a Export,
+    opened: Opened,
+    background: Background,
+    talk: Talk,
+}
+
+impl Exporter<'_> {
+    fn scene(&self) -> &Scene {
+        &self.opened.scene
+    }
+
+    /// The cameras that it was fitted to, or some all around.
+    fn cameras(&self) -> Result<Vec<Camera>, Failure> {
+        Ok(Tour::fitted(&self.opened)?.unwrap_or_else(|| Tour::sphere(&self.scene().gaussians, SPHERE)))
+    }
+
+    /// What can be seen of the Gaussians, baked if they are shaded.
+    fn plain(&self) -> Result<Plain, Failure> {
+        let all = &self.scene().gaussians;
+        let kept = visible(all, self.args.min_opacity);
+        if kept.is_empty() {
+            return Err(Failure::Input(format!(
+                "{:?} has no Gaussian to write, of {} none is finite and has an opacity of {} or more; lower \
+                 --min-opacity, or take an earlier iteration",
+                self.args.model, all.count, self.args.min_opacity
+            )));
+        }
+        let degree = self.args.sh_degree.unwrap_or(DEGREE);
+        let scene = Scene { gaussians: subset(all, &kept, all.layout), ..self.scene().clone() };
+        let (gaussians, normals) = if !all.layout.is_shaded() {
+            (with_degree(&scene.gaussians, degree), None)
+        } else {
+            let cameras = self.cameras()?;
+            let Baked { gaussians, normals } = match self.args.bake {
+                BakeName::Sh => bake::bake(&scene, &cameras, degree, self.talk)?,
+                BakeName::Diffuse => bake::diffuse(&scene, &cameras, self.talk)?,
+            };
+            (gaussians, Some(normals))
+        };
+        Ok(Plain { gaussians, normals, kept, own: self.own_pictures()? })
+    }
+
+    fn write_gaussians(&self, path: &Path, kind: Kind, plain: &Plain) -> Result<(), Failure> {
+        let Plain { gaussians, normals, kept, .. } = plain;
+        match kind {
+            Kind::Ply => gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), &self.comments())?,
+            Kind::Splat => splat::write(path, gaussians)?,
+            Kind::Spz => spz::write(path, gaussians)?,
+            Kind::Glb => glb::write(path, gaussians, self.shading(kept, normals.as_deref()).as_ref())?,
+        }
+        let stored = match kind {
+            Kind::Ply | Kind::Glb => gaussians.clone(),
+            Kind::Splat => splat::stored(gaussians),
+            Kind::Spz => spz::stored(gaussians),
+        };
+        let error = self.error(stored, &plain.own)?;
+        self.say(
+            path,
+            &format!("{} Gaussians", thousands(gaussians.count)),
+            &format!("{}{error}", self.lost(kind, plain)),
+        )
+    }
+
+    /// How a PLY file came about, for who wonders later.
+    fn comments(&self) -> Vec<String> {
+        let what = match (self.scene().gaussians.layout.is_shaded(), self.args.bake) {
+            (false, _) => "plain Gaussians",
+            (true, BakeName::Sh) => "a shading function, baked into spherical harmonics",
+            (true, BakeName::Diffuse) => "the diffuse colour of a shading function",
+        };
+        vec![format!("exported by specula {}: {what}", env!("CARGO_PKG_VERSION"))]
+    }
+
+    /// What is not in the file.
+    fn lost(&self, kind: Kind, plain: &Plain) -> String {
+        let is_shaded = self.scene().gaussians.layout.is_shaded();
+        let baked = match (is_shaded, self.args.bake, plain.gaussians.layout.sh_degree.unwrap_or(0)) {
+            (false, ..) => String::new(),
+            (true, BakeName::Sh, degree) => format!("light and shading became harmonics of degree {degree}"),
+            (true, BakeName::Diffuse, _) => "light and all that reflects it are left out".to_owned(),
+        };
+        let of_kind = match kind {
+            Kind::Ply => "",
+            Kind::Splat => "colours are the same from everywhere, colours and quats are rounded to 8 bits",
+            Kind::Spz => "numbers are rounded to 8 bits, places to a 65536th of the scene",
+            Kind::Glb if is_shaded => "and are beside them as SPECULA_shading",
+            Kind::Glb => "",
+        };
+        let left_out = match self.scene().gaussians.count - plain.kept.len() {
+            0 => String::new(),
+            count => format!("{} Gaussians that nobody sees are left out", thousands(count)),
+        };
+        let parts: Vec<&str> = [&baked, of_kind, &left_out].into_iter().filter(|part| !part.is_empty()).collect();
+        if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
+    }
+
+    /// What shading needs, for who knows it.
+    fn shading(&self, kept: &[usize], normals: Option<&[[f32; 3]]>) -> Option<Shading> {
+        let Scene { gaussians, light, reading } = self.scene();
+        let normals = normals?;
+        let all = || kept.iter().map(|gaussian| bake::attributes(gaussians, *gaussian, reading.shading));
+        let mut attributes = vec![
+            Attribute::of("NORMAL".into(), normals.iter().copied()),
+            Attribute::of("DIFFUSE".into(), all().map(|(diffuse, ..)| diffuse)),
+            Attribute::of("TINT".into(), all().map(|(_, tint, _)| tint)),
+            Attribute::of("ROUGHNESS".into(), all().map(|(.., roughness)| [roughness])),
+        ];
+        let start = gaussians.layout.sh_start();
+        attributes.extend((0..gaussians.layout.sh_count()).map(|k| {
+            let residual = kept.iter().map(|gaussian| gaussians.get::<3>(*gaussian, start + 3 * k));
+            Attribute::of(glb::harmonic("RESIDUAL", k), residual)
+        }));
+        let [form, axis, filter] = reading.words();
+        let properties = json!({"form": form, "axis": axis, "prefilter": filter});
+        let properties = properties.as_object().cloned().unwrap_or_default();
+        let light = light.as_ref().map(|light| (radiance(light.activation, &light.values), light.resolution));
+        Some(Shading { properties, attributes, light })
+    }
+
+    /// Pictures of the scene as it is, from its test views, or else from others.
+    fn own_pictures(&self) -> Result<Vec<(Camera, Vec<f32>)>, Failure> {
+        if self.args.no_error {
+            return Ok(Vec::new());
+        }
+        let cameras = evenly(&Tour::of_scene(&self.opened)?, COMPARED_MAX);
+        let pictures = self.pictures(self.scene().clone(), &cameras)?;
+        Ok(cameras.into_iter().zip(pictures).collect())
+    }
+
+    /// Colours from some cameras, over the background.
+    fn pictures(&self, scene: Scene, cameras: &[Camera]) -> Result<Vec<Vec<f32>>, Failure> {
+        let mut renderer = Renderer::new(scene, Channels::Color, &self.args.showing.machine, self.talk)?;
+        let work = self.talk.work("comparing", cameras.len() as u64);
+        let mut pictures = Vec::new();
+        for camera in cameras {
+            pictures.push(over_background(&renderer.view(camera)?, self.background.0));
+            work.done(pictures.len() as u64, String::new);
+        }
+        work.finish();
+        Ok(pictures)
+    }
+
+    /// How far pictures of what is in a file are from specula's own, in words.
+    fn error(&self, stored: Gaussians<Vec<f32>>, own: &[(Camera, Vec<f32>)]) -> Result<String, Failure> {
+        if own.is_empty() {
+            return Ok(String::new());
+        }
+        let cameras: Vec<Camera> = own.iter().map(|(camera, _)| *camera).collect();
+        let scene = Scene { gaussians: stored, light: None, reading: Reading::PAPER };
+        let pictures = self.pictures(scene, &cameras)?;
+        let errors: Vec<f64> =
+            own.iter().zip(&pictures).map(|((_, own), shown)| mean_squared_error(own, shown)).collect();
+        if errors.iter().all(|error| *error == 0.0) {
+            return Ok(format!("; {} pictures of it are specula's own", own.len()));
+        }
+        // A picture without any error counts as one that is wrong by a step of 8 bits in a pixel of a thousand.
+        const LEAST: f64 = 1e-3 / (255.0 * 255.0);
+        let mean = errors.iter().map(|error| psnr(error.max(LEAST))).sum::<f64>() / errors.len() as f64;
+        Ok(format!("; PSNR {mean:.2} dB against specula's own pictures ({} views)", own.len()))
+    }
+
+    fn write_light(&self, path: &Path, kind: LightKind) -> Result<(), Failure> {
+        let light = self.scene().light.as_ref().ok_or_else(|| {
+            Failure::Input(format!(
+                "{:?} has no light to write to {path:?}; name the folder of a model that was trained with --profile \
+                 specula, or a light with --env",
+                self.args.model
+            ))
+        })?;
+        if kind == LightKind::Filtered {
+            return prefilter::run(&self.filter(path), self.talk);
+        }
+        let values = radiance(light.activation, &light.values);
+        let height = ROWS * light.resolution;
+        let map = latlong::from_cube(&values, light.resolution, 2 * height, height, self.args.up.stand());
+        latlong::write(path, &map)?;
+        self.say(
+            path,
+            &format!("light, {} × {height}", map.width),
+            &format!("resampled from a cube of {}²", light.resolution),
+        )
+    }
+
+    /// What `specula prefilter` would be told.
+    fn filter(&self, path: &Path) -> Prefilter {
+        let EnvOptions { exposure, .. } = self.args.env_options;
+        let env = self.args.env.clone();
+        let model = || self.opened.folder.clone().unwrap_or_else(|| self.args.model.clone());
+        Prefilter {
+            exposure: if env.is_some() { exposure } else { 0.0 },
+            env: env.unwrap_or_else(model),
+            output: path.to_owned(),
+            resolution: None,
+            levels: None,
+            roughness: Some(MipName::Linear),
+            scheme: SchemeName::Specula,
+            up: self.args.up,
+            previews: false,
+        }
+    }
+
+    fn write_mesh(&self, path: &Path) -> Result<(), Failure> {
+        let cameras = evenly(&self.cameras()?, FUSED_MAX);
+        let scene = self.scene().clone();
+        if scene.gaussians.count == 0 {
+            return Err(Failure::Input(format!(
+                "{:?} has no Gaussian to see; take an earlier iteration",
+                self.args.model
+            )));
+        }
+        let gaussians = scene.gaussians.clone();
+        let mut renderer = Renderer::new(scene, Channels::Training, &self.args.showing.machine, self.talk)?;
+        let mesh = fuse::mesh(&mut renderer, &gaussians, &cameras, self.args.voxels, self.talk)?;
+        if mesh.triangles.is_empty() {
+            return Err(Failure::Input(format!(
+                "no camera sees a surface in {:?}; take more --voxels, or a model with opaque surfaces",
+                self.args.model
+            )));
+        }
+        mesh::write(path, &mesh)?;
+        let count =
+            format!("{} triangles, {} vertices", thousands(mesh.triangles.len()), thousands(mesh.positions.len()));
+        self.say(path, &count, &format!("colours are the mean over {} views", cameras.len()))
+    }
+
+    /// A file that is written: how much is in it, and what is not.
+    fn say(&self, path: &Path, count: &str, lost: &str) -> Result<(), Failure> {
+        let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
+        output::say(&format!("{}: {count}, {} bytes; {lost}", path.display(), thousands(bytes as usize)))
+    }
+}
+
+/// Gaussians that are finite and at least so opaque.
+fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
+    let is_finite = |gaussian: usize| {
+        (0..gaussians.layout.plane_count()).all(|plane| gaussians.get::<1>(gaussian, plane)[0].is_finite())
+    };
+    let is_seen = |gaussian: usize| sigmoid(gaussians.get::<1>(gaussian, OPACITY)[0]) >= min_opacity;
+    (0..gaussians.count).filter(|gaussian| is_seen(*gaussian) && is_finite(*gaussian)).collect()
+}
+
+/// Some Gaussians, with the first planes of a layout that begins alike.
+fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: Layout) -> Gaussians<Vec<f32>> {
+    let mut some = Gaussians { count: kept.len(), layout, values: vec![0.0; len_of_values(kept.len(), layout)] };
+    for (place, gaussian) in kept.iter().enumerate() {
+        for plane in 0..layout.plane_count() {
+            some.set(place, plane, gaussians.get::<1>(*gaussian, plane));
+        }
+    }
+    some
+}
+
+/// Plain Gaussians without the harmonics above a degree.
+fn with_degree(gaussians: &Gaussians<Vec<f32>>, degree: u8) -> Gaussians<Vec<f32>> {
+    let layout = Layout { sh_degree: gaussians.layout.sh_degree.min(Some(degree)), ..gaussians.layout };
+    let all: Vec<usize> = (0..gaussians.count).collect();
+    subset(gaussians, &all, layout)
+}

@@ -1,0 +1,64 @@
+//! Surfaces of triangles, with a colour and a normal at each vertex: Wavefront OBJ and PLY.
+
+use crate::{
+    error::{Error, Result},
+    latlong::ending,
+    whole_file,
+};
+use std::{
+    io::{self, Write},
+    path::Path,
+};
+
+/// Triangles and their vertices.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Places, in the world.
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals, which point out.
+    pub normals: Vec<[f32; 3]>,
+    /// sRGB, in \[0, 1\].
+    pub colors: Vec<[f32; 3]>,
+    /// Vertices of each triangle, counterclockwise to who looks from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Writes `.obj`, whose vertices have colours behind their places as most programs read them, or `.ply`.
+pub fn write(path: &Path, mesh: &Mesh) -> Result<()> {
+    let count = mesh.positions.len();
+    assert!(mesh.normals.len() == count && mesh.colors.len() == count, "each vertex has a normal and a colour");
+    match ending(path).as_deref() {
+        Some("obj") => whole_file::write(path, |out| write_obj(out, mesh)),
+        Some("ply") => whole_file::write(path, |out| write_ply(out, mesh)),
+        _ => Err(Error::Ending { path: path.to_owned(), expected: ".obj or .ply" }),
+    }
+}
+
+fn write_obj(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
+    for ([x, y, z], [r, g, b]) in mesh.positions.iter().zip(&mesh.colors) {
+        writeln!(out, "v {x} {y} {z} {r:.4} {g:.4} {b:.4}")?;
+    }
+    for [x, y, z] in &mesh.normals {
+        writeln!(out, "vn {x:.4} {y:.4} {z:.4}")?;
+    }
+    for [a, b, c] in mesh.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + 1)) {
+        writeln!(out, "f {a}//{a} {b}//{b} {c}//{c}")?;
+    }
+    Ok(())
+}
+
+fn write_ply(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
+    writeln!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}", mesh.positions.len())?;
+    ["x", "y", "z", "nx", "ny", "nz"].iter().try_for_each(|name| writeln!(out, "property float {name}"))?;
+    ["red", "green", "blue"].iter().try_for_each(|name| writeln!(out, "property uchar {name}"))?;
+    writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", mesh.triangles.len())?;
+    for ((position, normal), color) in mesh.positions.iter().zip(&mesh.normals).zip(&mesh.colors) {
+        position.iter().chain(normal).try_for_each(|number| out.write_all(&number.to_le_bytes()))?;
+        out.write_all(&color.map(|channel| (255.0 * channel).round().clamp(0.0, 255.0) as u8))?;
+    }
+    for triangle in &mesh.triangles {
+        out.write_all(&[3])?;
+        triangle.iter().try_for_each(|vertex| out.write_all(&vertex.to_le_bytes()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! Plain Gaussians as `.splat`, the layout of antimatter15's viewer, which many others read.
+//!
+//! 32 bytes each, without a header: mean and scale as three `f32` each; red, green, blue and opacity as bytes; the quat
+//! (w, x, y, z) as bytes 128 + 128 q. Colours are those of the first harmonic, the same from everywhere. The order is by
+//! opacity times volume, largest first, so that a viewer shows something before all is there
+//! (github.com/antimatter15/splat, `convert.py`). Numbers are rounded to the nearest byte, where that program cuts off.
+
+use crate::{error::Result, whole_file};
+use specula_core::{
+    activation::{logit, sigmoid},
+    scene::{Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, len_of_values},
+    sh::Y0,
+};
+use std::{io::Write, path::Path};
+
+/// Bytes of a Gaussian.
+pub const RECORD_LEN: usize = 32;
+
+/// Writes plain Gaussians.
+pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
+    whole_file::write(path, |out| {
+        by_visibility(gaussians).into_iter().try_for_each(|gaussian| out.write_all(&record(gaussians, gaussian)))
+    })
+}
+
+/// The Gaussians as a reader of the file finds them, in the order in which they are.
+pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
+    let layout = Layout::radiance(0);
+    let mut stored =
+        Gaussians { count: gaussians.count, layout, values: vec![0.0; len_of_values(gaussians.count, layout)] };
+    for gaussian in 0..gaussians.count {
+        stored.set(gaussian, MEAN, gaussians.get::<3>(gaussian, MEAN));
+        stored.set(gaussian, LOG_SCALE, gaussians.get::<3>(gaussian, LOG_SCALE));
+        stored.set(gaussian, QUAT, quat_bytes(gaussians, gaussian).map(|byte| (f32::from(byte) - 128.0) / 128.0));
+        let [r, g, b, opacity] = color_bytes(gaussians, gaussian).map(|byte| f32::from(byte) / 255.0);
+        stored.set(gaussian, OPACITY, [logit(opacity)]);
+        stored.set(gaussian, layout.sh_start(), [r, g, b].map(|color| (color - 0.5) / Y0));
+    }
+    stored
+}
+
+/// The most visible first; ties in their order.
+fn by_visibility(gaussians: &Gaussians<Vec<f32>>) -> Vec<usize> {
+    let visibility = |gaussian: usize| {
+        let volume = gaussians.get::<3>(gaussian, LOG_SCALE).iter().sum::<f32>().exp();
+        sigmoid(gaussians.get::<1>(gaussian, OPACITY)[0]) * volume
+    };
+    let visibilities: Vec<f32> = (0..gaussians.count).map(visibility).collect();
+    let mut order: Vec<usize> = (0..gaussians.count).collect();
+    order.sort_by(|a, b| visibilities[*b].total_cmp(&visibilities[*a]));
+    order
+}
+
+fn record(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; RECORD_LEN] {
+    let [mean, scale] = [gaussians.get::<3>(gaussian, MEAN), gaussians.get::<3>(gaussian, LOG_SCALE).map(f32::exp)];
+    let mut record = [0; RECORD_LEN];
+    for (bytes, number) in record.chunks_exact_mut(4).zip(mean.into_iter().chain(scale)) {
+        bytes.copy_from_slice(&number.to_le_bytes());
+    }
+    record[24..28].copy_from_slice(&color_bytes(gaussians, gaussian));
+    record[28..].copy_from_slice(&quat_bytes(gaussians, gaussian));
+    record
+}
+
+fn color_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; 4] {
+    let [r, g, b] = gaussians.get::<3>(gaussian, gaussians.layout.sh_start()).map(|first| 0.5 + Y0 * first);
+    let [opacity] = gaussians.get::<1>(gaussian, OPACITY).map(sigmoid);
+    [r, g, b, opacity].map(|share| byte(255.0 * share))
+}
+
+fn quat_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; 4] {
+    unit(gaussians.get::<4>(gaussian, QUAT)).map(|q| byte(128.0 * q + 128.0))
+}
+
+/// The nearest byte.
+pub(crate) fn byte(number: f32) -> u8 {
+    number.round().clamp(0.0, 255.0) as u8
+}
+
+/// A quat of unit length; no rotation where it has none.
+pub(crate) fn unit(quat: [f32; 4]) -> [f32; 4] {
+    let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
+    if length > 0.0 { quat.map(|q| q / length) } else { [1.0, 0.0, 0.0, 0.0] }
+}
