@@ -504,15 +504,23 @@ pub(crate) struct Relight {
     pub(crate) json: bool,
 }
 
-/// Measure a model on views that it was not fitted to: PSNR, SSIM, and the normals' error where true normals are known.
+/// Measure a model on views that it was not fitted to: PSNR, SSIM, FLIP, and the normals' error where true normals are
+/// known.
 ///
-/// PSNR and SSIM are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle in
-/// degrees over pixels whose true alpha exceeds one half. Measures of the test views are written to MODEL/results.json
-/// and MODEL/per_view.json.
+/// PSNR, SSIM and FLIP are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle
+/// in degrees over pixels whose true alpha exceeds one half. Where the data set has lights and true pictures under them
+/// (relight/NAME.hdr and relight/NAME/), relightings are measured too, as they are and with the best factor for each of
+/// red, green and blue.
+///
+/// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under ours_N, or a longer name
+/// where something is not as in training, such as ours_N_f16, ours_N_ray, ours_N_r4 or ours_N_on-0,0,0: nothing takes the
+/// place of other measures. MODEL/test/ours_N/index.html shows every view beside its truth and its error, the worst
+/// first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula eval out/chair
+  specula eval out/chair --storage f16
   specula eval scene.ply -s data/chair --background white --json")]
 pub(crate) struct Eval {
     /// Folder of a model, or a PLY file.
@@ -535,6 +543,13 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
+    /// Measure LPIPS too, by the network in this file, which scripts/lpips-weights.py writes; results.json says which it
+    /// was. It takes far longer than everything else.
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub(crate) lpips: Option<PathBuf>,
+    /// Folder for the page; MODEL/test/ours_N by default.
+    #[arg(long, short, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,

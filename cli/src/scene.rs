@@ -7,6 +7,7 @@ use crate::{
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
     progress::{Talk, Work},
+    quality::Measured,
     relay::relay,
 };
 use specula_accuracy::{setting::Setting, subject::Subject};
@@ -25,7 +26,7 @@ use specula_io::{
     model_folder::{self, Model, ModelInfo, Snapshot},
 };
 use specula_train::{
-    evaluate::{ViewQuality, measure_view, rules_to_measure},
+    evaluate::{measure_view, rules_to_measure},
     trainer::HostScene,
     view::View,
 };
@@ -52,6 +53,8 @@ pub(crate) struct Opened {
     pub(crate) folder: Option<PathBuf>,
     pub(crate) iteration: Option<u32>,
     pub(crate) info: Option<ModelInfo>,
+    /// Whether its attributes are read as the model itself says.
+    pub(crate) is_read_as_it_says: bool,
 }
 
 impl Opened {
@@ -60,11 +63,12 @@ impl Opened {
         let model = model_folder::open(path)?;
         let folder = folder_of(path, &model);
         let reading = Reading::chosen(&model, profile)?;
+        let is_read_as_it_says = reading == Reading::of_model(&model);
         let mut gaussians = model.gaussians;
         convention::from_file(&mut gaussians, reading.shading);
         sort_in_space(&mut gaussians);
         let scene = Scene { gaussians, light: model.light, reading };
-        Ok(Self { scene, folder, iteration: model.iteration, info: model.info })
+        Ok(Self { scene, folder, iteration: model.iteration, info: model.info, is_read_as_it_says })
     }
 
     /// How many views of the model were held out, if it says so; they are the first of its cameras.
@@ -234,13 +238,23 @@ impl Renderer {
         views: &[View],
         background: Background,
         work: &Work,
-    ) -> Result<Vec<ViewQuality>, Failure> {
+    ) -> Result<Vec<Measured>, Failure> {
+        self.for_each_view(views, work, |view, image| Ok(measure_view(image, view, background.0).into()))
+    }
+
+    /// What is made of every view and its picture, which has normals where the view has true ones.
+    pub(crate) fn for_each_view<T: Send>(
+        &mut self,
+        views: &[View],
+        work: &Work,
+        make: impl Fn(&View, &Image<Vec<f32>>) -> Result<T, Failure> + Sync,
+    ) -> Result<Vec<T>, Failure> {
         let rules = self.rules;
         relay(
             views.len(),
             work,
             |index| self.machine.view(OWN_LIGHT, &views[index].camera, &rules_to_measure(&views[index], &rules)),
-            |index, image| Ok(measure_view(&image, &views[index], background.0)),
+            |index, image| make(&views[index], &image),
         )
     }
 }
