@@ -37,6 +37,7 @@ Examples:
   specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
+  specula compare out/chair out/plain             a table of what they came to
   specula view out/chair                          look around in it, in a browser
   specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
   specula info out/chair                          what is in it";
@@ -49,6 +50,7 @@ pub(crate) enum Command {
     Render(Render),
     Relight(Relight),
     Eval(Eval),
+    Compare(Compare),
     View(View),
     Prefilter(Prefilter),
     Report(Report),
@@ -553,6 +555,46 @@ pub(crate) struct Eval {
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Print a table of what runs came to, as papers have them: quality, Gaussians, training time, size.
+///
+/// It reads what training and eval wrote into each RUN (results.json, per_view.json, specula.json, config.toml,
+/// cameras.json) and computes nothing: what a run lacks is told with the command that measures it. Runs of one scene are
+/// rows of one table. Of several scenes there is a table for each quantity, with a column for each scene and their mean
+/// where a row has all of them. Rows are called by their profile, and by the settings in which runs differ. The best of
+/// a column is bold.
+///
+/// Runs of one scene that were measured otherwise (other test views, sizes, backgrounds, another network for LPIPS)
+/// are told, and none of that scene is bold. Size is that of the Gaussians and the light. Models of INRIA's and the
+/// authors' tools are read as far as they say the same.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula compare out/chair out/plain
+  specula compare out/*-3dgs out/*-specula -o table.tex
+  specula compare out/* --format csv")]
+pub(crate) struct Compare {
+    /// Folders of models.
+    #[arg(value_name = "RUN", required = true)]
+    pub(crate) runs: Vec<PathBuf>,
+    /// How the table is written; by default as the file's ending says, or Markdown.
+    #[arg(long, value_enum)]
+    pub(crate) format: Option<TableFormat>,
+    /// File for the table, instead of stdout.
+    #[arg(long, short, value_name = "FILE.md|.csv|.tex")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+/// How a table is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TableFormat {
+    /// For people, the best in bold.
+    Markdown,
+    /// Numbers in full, for other programs.
+    Csv,
+    /// A tabular that needs no package, the best in bold.
+    Latex,
 }
 
 /// Look around in a scene, in a browser.

@@ -3,6 +3,7 @@
 mod args;
 mod background;
 mod checkpoint;
+mod compare;
 mod config;
 mod convention;
 mod dataset;
@@ -71,6 +72,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(args) => render::run(args, talk),
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
+        Command::Compare(args) => compare::run(args, talk),
         Command::View(args) => view::run(args, talk),
         Command::Prefilter(args) => prefilter::run(args, talk),
         Command::Report(args) => report::run(args, talk),
