@@ -2,7 +2,7 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
-use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
+use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer, preset::Preset};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
 use serde::{Serialize, Serializer};
@@ -104,6 +104,7 @@ Examples:
   specula train -m out/chair --resume --iterations 30000    go on for longer than was asked for
   specula train data/chair -m out/chair --view              watch it in a browser, at http://127.0.0.1:7008/
   specula train data/drums -m out/drums --config out/chair/config.toml    another scene, told the same
+  specula train data/toaster -m out/toaster --eval --preset shiny-blender -r 2    what fits such data, but smaller
 Profiles:
   specula    whatever measures best; the default
   paper      the paper's equations and weights to the letter
@@ -232,6 +233,11 @@ pub(crate) struct Again {
     #[arg(long, value_name = "FILE.toml")]
     #[serde(skip)]
     pub(crate) config: Option<PathBuf>,
+    /// Options that neither are given nor stand in --config are those that fit this kind of data set; MODEL/config.toml
+    /// says what they came to. Views are held out only with --eval.
+    #[arg(long, value_enum, conflicts_with = "resume")]
+    #[serde(skip)]
+    pub(crate) preset: Option<Preset>,
     /// Write MODEL/checkpoint.safetensors after every so many steps, in place of the one before; 0 for none but that on
     /// Ctrl-C and at the end.
     #[arg(long, alias = "checkpoint_every", value_name = "N", default_value_t = 1000)]

@@ -20,6 +20,7 @@ mod output;
 mod page;
 mod pictures;
 mod prefilter;
+mod preset;
 mod progress;
 mod quality;
 mod relay;
