@@ -5,7 +5,7 @@ use safetensors::SafeTensors;
 use specula_accuracy::lpips::Network;
 use specula_core::scene::Image;
 
-/// Sums of at most 288 products in another order, thirteen layers deep; measured below 1e-6.
+/// Sums of at most 288 products in another order, thirteen layers deep, as a share of the distance.
 const ROUNDING: f64 = 1e-5;
 
 const VGG: &[u8] = include_bytes!("data/lpips-vgg.safetensors");
