@@ -4,6 +4,7 @@
 //! * [`setting`]: the knobs, and what they can be turned to
 //! * [`trial`]: a scene under a setting: pictures, times stage by stage, counts of the work
 //! * [`error`]: measures of a picture against the exact one ([`mod@flip`])
+//! * [`mod@lpips`]: how different pictures look to a network whose weights a file holds
 //! * [`front`]: settings that no other beats
 //! * [`budget`]: the cheapest setting for an error, verified on views that it was not chosen by
 //! * [`mod@off_axis`]: how far alphas are from those along rays, by the angle
@@ -15,6 +16,7 @@ pub mod budget;
 pub mod error;
 pub mod flip;
 pub mod front;
+pub mod lpips;
 pub mod off_axis;
 pub mod reference;
 pub mod setting;

@@ -2,7 +2,7 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
-use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer};
+use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer, preset::Preset};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
@@ -38,6 +38,7 @@ Examples:
   specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
+  specula compare out/chair out/plain             a table of what they came to
   specula view out/chair                          look around in it, in a browser
   specula export out/chair -o chair.ply           for any viewer of Gaussians
   specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
@@ -51,6 +52,7 @@ pub(crate) enum Command {
     Render(Render),
     Relight(Relight),
     Eval(Eval),
+    Compare(Compare),
     View(View),
     Export(Export),
     Prefilter(Prefilter),
@@ -105,6 +107,7 @@ Examples:
   specula train -m out/chair --resume --iterations 30000    go on for longer than was asked for
   specula train data/chair -m out/chair --view              watch it in a browser, at http://127.0.0.1:7008/
   specula train data/drums -m out/drums --config out/chair/config.toml    another scene, told the same
+  specula train data/toaster -m out/toaster --eval --preset shiny-blender -r 2    what fits such data, but smaller
 Profiles:
   specula    whatever measures best; the default
   paper      the paper's equations and weights to the letter
@@ -233,6 +236,11 @@ pub(crate) struct Again {
     #[arg(long, value_name = "FILE.toml")]
     #[serde(skip)]
     pub(crate) config: Option<PathBuf>,
+    /// Options that neither are given nor stand in --config are those that fit this kind of data set; MODEL/config.toml
+    /// says what they came to. Views are held out only with --eval.
+    #[arg(long, value_enum, conflicts_with = "resume")]
+    #[serde(skip)]
+    pub(crate) preset: Option<Preset>,
     /// Write MODEL/checkpoint.safetensors after every so many steps, in place of the one before; 0 for none but that on
     /// Ctrl-C and at the end.
     #[arg(long, alias = "checkpoint_every", value_name = "N", default_value_t = 1000)]
@@ -508,15 +516,23 @@ pub(crate) struct Relight {
     pub(crate) json: bool,
 }
 
-/// Measure a model on views that it was not fitted to: PSNR, SSIM, and the normals' error where true normals are known.
+/// Measure a model on views that it was not fitted to: PSNR, SSIM, FLIP, and the normals' error where true normals are
+/// known.
 ///
-/// PSNR and SSIM are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle in
-/// degrees over pixels whose true alpha exceeds one half. Measures of the test views are written to MODEL/results.json
-/// and MODEL/per_view.json.
+/// PSNR, SSIM and FLIP are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle
+/// in degrees over pixels whose true alpha exceeds one half. Where the data set has lights and true pictures under them
+/// (relight/NAME.hdr and relight/NAME/), relightings are measured too, as they are and with the best factor for each of
+/// red, green and blue.
+///
+/// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under ours_N, or a longer name
+/// where something is not as in training, such as ours_N_f16, ours_N_ray, ours_N_r4 or ours_N_on-0,0,0: nothing takes the
+/// place of other measures. MODEL/test/ours_N/index.html shows every view beside its truth and its error, the worst
+/// first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula eval out/chair
+  specula eval out/chair --storage f16
   specula eval scene.ply -s data/chair --background white --json")]
 pub(crate) struct Eval {
     /// Folder of a model, or a PLY file.
@@ -539,9 +555,56 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
+    /// Measure LPIPS too, by the network in this file, which scripts/lpips-weights.py writes; results.json says which it
+    /// was. It takes far longer than everything else.
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub(crate) lpips: Option<PathBuf>,
+    /// Folder for the page; MODEL/test/ours_N by default.
+    #[arg(long, short, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
     /// Print the measures as JSON, view by view.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Print a table of what runs came to, as papers have them: quality, Gaussians, training time, size.
+///
+/// It reads what training and eval wrote into each RUN (results.json, per_view.json, specula.json, config.toml,
+/// cameras.json) and computes nothing: what a run lacks is told with the command that measures it. Runs of one scene are
+/// rows of one table. Of several scenes there is a table for each quantity, with a column for each scene and their mean
+/// where a row has all of them. Rows are called by their profile, and by the settings in which runs differ. The best of
+/// a column is bold.
+///
+/// Runs of one scene that were measured otherwise (other test views, sizes, backgrounds, another network for LPIPS)
+/// are told, and none of that scene is bold. Size is that of the Gaussians and the light. Models of INRIA's and the
+/// authors' tools are read as far as they say the same.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula compare out/chair out/plain
+  specula compare out/*-3dgs out/*-specula -o table.tex
+  specula compare out/* --format csv")]
+pub(crate) struct Compare {
+    /// Folders of models.
+    #[arg(value_name = "RUN", required = true)]
+    pub(crate) runs: Vec<PathBuf>,
+    /// How the table is written; by default as the file's ending says, or Markdown.
+    #[arg(long, value_enum)]
+    pub(crate) format: Option<TableFormat>,
+    /// File for the table, instead of stdout.
+    #[arg(long, short, value_name = "FILE.md|.csv|.tex")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+/// How a table is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TableFormat {
+    /// For people, the best in bold.
+    Markdown,
+    /// Numbers in full, for other programs.
+    Csv,
+    /// A tabular that needs no package, the best in bold.
+    Latex,
 }
 
 /// Look around in a scene, in a browser.

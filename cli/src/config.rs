@@ -4,6 +4,7 @@ use crate::{
     args::{Arguments, Command, Train},
     failure::Failure,
     output,
+    preset::Preset,
 };
 use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
 use specula_io::{Error, checkpoint};
@@ -27,10 +28,13 @@ const FREE: [&str; 9] = [
     "images",
     "test-every",
 ];
+/// What says where settings are from is none itself.
+const NOT_IN_FILES: [&str; 3] = ["config", "preset", "resume"];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 
-/// The arguments with those of a file beneath them, where they ask for one: what is given on the command line counts.
+/// The arguments with those of a file beneath them, and those of a preset beneath both, where they ask for either: what is
+/// given on the command line counts.
 pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
@@ -38,45 +42,62 @@ pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
         return Err(Error::NoCheckpoint { path: folder.clone() }.into());
     }
     let saved = train.again.resume.then(|| folder.join(NAME));
-    match train.again.config.clone().or(saved) {
-        Some(path) => over(&path, &std::env::args_os().collect::<Vec<_>>()),
-        None => Ok(arguments),
+    let path = train.again.config.clone().or(saved);
+    if path.is_none() && train.again.preset.is_none() {
+        return Ok(arguments);
     }
+    over(path.as_deref(), train.again.preset, &std::env::args_os().collect::<Vec<_>>())
 }
 
-/// The words of a command line over the settings of a file.
-fn over(path: &Path, words: &[OsString]) -> Result<Arguments, Failure> {
-    let text = fs::read_to_string(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
-    let wrong = |cause: &str| Failure::Input(format!("cannot understand {path:?}: {cause}"));
-    let table: Table = text.parse().map_err(|error: toml::de::Error| wrong(&first_line(&error, &text)))?;
+/// The words of a command line over the settings of a file, and those over the settings of a preset.
+fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Result<Arguments, Failure> {
+    let wrong = |cause: &str| match path {
+        Some(path) => Failure::Input(format!("cannot understand {path:?}: {cause}")),
+        None => Failure::Input(cause.to_owned()),
+    };
+    let table = path.map_or(Ok(Table::new()), read)?;
 
     let command = Arguments::command();
     let matches = command.clone().try_get_matches_from(words)?;
     let given = matches.subcommand_matches("train").expect("only a training has a file of settings");
     let mut train = command.find_subcommand("train").expect("it is there").clone();
     train.build();
-    let given: Vec<&Arg> = train
-        .get_arguments()
-        .filter(|arg| matches!(given.value_source(arg.get_id().as_str()), Some(ValueSource::CommandLine)))
-        .collect();
-    let is_overridden = |arg: &Arg| {
+    let is_given = |arg: &&Arg| matches!(given.value_source(arg.get_id().as_str()), Some(ValueSource::CommandLine));
+    let mut above: Vec<&Arg> = train.get_arguments().filter(is_given).collect();
+    let is_overridden = |arg: &Arg, above: &[&Arg]| {
         let excludes = |one: &Arg, other: &Arg| train.get_arg_conflicts_with(one).contains(&other);
-        given.iter().any(|other| *other == arg || excludes(arg, other) || excludes(other, arg))
+        above.iter().any(|other| *other == arg || excludes(arg, other) || excludes(other, arg))
     };
+    let named = |key: &str| train.get_arguments().find(|arg| arg.get_long() == Some(key));
 
     let mut beneath = Vec::new();
+    let mut in_file = Vec::new();
     for (key, value) in &table {
-        let known = train.get_arguments().find(|arg| arg.get_long() == Some(key));
-        let arg = known.ok_or_else(|| wrong(&format!("{key:?} is no option of specula train")))?;
-        if !is_overridden(arg) {
-            let word =
-                word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
-            beneath.extend(word.map(OsString::from));
+        let arg = named(key).filter(|arg| !NOT_IN_FILES.contains(&arg.get_id().as_str()));
+        let arg = arg.ok_or_else(|| wrong(&format!("{key:?} is no setting of specula train")))?;
+        let word = word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
+        if let Some(word) = word.filter(|_| !is_overridden(arg, &above)) {
+            beneath.push(OsString::from(word));
+            in_file.push(arg);
+        }
+    }
+    above.extend(in_file);
+    for (key, value) in preset.map_or(&[][..], Preset::settings) {
+        if !is_overridden(named(key).expect("presets are of options"), &above) {
+            beneath.push(format!("--{key}={value}").into());
         }
     }
     let place = 1 + words.iter().position(|word| word == "train").expect("a training is asked for");
     let all = [&words[..place], &beneath, &words[place..]].concat();
     Arguments::try_parse_from(all).map_err(|error| wrong(&crate::failure::sentence_of(&error)))
+}
+
+/// The settings in a file.
+fn read(path: &Path) -> Result<Table, Failure> {
+    let text = fs::read_to_string(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    text.parse().map_err(|error: toml::de::Error| {
+        Failure::Input(format!("cannot understand {path:?}: {}", first_line(&error, &text)))
+    })
 }
 
 /// What the parser said, with its line.
@@ -140,6 +161,9 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::background::Background;
+    use clap::ValueEnum;
+    use core::str::FromStr;
 
     fn words(line: &str) -> Vec<OsString> {
         line.split(' ').map(OsString::from).collect()
@@ -167,11 +191,13 @@ mod tests {
         let text = text_of(&one).expect("paths are UTF-8");
         let (_folder, path) = config(&text);
 
-        let again = train_of(over(&path, &words("specula --quiet train -m other --config x")).expect("it was written"));
+        let again = train_of(
+            over(Some(&path), None, &words("specula --quiet train -m other --config x")).expect("it was written"),
+        );
         assert_eq!(text_of(&again).expect("paths are UTF-8"), text);
         let changed = "specula train drums -m other --config x --save-iterations 5 --points p.ply --profile 3dgs \
                        --background black";
-        let changed = train_of(over(&path, &words(changed)).expect("it was written"));
+        let changed = train_of(over(Some(&path), None, &words(changed)).expect("it was written"));
         assert_eq!((changed.save_iterations.as_slice(), changed.start.random_points), (&[5][..], None));
         assert_eq!((changed.white_background, changed.dataset), (false, Some("drums".into())));
         assert_eq!(changed.losses.lambda_normal, Some(0.1), "what is not given comes from the file");
@@ -186,11 +212,52 @@ mod tests {
             ("profile = \"best\"", "best"),
             ("seed = {}", "seed"),
             ("[losses]\nlambda-normal = 1", "losses"),
+            ("preset = \"photos\"", "preset"),
         ] {
             let (_folder, path) = config(text);
-            let refused = over(&path, &words("specula train data -m out --config x")).map(train_of);
+            let refused = over(Some(&path), None, &words("specula train data -m out --config x")).map(train_of);
             let sentence = refused.expect_err("it is wrong").to_string();
             assert!(sentence.contains(NAME) && sentence.contains(word), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn the_command_line_counts_more_than_a_file_and_a_file_more_than_a_preset() {
+        let of = |text: &str, line: &str| {
+            let (_folder, path) = config(text);
+            train_of(over(Some(&path), Some(Preset::Photos), &words(line)).expect("all are valid"))
+        };
+        let told = |train: &Train| (train.resolution, train.iterations, train.start.background_points);
+        let bare = of("", "specula train data -m out --preset photos");
+        assert_eq!((told(&bare), bare.background), ((4, 7000, 5000), Some(Background::BLACK)));
+        let file = "resolution = 2\niterations = 100\nwhite-background = false";
+        let one = of(file, "specula train data -m out --preset photos -r 8 --config x");
+        assert_eq!((told(&one), one.background), ((8, 100, 5000), Some(Background::BLACK)));
+        let other = of("white-background = true", "specula train data -m out --preset photos --iterations 9");
+        assert_eq!((told(&other), other.background, other.white_background), ((4, 9, 5000), None, true));
+        let third = of("", "specula train data -m out --preset photos -w --random-points 5");
+        assert_eq!((third.background, third.white_background, third.start.random_points), (None, true, Some(5)));
+    }
+
+    #[test]
+    fn every_preset_is_valid_and_told_in_the_help() {
+        let command = Arguments::command();
+        let train = command.find_subcommand("train").expect("it is there");
+        let help = train.clone().render_long_help().to_string();
+        for preset in Preset::value_variants() {
+            let train = train_of(over(None, Some(*preset), &words("specula train data -m out")).expect("it is valid"));
+            let text = text_of(&train).expect("paths are UTF-8");
+            let table: Table = text.parse().expect("it is a table");
+            for (key, value) in preset.settings() {
+                let background = Background::from_str(value).map(|background| background.to_string());
+                let said = table.get(*key).and_then(plain).expect("config.toml says what it came to");
+                assert!(said == *value || background == Ok(said.clone()), "{preset:?}: {key} is {said}");
+            }
+            let name = preset.to_possible_value().expect("none is hidden").get_name().to_owned();
+            let iterations = train.iterations.to_string();
+            let (_, words) = help.split_once(&format!("- {name}:")).expect("the help names it");
+            let words = words.split("\n          - ").next().expect("there is a first part");
+            assert!(words.contains(&iterations), "the help says {words:?} of {name}, which takes {iterations}");
         }
     }
 

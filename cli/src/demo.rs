@@ -14,7 +14,7 @@ use crate::{
     machine::ExecutorChoice,
     output,
     progress::Talk,
-    quality,
+    quality::{self, MAE, MEASURES, PSNR, SSIM, Values},
     scene::{Renderer, Scene},
 };
 use serde_json::{Map, Value, json};
@@ -25,7 +25,6 @@ use specula_io::{
     model_folder::{self, ModelInfo},
 };
 use specula_train::{
-    evaluate::{Quality, mean_quality},
     profile,
     start::{Point, random_points},
     trainer::Settings,
@@ -47,7 +46,7 @@ const PROFILES: [&str; 2] = ["3dgs", "specula"];
 #[derive(Debug)]
 struct Contestant {
     name: &'static str,
-    quality: Quality,
+    quality: Values,
     seconds: f64,
     gaussians: usize,
     scene: Scene,
@@ -123,8 +122,8 @@ fn contest(
     let work = talk.work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
     work.finish();
-    model_folder::save_quality(&folder, args.iterations, &quality::for_files(&measured))?;
-    Ok(Contestant { name, quality: mean_quality(&measured), seconds: outcome.seconds, gaussians, scene, renderer })
+    model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &quality::for_files(&measured))?;
+    Ok(Contestant { name, quality: quality::means(&measured), seconds: outcome.seconds, gaussians, scene, renderer })
 }
 
 fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo {
@@ -152,7 +151,7 @@ fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo
 
 fn results(contestants: &[Contestant]) -> Value {
     let entry = |contestant: &Contestant| {
-        let mut measures = quality::means(&contestant.quality);
+        let mut measures = quality::for_programs(&contestant.quality);
         measures["seconds"] = ((contestant.seconds * 10.0).round() / 10.0).into();
         measures["gaussians"] = contestant.gaussians.into();
         (contestant.name.to_owned(), measures)
@@ -170,12 +169,13 @@ struct Table {
 fn table(contestants: &[Contestant]) -> Table {
     let heads = ["profile", "PSNR dB", "SSIM", "normals °", "seconds", "Gaussians"].map(str::to_owned);
     let row = |contestant: &Contestant| {
-        let Quality { psnr, ssim, normal_mae } = contestant.quality;
+        let number =
+            |measure: usize| contestant.quality[measure].map_or(String::new(), |value| MEASURES[measure].number(value));
         [
             contestant.name.to_owned(),
-            format!("{psnr:.2}"),
-            format!("{ssim:.4}"),
-            normal_mae.map_or(String::new(), |mae| format!("{mae:.2}")),
+            number(PSNR),
+            number(SSIM),
+            number(MAE),
             format!("{:.0}", contestant.seconds),
             thousands(contestant.gaussians),
         ]

@@ -1,48 +1,165 @@
 //! `specula eval`: how good a model is on views that it was not fitted to.
 
+mod lpips;
+mod page;
+mod relit;
+mod seen;
+
 use crate::{
     args::{Eval, Split},
+    background::Background,
     dataset,
     failure::Failure,
     output,
     progress::Talk,
-    quality,
+    quality::{self, LPIPS, Measured},
     scene::{Opened, Renderer},
 };
-use specula_core::plan::Channels;
+use relit::Relit;
+use seen::Seen;
+use serde_json::{Map, Value};
+use specula_core::{pack::Storage, perspective::Projection, plan::Channels};
 use specula_io::{dataset::LoadOptions, model_folder};
-use specula_train::{evaluate::mean_quality, view::View};
-use std::path::PathBuf;
+use specula_train::view::View;
+use std::path::{Path, PathBuf};
 
 /// Measures, prints, and writes down what belongs into the model's folder.
 pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let opened = Opened::open(&args.scene, args.profile)?;
-    let views = views_of(args, &opened, talk)?;
+    opened.note_oddities(talk);
+    let source = source_of(args, &opened)?;
+    let views = views_of(args, &opened, &source, talk)?;
     let background = opened.background(args.background);
-    let place = opened.folder.clone().zip(opened.iteration);
+    let method = method_of(args, &opened);
+    let place = opened.folder.clone().zip(method.clone());
+    let network = args.lpips.as_deref().map(lpips::read).transpose()?;
+    let folder = page_of(args, place.as_ref());
+    if let Some(folder) = &folder {
+        output::make_folder(folder)?;
+    }
+
+    let mut findings = Findings {
+        scene: args.scene.clone(),
+        method,
+        split: args.split,
+        background,
+        gaussians: opened.scene.gaussians.count,
+        network: network.as_ref().map(|network| network.name().to_owned()),
+        views: Vec::new(),
+        relit: Vec::new(),
+    };
+    let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
+    findings.relit = if is_relit { relit::measure(args, &opened, &source, &views, talk)? } else { Vec::new() };
 
     let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine, talk)?;
     let work = talk.work("measuring", views.len() as u64);
-    let measured = renderer.measure(&views, background, &work)?;
+    let with_pictures = folder.is_some();
+    findings.views =
+        renderer.for_each_view(&views, &work, |view, image| Ok(Seen::new(view, image, background, with_pictures)))?;
     work.finish();
-    if let (Some((folder, iteration)), Split::Test) = (place, args.split) {
-        model_folder::save_quality(&folder, iteration, &quality::for_files(&measured))?;
+    if let Some(network) = &network {
+        let distances = lpips::measure(network, &mut renderer, &views, background, talk)?;
+        findings.views.iter_mut().zip(distances).for_each(|(view, own)| view.measured.values[LPIPS] = Some(own));
     }
-    if args.json {
-        return output::say_json(&quality::report(&measured));
+    if let (Some((folder, method)), Split::Test) = (place, args.split) {
+        model_folder::add_quality(&folder, &method, &quality::for_files(&findings.measured()), findings.facts())?;
     }
-    output::say(&format!("{}  ({} {} views)", quality::line(&mean_quality(&measured)), views.len(), args.split.name()))
+    if let Some(folder) = &folder {
+        page::write(folder, &findings)?;
+    }
+    findings.say(args.json, folder.as_deref())
 }
 
-fn views_of(args: &Eval, opened: &Opened, talk: Talk) -> Result<Vec<View>, Failure> {
+/// Everything that was found.
+#[derive(Debug)]
+struct Findings {
+    scene: PathBuf,
+    /// What the results are filed under; none for a PLY file on its own.
+    method: Option<String>,
+    split: Split,
+    background: Background,
+    gaussians: usize,
+    /// What measured LPIPS.
+    network: Option<String>,
+    views: Vec<Seen>,
+    relit: Vec<Relit>,
+}
+
+impl Findings {
+    fn measured(&self) -> Vec<Measured> {
+        self.views.iter().map(|view| view.measured.clone()).collect()
+    }
+
+    /// What else `results.json` says.
+    fn facts(&self) -> Map<String, Value> {
+        let mut facts = relit::facts(&self.relit);
+        facts.extend(self.network.iter().map(|network| ("LPIPS_network".to_owned(), network.as_str().into())));
+        facts
+    }
+
+    fn say(&self, as_json: bool, page: Option<&Path>) -> Result<(), Failure> {
+        let measured = self.measured();
+        if as_json {
+            let mut report = quality::report(&measured);
+            if let Some(network) = &self.network {
+                report["LPIPS_network"] = network.as_str().into();
+            }
+            if !self.relit.is_empty() {
+                report["relit"] = self.relit.iter().map(Relit::for_programs).collect::<Vec<Value>>().into();
+            }
+            return output::say_json(&report);
+        }
+        let line = quality::line(&quality::means(&measured));
+        output::say(&format!("{line}  ({} {} views)", measured.len(), self.split.name()))?;
+        self.relit.iter().try_for_each(|relit| output::say(&relit.line()))?;
+        page.map_or(Ok(()), |folder| output::say(&format!("Page: {}", page::at(folder).display())))
+    }
+}
+
+/// What the results are filed under: `ours_N`, and everything in which they are not those of `specula eval MODEL`.
+fn method_of(args: &Eval, opened: &Opened) -> Option<String> {
+    let mut words = vec![model_folder::method_of(opened.iteration?)];
+    if args.machine.storage() != Storage::F32 {
+        words.push("f16".into());
+    }
+    match args.machine.projection {
+        Projection::Affine => {}
+        Projection::Tangent => words.push("tangent".into()),
+        Projection::Ray => words.push("ray".into()),
+        Projection::Within(alpha) => words.push(format!("within-{alpha}")),
+    }
+    let usual = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
+    if let Some(resolution) = args.resolution.filter(|resolution| *resolution != usual) {
+        words.push(format!("r{resolution}"));
+    }
+    if opened.background(args.background) != opened.background(None) {
+        words.push(format!("on-{}", opened.background(args.background)));
+    }
+    if let Some(profile) = args.profile.filter(|_| !opened.is_read_as_it_says) {
+        words.push(format!("as-{}", profile.name()));
+    }
+    Some(words.join("_"))
+}
+
+/// Where the page goes: where it was asked for, else beside the pictures of `specula render`.
+fn page_of(args: &Eval, place: Option<&(PathBuf, String)>) -> Option<PathBuf> {
+    let usual = || place.map(|(folder, method)| folder.join(args.split.name()).join(method));
+    args.output.clone().or_else(usual)
+}
+
+fn source_of(args: &Eval, opened: &Opened) -> Result<PathBuf, Failure> {
     let info = opened.info.as_ref();
     let recorded = info.map(|info| PathBuf::from(&info.source_path)).filter(|path| !path.as_os_str().is_empty());
-    let source = args.source_path.clone().or(recorded).ok_or_else(|| {
+    args.source_path.clone().or(recorded).ok_or_else(|| {
         Failure::Input(format!("{:?} does not say which data set it was trained on; name it with -s", args.scene))
-    })?;
+    })
+}
+
+fn views_of(args: &Eval, opened: &Opened, source: &Path, talk: Talk) -> Result<Vec<View>, Failure> {
+    let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(dataset::options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
-    let data = dataset::load(&source, &LoadOptions { downscale, ..options }, talk)?;
+    let data = dataset::load(source, &LoadOptions { downscale, ..options }, talk)?;
     let views: Vec<View> = match args.split {
         Split::Test => data.test,
         Split::Train => data.train,

@@ -4,6 +4,7 @@ mod args;
 mod background;
 mod bake;
 mod checkpoint;
+mod compare;
 mod config;
 mod convention;
 mod dataset;
@@ -22,6 +23,7 @@ mod output;
 mod page;
 mod pictures;
 mod prefilter;
+mod preset;
 mod progress;
 mod quality;
 mod relay;
@@ -74,6 +76,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(args) => render::run(args, talk),
         Command::Relight(args) => relight::run(args, talk),
         Command::Eval(args) => eval::run(args, talk),
+        Command::Compare(args) => compare::run(args, talk),
         Command::View(args) => view::run(args, talk),
         Command::Export(args) => export::run(args, talk),
         Command::Prefilter(args) => prefilter::run(args, talk),

@@ -2,30 +2,94 @@
 
 use serde_json::{Map, Value, json};
 use specula_io::model_folder;
-use specula_train::evaluate::{Quality, ViewQuality, mean_quality};
+use specula_train::evaluate::ViewQuality;
 
-/// A measure of one view, if it has it.
-type Measure = fn(&ViewQuality) -> Option<f64>;
+/// Something that can be measured of a view.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measure {
+    /// What files call it.
+    pub(crate) name: &'static str,
+    /// What people read.
+    pub(crate) words: &'static str,
+    /// Behind the number.
+    pub(crate) unit: &'static str,
+    /// Digits behind the point that mean something.
+    pub(crate) decimals: usize,
+    /// Whether more is better.
+    pub(crate) more_is_better: bool,
+}
 
-/// Name and value of each measure.
-const MEASURES: [(&str, Measure); 3] =
-    [("SSIM", |view| Some(view.ssim)), ("PSNR", |view| Some(view.psnr)), ("MAE", |view| view.normal_mae)];
+/// Every measure, as tables order them.
+pub(crate) const MEASURES: [Measure; 5] = [
+    Measure { name: "PSNR", words: "PSNR", unit: " dB", decimals: 2, more_is_better: true },
+    Measure { name: "SSIM", words: "SSIM", unit: "", decimals: 4, more_is_better: true },
+    Measure { name: "LPIPS", words: "LPIPS", unit: "", decimals: 4, more_is_better: false },
+    Measure { name: "FLIP", words: "FLIP", unit: "", decimals: 4, more_is_better: false },
+    Measure { name: "MAE", words: "normal MAE", unit: "°", decimals: 2, more_is_better: false },
+];
+/// Places in [`MEASURES`].
+pub(crate) const PSNR: usize = 0;
+pub(crate) const SSIM: usize = 1;
+pub(crate) const LPIPS: usize = 2;
+pub(crate) const FLIP: usize = 3;
+pub(crate) const MAE: usize = 4;
+
+impl Measure {
+    /// A value with as many digits as mean something.
+    pub(crate) fn number(&self, value: f64) -> String {
+        format!("{value:.0$}", self.decimals)
+    }
+
+    /// Larger for better values.
+    pub(crate) fn goodness(&self, value: f64) -> f64 {
+        if self.more_is_better { value } else { -value }
+    }
+}
+
+/// A value for each of [`MEASURES`]; none where it was not measured.
+pub(crate) type Values = [Option<f64>; MEASURES.len()];
+
+/// Measures of one view.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Measured {
+    /// What the data set calls the view.
+    pub(crate) name: String,
+    pub(crate) values: Values,
+}
+
+impl From<ViewQuality> for Measured {
+    fn from(quality: ViewQuality) -> Self {
+        let ViewQuality { name, psnr, ssim, normal_mae } = quality;
+        let mut values = [None; MEASURES.len()];
+        (values[PSNR], values[SSIM], values[MAE]) = (Some(psnr), Some(ssim), normal_mae);
+        Self { name, values }
+    }
+}
+
+/// Means over the views that have a measure.
+pub(crate) fn means(views: &[Measured]) -> Values {
+    core::array::from_fn(|measure| {
+        let values: Vec<f64> = views.iter().filter_map(|view| view.values[measure]).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    })
+}
 
 /// One line for people.
-pub(crate) fn line(quality: &Quality) -> String {
-    let normals = quality.normal_mae.map_or(String::new(), |mae| format!("  normal MAE {mae:.2}°"));
-    format!("PSNR {:.2} dB  SSIM {:.4}{normals}", quality.psnr, quality.ssim)
+pub(crate) fn line(means: &Values) -> String {
+    let word = |(measure, value): (&Measure, &Option<f64>)| {
+        value.map(|value| format!("{} {}{}", measure.words, measure.number(value), measure.unit))
+    };
+    MEASURES.iter().zip(means).filter_map(word).collect::<Vec<_>>().join("  ")
 }
 
 /// For `results.json` and `per_view.json`; measures that no view has are left out.
-pub(crate) fn for_files(views: &[ViewQuality]) -> model_folder::Quality {
-    let measured = MEASURES.iter().filter_map(|(name, measure)| {
-        let values: Vec<(String, f64)> =
-            views.iter().enumerate().filter_map(|(index, view)| Some((picture_name(index), measure(view)?))).collect();
-        let mean = values.iter().map(|(_, value)| value).sum::<f64>() / values.len() as f64;
-        (!values.is_empty()).then(|| ((*name).to_owned(), mean, values))
-    });
-    measured.collect()
+pub(crate) fn for_files(views: &[Measured]) -> model_folder::Quality {
+    let of_views = |measure: usize| {
+        let numbered = views.iter().enumerate();
+        numbered.filter_map(move |(index, view)| Some((picture_name(index), view.values[measure]?))).collect()
+    };
+    let measured = means(views).into_iter().enumerate();
+    measured.filter_map(|(measure, mean)| Some((MEASURES[measure].name.to_owned(), mean?, of_views(measure)))).collect()
 }
 
 /// How the picture of a view is called.
@@ -34,25 +98,42 @@ pub(crate) fn picture_name(index: usize) -> String {
 }
 
 /// Everything, for other programs.
-pub(crate) fn report(views: &[ViewQuality]) -> Value {
-    let mean = mean_quality(views);
-    let per_view: Vec<Value> = views
-        .iter()
-        .map(|view| with_normals(json!({"name": view.name, "PSNR": view.psnr, "SSIM": view.ssim}), view.normal_mae))
-        .collect();
-    let mut report = means(&mean);
-    report["views"] = per_view.into();
+pub(crate) fn report(views: &[Measured]) -> Value {
+    let of_view = |view: &Measured| {
+        let mut all = object(&view.values);
+        all.insert("name".into(), view.name.as_str().into());
+        Value::from(all)
+    };
+    let mut report = for_programs(&means(views));
+    report["views"] = views.iter().map(of_view).collect::<Vec<_>>().into();
     report
 }
 
-/// The means, for other programs.
-pub(crate) fn means(quality: &Quality) -> Value {
-    with_normals(json!({"PSNR": quality.psnr, "SSIM": quality.ssim}), quality.normal_mae)
+/// Values by name, for other programs.
+pub(crate) fn for_programs(values: &Values) -> Value {
+    json!(object(values))
 }
 
-fn with_normals(mut measures: Value, normal_mae: Option<f64>) -> Value {
-    if let (Some(mae), Some(measures)) = (normal_mae, measures.as_object_mut()) {
-        Map::insert(measures, "MAE".into(), mae.into());
+fn object(values: &Values) -> Map<String, Value> {
+    let named = MEASURES.iter().zip(values);
+    named.filter_map(|(measure, value)| Some((measure.name.to_owned(), (*value)?.into()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(psnr: f64, mae: Option<f64>) -> Measured {
+        ViewQuality { name: "one".into(), psnr, ssim: 0.5, normal_mae: mae }.into()
     }
-    measures
+
+    #[test]
+    fn a_mean_is_that_of_the_views_that_have_the_measure() {
+        let views = [view(30.0, None), view(20.0, Some(4.0))];
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, Some(4.0)]);
+        assert_eq!(line(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
+        let files = for_files(&views);
+        assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));
+        assert_eq!(files.len(), 3, "what no view has is left out");
+    }
 }

@@ -7,6 +7,7 @@ use crate::{
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
     progress::{Talk, Work},
+    quality::Measured,
     relay::relay,
 };
 use glam::Vec3;
@@ -26,7 +27,7 @@ use specula_io::{
     model_folder::{self, Model, ModelInfo, Snapshot},
 };
 use specula_train::{
-    evaluate::{ViewQuality, measure_view, rules_to_measure},
+    evaluate::{measure_view, rules_to_measure},
     trainer::HostScene,
     view::View,
 };
@@ -55,6 +56,8 @@ pub(crate) struct Opened {
     pub(crate) info: Option<ModelInfo>,
     /// Whether its light was replaced in the authors' way.
     is_relit: bool,
+    /// Whether its attributes are read as the model itself says.
+    pub(crate) is_read_as_it_says: bool,
 }
 
 impl Opened {
@@ -63,11 +66,19 @@ impl Opened {
         let model = model_folder::open(path)?;
         let folder = folder_of(path, &model);
         let reading = Reading::chosen(&model, profile)?;
+        let is_read_as_it_says = reading == Reading::of_model(&model);
         let mut gaussians = model.gaussians;
         convention::from_file(&mut gaussians, reading.shading);
         sort_in_space(&mut gaussians);
         let scene = Scene { gaussians, light: model.light, reading };
-        Ok(Self { scene, folder, iteration: model.iteration, info: model.info, is_relit: model.is_relit })
+        Ok(Self {
+            scene,
+            folder,
+            iteration: model.iteration,
+            info: model.info,
+            is_relit: model.is_relit,
+            is_read_as_it_says,
+        })
     }
 
     /// Says what pictures of it have or lack that nobody may expect.
@@ -246,13 +257,23 @@ impl Renderer {
         views: &[View],
         background: Background,
         work: &Work,
-    ) -> Result<Vec<ViewQuality>, Failure> {
+    ) -> Result<Vec<Measured>, Failure> {
+        self.for_each_view(views, work, |view, image| Ok(measure_view(image, view, background.0).into()))
+    }
+
+    /// What is made of every view and its picture, which has normals where the view has true ones.
+    pub(crate) fn for_each_view<T: Send>(
+        &mut self,
+        views: &[View],
+        work: &Work,
+        make: impl Fn(&View, &Image<Vec<f32>>) -> Result<T, Failure> + Sync,
+    ) -> Result<Vec<T>, Failure> {
         let rules = self.rules;
         relay(
             views.len(),
             work,
             |index| self.machine.view(OWN_LIGHT, &views[index].camera, &rules_to_measure(&views[index], &rules)),
-            |index, image| Ok(measure_view(&image, &views[index], background.0)),
+            |index, image| make(&views[index], &image),
         )
     }
 }

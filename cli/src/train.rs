@@ -10,7 +10,7 @@ use crate::{
     fit::{Outcome, Start, Training, thousands},
     interrupt, output,
     progress::{Talk, Work},
-    quality,
+    quality::{self, Measured},
     scene::{Renderer, Scene},
     settings,
     view::{self, Shown, Source, live::Live},
@@ -23,10 +23,9 @@ use specula_io::{
     cameras::NamedCamera,
     checkpoint::Facts,
     dataset::LoadOptions,
-    model_folder::{self, ModelInfo},
+    model_folder::{self, ModelInfo, method_of},
 };
 use specula_train::{
-    evaluate::{ViewQuality, mean_quality},
     profile::Profile,
     start::{Point, points_behind, random_points},
     trainer::{Settings, Snapshot},
@@ -277,7 +276,7 @@ fn pause(
         let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), QUIET)?
             .measure(test, background, &QUIET.work("", 0))?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
-        work.note(&format!("iteration {iteration}: {}", quality::line(&mean_quality(&measured))));
+        work.note(&format!("iteration {iteration}: {}", quality::line(&quality::means(&measured))));
     }
     Ok(())
 }
@@ -336,7 +335,7 @@ fn finish(
     let measured = renderer.measure(test, views.background, &work)?;
     work.finish();
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
-    output::say(&format!("{}  ({} test views; {facts})", quality::line(&mean_quality(&measured)), test.len()))
+    output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))
 }
 
 /// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
@@ -370,10 +369,10 @@ fn save_quality(
     iteration: u32,
     seconds: f64,
     gaussians: usize,
-    measured: &[ViewQuality],
+    measured: &[Measured],
 ) -> Result<(), Failure> {
     let quality = quality::for_files(measured);
-    model_folder::save_quality(folder, iteration, &quality)?;
+    model_folder::save_quality(folder, &method_of(iteration), &quality)?;
     Ok(model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)?)
 }
 

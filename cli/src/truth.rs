@@ -50,6 +50,11 @@ impl Truths {
         Ok(Self { pictures })
     }
 
+    /// Whether the truth of a view is known.
+    pub(crate) fn has(&self, index: usize) -> bool {
+        self.pictures.get(index).is_some_and(Option::is_some)
+    }
+
     /// A rendered view beside its truth, if that is known.
     pub(crate) fn pair(&self, index: usize, image: &Image<Vec<f32>>) -> Option<Pair> {
         self.pictures.get(index)?.as_ref().map(|truth| Pair::new(image, truth))

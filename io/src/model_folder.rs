@@ -36,6 +36,12 @@ const HDR_RESOLUTION: usize = 512;
 /// What RGBE may take from a light or add to it, as a share: it rounds all channels of a pixel by steps of 1/256 of the
 /// largest.
 const ROUNDED: f64 = 0.02;
+/// Means of each measure, by method.
+const RESULTS: &str = "results.json";
+/// Each measure of each view, by method.
+const PER_VIEW: &str = "per_view.json";
+/// How far a training had come at some iterations.
+const TIMELINE: &str = "timeline.json";
 
 /// Settings of a training, and what else is worth knowing of a model: `specula.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -144,14 +150,44 @@ fn radiance_of(light: &Environment<Vec<f32>>) -> Vec<f32> {
 /// Quality on the test views: for each measure its mean, and its value for each view.
 pub type Quality = Vec<(String, f64, Vec<(String, f64)>)>;
 
-/// Writes `results.json` and `per_view.json`; what they say of other iterations stays.
-pub fn save_quality(folder: &Path, iteration: u32, quality: &Quality) -> Result<()> {
+/// What the results of an iteration are filed under, where it is rendered as it was trained: the field's word.
+pub fn method_of(iteration: u32) -> String {
+    format!("ours_{iteration}")
+}
+
+/// Writes `results.json` and `per_view.json` under the name of a method; what they say of other methods stays.
+pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()> {
     let means: Map<String, Value> =
         quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
     let per_view: Map<String, Value> =
         quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))).collect();
-    put(&folder.join("results.json"), iteration, means)?;
-    put(&folder.join("per_view.json"), iteration, per_view)
+    put(&folder.join(RESULTS), method, means)?;
+    put(&folder.join(PER_VIEW), method, per_view)
+}
+
+/// The same beside what the files say of other measures of that method, as long as that is of the same views; `facts` go
+/// to `results.json` as well.
+pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<String, Value>) -> Result<()> {
+    let [mut means, mut per_view] = [read_method(folder, RESULTS, method)?, read_method(folder, PER_VIEW, method)?];
+    let views_of = |values: &Value| values.as_object().map(|views| views.keys().cloned().collect::<Vec<_>>());
+    let measured = quality.first().and_then(|(_, _, views)| views_of(&object(views)));
+    if per_view.get("PSNR").and_then(views_of) != measured {
+        (means, per_view) = Default::default();
+    }
+    means.extend(quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())));
+    means.extend(facts);
+    per_view.extend(quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))));
+    put(&folder.join(RESULTS), method, means)?;
+    put(&folder.join(PER_VIEW), method, per_view)
+}
+
+/// What a file of the folder says of a method; nothing where it says nothing.
+fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Value>> {
+    let mut all = read_all(&folder.join(name))?;
+    Ok(match all.remove(method) {
+        Some(Value::Object(said)) => said,
+        _ => Map::new(),
+    })
 }
 
 /// Writes into `timeline.json` how far a training had come at an iteration: its seconds so far, its Gaussians and the
@@ -161,17 +197,22 @@ pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usi
         quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
     facts.insert("seconds".into(), seconds.into());
     facts.insert("gaussians".into(), gaussians.into());
-    put(&folder.join("timeline.json"), iteration, facts)
+    put(&folder.join(TIMELINE), &method_of(iteration), facts)
 }
 
 fn object(views: &[(String, f64)]) -> Value {
     Value::Object(views.iter().map(|(view, value)| (view.clone(), (*value).into())).collect())
 }
 
-fn put(path: &Path, iteration: u32, value: Map<String, Value>) -> Result<()> {
-    let mut all: Map<String, Value> = if path.is_file() { json::read(path)? } else { Map::new() };
-    all.insert(format!("ours_{iteration}"), value.into());
+fn put(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
+    let mut all = read_all(path)?;
+    all.insert(method.to_owned(), value.into());
     json::write(path, &all)
+}
+
+/// What a file says of each method; nothing where there is none.
+fn read_all(path: &Path) -> Result<Map<String, Value>> {
+    if path.is_file() { json::read(path) } else { Ok(Map::new()) }
 }
 
 /// The last iteration whose Gaussians are there.
@@ -241,7 +282,8 @@ fn iteration_of(folder: &Path) -> Option<u32> {
     folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse().ok()
 }
 
-fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
+/// What is known about a model, from `specula.json`; none where another program trained it.
+pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     let path = folder.join("specula.json");
     if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
 }

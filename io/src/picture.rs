@@ -90,6 +90,16 @@ pub fn tone_map_latlong(map: &LatLong) -> RgbImage {
     image_of(map.width, map.height, |pixel| core::array::from_fn(|k| byte(srgb_from_linear(map.rgb[3 * pixel + k]))))
 }
 
+/// The image with no edge longer than so many pixels: means of what is made smaller, or else as it is.
+pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
+    let longer = image.width().max(image.height());
+    if longer <= edge {
+        return image.clone();
+    }
+    let scaled = |pixels: u32| ((u64::from(pixels) * u64::from(edge) / u64::from(longer)) as u32).max(1);
+    imageops::thumbnail(image, scaled(image.width()), scaled(image.height()))
+}
+
 /// Writes three planes of sRGB as PNG, with straight alpha if there is a fourth.
 pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha: Option<&[f32]>) -> Result<()> {
     let opaque = rgb(width, height, planes);

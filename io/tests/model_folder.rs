@@ -144,12 +144,33 @@ fn inputs_are_saved_as_other_tools_save_them() {
 fn quality_of_other_iterations_stays() {
     let folder = tempfile::tempdir().unwrap();
     let quality = |psnr| vec![("PSNR".to_owned(), psnr, vec![("00000.png".to_owned(), psnr)])];
-    model_folder::save_quality(folder.path(), 7000, &quality(30.5)).unwrap();
-    model_folder::save_quality(folder.path(), 30000, &quality(33.25)).unwrap();
+    model_folder::save_quality(folder.path(), &model_folder::method_of(7000), &quality(30.5)).unwrap();
+    model_folder::save_quality(folder.path(), &model_folder::method_of(30000), &quality(33.25)).unwrap();
     let expected = json!({ "ours_7000": { "PSNR": 30.5 }, "ours_30000": { "PSNR": 33.25 } });
     assert_eq!(read_json(&folder.path().join("results.json")), expected);
     let per_view = read_json(&folder.path().join("per_view.json"));
     assert_eq!(per_view["ours_30000"], json!({ "PSNR": { "00000.png": 33.25 } }));
+}
+
+#[test]
+fn other_measures_of_the_same_views_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |measure: &str, view: &str| vec![(measure.to_owned(), 0.5, vec![(view.to_owned(), 0.5)])];
+    let both = |view: &str| [of("PSNR", view), of("LPIPS", view)].concat();
+    let add = |quality| model_folder::add_quality(folder.path(), "ours_7", &quality, serde_json::Map::new()).unwrap();
+    let measures = || {
+        let measured = |name: &str| {
+            let said = read_json(&folder.path().join(name));
+            said["ours_7"].as_object().unwrap().keys().cloned().collect::<Vec<_>>()
+        };
+        assert_eq!(measured("results.json"), measured("per_view.json"));
+        measured("results.json")
+    };
+    add(both("00000.png"));
+    add(of("PSNR", "00000.png"));
+    assert_eq!(measures(), ["LPIPS", "PSNR"], "what was measured with more effort stays");
+    add(of("PSNR", "00001.png"));
+    assert_eq!(measures(), ["PSNR"], "what was measured of other views does not");
 }
 
 #[test]

@@ -99,20 +99,47 @@ pub fn rules_to_measure(view: &View, rules: &RenderRules) -> RenderRules {
     RenderRules { channels, ..*rules }
 }
 
+/// A rendered view and its truth as measures compare them: three planes of sRGB each, over the same background, both
+/// black where the truth is not known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pair {
+    /// Pixels in a row.
+    pub width: usize,
+    /// What was rendered.
+    pub rendered: Vec<f32>,
+    /// What was seen.
+    pub truth: Vec<f32>,
+    /// Which pixels are known; none where all are.
+    pub known: Option<Vec<bool>>,
+}
+
+impl Pair {
+    /// The picture of a view beside the view.
+    pub fn new(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> Self {
+        let mut rendered = over_background(image, background);
+        let mut truth = view.over(background);
+        let known = view.known();
+        if let Some(known) = &known {
+            blacken(&mut rendered, known);
+            blacken(&mut truth, known);
+        }
+        Self { width: image.width, rendered, truth, known }
+    }
+}
+
 /// Measures the picture of a view, rendered by [`rules_to_measure`].
 pub fn measure_view(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> ViewQuality {
-    let mut rendered = over_background(image, background);
-    let mut truth = view.over(background);
-    let known = view.known();
-    if let Some(known) = &known {
-        blacken(&mut rendered, known);
-        blacken(&mut truth, known);
-    }
+    measure_pair(&Pair::new(image, view, background), image, view)
+}
+
+/// The same where picture and view were paired already.
+pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQuality {
+    let Pair { width, rendered, truth, known } = pair;
     let share = known.as_deref().map_or(1.0, share_of);
     ViewQuality {
         name: view.name.clone(),
-        psnr: psnr(mean_squared_error(&rendered, &truth) / share),
-        ssim: ssim_of_known(image.width, &rendered, &truth, known.as_deref()),
+        psnr: psnr(mean_squared_error(rendered, truth) / share),
+        ssim: ssim_of_known(*width, rendered, truth, known.as_deref()),
         normal_mae: view.normals.as_ref().map(|_| normal_error(image, view)),
     }
 }

@@ -1,0 +1,211 @@
+//! What `compare` prints of runs whose files are known.
+
+mod tiny;
+
+use serde_json::{Value, json};
+use std::{fs, path::PathBuf};
+use tempfile::TempDir;
+use tiny::specula;
+
+/// A folder with runs that nobody trained.
+struct Runs(TempDir);
+
+/// What a run says of itself.
+struct Said {
+    name: &'static str,
+    scene: &'static str,
+    profile: &'static str,
+    /// PSNR, SSIM, FLIP and the normals' error.
+    measures: Value,
+    size: u32,
+    background: [f32; 3],
+    config: &'static str,
+}
+
+const SAID: Said = Said {
+    name: "run",
+    scene: "chair",
+    profile: "specula",
+    measures: Value::Null,
+    size: 400,
+    background: [1.0; 3],
+    config: "",
+};
+
+impl Runs {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn add(&self, said: &Said) -> PathBuf {
+        let folder = self.0.path().join(said.name);
+        let place = folder.join("point_cloud/iteration_7000");
+        fs::create_dir_all(&place).unwrap();
+        let ply =
+            format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\nend_header\n", 1200 + said.name.len());
+        fs::write(place.join("point_cloud.ply"), ply + &" ".repeat(2_000_000)).unwrap();
+        let write = |name: &str, value: Value| fs::write(folder.join(name), value.to_string()).unwrap();
+        write(
+            "specula.json",
+            json!({
+                "profile": said.profile, "iterations": 7000, "source_path": format!("/data/{}", said.scene),
+                "seconds": 100.0 + said.name.len() as f64, "test_views": 2, "background": said.background,
+            }),
+        );
+        let camera = |name: &str| {
+            json!({
+                "id": 0, "img_name": name, "width": said.size, "height": said.size, "position": [4.0, 0.0, 0.0],
+                "rotation": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "fx": 500.0, "fy": 500.0,
+            })
+        };
+        write("cameras.json", json!([camera("r_0"), camera("r_1"), camera("r_9")]));
+        fs::write(folder.join("config.toml"), said.config).unwrap();
+        if !said.measures.is_null() {
+            // An earlier iteration and another setting, which do not count.
+            let worse = json!({"PSNR": 10.0});
+            write("results.json", json!({"ours_7000": said.measures, "ours_500": worse, "ours_7000_f16": worse}));
+            let views = json!({"PSNR": {"00000.png": 30.0, "00001.png": 31.0}});
+            write("per_view.json", json!({"ours_7000": views}));
+        }
+        folder
+    }
+}
+
+/// What is printed, and what is said beside it.
+fn compared(folders: &[PathBuf], words: &[&str]) -> (String, String) {
+    let output = specula().arg("compare").args(folders).args(words).assert().success().get_output().clone();
+    (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn runs_of_one_scene_are_rows_and_the_best_is_bold() {
+    let runs = Runs::new();
+    let measures = json!({"PSNR": 35.96, "SSIM": 0.9871, "FLIP": 0.03, "MAE": 12.0});
+    let plain = runs.add(&Said { name: "plain", profile: "3dgs", measures, ..SAID });
+    let measures = json!({"PSNR": 35.86, "SSIM": 0.98712, "FLIP": 0.02, "MAE": 4.5});
+    let ours = runs.add(&Said { name: "ours", measures, ..SAID });
+    let (table, said) = compared(&[plain.clone(), ours.clone()], &[]);
+    let expected = "\
+| chair | PSNR dB ↑ | SSIM ↑ | FLIP ↓ | normal MAE ° ↓ | Gaussians | training s | size MB |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
+| 3dgs | **35.96** | **0.9871** | 0.0300 | 12.00 | 1 205 | 105 | 2.0 |
+| specula | 35.86 | **0.9871** | **0.0200** | **4.50** | 1 204 | 104 | 2.0 |
+";
+    assert_eq!(table, expected);
+    assert_eq!(said, "", "nothing is missing and nothing speaks against it");
+
+    let file = runs.0.path().join("table.tex");
+    compared(&[plain, ours], &["-o", file.to_str().unwrap()]);
+    let expected = r"\begin{tabular}{lrrrrrrr}
+\hline
+chair & PSNR dB $\uparrow$ & SSIM $\uparrow$ & FLIP $\downarrow$ & normal MAE $^\circ$ $\downarrow$ & Gaussians & training s & size MB \\
+\hline
+3dgs & \textbf{35.96} & \textbf{0.9871} & 0.0300 & 12.00 & 1\,205 & 105 & 2.0 \\
+specula & 35.86 & \textbf{0.9871} & \textbf{0.0200} & \textbf{4.50} & 1\,204 & 104 & 2.0 \\
+\hline
+\end{tabular}
+";
+    assert_eq!(fs::read_to_string(file).unwrap(), expected);
+}
+
+#[test]
+fn several_scenes_are_columns_with_their_mean() {
+    let runs = Runs::new();
+    let add = |name, scene, profile, psnr: f64| {
+        runs.add(&Said { name, scene, profile, measures: json!({ "PSNR": psnr }), ..SAID })
+    };
+    let folders = [
+        add("a", "chair", "3dgs", 30.0),
+        add("b", "drums, loud", "3dgs", 20.0),
+        add("c", "chair", "specula", 29.0),
+        add("d", "drums, loud", "specula", 24.0),
+        add("e", "chair", "paper", 33.5),
+    ];
+    let (table, _) = compared(&folders, &[]);
+    let expected = "\
+PSNR dB ↑
+
+| method | chair | drums, loud | mean |
+| --- | ---: | ---: | ---: |
+| 3dgs | 30.00 | 20.00 | 25.00 |
+| specula | 29.00 | **24.00** | **26.50** |
+| paper | **33.50** | – | – |
+
+Gaussians
+
+";
+    assert!(table.starts_with(expected), "{table}");
+    let (csv, _) = compared(&folders, &["--format", "csv"]);
+    let expected = "\
+quantity,method,chair,\"drums, loud\",mean
+PSNR dB,3dgs,30,20,25
+PSNR dB,specula,29,24,26.5
+PSNR dB,paper,33.5,,
+Gaussians,3dgs,1201,1201,1201
+";
+    assert!(csv.starts_with(expected), "{csv}");
+    let (latex, _) = compared(&folders, &["--format", "latex"]);
+    assert!(latex.contains("\\multicolumn{4}{l}{PSNR dB $\\uparrow$} \\\\\n3dgs & 30.00"), "{latex}");
+    assert!(latex.contains("paper & \\textbf{33.50} & -- & -- \\\\\n\\hline\n"), "{latex}");
+}
+
+#[test]
+fn rows_are_called_by_what_differs() {
+    let runs = Runs::new();
+    let add = |name, config| runs.add(&Said { name, config, measures: json!({"PSNR": 30.0}), ..SAID });
+    let folders = [
+        add("whole", "seed = 0\nno-sparse = false\niterations = 7000\nexecutor = \"cpu\""),
+        add("less", "seed = 0\nno-sparse = true\niterations = 7000\nexecutor = \"gpu\"\nlambda-normal = 0.1"),
+    ];
+    let (table, _) = compared(&folders, &[]);
+    assert!(
+        table.contains("\n| specula | ") && table.contains("\n| specula, lambda-normal 0.1, no-sparse | "),
+        "{table}"
+    );
+    let same = [add("one", ""), add("two", "")];
+    let (table, _) = compared(&same, &[]);
+    assert!(table.contains(&format!("\n| {} | ", same[1].display())), "where nothing else tells, folders do: {table}");
+}
+
+#[test]
+fn what_is_missing_is_told_with_its_command() {
+    let runs = Runs::new();
+    let ours = runs.add(&Said { name: "ours", measures: json!({"PSNR": 30.0, "LPIPS": 0.1, "MAE": 5.0}), ..SAID });
+    let plain = runs.add(&Said { name: "plain", profile: "3dgs", measures: json!({"PSNR": 31.0}), ..SAID });
+    let drums = runs.add(&Said { name: "drums", scene: "drums", measures: json!({"PSNR": 31.0}), ..SAID });
+    let (table, said) = compared(&[ours, plain.clone()], &[]);
+    assert!(table.contains("\n| 3dgs | **31.00** | – | – |"), "{table}");
+    let plain_words = plain.display();
+    assert!(said.contains(&format!("{plain_words} has no LPIPS; run specula eval {plain_words} --lpips")), "{said}");
+    assert!(said.contains(&format!("{plain_words} has no normal MAE; run specula eval {plain_words}\n")), "{said}");
+    let (_, said) = compared(&[runs.0.path().join("ours"), drums], &[]);
+    assert!(!said.contains("normal MAE"), "of another scene no normals may be known: {said}");
+
+    let untried = runs.add(&Said { name: "untried", ..SAID });
+    let refused = specula().arg("compare").arg(&untried).assert().code(2).get_output().clone();
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert!(words.contains("specula eval ") && words.lines().count() == 1, "{words}");
+    let refused = specula().arg("compare").arg(runs.0.path()).assert().code(2).get_output().clone();
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("holds no model"));
+}
+
+#[test]
+fn runs_that_were_measured_otherwise_are_not_held_against_one_another() {
+    let runs = Runs::new();
+    let measures = || json!({"PSNR": 30.0});
+    let one = runs.add(&Said { name: "one", measures: measures(), ..SAID });
+    for (other, words) in [
+        (Said { name: "large", size: 800, ..SAID }, ["on views of 400 × 400 pixels", "800 × 800"]),
+        (Said { name: "black", background: [0.0; 3], ..SAID }, ["over 1,1,1", "over 0,0,0"]),
+    ] {
+        let other = runs.add(&Said { profile: "3dgs", measures: json!({"PSNR": 31.0}), ..other });
+        let (table, said) = compared(&[one.clone(), other], &[]);
+        for text in [&table, &said] {
+            assert!(text.contains("not comparable: ") && words.iter().all(|word| text.contains(word)), "{text}");
+        }
+        assert!(!table.contains("**"), "{table}");
+    }
+    let fewer = runs.add(&Said { name: "fewer", profile: "3dgs", measures: measures(), ..SAID });
+    fs::write(fewer.join("per_view.json"), json!({"ours_7000": {"PSNR": {"00000.png": 30.0}}}).to_string()).unwrap();
+    assert!(compared(&[one, fewer], &[]).0.contains("on 2 views, and "));
+}

@@ -1,0 +1,159 @@
+//! What `eval` measures, writes down and shows, on a data set of a few pixels.
+
+mod tiny;
+
+use serde_json::Value;
+use specula_io::latlong::{self, LatLong};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+use tiny::{Tiny, specula, train};
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn printed(command: &mut assert_cmd::Command) -> String {
+    String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+}
+
+fn eval(model: &Path, words: &[&str]) -> String {
+    printed(specula().arg("eval").arg(model).args(words).arg("--quiet"))
+}
+
+/// Places that a page names in an attribute.
+fn named(page: &str, attribute: &str) -> Vec<String> {
+    let opening = format!("{attribute}=\"");
+    page.split(&opening).skip(1).map(|rest| rest.split('"').next().unwrap().to_owned()).collect()
+}
+
+fn trained(tiny: &Tiny) -> PathBuf {
+    printed(train(tiny, "model").args(["--eval", "--quiet"]));
+    tiny.path("model")
+}
+
+#[test]
+fn measures_of_other_settings_take_no_ones_place() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let usual = json(&model.join("results.json"))["ours_30"].clone();
+    for (words, method) in [
+        (&["--storage", "f16"][..], "ours_30_f16"),
+        (&["--projection", "ray"], "ours_30_ray"),
+        (&["--storage", "f16", "--projection", "0.01"], "ours_30_f16_within-0.01"),
+        (&["--background", "black"], "ours_30_on-0,0,0"),
+        (&["-r", "2"], "ours_30_r2"),
+        (&["--profile", "paper"], "ours_30_as-paper"),
+    ] {
+        eval(&model, words);
+        let results = json(&model.join("results.json"));
+        assert_eq!(results["ours_30"], usual, "{words:?} changed what was measured before");
+        assert_ne!(results[method]["PSNR"], usual["PSNR"], "{words:?} measures something else: {results}");
+        assert_eq!(json(&model.join("per_view.json"))[method]["FLIP"].as_object().unwrap().len(), 3);
+        assert!(model.join("test").join(method).join("index.html").is_file(), "{method} has its own page");
+    }
+    eval(&model, &["--background", "white", "-r", "1", "--profile", "specula", "--executor", "cpu"]);
+    let again = json(&model.join("results.json"))["ours_30"].clone();
+    let difference = again["PSNR"].as_f64().unwrap() - usual["PSNR"].as_f64().unwrap();
+    assert!(difference.abs() < 0.01, "what is as in training is the usual: {again}");
+    assert!(usual["FLIP"].is_null() && again["FLIP"].as_f64().unwrap() > 0.0, "FLIP was added: {again}");
+}
+
+#[test]
+fn a_page_shows_every_view_beside_its_truth_the_worst_first() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let folder = model.join("test/ours_30");
+    let said = eval(&model, &[]);
+    assert!(said.starts_with("PSNR ") && said.contains("FLIP 0.") && said.contains("normal MAE "), "{said}");
+    assert!(said.ends_with(&format!("\nPage: {}\n", folder.join("index.html").display())), "{said}");
+
+    let page = fs::read_to_string(folder.join("index.html")).unwrap();
+    let pictures = named(&page, "src");
+    assert_eq!(pictures.len(), 3 * 3, "truth, picture and error of each view");
+    assert!(!page.contains("http"), "nothing is asked for from outside");
+    for picture in &pictures {
+        assert!(image::open(folder.join(picture)).is_ok(), "{picture} is no picture");
+    }
+    let psnrs: Vec<f64> = named(&page, "data-m0").iter().map(|number| number.parse().unwrap()).collect();
+    assert!(psnrs.len() == 3 && psnrs.is_sorted(), "{psnrs:?}");
+    let order: Vec<&str> = pictures.iter().step_by(3).map(|place| &place[6..11]).collect();
+    let per_view = json(&model.join("per_view.json"))["ours_30"]["PSNR"].clone();
+    let recorded = order.iter().map(|index| per_view[format!("{index}.png")].as_f64().unwrap());
+    assert_eq!(recorded.collect::<Vec<_>>(), psnrs, "pictures are those of the numbers beside them");
+
+    let [truth, error] = ["truth", "error"].map(|kind| {
+        let picture = image::open(folder.join(format!("views/{}-{kind}.jpg", order[0]))).unwrap().to_rgb8();
+        picture.into_raw().iter().map(|byte| u64::from(*byte)).sum::<u64>()
+    });
+    assert!(truth > error, "a ball on white is brighter than where it was missed");
+}
+
+#[test]
+fn a_scene_on_its_own_has_a_page_where_it_is_asked_for() {
+    let tiny = Tiny::new();
+    let ply = tiny.path("alone.ply");
+    fs::copy(trained(&tiny).join("point_cloud/iteration_30/point_cloud.ply"), &ply).unwrap();
+    let data = tiny.data();
+    let words = ["-s", data.to_str().unwrap(), "--split", "train"];
+    assert!(!eval(&ply, &words).contains("Page: "), "it has no folder");
+    let out = tiny.path("out");
+    let said = eval(&ply, &[&words[..], &["-o", out.to_str().unwrap()]].concat());
+    assert!(said.contains("(8 train views)") && out.join("index.html").is_file(), "{said}");
+    assert_eq!(fs::read_dir(out.join("views")).unwrap().count(), 3 * 8);
+}
+
+#[test]
+fn relighting_is_measured_where_its_truth_is_known() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    assert!(json(&model.join("results.json"))["ours_30"]["relit_PSNR"].is_null());
+    fs::create_dir_all(tiny.file("relight/sky")).unwrap();
+    latlong::write(&tiny.file("relight/sky.hdr"), &LatLong { width: 16, height: 8, rgb: vec![0.5; 3 * 16 * 8] })
+        .unwrap();
+    latlong::write(&tiny.file("relight/untold.hdr"), &LatLong { width: 16, height: 8, rgb: vec![0.5; 3 * 16 * 8] })
+        .unwrap();
+    for view in ["r_0", "r_2"] {
+        fs::copy(tiny.file(&format!("test/{view}.png")), tiny.file(&format!("relight/sky/{view}.png"))).unwrap();
+    }
+    let report: Value = serde_json::from_str(&eval(&model, &["--json"])).unwrap();
+    let [sky] = report["relit"].as_array().unwrap().as_slice() else { panic!("one light has pictures: {report}") };
+    assert_eq!((&sky["light"], &sky["views"]), (&"sky".into(), &2.into()));
+
+    // The same as the command for one light says.
+    let mut relight = specula();
+    relight.arg("relight").arg(&model).arg("--env").arg(tiny.file("relight/sky.hdr"));
+    relight.arg("--truth").arg(tiny.file("relight/sky")).arg("--json");
+    let alone: Value = serde_json::from_str(&printed(&mut relight)).unwrap();
+    let results = json(&model.join("results.json"))["ours_30"].clone();
+    for (name, recorded) in [("PSNR", "relit_PSNR"), ("PSNR_scaled", "relit_PSNR_scaled")] {
+        assert_eq!((&sky[name], &results[recorded]), (&alone[name], &alone[name]), "{name}");
+    }
+    assert!(alone["PSNR"].as_f64() < alone["PSNR_scaled"].as_f64());
+    assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("Under other lights"));
+}
+
+/// A network of a few channels with random weights; what it says is compared with the reference package elsewhere.
+const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.safetensors");
+
+#[test]
+fn lpips_is_kept_with_the_network_that_measured_it() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let said = eval(&model, &["--lpips", NETWORK]);
+    assert!(said.contains("  LPIPS 0."), "{said}");
+    let ours = json(&model.join("results.json"))["ours_30"].clone();
+    assert_eq!(ours["LPIPS_network"], "vgg, random weights, lpips 0.1.4, inputs 0..1");
+    assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("LPIPS by vgg, random"));
+    let report: Value = serde_json::from_str(&eval(&model, &["--json"])).unwrap();
+    assert!(report["LPIPS"].is_null(), "it is measured where it is asked for");
+    assert_eq!(json(&model.join("results.json"))["ours_30"], ours, "and stays where it is not");
+
+    let small =
+        specula().arg("eval").arg(&model).args(["-r", "8", "--lpips", NETWORK]).assert().code(2).get_output().clone();
+    assert!(String::from_utf8(small.stderr).unwrap().contains("4 × 4 pixels"));
+    let other = tiny.data().join("transforms_test.json");
+    let refused = specula().arg("eval").arg(&model).arg("--lpips").arg(&other).assert().code(2).get_output().clone();
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("transforms_test.json\" holds no network"));
+}
