@@ -15,7 +15,7 @@
 //! ```
 
 use core::fmt;
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
 use rayon::prelude::*;
 use safetensors::{Dtype, SafeTensors};
 use specula_core::scene::Image;
@@ -346,15 +346,16 @@ impl Convolution {
 
 /// Σ weight · number over a window, for some channels and pixels at once.
 #[inline(always)]
-fn products<S: Simd>(_simd: S, weights: &[f32], patch: &[[f32; ACROSS]]) -> [[f32; ACROSS]; DOWN] {
-    let mut sums = [[0.0; ACROSS]; DOWN];
+fn products<S: Simd>(simd: S, weights: &[f32], patch: &[[f32; ACROSS]]) -> [[f32; ACROSS]; DOWN] {
+    let zero = f32x16::splat(simd, 0.0);
+    let (mut a, mut b, mut c, mut d) = (zero, zero, zero, zero);
     let (weights, _) = weights.as_chunks::<DOWN>();
     for (weights, numbers) in weights.iter().zip(patch) {
-        for down in 0..DOWN {
-            for across in 0..ACROSS {
-                sums[down][across] += weights[down] * numbers[across];
-            }
-        }
+        let numbers = f32x16::simd_from(simd, *numbers);
+        a = numbers.mul_add(f32x16::splat(simd, weights[0]), a);
+        b = numbers.mul_add(f32x16::splat(simd, weights[1]), b);
+        c = numbers.mul_add(f32x16::splat(simd, weights[2]), c);
+        d = numbers.mul_add(f32x16::splat(simd, weights[3]), d);
     }
-    sums
+    [a.into(), b.into(), c.into(), d.into()]
 }

@@ -25,7 +25,7 @@ fn picture(bytes: &[u8], name: &str) -> Image<Vec<f32>> {
 
 /// The same file with other words in its header, which stay as long as they were.
 fn with(bytes: &[u8], words: &str, others: &str) -> Vec<u8> {
-    assert_eq!(words.len(), others.len());
+    assert_eq!(words.len(), others.len(), "lengths of the header stay as they are");
     let place = bytes.windows(words.len()).position(|window| window == words.as_bytes()).unwrap();
     [&bytes[..place], others.as_bytes(), &bytes[place + words.len()..]].concat()
 }

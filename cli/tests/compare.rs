@@ -48,7 +48,7 @@ impl Runs {
         write(
             "specula.json",
             json!({
-                "profile": said.profile, "iterations": 7000, "source_path": format!("/data/{}", said.scene),
+                "profile": said.profile, "shading": if said.profile == "3dgs" { "radiance" } else { "deferred" }, "iterations": 7000, "source_path": format!("/data/{}", said.scene),
                 "seconds": 100.0 + said.name.len() as f64, "test_views": 2, "background": said.background,
             }),
         );
@@ -180,6 +180,11 @@ fn what_is_missing_is_told_with_its_command() {
     assert!(said.contains(&format!("{plain_words} has no normal MAE; run specula eval {plain_words}\n")), "{said}");
     let (_, said) = compared(&[runs.0.path().join("ours"), drums], &[]);
     assert!(!said.contains("normal MAE"), "of another scene no normals may be known: {said}");
+
+    let measures = json!({"PSNR": 31.0, "relit_PSNR": 20.0, "relit_PSNR_scaled": 21.0});
+    let relit = runs.add(&Said { name: "relit", profile: "official", measures, ..SAID });
+    let (_, said) = compared(&[runs.0.path().join("ours"), runs.0.path().join("plain"), relit], &[]);
+    assert_eq!(said.matches("has no relit PSNR").count(), 1, "what is not shaded cannot be relit: {said}");
 
     let untried = runs.add(&Said { name: "untried", ..SAID });
     let refused = specula().arg("compare").arg(&untried).assert().code(2).get_output().clone();

@@ -88,7 +88,11 @@ impl Quantity {
             let other = |other: &&Run| !is_of_scene || other.scene == run.scene;
             runs.iter().filter(other).any(|other| self.of(other).is_some())
         };
-        let lacking = runs.iter().filter(|run| self.of(run).is_none() && can_be_had(run));
+        let can_have = |run: &Run| match self {
+            Self::Relit { is_scaled } => run.is_shaded && !is_scaled,
+            _ => true,
+        };
+        let lacking = runs.iter().filter(|run| self.of(run).is_none() && can_have(run) && can_be_had(run));
         let lpips = if self == Self::Measure(LPIPS) { " --lpips FILE.safetensors" } else { "" };
         let sentence = |run: &Run| {
             let folder = run.folder.display();

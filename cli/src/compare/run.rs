@@ -30,6 +30,8 @@ pub(super) struct Run {
     /// Its profile, or the name of its folder if another program trained it.
     pub(super) profile: String,
     pub(super) measured: Values,
+    /// Whether it can be put under another light.
+    pub(super) is_shaded: bool,
     /// Relighting PSNR, as it is and with the best factors.
     pub(super) relit: [Option<f64>; 2],
     pub(super) gaussians: Option<f64>,
@@ -72,6 +74,7 @@ impl Run {
             scene: last_part(Path::new(&source.unwrap_or_default())).unwrap_or_else(|| "scene".into()),
             profile: info.as_ref().map_or_else(|| last_part(folder).unwrap_or_default(), |info| info.profile.clone()),
             measured: MEASURES.map(|measure| number(measure.name)),
+            is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
             relit: ["relit_PSNR", "relit_PSNR_scaled"].map(number),
             gaussians: count_in(&model_folder::gaussians_at(folder, iteration))
                 .or(rest("gaussians").and_then(Value::as_f64)),

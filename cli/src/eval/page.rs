@@ -127,7 +127,7 @@ fn facts(findings: &Findings) -> String {
         false => format!("{width} × {height} to {wide} × {high}"),
     };
     format!(
-        "{method}{} Gaussians on {} {} views of {sizes} pixels, over {}.{network}",
+        "{method}{} Gaussians on {} {} views of {sizes} pixels, over a background of {}.{network}",
         thousands(findings.gaussians),
         findings.views.len(),
         findings.split.name(),
@@ -189,7 +189,7 @@ impl Ranges {
         let row = |index: usize| {
             let measure = MEASURES[index];
             let [worst, mean, best] = self.0[index].expect("it was taken").map(|value| measure.number(value));
-            [format!("{}{}", measure.words, measure.unit), mean, worst, best]
+            [format!("{} {}", measure.words, measure.unit.trim()), mean, worst, best]
         };
         core::iter::once(heads).chain(self.measures().map(row)).collect()
     }
