@@ -27,7 +27,11 @@ use specula_io::{
     latlong, mesh, splat, spz,
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
-use std::{fs, path::Path};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    fs,
+    path::Path,
+};
 
 /// Cameras from which pictures are compared, at most.
 const COMPARED_MAX: usize = 12;
@@ -54,17 +58,22 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
         output::make_folder(folder.unwrap_or(Path::new(".")))?;
     }
     let exporter = Exporter { args, background: opened.background(args.showing.background), opened, talk };
-    let mut plain = None;
+    let mut plains: BTreeMap<u8, Plain> = BTreeMap::new();
+    let mut own = None;
     for (path, format) in args.output.iter().zip(formats) {
         match format {
             Format::Light(light) => exporter.write_light(path, light)?,
             Format::Mesh => exporter.write_mesh(path)?,
             Format::Gaussians(kind) => {
-                let plain = match &mut plain {
-                    Some(plain) => plain,
-                    none => none.insert(exporter.plain()?),
+                let degree = kind.degree().min(args.sh_degree.unwrap_or(DEGREE));
+                if let Entry::Vacant(place) = plains.entry(degree) {
+                    place.insert(exporter.plain(degree)?);
+                }
+                let own = match &mut own {
+                    Some(own) => own,
+                    none => none.insert(exporter.own_pictures()?),
                 };
-                exporter.write_gaussians(path, kind, plain)?;
+                exporter.write_gaussians(path, kind, &plains[&degree], own)?;
             }
         }
     }
@@ -95,6 +104,16 @@ enum LightKind {
     Filtered,
 }
 
+impl Kind {
+    /// The highest degree of harmonics that it holds.
+    fn degree(self) -> u8 {
+        match self {
+            Self::Splat => 0,
+            Self::Ply | Self::Spz | Self::Glb => DEGREE,
+        }
+    }
+}
+
 impl Format {
     fn of(path: &Path, is_mesh: bool) -> Result<Self, Failure> {
         let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
@@ -121,9 +140,10 @@ struct Plain {
     normals: Option<Vec<[f32; 3]>>,
     /// Which of the scene's they are.
     kept: Vec<usize>,
-    /// Specula's own pictures of the scene, each as its camera shows it; none where no error is asked for.
-    own: Vec<(Camera, Vec<f32>)>,
 }
+
+/// Specula's own pictures of a scene, each as its camera shows it; none where no error is asked for.
+type Pictures = Vec<(Camera, Vec<f32>)>;
 
 /// A scene on its way out.
 struct Exporter<'a> {
@@ -143,8 +163,8 @@ impl Exporter<'_> {
         Ok(Tour::fitted(&self.opened)?.unwrap_or_else(|| Tour::sphere(&self.scene().gaussians, SPHERE)))
     }
 
-    /// What can be seen of the Gaussians, baked if they are shaded.
-    fn plain(&self) -> Result<Plain, Failure> {
+    /// What can be seen of the Gaussians, baked if they are shaded, with harmonics of this degree at most.
+    fn plain(&self, degree: u8) -> Result<Plain, Failure> {
         let all = &self.scene().gaussians;
         let kept = visible(all, self.args.min_opacity);
         if kept.is_empty() {
@@ -154,7 +174,6 @@ impl Exporter<'_> {
                 self.args.model, all.count, self.args.min_opacity
             )));
         }
-        let degree = self.args.sh_degree.unwrap_or(DEGREE);
         let scene = Scene { gaussians: subset(all, &kept, all.layout), ..self.scene().clone() };
         let (gaussians, normals) = if !all.layout.is_shaded() {
             (with_degree(&scene.gaussians, degree), None)
@@ -166,11 +185,11 @@ impl Exporter<'_> {
             };
             (gaussians, Some(normals))
         };
-        Ok(Plain { gaussians, normals, kept, own: self.own_pictures()? })
+        Ok(Plain { gaussians, normals, kept })
     }
 
-    fn write_gaussians(&self, path: &Path, kind: Kind, plain: &Plain) -> Result<(), Failure> {
-        let Plain { gaussians, normals, kept, .. } = plain;
+    fn write_gaussians(&self, path: &Path, kind: Kind, plain: &Plain, own: &Pictures) -> Result<(), Failure> {
+        let Plain { gaussians, normals, kept } = plain;
         match kind {
             Kind::Ply => gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), &self.comments())?,
             Kind::Splat => splat::write(path, gaussians)?,
@@ -182,7 +201,7 @@ impl Exporter<'_> {
             Kind::Splat => splat::stored(gaussians),
             Kind::Spz => spz::stored(gaussians),
         };
-        let error = self.error(stored, &plain.own)?;
+        let error = self.error(stored, own)?;
         self.say(
             path,
             &format!("{} Gaussians", thousands(gaussians.count)),
@@ -205,12 +224,13 @@ impl Exporter<'_> {
         let is_shaded = self.scene().gaussians.layout.is_shaded();
         let baked = match (is_shaded, self.args.bake, plain.gaussians.layout.sh_degree.unwrap_or(0)) {
             (false, ..) => String::new(),
+            (true, BakeName::Sh, 0) => "light and shading became a colour".to_owned(),
             (true, BakeName::Sh, degree) => format!("light and shading became harmonics of degree {degree}"),
             (true, BakeName::Diffuse, _) => "light and all that reflects it are left out".to_owned(),
         };
         let of_kind = match kind {
             Kind::Ply => "",
-            Kind::Splat => "colours are the same from everywhere, colours and quats are rounded to 8 bits",
+            Kind::Splat => "colours are the same from everywhere; they, opacities and quats are rounded to 8 bits",
             Kind::Spz => "numbers are rounded to 8 bits, places to a 65536th of the scene",
             Kind::Glb if is_shaded => "and are beside them as SPECULA_shading",
             Kind::Glb => "",
@@ -247,7 +267,7 @@ impl Exporter<'_> {
     }
 
     /// Pictures of the scene as it is, from its test views, or else from others.
-    fn own_pictures(&self) -> Result<Vec<(Camera, Vec<f32>)>, Failure> {
+    fn own_pictures(&self) -> Result<Pictures, Failure> {
         if self.args.no_error {
             return Ok(Vec::new());
         }
@@ -270,7 +290,7 @@ impl Exporter<'_> {
     }
 
     /// How far pictures of what is in a file are from specula's own, in words.
-    fn error(&self, stored: Gaussians<Vec<f32>>, own: &[(Camera, Vec<f32>)]) -> Result<String, Failure> {
+    fn error(&self, stored: Gaussians<Vec<f32>>, own: &Pictures) -> Result<String, Failure> {
         if own.is_empty() {
             return Ok(String::new());
         }
