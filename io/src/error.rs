@@ -63,10 +63,12 @@ pub enum Error {
     },
     /// Cameras, but not one of their images.
     #[error(
-        "none of the images that the cameras name is in {path:?}, not even {first:?}; name the folder that has them with \
-         --images, within the data set"
+        "none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}; name the folder that has \
+         them with --images, within the data set"
     )]
     NoImages {
+        /// The folder of the data set.
+        data: PathBuf,
         /// Where they were looked for.
         path: PathBuf,
         /// The first.

@@ -77,7 +77,7 @@ pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, opt
     }
     if found.is_empty() {
         let first = missing.first().cloned().unwrap_or_default();
-        return Err(Error::NoImages { path: folders.images.clone(), first });
+        return Err(Error::NoImages { data: folders.root.clone(), path: folders.images.clone(), first });
     }
     note_copies(&mut listing.notes, copies, found.len(), folders, options.downscale);
     note_missing(&mut listing.notes, &missing, folders);
