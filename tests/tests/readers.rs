@@ -488,7 +488,7 @@ fn images_that_are_missed_elsewhere_are_missed_by_a_data_set() {
     let list = r#"{"fl_x": 9.5, "w": 8, "h": 8, "frames": [{"file_path": "/nowhere/b",
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}"#;
     let refusal = place.read(list.as_bytes()).expect_err("there is no such image");
-    assert!(refusal.contains("/nowhere"), "{refusal}");
+    assert!(refusal.contains("nowhere"), "{refusal}");
 }
 
 /// A tile of two gigabytes in a picture of 4 × 24 pixels: a header that promises it, and a block that says it is so long.
