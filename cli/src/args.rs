@@ -960,8 +960,8 @@ impl EnvUp {
     pub(crate) fn stand(self, above: Vec3) -> Stand {
         match self {
             Self::Scene => Stand::above(above.as_dvec3().to_array()),
-            Self::Y => UpAxis::Y.into(),
-            Self::Z => UpAxis::Z.into(),
+            Self::Y => Up::Y.stand(),
+            Self::Z => Up::Z.stand(),
         }
     }
 }

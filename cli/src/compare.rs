@@ -13,7 +13,6 @@ use crate::{
 };
 use grid::{Quantity, blocks};
 use run::Run;
-use std::path::Path;
 
 /// Reads what every run says of itself, and prints or writes the table.
 pub(crate) fn run(args: &Compare, talk: Talk) -> Result<(), Failure> {
@@ -36,11 +35,10 @@ pub(crate) fn run(args: &Compare, talk: Talk) -> Result<(), Failure> {
 
 /// The format that was asked for, or that of the file's ending.
 fn format_of(args: &Compare) -> Result<TableFormat, Failure> {
-    let ending = |path: &Path| path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     match (args.format, &args.output) {
         (Some(format), _) => Ok(format),
         (None, None) => Ok(TableFormat::Markdown),
-        (None, Some(path)) => match ending(path).as_deref() {
+        (None, Some(path)) => match output::ending(path).as_deref() {
             Some("md" | "markdown") => Ok(TableFormat::Markdown),
             Some("csv") => Ok(TableFormat::Csv),
             Some("tex") => Ok(TableFormat::Latex),

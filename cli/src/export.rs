@@ -17,6 +17,7 @@ use serde_json::json;
 use specula_core::{
     activation::sigmoid,
     camera::Camera,
+    census::Fate,
     metrics::psnr,
     plan::Channels,
     scene::{Gaussians, Layout, OPACITY, len_of_values},
@@ -116,8 +117,7 @@ impl Kind {
 
 impl Format {
     fn of(path: &Path, is_mesh: bool) -> Result<Self, Failure> {
-        let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
-        Ok(match (ending.as_deref(), is_mesh) {
+        Ok(match (output::ending(path).as_deref(), is_mesh) {
             (Some("obj"), _) | (Some("ply"), true) => Self::Mesh,
             (Some("ply"), false) => Self::Gaussians(Kind::Ply),
             (Some("splat"), _) => Self::Gaussians(Kind::Splat),
@@ -381,9 +381,7 @@ impl Exporter<'_> {
 
 /// Gaussians that are finite and at least so opaque.
 fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
-    let is_finite = |gaussian: usize| {
-        (0..gaussians.layout.plane_count()).all(|plane| gaussians.get::<1>(gaussian, plane)[0].is_finite())
-    };
+    let is_finite = |gaussian: usize| !Fate::of(gaussians, gaussian, None).is_nonfinite();
     let is_seen = |gaussian: usize| sigmoid(gaussians.get::<1>(gaussian, OPACITY)[0]) >= min_opacity;
     (0..gaussians.count).filter(|gaussian| is_seen(*gaussian) && is_finite(*gaussian)).collect()
 }

@@ -65,8 +65,7 @@ impl Tour {
 
     /// Cameras all around a scene, evenly spread over a sphere: for what has to be seen from everywhere.
     pub(crate) fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
-        let (centre, radius) = middle(gaussians);
-        let distance = 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin();
+        let (centre, distance) = whole(gaussians);
         let [width, height] = SIZE;
         let camera = |direction: [f32; 3]| {
             let outwards = Vec3::from(direction);
@@ -190,8 +189,7 @@ impl Orbit {
         const ELEVATION: f32 = 0.4;
         const HIGHEST: f32 = 1.0;
         if known.is_empty() {
-            let (centre, radius) = middle(gaussians);
-            let distance = 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin();
+            let (centre, distance) = whole(gaussians);
             return Self { centre, up: Vec3::Z, distance, elevation: ELEVATION };
         }
         let centre = seen_point(known);
@@ -267,6 +265,12 @@ fn seen_point(known: &[NamedCamera]) -> Vec3 {
     let parallel = across.determinant() < 1e-4 * (known.len() as f32).powi(3);
     let mean = known.iter().map(|(_, camera)| camera.position).sum::<Vec3>() / known.len() as f32;
     if parallel { mean + known[0].1.camera_from_world.row(2) } else { across.inverse() * sum }
+}
+
+/// The middle of a scene, and the distance from which all of it is seen.
+fn whole(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    let (centre, radius) = middle(gaussians);
+    (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin())
 }
 
 /// The median of the means, and the distance from it within which nine of ten are.

@@ -26,6 +26,11 @@ pub(crate) fn absolute(path: &Path) -> String {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
 }
 
+/// The ending of a file's name in lower case, where it has one.
+pub(crate) fn ending(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}
+
 /// Makes a folder, and makes sure that files can be written to it: before long work, not after.
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {

@@ -62,7 +62,7 @@ enum Container {
 
 impl Container {
     fn of(path: &Path) -> Result<Self, Failure> {
-        match path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        match output::ending(path).as_deref() {
             Some("ktx2") => Ok(Self::Ktx2),
             Some("exr") => Ok(Self::Exr),
             _ => Err(Error::Ending { path: path.to_owned(), expected: ".ktx2 or .exr" }.into()),

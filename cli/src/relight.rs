@@ -12,7 +12,6 @@ use crate::{
     truth::{Truths, fit_and_measure},
 };
 use glam::Vec3;
-use serde_json::json;
 use specula_core::scene::Environment;
 use specula_io::{
     latlong::{self, Stand},
@@ -47,17 +46,9 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     }
     let measured = fit_and_measure(&pairs, background);
     if args.json {
-        return output::say_json(&json!({
-            "PSNR": measured.psnr, "PSNR_scaled": measured.psnr_scaled, "scale": measured.scale, "views": pairs.len(),
-        }));
+        return output::say_json(&measured.for_programs(pairs.len()));
     }
-    let [r, g, b] = measured.scale;
-    output::say(&format!(
-        "relighting PSNR {:.2} dB; {:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, {b:.3}  ({} views)",
-        measured.psnr,
-        measured.psnr_scaled,
-        pairs.len()
-    ))
+    output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
 }
 
 /// Writes a preview of a light, if there is one: lat-long, with what is above in the scene at its upper edge.

@@ -2,6 +2,8 @@
 //! colour, so a scene is measured as it is, and with the best such factors.
 
 use crate::{background::Background, failure::Failure, pictures::alpha};
+use core::fmt;
+use serde_json::{Value, json};
 use specula_core::{
     color::{linear_from_srgb, srgb_from_linear},
     metrics::psnr,
@@ -112,6 +114,21 @@ pub(crate) struct Relighting {
     pub(crate) psnr_scaled: f64,
     /// The factors of linear red, green and blue, the same for all views.
     pub(crate) scale: [f32; 3],
+}
+
+impl fmt::Display for Relighting {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { psnr, psnr_scaled, scale: [r, g, b] } = self;
+        write!(out, "PSNR {psnr:.2} dB; {psnr_scaled:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, {b:.3}")
+    }
+}
+
+impl Relighting {
+    /// The same for other programs, as a mean over so many views.
+    pub(crate) fn for_programs(&self, views: usize) -> Value {
+        let Self { psnr, psnr_scaled, scale } = self;
+        json!({"PSNR": psnr, "PSNR_scaled": psnr_scaled, "scale": scale, "views": views})
+    }
 }
 
 /// Measures pairs as they are and with the best factors.

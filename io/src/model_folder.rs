@@ -157,12 +157,7 @@ pub fn method_of(iteration: u32) -> String {
 
 /// Writes `results.json` and `per_view.json` under the name of a method; what they say of other methods stays.
 pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()> {
-    let means: Map<String, Value> =
-        quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
-    let per_view: Map<String, Value> =
-        quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))).collect();
-    put(&folder.join(RESULTS), method, means)?;
-    put(&folder.join(PER_VIEW), method, per_view)
+    file_quality(folder, method, quality, Map::new(), [Map::new(), Map::new()])
 }
 
 /// The same beside what the files say of other measures of that method, as long as that is of the same views; `facts` go
@@ -174,11 +169,26 @@ pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<St
     if per_view.get("PSNR").and_then(views_of) != measured {
         (means, per_view) = Default::default();
     }
-    means.extend(quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())));
+    file_quality(folder, method, quality, facts, [means, per_view])
+}
+
+/// Files what was measured, and `facts` with the means, over what was said before.
+fn file_quality(
+    folder: &Path,
+    method: &str,
+    quality: &Quality,
+    facts: Map<String, Value>,
+    [mut means, mut per_view]: [Map<String, Value>; 2],
+) -> Result<()> {
+    means.extend(means_of(quality));
     means.extend(facts);
     per_view.extend(quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))));
     put(&folder.join(RESULTS), method, means)?;
     put(&folder.join(PER_VIEW), method, per_view)
+}
+
+fn means_of(quality: &Quality) -> Map<String, Value> {
+    quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect()
 }
 
 /// What a file of the folder says of a method; nothing where it says nothing.
@@ -193,8 +203,7 @@ fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Va
 /// Writes into `timeline.json` how far a training had come at an iteration: its seconds so far, its Gaussians and the
 /// means of each measure. What it says of other iterations stays.
 pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usize, quality: &Quality) -> Result<()> {
-    let mut facts: Map<String, Value> =
-        quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect();
+    let mut facts = means_of(quality);
     facts.insert("seconds".into(), seconds.into());
     facts.insert("gaussians".into(), gaussians.into());
     put(&folder.join(TIMELINE), &method_of(iteration), facts)

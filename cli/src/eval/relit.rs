@@ -8,7 +8,7 @@ use crate::{
     scene::{Opened, Renderer},
     truth::{Relighting, Truths, fit_and_measure},
 };
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use specula_core::plan::Channels;
 use specula_io::cameras::NamedCamera;
 use specula_train::view::View;
@@ -31,11 +31,8 @@ pub(super) struct Relit {
 impl Relit {
     /// One line for people.
     pub(super) fn line(&self) -> String {
-        let Self { light, views, measured: Relighting { psnr, psnr_scaled, scale: [r, g, b] } } = self;
-        format!(
-            "under {light}: PSNR {psnr:.2} dB; {psnr_scaled:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, \
-             {b:.3}  ({views} views)"
-        )
+        let Self { light, views, measured } = self;
+        format!("under {light}: {measured}  ({views} views)")
     }
 
     /// What a table shows: the light, PSNR as it is and scaled, factors, views.
@@ -47,8 +44,9 @@ impl Relit {
 
     /// The same for other programs.
     pub(super) fn for_programs(&self) -> Value {
-        let Self { light, views, measured: Relighting { psnr, psnr_scaled, scale } } = self;
-        json!({"light": light, "PSNR": psnr, "PSNR_scaled": psnr_scaled, "scale": scale, "views": views})
+        let mut facts = self.measured.for_programs(self.views);
+        facts["light"] = self.light.as_str().into();
+        facts
     }
 }
 

@@ -8,7 +8,7 @@ use super::{
     request::{Ask, Packing, Words},
     studio::Shot,
 };
-use crate::{args::EnvUp, failure::Failure, interrupt, progress::Talk};
+use crate::{args::EnvUp, failure::Failure, interrupt, output, progress::Talk};
 use axum::{
     Router,
     body::Bytes,
@@ -246,7 +246,7 @@ async fn add_light(
 /// Readers take files, which they also bound by: so the bytes become one for a moment.
 fn add(site: &Site, name: &str, up: EnvUp, bytes: &[u8]) -> Result<Response, Refusal> {
     let file_name = Path::new(name);
-    let ending = file_name.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let ending = output::ending(file_name).unwrap_or_default();
     if !["hdr", "exr"].contains(&ending.as_str()) {
         return Err(bad(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")));
     }
