@@ -42,9 +42,9 @@ const SOURCES: [&str; 11] = [
     include_str!("splats.rs"),
     include_str!("training.rs"),
     include_str!("../executor.rs"),
-    include_str!("../gpu.rs"),
-    include_str!("../gpu_stress.rs"),
-    include_str!("../gpu_train.rs"),
+    include_str!("../gpu/stages.rs"),
+    include_str!("../gpu/stress.rs"),
+    include_str!("../gpu/train.rs"),
     include_str!("../invariants.rs"),
 ];
 

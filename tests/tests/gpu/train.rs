@@ -69,7 +69,7 @@ fn settings(name: &str) -> Settings {
     let mut profile = by_name(name, ITERATIONS).expect("a profile of that name");
     profile.densification.every = 20;
     if let Some(light) = &mut profile.light {
-        light.resolution = light.resolution.min(profile.scheme.resolution_min().max(16));
+        light.resolution = light.resolution.min(profile.scheme.resolution_min().max(8));
     }
     Settings { profile, iterations: ITERATIONS, seed: 3, background: [1.0; 3], random_points: 0 }
 }

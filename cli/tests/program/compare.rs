@@ -1,11 +1,9 @@
 //! What `compare` prints of runs whose files are known.
 
-mod tiny;
-
+use crate::tiny::specula;
 use serde_json::{Value, json};
 use std::{fs, path::PathBuf};
 use tempfile::TempDir;
-use tiny::specula;
 
 /// A folder with runs that nobody trained.
 struct Runs(TempDir);

@@ -1,12 +1,10 @@
 //! Light for other programs: files that a reader that is not ours understands, and what they say.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula, train};
 use serde_json::Value;
 use specula_core::{cubemap::texel_direction, pack::unpack2};
 use specula_io::latlong::{self, LatLong};
 use std::{fs, path::Path};
-use tiny::{Tiny, specula, train};
 
 /// Red, green, blue of each texel of each level.
 fn levels(path: &Path) -> Vec<Vec<[f32; 3]>> {

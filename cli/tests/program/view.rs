@@ -1,15 +1,12 @@
 //! The page of `specula view`: what is served, to whom, and what a real browser makes of it.
 
-mod browser;
-mod site;
-mod tiny;
-
+use crate::browser::{Browser, Page};
+use crate::site::{Answer, Site, request, sent};
+use crate::tiny::{Tiny, specula, train};
 use assert_cmd::cargo::cargo_bin;
-use browser::{Browser, Page};
 use core::time::Duration;
 use image::RgbImage;
 use serde_json::json;
-use site::{Answer, Site, request, sent};
 use specula_io::{
     latlong::{self, LatLong},
     model_folder::{gaussians_at, light_at},
@@ -21,7 +18,6 @@ use std::{
     thread,
     time::Instant,
 };
-use tiny::{Tiny, specula, train};
 
 /// A query for a picture of a pose from which the scene is seen.
 const POSE: &str = "eye=4,0,1.5&look=-4,0,-1.5&up=0,0,1&angle=40&size=48,40";

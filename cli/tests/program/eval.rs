@@ -1,14 +1,12 @@
 //! What `eval` measures, writes down and shows, on a data set of a few pixels.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula, train};
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
 use std::{
     fs,
     path::{Path, PathBuf},
 };
-use tiny::{Tiny, specula, train};
 
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()

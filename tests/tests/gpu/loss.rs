@@ -63,8 +63,8 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_of_the_losses_is_left_out() {
-    let formulas = include_str!("../../exec-gpu/src/formulas/loss.rs");
-    let own: String = include_str!("gpu_loss.rs").split_whitespace().collect();
+    let formulas = include_str!("../../../exec-gpu/src/formulas/loss.rs");
+    let own: String = include_str!("loss.rs").split_whitespace().collect();
     let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for "));
     let names = of_impls.filter_map(|(_, rest)| rest.split([' ', '<']).next());
     let count = names.inspect(|name| {

@@ -1,10 +1,8 @@
 //! `report`, and `render --max-error`, on a scene of a few pixels.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula, train};
 use serde_json::Value;
 use std::fs;
-use tiny::{Tiny, specula, train};
 
 fn printed(command: &mut assert_cmd::Command) -> String {
     String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()

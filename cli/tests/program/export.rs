@@ -1,7 +1,6 @@
 //! Scenes for other programs: every file is opened by a reader that is not ours, and holds what the scene holds.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula};
 use core::f32::consts::{PI, TAU};
 use glam::{Quat, Vec3};
 use serde::Deserialize;
@@ -27,7 +26,6 @@ use std::{
     io::BufReader,
     path::{Path, PathBuf},
 };
-use tiny::{Tiny, specula};
 
 /// Gaussians of the ball.
 const COUNT: usize = 2500;

@@ -113,11 +113,11 @@ fn every_shading() -> Vec<(ShadingOf, usize)> {
 
 #[test]
 fn no_formula_is_left_out() {
-    let own: String = include_str!("gpu_back.rs").split_whitespace().collect();
+    let own: String = include_str!("back.rs").split_whitespace().collect();
     let formulas = [
-        include_str!("../../exec-gpu/src/formulas/blend_vjp.rs"),
-        include_str!("../../exec-gpu/src/formulas/gaussians_vjp.rs"),
-        include_str!("../../exec-gpu/src/formulas/optimise.rs"),
+        include_str!("../../../exec-gpu/src/formulas/blend_vjp.rs"),
+        include_str!("../../../exec-gpu/src/formulas/gaussians_vjp.rs"),
+        include_str!("../../../exec-gpu/src/formulas/optimise.rs"),
     ];
     for formulas in formulas {
         let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());

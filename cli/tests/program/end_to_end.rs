@@ -1,7 +1,6 @@
 //! The program from pictures to relit pictures, on a data set of a few pixels.
 
-mod tiny;
-
+use crate::tiny::{SIZE, Tiny, specula, train};
 use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
@@ -11,7 +10,6 @@ use std::{
     path::Path,
     process::{Command, Stdio},
 };
-use tiny::{SIZE, Tiny, specula, train};
 
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()

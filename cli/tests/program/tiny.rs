@@ -1,7 +1,5 @@
 //! A data set of a few small pictures, made up for tests.
 
-#![allow(dead_code, reason = "each test uses a part")]
-
 use assert_cmd::{Command, cargo::cargo_bin_cmd};
 use core::fmt::Write;
 use image::RgbaImage;

@@ -76,8 +76,8 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_is_left_out() {
-    let formulas = include_str!("../../exec-gpu/src/formulas/light.rs");
-    let own: String = include_str!("gpu_light.rs").split_whitespace().collect();
+    let formulas = include_str!("../../../exec-gpu/src/formulas/light.rs");
+    let own: String = include_str!("light.rs").split_whitespace().collect();
     let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
     let count = names.inspect(|name| {
         assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");

@@ -1,14 +1,12 @@
 //! Bad input: one sentence with the file in it, exit code 2, and nothing touched.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula, train};
 use assert_cmd::Command;
 use specula_io::latlong::{self, LatLong};
 use std::{
     fs,
     path::{Path, PathBuf},
 };
-use tiny::{Tiny, specula, train};
 
 /// The command fails as it should; `words` are in its sentence.
 fn refuses(mut command: Command, words: &[&str]) {

@@ -1,7 +1,5 @@
 //! The program as a server, and requests as plain as they come.
 
-#![allow(dead_code, reason = "each test uses a part")]
-
 use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
 use std::{

@@ -1,14 +1,12 @@
 //! Trainings that are interrupted, killed and taken up again, through the program.
 
-mod tiny;
-
+use crate::tiny::{Tiny, specula, train};
 use assert_cmd::cargo::cargo_bin;
 use core::time::Duration;
 use serde_json::Value;
 use specula_core::random;
 use specula_io::{checkpoint, model_folder::gaussians_at};
 use std::{fs, path::Path, process::Stdio, thread};
-use tiny::{Tiny, specula, train};
 
 /// Steps of a training that is interrupted.
 const ITERATIONS: u32 = 120;

@@ -1,0 +1,16 @@
+//! The program, through its commands: one test program, so that it is linked once.
+
+mod bad_input;
+mod browser;
+mod compare;
+mod end_to_end;
+mod eval;
+mod export;
+mod glossy;
+mod pages;
+mod prefilter;
+mod report;
+mod resume;
+mod site;
+mod tiny;
+mod view;

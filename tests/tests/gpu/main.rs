@@ -1,0 +1,11 @@
+//! The GPU executor, stage by stage and as a whole: one test program, so that it is compiled and linked once.
+
+mod back;
+mod densify;
+mod gone;
+mod light;
+mod loss;
+mod pieces;
+mod stages;
+mod stress;
+mod train;
