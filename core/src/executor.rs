@@ -7,6 +7,7 @@ use crate::{
     pipeline::{Step, StepReport},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
+    region::Ball,
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
     shade::{ShadingForm, ShadingRules},
 };
@@ -318,12 +319,14 @@ pub trait Executor: Renderer {
         count_max: usize,
         key: RandomKey,
     ) -> Result<DensifyReport, Self::Error>;
-    /// Limits one plane to at most `ceiling` and forgets its momentum: the opacity reset.
+    /// Limits one plane to at most `ceiling` and forgets its momentum, as the opacity reset does; where a ball is given,
+    /// of those Gaussians whose means lie outside.
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
         moments: &mut Moments<Self::Array>,
         plane: usize,
         ceiling: f32,
+        outside: Option<Ball>,
     ) -> Result<(), Self::Error>;
 }

@@ -93,6 +93,7 @@ pub mod prefilter;
 pub mod project;
 pub mod random;
 pub mod real;
+pub mod region;
 pub mod scene;
 pub mod sh;
 pub mod sh_fit;

@@ -16,6 +16,7 @@ use specula_core::{
         Action, DensifyRules, decide, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
     },
     executor::{DensifyReport, Moments, RandomKey, Statistics},
+    region::Ball,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     vector::{Vec3, vec3},
 };
@@ -158,13 +159,18 @@ fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {
     vec3(x, y, z)
 }
 
+/// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or everywhere.
 pub(crate) fn limit_plane(
     gaussians: &mut Gaussians<Vec<f32>>,
     moments: &mut Moments<Vec<f32>>,
     plane: usize,
     ceiling: f32,
+    outside: Option<Ball>,
 ) {
     for index in 0..gaussians.count {
+        if outside.is_some_and(|ball| ball.contains(gaussians.get(index, MEAN))) {
+            continue;
+        }
         let place = gaussians.index_of(index, plane);
         gaussians.values[place] = gaussians.values[place].min(ceiling);
         moments.mean[place] = 0.0;

@@ -21,6 +21,7 @@ use specula_core::{
     loss::LossWeights,
     pipeline::{Step, StepReport},
     prefilter::{LevelRange, Levels, PrefilterScheme},
+    region::Ball,
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use specula_prefilter::Operator;
@@ -359,8 +360,9 @@ impl Executor for CpuExecutor {
         moments: &mut Moments<Vec<f32>>,
         plane: usize,
         ceiling: f32,
+        outside: Option<Ball>,
     ) -> Result<(), CpuError> {
-        densify::limit_plane(gaussians, moments, plane, ceiling);
+        densify::limit_plane(gaussians, moments, plane, ceiling, outside);
         Ok(())
     }
 }

@@ -21,6 +21,7 @@ use specula_core::{
     densify::{Action, DensifyRules, part_noise},
     executor::{DensifyReport, Moments, RandomKey, Statistics},
     order::CODE_BITS,
+    region::Ball,
     scene::{Gaussians, Layout},
 };
 
@@ -77,20 +78,21 @@ pub(crate) fn densify(
     Ok(report)
 }
 
-/// Limits one plane to at most `ceiling` and forgets its momentum.
+/// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or everywhere.
 pub(crate) fn limit_plane(
     machine: &mut Machine,
     gaussians: &mut Gaussians<Pieces>,
     moments: &mut Moments<Pieces>,
     plane: usize,
     ceiling: f32,
+    outside: Option<Ball>,
 ) -> Result<(), GpuError> {
     let Gaussians { count, layout, values } = gaussians;
     let (key, source) = (format!("{layout:?}"), || source::limit_plane(*layout));
     let arrays = Pieces::side_by_side([values, &moments.mean, &moments.square]);
     for (Piece { gaussians, .. }, [values, mean, square]) in values.of(*count).zip(arrays) {
-        let settings = [gaussians.len() as u32, plane as u32, ceiling.to_bits()];
-        let bound = [Uniform(bytemuck::cast_slice(&settings)), Of(values), Of(mean), Of(square)];
+        let limit = Limit::new(gaussians.len(), plane, ceiling, outside);
+        let bound = [Uniform(bytemuck::bytes_of(&limit)), Of(values), Of(mean), Of(square)];
         machine.run(&key, "limit_plane", &source, &bound, Groups::For(gaussians.len()))?;
     }
     Ok(())
@@ -106,6 +108,27 @@ struct Rules {
     split_scale: f32,
     opacity_min: f32,
     scale_max: f32,
+}
+
+/// `Limit` of `limit_plane.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Limit {
+    center: [f32; 3],
+    /// Negative where there is no ball: then everything lies outside.
+    radius_squared: f32,
+    count: u32,
+    plane: u32,
+    ceiling: f32,
+    padding: u32,
+}
+
+impl Limit {
+    fn new(count: usize, plane: usize, ceiling: f32, outside: Option<Ball>) -> Self {
+        let (center, radius_squared) =
+            outside.map_or(([0.0; 3], -1.0), |ball| (ball.center, ball.radius * ball.radius));
+        Self { center, radius_squared, count: count as u32, plane: plane as u32, ceiling, padding: 0 }
+    }
 }
 
 /// `Gathering` of `densify_gather.wgsl`.

@@ -24,6 +24,7 @@ use specula_core::{
     pack::Storage,
     pipeline::StepReport,
     prefilter::{LevelRange, PrefilterScheme},
+    region::Ball,
     scene::{Environment, Gaussians},
 };
 use std::sync::Arc;
@@ -267,7 +268,8 @@ impl Executor for GpuExecutor {
         moments: &mut Moments<Pieces>,
         plane: usize,
         ceiling: f32,
+        outside: Option<Ball>,
     ) -> Result<(), GpuError> {
-        limit_plane(&mut self.machine, gaussians, moments, plane, ceiling)
+        limit_plane(&mut self.machine, gaussians, moments, plane, ceiling, outside)
     }
 }

@@ -603,7 +603,7 @@ pub(crate) fn densify_parts(layout: Layout) -> String {
 
 /// The limit of a plane.
 pub(crate) fn limit_plane(layout: Layout) -> String {
-    let source = Source::new().count("PLANES", layout.plane_count());
+    let source = Source::new().count("PLANES", layout.plane_count()).count("MEAN", MEAN);
     source.with(include_str!("shaders/limit_plane.wgsl")).text()
 }
 

@@ -8,6 +8,7 @@ use specula_core::{
     pipeline::{Step, StepReport, render},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
+    region::Ball,
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
         RadianceActivation, TINT,
@@ -33,7 +34,7 @@ use specula_tests::{
 use specula_train::{
     profile::by_name,
     start::Point,
-    trainer::{HostScene, Settings, Trainer},
+    trainer::{HostScene, Settings, TINT_OF_NONE, Trainer},
     view::View,
 };
 
@@ -331,13 +332,20 @@ fn median(mut values: Vec<f32>) -> f32 {
     values[values.len() / 2]
 }
 
+/// What a short training is told.
+fn settings(name: &str) -> Settings {
+    let mut profile = by_name(name, 60).expect("a profile of that name");
+    profile.densification.every = 10;
+    Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 }
+}
+
 /// A short training on so many threads.
 fn train(threads: usize, name: &str) -> HostScene {
-    train_with_pause(threads, name, None)
+    train_with_pause(threads, &settings(name), None)
 }
 
 /// A training that, if asked to, is given up after some steps and goes on from what it had learned.
-fn train_with_pause(threads: usize, name: &str, pause: Option<u32>) -> HostScene {
+fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> HostScene {
     let views: Vec<View> = (0..4)
         .map(|k| {
             let turn = k as f32 * 1.6;
@@ -353,9 +361,6 @@ fn train_with_pause(threads: usize, name: &str, pause: Option<u32>) -> HostScene
             Point { position: [place(0), place(1), place(2)], color: [0.5, 0.4, 0.3] }
         })
         .collect();
-    let mut profile = by_name(name, 60).expect("a profile of that name");
-    profile.densification.every = 10;
-    let settings = Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had");
     pool.install(|| {
         let mut trainer = Trainer::new(CpuExecutor::new(), settings.clone(), &views, &points).expect("there are views");
@@ -374,7 +379,11 @@ fn train_with_pause(threads: usize, name: &str, pause: Option<u32>) -> HostScene
 #[test]
 fn a_training_goes_on_to_the_last_bit_from_what_it_had_learned() {
     for name in ["specula", "3dgs"] {
-        assert_eq!(train(2, name), train_with_pause(2, name, Some(33)), "{name} does not go on as it would have");
+        assert_eq!(
+            train(2, name),
+            train_with_pause(2, &settings(name), Some(33)),
+            "{name} does not go on as it would have"
+        );
     }
 }
 
@@ -386,5 +395,35 @@ fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
         assert_eq!(once, train(1, name), "two runs of {name} differ");
         assert_eq!(once, train(2, name), "{name} differs on two threads");
         assert_eq!(once, train(5, name), "{name} differs on five threads");
+    }
+}
+
+/// What a step of Adam for gradients that are lost beside its ε may move a number by, sixty times.
+const NO_STEP: f32 = 1e-12;
+
+#[test]
+fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_it_was() {
+    for name in ["specula", "paper"] {
+        let mut settings = settings(name);
+        let start = settings.profile.light.expect("it has a light").radiance.ln();
+        let farthest_from_start = |scene: &HostScene| {
+            let light = &scene.environment.as_ref().expect("it has a light").values;
+            light.iter().map(|number| (number - start).abs()).fold(0.0, f32::max)
+        };
+        settings.profile.foreground = Some(Ball { center: [9.0; 3], radius: 1.0 });
+        let nothing_in_it = train_with_pause(2, &settings, None);
+        assert!(farthest_from_start(&nothing_in_it) < NO_STEP, "{name}: the light has moved");
+
+        let ball = Ball { center: [0.5, 0.0, 0.0], radius: 0.5 };
+        settings.profile.foreground = Some(ball);
+        let some_in_it = train_with_pause(2, &settings, None);
+        let gaussians = &some_in_it.gaussians;
+        let tint = |k: usize| gaussians.get::<3>(k, TINT);
+        let (near, far): (Vec<usize>, Vec<usize>) =
+            (0..gaussians.count).partition(|k| ball.contains(gaussians.get(*k, MEAN)));
+        assert!(far.len() > 100 && far.iter().all(|k| tint(*k) == [TINT_OF_NONE; 3]), "{name}: nothing far reflects");
+        let shining = near.iter().filter(|k| tint(**k).iter().all(|raw| *raw > -10.0)).count();
+        assert!(shining > 100, "{name}: {shining} of {} near reflect", near.len());
+        assert!(farthest_from_start(&some_in_it) > 1e-3, "{name}: the light is learned from them");
     }
 }

@@ -5,6 +5,7 @@ use specula_core::{
     normal::AxisRule,
     optimise::Schedule,
     prefilter::PrefilterScheme,
+    region::Ball,
     scene::{Layout, RadianceActivation},
     shade::ShadingRules,
 };
@@ -100,6 +101,9 @@ pub struct Profile {
     pub light: Option<LightStart>,
     /// How Gaussians start.
     pub start: GaussianStart,
+    /// Where Gaussians reflect the light; everywhere for none. What lies outside has colours of its own alone, so the
+    /// light need not explain what is near and behind.
+    pub foreground: Option<Ball>,
     /// What is minimised.
     pub weights: LossWeights,
     /// Share of the run that looks at pictures of half their size, where a step costs less.
@@ -155,6 +159,7 @@ fn plain(iterations: u32) -> Profile {
         scheme: PrefilterScheme::Exact,
         light: None,
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
+        foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
         coarse_until: 0.25,
         normal_from: 0.0,
@@ -208,6 +213,7 @@ fn paper(iterations: u32) -> Profile {
             radiance_max: f32::INFINITY,
         }),
         start: GaussianStart { opacity: 0.1, tint: 0.5, roughness: 0.5, diffuse_share: 0.5 },
+        foreground: None,
         weights: LossWeights { squared: 1.0, normal: 0.01, sparse: 1e-3, residual: 1e-3, ..NO_LOSS },
         harmonics_from: 0.5,
         harmonics_step: 0.0,
@@ -239,6 +245,7 @@ fn official(iterations: u32) -> Profile {
             radiance_max: 1.0,
         }),
         start: GaussianStart { opacity: 0.1, tint: 0.5, roughness: 0.645_66, diffuse_share: 1.0 },
+        foreground: None,
         weights: LossWeights {
             absolute: 0.8,
             dssim: 0.2,
@@ -275,6 +282,7 @@ fn specula(iterations: u32) -> Profile {
             radiance_max: f32::INFINITY,
         }),
         start: GaussianStart { opacity: 0.1, tint: 0.15, roughness: 0.5, diffuse_share: 0.8 },
+        foreground: None,
         weights: LossWeights {
             absolute: 0.8,
             dssim: 0.2,

@@ -14,8 +14,12 @@ use specula_core::{
     pipeline::{Fit, Step, StepReport, train_step},
     plan::Channels,
     random,
-    scene::{Environment, Gaussians, OPACITY, RadianceActivation, len_of_values},
+    scene::{Environment, Gaussians, OPACITY, RadianceActivation, TINT, len_of_values},
 };
+
+/// The raw tint of what reflects nothing: σ(−64) = 1.6e-28 is lost beside any colour, and gradients in its proportion are
+/// lost beside Adam's ε of 1e-15, so that neither the tint nor the light takes a step for its sake.
+pub const TINT_OF_NONE: f32 = -64.0;
 
 /// What a run is told.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +91,9 @@ impl<E: Executor> Trainer<E> {
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = start_light(&settings.profile);
-        Self::resume(exec, settings, views, &Snapshot::start(start, light))
+        let mut trainer = Self::resume(exec, settings, views, &Snapshot::start(start, light))?;
+        trainer.dull_background()?;
+        Ok(trainer)
     }
 
     /// A run that goes on from what another had learned, with the same settings and views; on the same kind of executor
@@ -252,9 +258,23 @@ impl<E: Executor> Trainer<E> {
             )?;
         }
         if plan.reset_every > 0 && k < plan.until && k.is_multiple_of(plan.reset_every) {
-            self.exec.limit_plane(&mut self.gaussians, &mut self.moments, OPACITY, logit(0.01))?;
+            self.exec.limit_plane(&mut self.gaussians, &mut self.moments, OPACITY, logit(0.01), None)?;
+        }
+        if k.is_multiple_of(plan.every) || k == self.settings.iterations {
+            self.dull_background()?;
         }
         Ok(report)
+    }
+
+    /// What lies outside of the foreground reflects nothing from here on.
+    fn dull_background(&mut self) -> Result<(), TrainError<E::Error>> {
+        let Profile { layout, foreground, .. } = self.settings.profile;
+        if layout.is_shaded() && foreground.is_some() {
+            for plane in TINT..TINT + 3 {
+                self.exec.limit_plane(&mut self.gaussians, &mut self.moments, plane, TINT_OF_NONE, foreground)?;
+            }
+        }
+        Ok(())
     }
 
     /// Steps taken so far.

@@ -1,6 +1,8 @@
-// One plane, limited and without momentum: one invocation a Gaussian.
+// One plane, limited and without momentum, of Gaussians outside of a ball: one invocation a Gaussian.
 
 struct Limit {
+    center: vec3f,
+    radius_squared: f32,
     count: u32,
     plane: u32,
     ceiling: f32,
@@ -21,11 +23,23 @@ fn limit_plane(
     if gaussian >= limit.count {
         return;
     }
-    let place = (gaussian / BLOCK * PLANES + limit.plane) * BLOCK + gaussian % BLOCK;
+    let first = gaussian / BLOCK * PLANES * BLOCK + gaussian % BLOCK;
+    let mean = MEAN * BLOCK + first;
+    let from_center = vec3f(values[mean], values[mean + BLOCK], values[mean + 2 * BLOCK]) - limit.center;
+    if !lies_outside(from_center) {
+        return;
+    }
+    let place = first + limit.plane * BLOCK;
     // What is not a number is limited too.
     if !(values[place] <= limit.ceiling) {
         values[place] = limit.ceiling;
     }
     means[place] = 0.0;
     squares[place] = 0.0;
+}
+
+// Distances are not negative, and so neither are their bits as whole numbers: by those, what is not a number is farther
+// than anything, where a compiler may take every number for finite.
+fn lies_outside(from_center: vec3f) -> bool {
+    return limit.radius_squared < 0.0 || bitcast<u32>(dot(from_center, from_center)) > bitcast<u32>(limit.radius_squared);
 }

@@ -8,7 +8,8 @@ use specula_core::{
     plan::Channels,
     prefilter::PrefilterScheme,
     random::uniform,
-    scene::{BLOCK, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT},
+    region::Ball,
+    scene::{BLOCK, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, TINT},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
@@ -328,7 +329,7 @@ fn densification_is_the_same_to_the_last_bit_in_pieces() {
             let pieces = scene.gaussians.values.piece_count();
             // Once more, so that pieces are taken as densification made them.
             let reports = [scene.densify(gpu, &rules, count_max), scene.densify(gpu, &again, 1500)];
-            gpu.limit_plane(&mut scene.gaussians, &mut scene.moments, OPACITY, -1.0).expect("it limits");
+            gpu.limit_plane(&mut scene.gaussians, &mut scene.moments, OPACITY, -1.0, None).expect("it limits");
             (pieces, reports, scene.gaussians.count, bits_of(&scene.download(gpu)))
         };
         let (expected, actual) = (densified(&mut whole), densified(&mut divided));
@@ -386,11 +387,12 @@ fn a_plane_is_limited_and_forgets_its_momentum() {
         let before = HostScene::new(count, Layout::shaded(Some(0)), 8).poisoned();
         let mut theirs = before.clone();
         let mut ours = before.upload(&mut gpu);
-        for (plane, ceiling) in [(OPACITY, 0.3), (MEAN + 1, -0.2)] {
+        let ball = Ball { center: [0.1, -0.3, 0.2], radius: 0.8 };
+        for (plane, ceiling, outside) in [(OPACITY, 0.3, None), (TINT, -0.1, Some(ball)), (MEAN + 1, -0.2, None)] {
             let HostScene { gaussians, moments, .. } = &mut theirs;
-            CpuExecutor::new().limit_plane(gaussians, moments, plane, ceiling).expect("the CPU limits");
+            CpuExecutor::new().limit_plane(gaussians, moments, plane, ceiling, outside).expect("the CPU limits");
             let Scene { gaussians, moments, .. } = &mut ours;
-            gpu.limit_plane(gaussians, moments, plane, ceiling).expect("the device limits");
+            gpu.limit_plane(gaussians, moments, plane, ceiling, outside).expect("the device limits");
         }
         let difference = difference(&ours.download(&mut gpu), &theirs, &theirs.gaussians);
         assert_eq!(difference, None, "of {count}");
