@@ -40,6 +40,7 @@ pub mod dataset;
 mod error;
 pub mod gaussian_ply;
 pub mod glb;
+mod jpeg;
 mod json;
 pub mod ktx;
 pub mod latlong;
