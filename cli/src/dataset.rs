@@ -134,3 +134,17 @@ pub(crate) fn cloud_of(points: &[Point]) -> PointCloud {
         colors: points.iter().map(|point| point.color).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_demos_cameras_have_exactly_z_above() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
+        let data = load(&folder, &LoadOptions::default(), Talk { quiet: true }).unwrap();
+        let found = data.bearings.unwrap();
+        assert_eq!((found.up, found.rolled), ([0.0, 0.0, 1.0], 0), "{found:?}");
+        assert!(found.error_degrees.is_some_and(|error| error < 0.5), "{found:?}");
+    }
+}

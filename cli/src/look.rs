@@ -146,9 +146,9 @@ impl Tour {
 pub(crate) struct Surroundings {
     /// The cameras that the scene knows.
     pub(crate) known: Vec<NamedCamera>,
-    /// Which of them to begin with, if there are any: the first whose picture is upright.
-    pub(crate) first: usize,
-    /// A camera to begin with.
+    /// Which of them to begin with: the first whose picture is upright, unless most are on their side.
+    pub(crate) first: Option<usize>,
+    /// A camera to begin with where there is none such: upright.
     pub(crate) start: Camera,
     /// What the cameras look at.
     pub(crate) centre: Vec3,
@@ -166,10 +166,22 @@ impl Surroundings {
             false => near_of(extent_of_cameras(known.iter().map(|(_, camera)| camera))),
         };
         known.iter_mut().for_each(|(_, camera)| camera.near = near);
-        let first = known.iter().position(|(_, camera)| bearings.is_upright(camera)).unwrap_or(0);
-        let start = known.get(first).map_or(around[0], |(_, camera)| *camera);
+        let upright = known.iter().position(|(_, camera)| bearings.is_upright(camera));
+        let first = upright.filter(|_| 2 * bearings.rolled <= bearings.cameras);
+        let start = known.first().map_or(around[0], |(_, camera)| levelled(camera, orbit.up));
         Self { start: Camera { near, ..start }, known, first, centre: orbit.centre, up: orbit.up }
     }
+}
+
+/// The camera with what is above upwards in its picture, unless it looks there.
+fn levelled(camera: &Camera, up: Vec3) -> Camera {
+    let forward = camera.camera_from_world.row(2);
+    if forward.cross(up).length() < 1e-3 {
+        return *camera;
+    }
+    let [width, height] = [camera.width, camera.height];
+    let level = Camera::look_at(camera.position, camera.position + forward, up, FIELD_OF_VIEW, width, height);
+    Camera { camera_from_world: level.camera_from_world, ..*camera }
 }
 
 /// The cameras of the folder of a model, test views first.
@@ -245,4 +257,42 @@ fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
     let Some(last) = numbers.len().checked_sub(1) else { return 0.0 };
     let place = (share * last as f32) as usize;
     *numbers.select_nth_unstable_by(place, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Mat3;
+
+    /// Cameras in a circle, most pictures or some of them turned by 90°.
+    fn circle(rolled: usize) -> Vec<NamedCamera> {
+        let camera = |k: usize| {
+            let (sin, cos) = (k as f32).sin_cos();
+            let upright = Camera::look_at(Vec3::new(4.0 * cos, 4.0 * sin, 2.0), Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
+            let turn = if k < rolled { Mat3::from_rotation_z(FRAC_PI_2) } else { Mat3::IDENTITY };
+            (k.to_string(), Camera { camera_from_world: turn * upright.camera_from_world, ..upright })
+        };
+        (0..9).map(camera).collect()
+    }
+
+    #[test]
+    fn one_begins_upright_whatever_is_rolled() {
+        for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
+            let known = circle(rolled);
+            let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let around = Surroundings::of(&bearings, known.clone());
+            assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
+            let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
+            assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
+            assert!(
+                forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
+                "one looks where the first camera does"
+            );
+            let tour = Tour::around(&bearings, &known, 8, None);
+            assert!(tour.cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
+            assert!(
+                around.centre.length() < 1e-5 && (tour.cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4
+            );
+        }
+    }
 }

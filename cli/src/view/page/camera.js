@@ -38,7 +38,7 @@ export class Camera {
 
   /** Back to where one began. */
   reset() {
-    if (this.scene.views.length > 0) this.showView(this.scene.first);
+    if (this.scene.first !== null) this.showView(this.scene.first);
     else this.take(this.scene.start, null);
   }
 
