@@ -677,7 +677,7 @@ Examples:
   specula export out/chair -o chair.splat chair.spz chair.glb
   specula export out/chair --env sunset.hdr -o sunset.ply         under another light
   specula export out/chair -o light.exr light.ktx2
-  specula export out/garden -o garden.splat --upright             photographs, whose world may lie on its side
+  specula export out/garden -o garden.splat --upright             photographs, put upright
   specula export out/chair -o chair.obj --voxels 384")]
 pub(crate) struct Export {
     /// Folder of a model, or a PLY file.
