@@ -2,7 +2,10 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
-use crate::{background::Background, failure::Failure, machine::ExecutorChoice, pictures::Layer, preset::Preset};
+use crate::{
+    background::Background, bearings::SceneUp, failure::Failure, machine::ExecutorChoice, pictures::Layer,
+    preset::Preset,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
@@ -207,6 +210,10 @@ pub(crate) struct Photographs {
     /// With --eval, hold out every so manieth photograph by name, from the first; 0 for none.
     #[arg(long, aliases = ["test_every", "llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY)]
     pub(crate) test_every: u32,
+    /// What is above in the scene, where cameras do not tell or tell wrongly: an axis of the data set's world, such as z or
+    /// -y, or a direction. It is kept with the model, for turntables, lights and the viewer; training does not depend on it.
+    #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
+    pub(crate) scene_up: Option<SceneUp>,
 }
 
 /// How a training is watched.
@@ -434,6 +441,10 @@ pub(crate) struct Showing {
     /// How to read the attributes, where the scene does not say it or says it wrongly.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    /// What is above in the scene, instead of what the model says or its cameras tell: an axis of its world, such as z or
+    /// -y, or a direction.
+    #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
+    pub(crate) scene_up: Option<SceneUp>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
 }
@@ -475,7 +486,7 @@ impl MachineOptions {
 /// How a file of light is read.
 #[derive(Args, Debug)]
 pub(crate) struct EnvOptions {
-    /// What the upper edge of the file shows: what is above in the scene as its cameras stand, which is z in Blender's
+    /// What the upper edge of the file shows: what is above in the scene as its cameras tell, which is z in Blender's
     /// data and where there are no cameras; or an axis of the world, Blender's z, or y as in the authors' files.
     #[arg(long, alias = "env_up", value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
@@ -658,7 +669,7 @@ pub(crate) struct View {
 /// alone, --bake diffuse, lacks all that the light adds. The directions that count are those from which the cameras of
 /// the training see a Gaussian. How far pictures of what was written are from specula's own is printed, in dB.
 ///
-/// Places and directions are those of the data set's world; nothing is turned or scaled.
+/// Places and directions are those of the data set's world; nothing is turned or scaled, unless --upright asks for it.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -666,6 +677,7 @@ Examples:
   specula export out/chair -o chair.splat chair.spz chair.glb
   specula export out/chair --env sunset.hdr -o sunset.ply         under another light
   specula export out/chair -o light.exr light.ktx2
+  specula export out/garden -o garden.splat --upright             photographs, put upright
   specula export out/chair -o chair.obj --voxels 384")]
 pub(crate) struct Export {
     /// Folder of a model, or a PLY file.
@@ -697,6 +709,12 @@ pub(crate) struct Export {
     /// Axis that is above in files of light: that of the scene's world, or y, as engines have it.
     #[arg(long, value_enum, default_value_t = Up::Z)]
     pub(crate) up: Up,
+    /// Put the scene upright: up along the axis that readers of the file take for it (-y in .ply and .splat, as viewers of
+    /// INRIA's files have it; +y in .spz, .glb and meshes; that of --up in light), its middle in the origin, its cameras
+    /// four units away from there in the median, the first of them in front. Harmonics are turned exactly; a .glb keeps its
+    /// numbers and is placed by its node.
+    #[arg(long)]
+    pub(crate) upright: bool,
     /// Do not render, so do not say how far pictures of what is written are from specula's own.
     #[arg(long, alias = "no_error")]
     pub(crate) no_error: bool,

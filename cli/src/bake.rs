@@ -9,7 +9,7 @@
 use crate::{
     convention::Reading,
     failure::Failure,
-    look::{directions, evenly},
+    look::evenly,
     progress::{Talk, Work},
     scene::{Scene, fitting},
 };
@@ -28,6 +28,7 @@ use specula_core::{
     sh::Y0,
     sh_fit::{Fit, Harmonics, harmonics},
     shade::{self, Material, ShadingForm, ShadingRules, Surface, Terms, surface},
+    sphere::directions,
     vector::{Vec3 as Vector, vec3},
 };
 use specula_cpu::{CpuExecutor, prefilter::Light};
@@ -157,8 +158,8 @@ impl Studio {
     /// stands on the unit sphere.
     fn around(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<Vec<Vec<[f32; 3]>>, Failure> {
         let centred = in_the_origin(gaussians);
-        let colors = |towards: [f32; 3]| -> Result<Vec<[f32; 3]>, Failure> {
-            let eye = Vec3::from(towards);
+        let colors = |towards: [f64; 3]| -> Result<Vec<[f32; 3]>, Failure> {
+            let eye = Vec3::from(towards.map(|x| x as f32));
             let camera =
                 Camera::look_at(eye, Vec3::ZERO, eye.any_orthonormal_vector(), 1.0, BLOCK as u32, BLOCK as u32);
             let mut splats = self.exec.project(&centred, &camera)?;
@@ -215,7 +216,7 @@ struct Everywhere {
 impl Everywhere {
     fn new(count: usize) -> Self {
         let harmonics: Vec<Harmonics> =
-            directions(AROUND).map(|towards| harmonics(towards.map(|x| -x), count)).collect();
+            directions(AROUND).map(|towards| harmonics(towards.map(|x| -x as f32), count)).collect();
         let mut fit = Fit::new(count);
         harmonics.iter().for_each(|harmonics| fit.add_direction(harmonics, 1.0 / AROUND as f64));
         Self { count, harmonics, fit }

@@ -15,9 +15,10 @@ use std::{
 };
 use toml::{Table, Value};
 
-/// What may be other when a training goes on: where and for how long it computes, and what is looked at on the way.
+/// What may be other when a training goes on: where and for how long it computes, what is looked at on the way, and what is
+/// above for who looks.
 /// Whether a data set is the same is told by its pictures, not by its path or how it is divided.
-const FREE: [&str; 9] = [
+const FREE: [&str; 10] = [
     "iterations",
     "executor",
     "checkpoint-every",
@@ -27,6 +28,7 @@ const FREE: [&str; 9] = [
     "source-path",
     "images",
     "test-every",
+    "scene-up",
 ];
 /// What says where settings are from is none itself.
 const NOT_IN_FILES: [&str; 3] = ["config", "preset", "resume"];

@@ -1,8 +1,9 @@
 //! Data sets as trainings take them.
 
-use crate::{failure::Failure, fit::thousands, progress::Talk};
+use crate::{bearings, failure::Failure, fit::thousands, progress::Talk};
 use specula_core::camera::near_of;
 use specula_io::{
+    bearings::Bearings,
     dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
     model_folder::ModelInfo,
     points_ply::PointCloud,
@@ -19,6 +20,8 @@ pub(crate) struct Dataset {
     pub(crate) train: Vec<View>,
     pub(crate) test: Vec<View>,
     pub(crate) points: Option<Vec<Point>>,
+    /// What its cameras tell; none where there are none.
+    pub(crate) bearings: Option<Bearings>,
 }
 
 /// Reads a data set; what is worth knowing about it goes to stderr.
@@ -32,6 +35,8 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let loaded = loaded?;
     talk.note(&summary(&loaded));
     loaded.notes.iter().for_each(|note| talk.note(note));
+    let bearings = bearings_of(&loaded);
+    bearings.iter().for_each(|found| talk.note(&bearings::words(found)));
     if let Some(advice) = advice_on_size(&loaded) {
         talk.note(&advice);
     }
@@ -39,7 +44,7 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
     let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
     train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
-    Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)) })
+    Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)), bearings })
 }
 
 /// The options with which a training read its data set, for one that reads it again.
@@ -63,6 +68,12 @@ fn summary(loaded: &dataset::Dataset) -> String {
     let points = if points == 0 { "no points".to_owned() } else { format!("{} points", thousands(points)) };
     let sizes = sizes(train.iter().chain(test));
     format!("{source}: {} pictures to fit{held_out}, {sizes} pixels, {points}", train.len())
+}
+
+/// What all its cameras tell.
+fn bearings_of(loaded: &dataset::Dataset) -> Option<Bearings> {
+    let points = loaded.points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
+    Bearings::of(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
 }
 
 /// What to do about pictures that are wider than the field trains on.
@@ -121,5 +132,19 @@ pub(crate) fn cloud_of(points: &[Point]) -> PointCloud {
     PointCloud {
         positions: points.iter().map(|point| point.position).collect(),
         colors: points.iter().map(|point| point.color).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_demos_cameras_have_exactly_z_above() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
+        let data = load(&folder, &LoadOptions::default(), Talk { quiet: true }).unwrap();
+        let found = data.bearings.unwrap();
+        assert_eq!((found.up, found.rolled), ([0.0, 0.0, 1.0], 0), "{found:?}");
+        assert!(found.error_degrees.is_some_and(|error| error < 0.5), "{found:?}");
     }
 }

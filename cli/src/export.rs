@@ -1,17 +1,19 @@
 //! `specula export`: a scene for other programs.
 
 use crate::{
-    args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName},
+    args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName, Up},
     background::Background,
     bake::{self, Baked},
+    bearings,
     convention::Reading,
     failure::Failure,
     fit::thousands,
     fuse,
-    look::{Tour, above_in, evenly},
+    look::{Tour, evenly, own_cameras},
     output, prefilter,
     progress::Talk,
     scene::{Opened, Renderer, Scene, radiance},
+    upright::{Axes, Upright},
 };
 use serde_json::json;
 use specula_core::{
@@ -23,9 +25,12 @@ use specula_core::{
     scene::{Gaussians, Layout, OPACITY, len_of_values},
 };
 use specula_io::{
-    Error, gaussian_ply,
+    Error,
+    bearings::Bearings,
+    gaussian_ply,
     glb::{self, Attribute, Shading},
-    latlong, mesh, splat, spz,
+    latlong::{self, UpAxis},
+    mesh, splat, spz,
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{
@@ -51,14 +56,16 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.model, args.showing.profile)?;
     opened.note_oddities(talk);
     if let Some(env) = &args.env {
-        let above = above_in(&opened)?;
+        let above = bearings::up(&bearings::of(&opened, args.showing.scene_up)?);
         opened.scene.relight(env, &args.env_options, above, talk)?;
     }
     for path in &args.output {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         output::make_folder(folder.unwrap_or(Path::new(".")))?;
     }
-    let exporter = Exporter { args, background: opened.background(args.showing.background), opened, talk };
+    let stance = if args.upright { Some(stance(args, &opened)?) } else { None };
+    let background = opened.background(args.showing.background);
+    let exporter = Exporter { args, background, opened, stance, talk };
     let mut plains: BTreeMap<u8, Plain> = BTreeMap::new();
     let mut own = None;
     for (path, format) in args.output.iter().zip(formats) {
@@ -79,6 +86,12 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// How the scene stands; its first camera is in front of it.
+fn stance(args: &Export, opened: &Opened) -> Result<Stance, Failure> {
+    let first = own_cameras(opened)?.unwrap_or_default().first().map(|(_, camera)| *camera);
+    Ok((bearings::of(opened, args.showing.scene_up)?, first))
 }
 
 /// What a file becomes.
@@ -113,6 +126,14 @@ impl Kind {
             Self::Ply | Self::Spz | Self::Glb => DEGREE,
         }
     }
+
+    /// Where its axes point, as its readers take it.
+    fn axes(self) -> Axes {
+        match self {
+            Self::Ply | Self::Splat => Axes::YDown,
+            Self::Spz | Self::Glb => Axes::YUp,
+        }
+    }
 }
 
 impl Format {
@@ -134,6 +155,7 @@ impl Format {
 }
 
 /// Gaussians as other programs know them.
+#[derive(Clone)]
 struct Plain {
     gaussians: Gaussians<Vec<f32>>,
     /// Of shaded ones.
@@ -142,20 +164,42 @@ struct Plain {
     kept: Vec<usize>,
 }
 
+impl Plain {
+    /// The same in an upright world.
+    fn moved(&self, upright: &Upright) -> Self {
+        let normal = |normal: &[f32; 3]| upright.direction(*normal);
+        Self {
+            gaussians: upright.gaussians(&self.gaussians),
+            normals: self.normals.as_ref().map(|normals| normals.iter().map(normal).collect()),
+            kept: self.kept.clone(),
+        }
+    }
+}
+
 /// Specula's own pictures of a scene, each as its camera shows it; none where no error is asked for.
 type Pictures = Vec<(Camera, Vec<f32>)>;
+
+/// How a scene stands, and a camera in front of it, if it has any.
+type Stance = (Bearings, Option<Camera>);
 
 /// A scene on its way out.
 struct Exporter<'a> {
     args: &'a Export,
     opened: Opened,
     background: Background,
+    /// How the scene stands, if it is to be put upright.
+    stance: Option<Stance>,
     talk: Talk,
 }
 
 impl Exporter<'_> {
     fn scene(&self) -> &Scene {
         &self.opened.scene
+    }
+
+    /// What puts it upright in a world with these axes, if that is asked for.
+    fn upright(&self, axes: Axes) -> Option<Upright> {
+        self.stance.as_ref().map(|(bearings, first)| Upright::of(bearings, first.as_ref(), axes))
     }
 
     /// The cameras that it was fitted to, or some all around.
@@ -189,19 +233,25 @@ impl Exporter<'_> {
     }
 
     fn write_gaussians(&self, path: &Path, kind: Kind, plain: &Plain, own: &Pictures) -> Result<(), Failure> {
-        let Plain { gaussians, normals, kept } = plain;
+        let upright = self.upright(kind.axes());
+        // glTF has a word for it, so its numbers stay as they are.
+        let moved = upright.filter(|_| kind != Kind::Glb);
+        let Plain { gaussians, normals, kept } = &moved.map_or_else(|| plain.clone(), |upright| plain.moved(&upright));
         match kind {
             Kind::Ply => gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), &self.comments())?,
             Kind::Splat => splat::write(path, gaussians)?,
             Kind::Spz => spz::write(path, gaussians)?,
-            Kind::Glb => glb::write(path, gaussians, self.shading(kept, normals.as_deref()).as_ref())?,
+            Kind::Glb => {
+                let placement = upright.map(|upright| upright.placement());
+                glb::write(path, gaussians, self.shading(kept, normals.as_deref()).as_ref(), placement)?;
+            }
         }
         let stored = match kind {
             Kind::Ply | Kind::Glb => gaussians.clone(),
             Kind::Splat => splat::stored(gaussians),
             Kind::Spz => spz::stored(gaussians),
         };
-        let error = self.error(stored, own)?;
+        let error = self.error(stored, own, moved)?;
         self.say(
             path,
             &format!("{} Gaussians", thousands(gaussians.count)),
@@ -216,7 +266,8 @@ impl Exporter<'_> {
             (true, BakeName::Sh) => "a shading function, baked into spherical harmonics",
             (true, BakeName::Diffuse) => "the diffuse colour of a shading function",
         };
-        vec![format!("exported by specula {}: {what}", env!("CARGO_PKG_VERSION"))]
+        let upright = if self.stance.is_some() { ", upright: y is down" } else { "" };
+        vec![format!("exported by specula {}: {what}{upright}", env!("CARGO_PKG_VERSION"))]
     }
 
     /// What is not in the file.
@@ -289,12 +340,13 @@ impl Exporter<'_> {
         Ok(pictures)
     }
 
-    /// How far pictures of what is in a file are from specula's own, in words.
-    fn error(&self, stored: Gaussians<Vec<f32>>, own: &Pictures) -> Result<String, Failure> {
+    /// How far pictures of what is in a file, which may have been moved, are from specula's own, in words.
+    fn error(&self, stored: Gaussians<Vec<f32>>, own: &Pictures, moved: Option<Upright>) -> Result<String, Failure> {
         if own.is_empty() {
             return Ok(String::new());
         }
-        let cameras: Vec<Camera> = own.iter().map(|(camera, _)| *camera).collect();
+        let with_it = |camera: &Camera| moved.map_or(*camera, |upright| upright.camera(camera));
+        let cameras: Vec<Camera> = own.iter().map(|(camera, _)| with_it(camera)).collect();
         let scene = Scene { gaussians: stored, light: None, reading: Reading::PAPER };
         let pictures = self.pictures(scene, &cameras)?;
         let errors: Vec<f64> =
@@ -316,12 +368,22 @@ impl Exporter<'_> {
                 self.args.model
             ))
         })?;
-        if kind == LightKind::Filtered {
-            return prefilter::run(&self.filter(path), self.talk);
-        }
         let values = radiance(light.activation, &light.values);
+        let (axes, map) = match self.args.up {
+            Up::Y => (Axes::YUp, UpAxis::Y),
+            Up::Z => (Axes::ZUp, UpAxis::Z),
+        };
+        let upright = self.upright(axes);
+        if kind == LightKind::Filtered {
+            let filter = self.filter(path);
+            return match upright {
+                Some(upright) => prefilter::write(&filter, &upright.light(&values, light.resolution), self.talk),
+                None => prefilter::run(&filter, self.talk),
+            };
+        }
         let height = ROWS * light.resolution;
-        let map = latlong::from_cube(&values, light.resolution, 2 * height, height, self.args.up.stand());
+        let stand = upright.map_or(map.into(), |upright| upright.stand(map));
+        let map = latlong::from_cube(&values, light.resolution, 2 * height, height, stand);
         latlong::write(path, &map)?;
         self.say(
             path,
@@ -366,6 +428,10 @@ impl Exporter<'_> {
                 self.args.model
             )));
         }
+        let mesh = match self.upright(Axes::YUp) {
+            Some(upright) => upright.mesh(mesh),
+            None => mesh,
+        };
         mesh::write(path, &mesh)?;
         let count =
             format!("{} triangles, {} vertices", thousands(mesh.triangles.len()), thousands(mesh.positions.len()));

@@ -2,16 +2,21 @@
 
 use crate::{
     args::{Look, Split},
+    bearings,
     failure::Failure,
     scene::Opened,
 };
 use core::f32::consts::{FRAC_PI_2, TAU};
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use specula_core::{
     camera::{Camera, near_of},
     scene::{Gaussians, MEAN},
+    sphere::directions,
 };
-use specula_io::cameras::{self, NamedCamera};
+use specula_io::{
+    bearings::Bearings,
+    cameras::{self, NamedCamera},
+};
 use specula_train::view::extent_of_cameras;
 
 /// Pixels of a picture where nothing says otherwise.
@@ -48,7 +53,7 @@ impl Tour {
         let own = own_cameras(opened)?;
         let mut tour = match own.clone() {
             Some(own) => Self::of_split(None, own, opened)?,
-            None => Self::around(&opened.scene.gaussians, &[], ORBIT, None),
+            None => Self::around(&bearings::of(opened, None)?, &[], ORBIT, None),
         };
         tour.set_near(own);
         Ok(tour.cameras.into_iter().map(|(_, camera)| camera).collect())
@@ -67,8 +72,8 @@ impl Tour {
     pub(crate) fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
         let (centre, distance) = whole(gaussians);
         let [width, height] = SIZE;
-        let camera = |direction: [f32; 3]| {
-            let outwards = Vec3::from(direction);
+        let camera = |direction: [f64; 3]| {
+            let outwards = Vec3::from(direction.map(|x| x as f32));
             let up = outwards.any_orthonormal_vector();
             Camera::look_at(centre + outwards * distance, centre, up, FIELD_OF_VIEW, width, height)
         };
@@ -90,14 +95,17 @@ impl Tour {
             return Ok(Self { name: "cameras", cameras, split: None, is_turntable: false });
         }
         let own = own_cameras(opened)?;
+        let around = |own: &[NamedCamera], count| {
+            Ok(Self::around(&bearings::of(opened, look.showing.scene_up)?, own, count, look.size))
+        };
         match (look.turntable, own) {
-            (Some(count), own) => Ok(Self::around(&opened.scene.gaussians, &own.unwrap_or_default(), count, look.size)),
+            (Some(count), own) => around(&own.unwrap_or_default(), count),
             (None, Some(own)) => Self::of_split(look.split, own, opened),
             (None, None) if look.split.is_some() => Err(Failure::Input(
                 "the scene has no cameras of its own to take --split from; name some with --cameras, or use --turntable"
                     .into(),
             )),
-            (None, None) => Ok(Self::around(&opened.scene.gaussians, &[], ORBIT, look.size)),
+            (None, None) => around(&[], ORBIT),
         }
     }
 
@@ -124,13 +132,8 @@ impl Tour {
     }
 
     /// A circle, as high above the scene as the known cameras are in the mean.
-    pub(crate) fn around(
-        gaussians: &Gaussians<Vec<f32>>,
-        known: &[NamedCamera],
-        count: u32,
-        size: Option<[u32; 2]>,
-    ) -> Self {
-        let orbit = Orbit::of(gaussians, known);
+    pub(crate) fn around(bearings: &Bearings, known: &[NamedCamera], count: u32, size: Option<[u32; 2]>) -> Self {
+        let orbit = Orbit::of(bearings, known);
         let like = known.first().map(|(_, camera)| *camera);
         let camera_at =
             |index: u32| (format!("{index:05}"), orbit.camera(TAU * index as f32 / count as f32, like, size));
@@ -143,7 +146,9 @@ impl Tour {
 pub(crate) struct Surroundings {
     /// The cameras that the scene knows.
     pub(crate) known: Vec<NamedCamera>,
-    /// A camera to begin with.
+    /// Which of them to begin with: the first whose picture is upright, unless most are on their side.
+    pub(crate) first: Option<usize>,
+    /// A camera to begin with where there is none such: upright.
     pub(crate) start: Camera,
     /// What the cameras look at.
     pub(crate) centre: Vec3,
@@ -151,9 +156,9 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    /// Of Gaussians, and the cameras that are known with them.
-    pub(crate) fn of(gaussians: &Gaussians<Vec<f32>>, mut known: Vec<NamedCamera>) -> Self {
-        let orbit = Orbit::of(gaussians, &known);
+    /// Of a scene with these bearings, and the cameras that are known with it.
+    pub(crate) fn of(bearings: &Bearings, mut known: Vec<NamedCamera>) -> Self {
+        let orbit = Orbit::of(bearings, &known);
         let around: Vec<Camera> =
             (0..ORBIT).map(|index| orbit.camera(TAU * index as f32 / ORBIT as f32, None, None)).collect();
         let near = match known.is_empty() {
@@ -161,9 +166,22 @@ impl Surroundings {
             false => near_of(extent_of_cameras(known.iter().map(|(_, camera)| camera))),
         };
         known.iter_mut().for_each(|(_, camera)| camera.near = near);
-        let start = known.first().map_or(around[0], |(_, camera)| *camera);
-        Self { start: Camera { near, ..start }, known, centre: orbit.centre, up: orbit.up }
+        let upright = known.iter().position(|(_, camera)| bearings.is_upright(camera));
+        let first = upright.filter(|_| 2 * bearings.rolled <= bearings.cameras);
+        let start = known.first().map_or(around[0], |(_, camera)| levelled(camera, orbit.up));
+        Self { start: Camera { near, ..start }, known, first, centre: orbit.centre, up: orbit.up }
     }
+}
+
+/// The camera with what is above upwards in its picture, unless it looks there.
+fn levelled(camera: &Camera, up: Vec3) -> Camera {
+    let forward = camera.camera_from_world.row(2);
+    if forward.cross(up).length() < 1e-3 {
+        return *camera;
+    }
+    let [width, height] = [camera.width, camera.height];
+    let level = Camera::look_at(camera.position, camera.position + forward, up, FIELD_OF_VIEW, width, height);
+    Camera { camera_from_world: level.camera_from_world, ..*camera }
 }
 
 /// The cameras of the folder of a model, test views first.
@@ -185,16 +203,14 @@ struct Orbit {
 }
 
 impl Orbit {
-    fn of(gaussians: &Gaussians<Vec<f32>>, known: &[NamedCamera]) -> Self {
+    fn of(bearings: &Bearings, known: &[NamedCamera]) -> Self {
         const ELEVATION: f32 = 0.4;
         const HIGHEST: f32 = 1.0;
+        let (centre, up, distance) = (bearings::centre(bearings), bearings::up(bearings), bearings.distance as f32);
         if known.is_empty() {
-            let (centre, distance) = whole(gaussians);
-            return Self { centre, up: Vec3::Z, distance, elevation: ELEVATION };
+            return Self { centre, up, distance, elevation: ELEVATION };
         }
-        let centre = seen_point(known);
-        let (share, up) = (1.0 / known.len() as f32, above(known));
-        let distance = share * known.iter().map(|(_, camera)| camera.position.distance(centre)).sum::<f32>();
+        let share = 1.0 / known.len() as f32;
         let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
         let elevation = (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, HIGHEST);
         Self { centre, up, distance, elevation }
@@ -215,60 +231,14 @@ impl Orbit {
     }
 }
 
-/// What is above, as cameras stand: +z where there are none.
-pub(crate) fn above(known: &[NamedCamera]) -> Vec3 {
-    // The second row of the rotation is down in the picture.
-    let up = -known.iter().map(|(_, camera)| camera.camera_from_world.row(1)).sum::<Vec3>();
-    straightened(up.try_normalize().unwrap_or(Vec3::Z))
-}
-
-/// What is above in a scene, as its own cameras stand.
-pub(crate) fn above_in(opened: &Opened) -> Result<Vec3, Failure> {
-    Ok(above(&own_cameras(opened)?.unwrap_or_default()))
-}
-
-/// Unit directions, evenly spread over the sphere: a Fibonacci lattice, each with the same share of it.
-pub(crate) fn directions(count: usize) -> impl Iterator<Item = [f32; 3]> {
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-    (0..count).map(move |k| {
-        let z = 1.0 - (2 * k + 1) as f64 / count as f64;
-        let (sin, cos) = (k as f64 * GOLDEN_ANGLE).sin_cos();
-        let radius = (1.0 - z * z).sqrt();
-        [radius * cos, radius * sin, z].map(|x| x as f32)
-    })
-}
-
 /// At most so many things, evenly spread over all.
 pub(crate) fn evenly<T: Copy>(things: &[T], most: usize) -> Vec<T> {
     let count = things.len().min(most);
     (0..count).map(|k| things[(2 * k + 1) * things.len() / (2 * count)]).collect()
 }
 
-/// An axis of the world that is close to `up`, or else `up` itself.
-fn straightened(up: Vec3) -> Vec3 {
-    const CLOSE: f32 = 0.8;
-    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-    let close = axes.into_iter().find(|axis| axis.dot(up).abs() > CLOSE);
-    close.map_or(up, |axis| axis * axis.dot(up).signum())
-}
-
-/// The point that is nearest to the optical axes of all cameras.
-fn seen_point(known: &[NamedCamera]) -> Vec3 {
-    let mut across = Mat3::ZERO;
-    let mut sum = Vec3::ZERO;
-    for (_, camera) in known {
-        let axis = camera.camera_from_world.row(2);
-        let projection = Mat3::IDENTITY - Mat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-        across += projection;
-        sum += projection * camera.position;
-    }
-    let parallel = across.determinant() < 1e-4 * (known.len() as f32).powi(3);
-    let mean = known.iter().map(|(_, camera)| camera.position).sum::<Vec3>() / known.len() as f32;
-    if parallel { mean + known[0].1.camera_from_world.row(2) } else { across.inverse() * sum }
-}
-
 /// The middle of a scene, and the distance from which all of it is seen.
-fn whole(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+pub(crate) fn whole(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
     let (centre, radius) = middle(gaussians);
     (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW).sin())
 }
@@ -292,16 +262,37 @@ fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Mat3;
+
+    /// Cameras in a circle, most pictures or some of them turned by 90°.
+    fn circle(rolled: usize) -> Vec<NamedCamera> {
+        let camera = |k: usize| {
+            let (sin, cos) = (k as f32).sin_cos();
+            let upright = Camera::look_at(Vec3::new(4.0 * cos, 4.0 * sin, 2.0), Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
+            let turn = if k < rolled { Mat3::from_rotation_z(FRAC_PI_2) } else { Mat3::IDENTITY };
+            (k.to_string(), Camera { camera_from_world: turn * upright.camera_from_world, ..upright })
+        };
+        (0..9).map(camera).collect()
+    }
 
     #[test]
-    fn cameras_around_a_point_see_that_point() {
-        let target = Vec3::new(0.3, -0.2, 0.5);
-        let at = |turn: f32| {
-            let position = target + Vec3::new(4.0 * turn.cos(), 4.0 * turn.sin(), 2.0);
-            (String::new(), Camera::look_at(position, target, Vec3::Z, 0.7, 100, 100))
-        };
-        let known: Vec<NamedCamera> = (0..5).map(|k| at(k as f32)).collect();
-        assert!(seen_point(&known).distance(target) < 1e-4);
-        assert!(straightened(Vec3::new(0.1, 0.2, 0.95).normalize()) == Vec3::Z);
+    fn one_begins_upright_whatever_is_rolled() {
+        for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
+            let known = circle(rolled);
+            let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let around = Surroundings::of(&bearings, known.clone());
+            assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
+            let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
+            assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
+            assert!(
+                forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
+                "one looks where the first camera does"
+            );
+            let tour = Tour::around(&bearings, &known, 8, None);
+            assert!(tour.cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
+            assert!(
+                around.centre.length() < 1e-5 && (tour.cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4
+            );
+        }
     }
 }

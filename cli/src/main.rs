@@ -3,6 +3,7 @@
 mod args;
 mod background;
 mod bake;
+mod bearings;
 mod checkpoint;
 mod compare;
 mod config;
@@ -34,6 +35,7 @@ mod scene;
 mod settings;
 mod train;
 mod truth;
+mod upright;
 mod view;
 mod within;
 

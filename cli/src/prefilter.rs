@@ -29,15 +29,24 @@ const COARSEST: usize = 4;
 
 /// Filters and writes.
 pub(crate) fn run(args: &Prefilter, talk: Talk) -> Result<(), Failure> {
+    Container::of(&args.output)?;
+    filter(args, &open(args, talk)?, talk)
+}
+
+/// The same with a light of one's own, which stands as it is to be looked up.
+pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>, talk: Talk) -> Result<(), Failure> {
+    filter(args, &at_resolution(args, light), talk)
+}
+
+fn filter(args: &Prefilter, light: &Environment<Vec<f32>>, talk: Talk) -> Result<(), Failure> {
     let container = Container::of(&args.output)?;
-    let light = open(args, talk)?;
     let levels = levels(args, light.resolution)?;
     let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
     output::make_folder(folder.unwrap_or(Path::new(".")))?;
     if light.resolution > SLOW_RESOLUTION {
         talk.note(&format!("filtering six times {0} × {0} texels; this takes a while", light.resolution));
     }
-    let filtered = CpuExecutor::new().prefilter_into(&light, args.scheme.weights(), levels)?;
+    let filtered = CpuExecutor::new().prefilter_into(light, args.scheme.weights(), levels)?;
     let levels = levels.as_slice();
     let faces = faces_of(&filtered, levels);
 
@@ -119,8 +128,12 @@ fn open(args: &Prefilter, talk: Talk) -> Result<Environment<Vec<f32>>, Failure> 
     if args.up == Up::Y {
         values = latlong::turned_up(&values, light.resolution);
     }
-    let resolution = args.resolution.unwrap_or(light.resolution.next_power_of_two().max(args.scheme.least()));
-    Ok(resampled(&Environment { resolution: light.resolution, activation, values }, resolution))
+    Ok(at_resolution(args, &Environment { resolution: light.resolution, activation, values }))
+}
+
+/// A light with the resolution that was asked for, or its own if levels begin with such.
+fn at_resolution(args: &Prefilter, light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
+    resampled(light, args.resolution.unwrap_or(light.resolution.next_power_of_two().max(args.scheme.least())))
 }
 
 /// The levels that were asked for.

@@ -2,8 +2,9 @@
 
 use crate::{
     args::Relight,
+    bearings,
     failure::Failure,
-    look::{Tour, above_in},
+    look::Tour,
     output,
     pictures::Layer,
     progress::Talk,
@@ -27,7 +28,7 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
-    let above = above_in(&opened)?;
+    let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
     opened.scene.relight(&args.env, &args.env_options, above, talk)?;
     let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
     let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"))?;

@@ -3,9 +3,9 @@
 use crate::{
     args::{Look, MachineOptions, Render},
     background::Background,
-    dataset,
+    bearings, dataset,
     failure::Failure,
-    look::{Tour, above_in},
+    look::Tour,
     machine::ExecutorChoice,
     output,
     pictures::Layer,
@@ -33,7 +33,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     opened.note_oddities(talk);
-    let above = above_in(&opened)?;
+    let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
     if let Some(env) = &args.env {
         opened.scene.relight(env, &args.env_options, above, talk)?;
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {

@@ -3,6 +3,7 @@
 use crate::{
     args::{MachineOptions, Photographs, Train},
     background::Background,
+    bearings,
     checkpoint::{self, Checkpoints},
     config,
     dataset::{self, Dataset},
@@ -149,14 +150,19 @@ fn make_folder(
 }
 
 fn options_of(args: &Train) -> LoadOptions {
-    let Photographs { images, test_every } = args.photographs.clone();
+    let Photographs { images, test_every, .. } = args.photographs.clone();
     let points = args.start.points.clone();
     LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every }
 }
 
 fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
     let source = args.source()?;
-    let data = dataset::load(source, &options_of(args), talk)?;
+    let mut data = dataset::load(source, &options_of(args), talk)?;
+    if args.photographs.scene_up.is_some() {
+        let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
+        data.bearings = data.bearings.map(|found| bearings::with_up(found, args.photographs.scene_up, cameras()));
+        data.bearings.iter().for_each(|found| talk.note(&bearings::words(found)));
+    }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
             "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold photographs out \
@@ -208,6 +214,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         downscale: args.resolution,
         source_path: output::absolute(args.source()?),
         seed: args.seed,
+        bearings: data.bearings,
         rest,
     })
 }
@@ -243,9 +250,11 @@ fn watched<'a>(
 ) -> Result<Training<'a>, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
     let source = args.source()?.to_owned();
+    let scene = training.scene()?;
     let shown = Shown {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        scene: training.scene()?,
+        bearings: data.bearings.unwrap_or_else(|| bearings::of_cloud(&scene.gaussians)),
+        scene,
         known: data.test.iter().chain(&data.train).map(named).collect(),
         held_out: data.test.len(),
         source: Some(Source { folder: source, options: options_of(args) }),

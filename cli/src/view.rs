@@ -14,7 +14,7 @@ mod studio;
 use crate::{
     args::{MachineOptions, Train, View},
     background::Background,
-    dataset,
+    bearings, dataset,
     failure::Failure,
     interrupt,
     look::{Surroundings, own_cameras},
@@ -32,7 +32,7 @@ use live::Live;
 use queue::Queue;
 use serde_json::{Value, json};
 use server::{Job, Site};
-use specula_io::cameras::NamedCamera;
+use specula_io::{bearings::Bearings, cameras::NamedCamera};
 use std::{
     path::PathBuf,
     sync::Arc,
@@ -53,6 +53,7 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let shown = Shown {
         name,
         known: own_cameras(&opened)?.unwrap_or_default(),
+        bearings: bearings::of(&opened, args.showing.scene_up)?,
         held_out: opened.test_views().unwrap_or(0),
         source: source_of(&opened),
         scene: opened.scene,
@@ -82,6 +83,7 @@ pub(crate) struct Shown {
     /// Views, those that were held out first, and how many those are.
     pub(crate) known: Vec<NamedCamera>,
     pub(crate) held_out: usize,
+    pub(crate) bearings: Bearings,
     pub(crate) source: Option<Source>,
     pub(crate) background: Background,
     /// The training that it is of, if it is going on.
@@ -111,8 +113,8 @@ impl Stage {
         let listener = runtime.block_on(server::listen(place.address))?;
         let guard = Guard::new(place.address.ip(), place.token.as_deref())?;
 
-        let Shown { name, scene, known, held_out, source, background, live } = shown;
-        let Surroundings { known, start, centre, up } = Surroundings::of(&scene.gaussians, known);
+        let Shown { name, scene, known, held_out, bearings, source, background, live } = shown;
+        let Surroundings { known, first, start, centre, up } = Surroundings::of(&bearings, known);
         let album = Album::new(known, held_out, source);
         let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
         let facts = json!({
@@ -121,6 +123,7 @@ impl Stage {
             "shaded": scene.gaussians.layout.is_shaded(),
             "layers": layers(&scene, &album),
             "views": album.facts(),
+            "first": first,
             "start": camera_facts(&start),
             "centre": centre.to_array(),
             "up": up.to_array(),

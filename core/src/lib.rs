@@ -14,7 +14,8 @@
 //! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves
-//! * [`sh_fit`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
+//! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
+//! * [`eigen`]: of symmetric matrices; [`sphere`]: directions all around
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
@@ -75,6 +76,7 @@ pub mod densify;
 pub mod depth_normal;
 pub mod double;
 pub mod dual;
+pub mod eigen;
 pub mod executor;
 pub mod ggx;
 pub mod limits;
@@ -97,7 +99,9 @@ pub mod region;
 pub mod scene;
 pub mod sh;
 pub mod sh_fit;
+pub mod sh_turn;
 pub mod shade;
+pub mod sphere;
 pub mod split_sum;
 pub mod tsdf;
 pub mod vector;

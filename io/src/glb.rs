@@ -49,8 +49,24 @@ pub struct Shading {
     pub light: Option<(Vec<f32>, usize)>,
 }
 
-/// Writes plain Gaussians, and what shading needs, if there is any.
-pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>, shading: Option<&Shading>) -> Result<()> {
+/// Where a scene is put in the world of its reader: what is written is scaled, then turned, then moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// A unit quat (x, y, z, w).
+    pub rotation: [f64; 4],
+    /// In units of the reader's world.
+    pub translation: [f64; 3],
+    /// The same along all axes.
+    pub scale: f64,
+}
+
+/// Writes plain Gaussians, and what shading needs, if there is any; in their own world, or placed in another by their node.
+pub fn write(
+    path: &Path,
+    gaussians: &Gaussians<Vec<f32>>,
+    shading: Option<&Shading>,
+    placement: Option<Placement>,
+) -> Result<()> {
     let mut file = File::default();
     let mut attributes = Map::new();
     for Attribute { name, width, values } in plain(gaussians) {
@@ -70,10 +86,16 @@ pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>, shading: Option<&Shad
         used.push(SHADING);
     }
     let primitive = json!({"attributes": attributes, "mode": POINTS, "extensions": {SPLATTING: extension}});
+    let mut node = json!({"mesh": 0});
+    if let Some(Placement { rotation, translation, scale }) = placement {
+        node["rotation"] = json!(rotation);
+        node["translation"] = json!(translation);
+        node["scale"] = json!([scale, scale, scale]);
+    }
     let json = json!({
         "asset": {"version": "2.0", "generator": concat!("specula ", env!("CARGO_PKG_VERSION"))},
         "extensionsUsed": used,
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}],
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node], "meshes": [{"primitives": [primitive]}],
         "accessors": file.accessors, "bufferViews": file.views, "buffers": [{"byteLength": file.bytes.len()}],
     });
     write_chunks(path, &json, file.bytes)

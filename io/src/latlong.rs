@@ -93,30 +93,38 @@ impl UpAxis {
 pub enum Stand {
     /// Along an axis of the world, in the convention of one of the field's tools.
     Axis(UpAxis),
-    /// Along any direction: that of [`UpAxis::Z`], turned by the shortest way from +z.
-    Above {
-        /// From the turned map to the world.
+    /// Along no axis of the world.
+    Turned {
+        /// Along an axis of a world of its own.
+        map: UpAxis,
+        /// From that to the world.
         world_from_map: DQuat,
     },
 }
 
 impl Stand {
-    /// With this direction, of any length but 0, above. Along +z and +y it is as with [`UpAxis`].
+    /// With this direction, of any length but 0, above: as with [`UpAxis::Z`], turned by the shortest way from +z. Along +z
+    /// and +y it is as with [`UpAxis`].
     pub fn above(direction: [f64; 3]) -> Self {
         let above = DVec3::from(direction).normalize();
         match [DVec3::Z, DVec3::Y].map(|axis| axis == above) {
             [true, _] => Self::Axis(UpAxis::Z),
             [_, true] => Self::Axis(UpAxis::Y),
-            _ => Self::Above { world_from_map: DQuat::from_rotation_arc(DVec3::Z, above) },
+            _ => Self::turned(UpAxis::Z, DQuat::from_rotation_arc(DVec3::Z, above)),
         }
+    }
+
+    /// Along an axis of another world, from which one comes to this by a rotation.
+    pub fn turned(map: UpAxis, world_from_map: DQuat) -> Self {
+        Self::Turned { map, world_from_map }
     }
 
     /// Where a direction of any length appears: (u, v) in [0, 1], from the upper left corner.
     pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Axis(up) => up.place(direction),
-            Self::Above { world_from_map } => {
-                UpAxis::Z.place((world_from_map.inverse() * DVec3::from(direction)).to_array())
+            Self::Turned { map, world_from_map } => {
+                map.place((world_from_map.inverse() * DVec3::from(direction)).to_array())
             }
         }
     }
@@ -125,7 +133,7 @@ impl Stand {
     pub fn direction(self, place: [f64; 2]) -> [f64; 3] {
         match self {
             Self::Axis(up) => up.direction(place),
-            Self::Above { world_from_map } => (world_from_map * DVec3::from(UpAxis::Z.direction(place))).to_array(),
+            Self::Turned { map, world_from_map } => (world_from_map * DVec3::from(map.direction(place))).to_array(),
         }
     }
 }

@@ -5,6 +5,7 @@
 //! untouched.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
+//! * [`bearings`]: which way is up in a scene, where its middle is, how far from it one stands
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
@@ -29,6 +30,7 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+pub mod bearings;
 mod blender;
 pub mod cameras;
 pub mod checkpoint;
@@ -38,6 +40,7 @@ pub mod dataset;
 mod error;
 pub mod gaussian_ply;
 pub mod glb;
+mod jpeg;
 mod json;
 pub mod ktx;
 pub mod latlong;

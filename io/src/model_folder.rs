@@ -13,6 +13,7 @@
 //! ```
 
 use crate::{
+    bearings::Bearings,
     cameras::{self, NamedCamera},
     error::{Error, Result},
     gaussian_ply, json,
@@ -65,6 +66,10 @@ pub struct ModelInfo {
     pub source_path: String,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Which way is up, where the middle is and how far cameras are from it, in the data set's world; none in models of
+    /// before, and where there are no cameras.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bearings: Option<Bearings>,
     /// Everything else, kept as it is.
     #[serde(flatten)]
     pub rest: Map<String, Value>,

@@ -1,6 +1,9 @@
 //! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    jpeg,
+};
 use exr::meta::BlockDescription;
 use glam::Vec3;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
@@ -25,9 +28,25 @@ pub struct Pixels {
 
 /// A photograph as it was opened.
 pub(crate) struct OpenedPixels {
+    /// All of them, or means over squares of them.
     pub(crate) pixels: Pixels,
+    /// How many pixels it has, in a row and in rows.
+    pub(crate) size: [u32; 2],
     /// Whether it was turned as its EXIF data say.
     pub(crate) is_turned: bool,
+}
+
+impl OpenedPixels {
+    /// The picture at a size, as [`Pixels::resized`] makes it; as it is where it has that.
+    pub(crate) fn resized(self, [width, height]: [u32; 2]) -> Pixels {
+        let found = [self.pixels.width, self.pixels.height];
+        if found == self.size {
+            return if found == [width, height] { self.pixels } else { self.pixels.resized(width, height) };
+        }
+        // Of squares at the edges a part may lie outside of the picture.
+        let side = f64::from(self.size[0].div_ceil(found[0]));
+        self.pixels.averaged(self.size.map(|size| f64::from(size) / side), [width, height])
+    }
 }
 
 impl Pixels {
@@ -39,7 +58,12 @@ impl Pixels {
     /// Decodes an image as its camera has it. `fits` says whether a picture of some size has the camera's shape, as far
     /// as that is known. Programs that find cameras look at pictures as they are stored, so a picture is turned as its
     /// EXIF data say only where it fits turned and not as it is, or where nothing is known of its camera's size.
-    pub(crate) fn open(path: &Path, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
+    ///
+    /// Where it is to become `downscale` times smaller, and a way is known to decode less than all of it, less is decoded.
+    pub(crate) fn open(path: &Path, downscale: u32, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
+        if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
+            return Ok(OpenedPixels { pixels: Self::of(image), size, is_turned: false });
+        }
         let (mut image, orientation) = decode_with_orientation(path)?;
         let size = [image.width(), image.height()];
         let turned = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
@@ -51,7 +75,8 @@ impl Pixels {
         if is_turned {
             image.apply_orientation(orientation);
         }
-        Ok(OpenedPixels { pixels: Self::of(image), is_turned })
+        let pixels = Self::of(image);
+        Ok(OpenedPixels { size: [pixels.width, pixels.height], pixels, is_turned })
     }
 
     fn of(image: DynamicImage) -> Self {
@@ -67,11 +92,16 @@ impl Pixels {
     /// bleed into edges. Colours are averaged as they are stored, in sRGB. Of unknown pixels nothing is taken; where they
     /// are more than half of the area, the new pixel is unknown.
     pub fn resized(&self, width: u32, height: u32) -> Self {
+        self.averaged([self.width, self.height].map(f64::from), [width, height])
+    }
+
+    /// The same, of a picture that ends so many pixels to the right and below.
+    fn averaged(&self, from: [f64; 2], [width, height]: [u32; 2]) -> Self {
         let average = |x: usize, y: usize| {
             let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
             if is_unknown(pixel) { [0.0, 0.0, 0.0, 0.0, 1.0] } else { with_zero(premultiply(pixel)) }
         };
-        let averages = area_average(average, [self.width, self.height], [width, height]);
+        let averages = area_average(average, from, [width, height]);
         Self { width, height, rgba: averages.into_iter().flat_map(straighten).collect() }
     }
 
@@ -192,7 +222,7 @@ impl Normals {
             let [x, y, z] = self.values[pixel];
             [x, y, z, f32::from(u8::from(self.mask[pixel]))]
         };
-        let sums = area_average(weighted, [self.width, self.height], [width, height]);
+        let sums = area_average(weighted, [self.width, self.height].map(f64::from), [width, height]);
         Self::from_sums(sums.into_iter(), width, height)
     }
 
@@ -271,10 +301,9 @@ pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicIma
 /// old picture is kept.
 fn area_average<const N: usize>(
     pixel: impl Fn(usize, usize) -> [f32; N],
-    from: [u32; 2],
+    [width, height]: [f64; 2],
     to: [u32; 2],
 ) -> Vec<[f32; N]> {
-    let [width, height] = from.map(|size| size as usize);
     let [new_width, new_height] = to.map(|size| size as usize);
     let columns = spans(width, new_width);
     let mut averages = vec![[0.0; N]; new_width * new_height];
@@ -306,11 +335,11 @@ impl Span {
     }
 }
 
-fn spans(from: usize, to: usize) -> Vec<Span> {
-    let ratio = from as f64 / to as f64;
+fn spans(from: f64, to: usize) -> Vec<Span> {
+    let ratio = from / to as f64;
     let span = |i: usize| {
-        let (start, end) = (i as f64 * ratio, ((i + 1) as f64 * ratio).min(from as f64));
-        let (first, last) = (start as usize, (end.ceil() as usize).min(from));
+        let (start, end) = (i as f64 * ratio, ((i + 1) as f64 * ratio).min(from));
+        let (first, last) = (start as usize, end.ceil() as usize);
         let overlap = |pixel: usize| (end.min((pixel + 1) as f64) - start.max(pixel as f64)).max(0.0);
         Span { first, shares: (first..last).map(|pixel| (overlap(pixel) / (end - start)) as f32).collect() }
     };

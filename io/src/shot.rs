@@ -66,17 +66,18 @@ impl Shot {
     /// Opens the photograph: turned as its camera has it, without what its mask leaves out, made smaller, and without
     /// its lens's distortion.
     pub(crate) fn open(&self) -> Result<Opened> {
-        let stored = Pixels::open(&self.image, |size| self.fits(size))?;
-        let (image, is_turned) = (stored.pixels, stored.is_turned);
-        self.refuse_other_shape(&image)?;
-        let lens = (self.lens)([image.width, image.height])?;
-        let image = match &self.mask {
-            Some(mask) => Mask::read(mask)?.applied(image),
-            None => image,
-        };
+        // What a mask leaves out it leaves out of the whole picture, pixel by pixel.
+        let downscale = if self.mask.is_some() { 1 } else { self.downscale };
+        let mut stored = Pixels::open(&self.image, downscale, |size| self.fits(size))?;
+        let (size, is_turned) = (stored.size, stored.is_turned);
+        self.refuse_other_shape(size)?;
+        let lens = (self.lens)(size)?;
+        if let Some(mask) = &self.mask {
+            stored.pixels = Mask::read(mask)?.applied(stored.pixels);
+        }
 
-        let [width, height] = [image.width, image.height].map(|size| rounded_quotient(size, self.downscale));
-        let image = if self.downscale == 1 { image } else { image.resized(width, height) };
+        let [width, height] = size.map(|size| rounded_quotient(size, self.downscale));
+        let image = stored.resized([width, height]);
         let lens = lens.resized(width, height);
         let is_undistorted = lens.distortion != Distortion::None;
         let image = if is_undistorted { lens.undistorted(&image) } else { image };
@@ -98,8 +99,7 @@ impl Shot {
         })
     }
 
-    fn refuse_other_shape(&self, image: &Pixels) -> Result<()> {
-        let found = [image.width, image.height];
+    fn refuse_other_shape(&self, found: [u32; 2]) -> Result<()> {
         match (self.measured_size, self.fits(found)) {
             (Some(expected), Some(false)) => Err(Error::OtherShape { path: self.image.clone(), found, expected }),
             _ => Ok(()),

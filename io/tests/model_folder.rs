@@ -7,6 +7,7 @@ use specula_core::{
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
 use specula_io::{
+    bearings::Bearings,
     gaussian_ply,
     latlong::{self, LatLong, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
@@ -27,12 +28,14 @@ fn light(activation: RadianceActivation) -> Environment<Vec<f32>> {
 }
 
 fn info() -> ModelInfo {
+    let camera = Camera::look_at(Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO, Vec3::Z, 0.7, 10, 10);
     let rest = json!({ "gaussian_count": 3, "note": "any" }).as_object().unwrap().clone();
     ModelInfo {
         version: "0.1.0".into(),
         profile: "paper".into(),
         iterations: 7,
         seed: u64::MAX,
+        bearings: Bearings::of(&[camera], &[]),
         rest,
         ..ModelInfo::default()
     }

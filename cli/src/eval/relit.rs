@@ -2,12 +2,13 @@
 
 use crate::{
     args::{EnvOptions, EnvUp, Eval},
+    bearings,
     failure::Failure,
-    look::above,
     progress::Talk,
     scene::{Opened, Renderer},
     truth::{Relighting, Truths, fit_and_measure},
 };
+use glam::Vec3;
 use serde_json::{Map, Value};
 use specula_core::plan::Channels;
 use specula_io::cameras::NamedCamera;
@@ -70,7 +71,8 @@ pub(super) fn measure(
 ) -> Result<Vec<Relit>, Failure> {
     let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
     let background = opened.background(args.background);
-    let above = above(&cameras);
+    let found = bearings::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
+    let above = found.map_or(Vec3::Z, |found| bearings::up(&found));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truths = Truths::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();

@@ -111,6 +111,33 @@ fn a_model_says_who_looked_the_light_up() {
 }
 
 #[test]
+fn a_model_keeps_what_is_above_and_turns_about_it() {
+    let tiny = Tiny::new();
+    let output = train(&tiny, "model").arg("--eval").output().unwrap();
+    assert!(output.status.success());
+    let found = &json(&tiny.path("model/specula.json"))["bearings"];
+    assert_eq!((&found["up"], &found["told_by"]), (&serde_json::json!([0.0, 0.0, 1.0]), &"upright".into()));
+    assert_eq!((&found["cameras"], &found["rolled"]), (&11.into(), &0.into()), "all are asked, held out or not");
+
+    printed(train(&tiny, "said").args(["--scene-up", "-y"]));
+    let said = &json(&tiny.path("said/specula.json"))["bearings"];
+    assert_eq!((&said["up"], &said["told_by"]), (&serde_json::json!([0.0, -1.0, 0.0]), &"hand".into()));
+    assert!(fs::read_to_string(tiny.path("said/config.toml")).unwrap().contains("scene-up = \"0,-1,0\""));
+
+    let turn = |model: &str, out: &str, words: &[&str]| {
+        let mut command = specula();
+        command.arg("render").arg(tiny.path(model)).args(["--turntable", "2", "--layers", "rgb", "-o"]);
+        printed(command.arg(tiny.path(out)).args(words));
+        fs::read(tiny.path(out).join("rgb/00001.png")).unwrap()
+    };
+    let [found, said] = [turn("model", "a", &[]), turn("model", "b", &["--scene-up=0,-2,0"])];
+    assert_ne!(found, said, "another direction above, another circle");
+    assert_eq!(found, turn("model", "c", &["--scene-up", "z"]));
+    let output = specula().arg("info").arg(tiny.data()).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("up is +z within"), "{output:?}");
+}
+
+#[test]
 fn a_plain_scene_is_trained_and_turned() {
     let tiny = Tiny::new();
     let mut command = specula();

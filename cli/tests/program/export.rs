@@ -2,7 +2,7 @@
 
 use crate::tiny::{Tiny, specula};
 use core::f32::consts::{PI, TAU};
-use glam::{Quat, Vec3};
+use glam::{Mat3, Quat, Vec3};
 use serde::Deserialize;
 use serde_json::Value;
 use specula_core::{
@@ -524,4 +524,139 @@ fn what_cannot_be_exported_is_refused_in_one_sentence() {
     gaussian_ply::write(&none, &Gaussians { count: 0, layout, values: Vec::new() }, &[]).unwrap();
     refuses(tiny, &none, "ball.ply", &["--quiet"], &["none.ply", "no Gaussian"]);
     refuses(tiny, &none, "ball.obj", &["--quiet"], &["none.ply", "no Gaussian"]);
+}
+
+/// What is above for the scenes that are put upright, of no special length.
+const ABOVE: Vec3 = Vec3::new(0.9, -0.72, 0.96);
+/// Harmonics and places that went through a rotation of `f64` and were rounded to `f32`.
+const TURNED: f32 = 2e-6;
+
+/// A ball under a soft light whose cameras are twice as far away as upright ones, and what turns it upright, with y above.
+fn lying_ball() -> (Ball, Mat3) {
+    let ball = Ball::under(soft);
+    let path = ball.model().join("cameras.json");
+    let mut all = cameras::read(&path).unwrap();
+    all.iter_mut().for_each(|(_, camera)| camera.position *= 2.0);
+    cameras::write(&path, &all).unwrap();
+    let above = ABOVE.normalize();
+    let front = all[0].1.position.reject_from_normalized(above).normalize();
+    (ball, Mat3::from_cols(above.cross(front), above, front).transpose())
+}
+
+fn upright_words() -> String {
+    format!("{},{},{}", ABOVE.x, ABOVE.y, ABOVE.z)
+}
+
+#[test]
+fn an_upright_ply_has_y_down_and_towards_turned_directions_the_colours_that_it_had() {
+    let (ball, y_up) = lying_ball();
+    let turn = Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)) * y_up;
+    let up = upright_words();
+    let (lying, said) = ball.export("lying.ply", &[]);
+    let (upright, said_upright) = ball.export("upright.ply", &["--upright", "--scene-up", &up]);
+    let harmonics = |row: &BTreeMap<String, f32>| -> Vec<[f32; 3]> {
+        let rest = |j: usize| [0, 1, 2].map(|c| row[&format!("f_rest_{}", 15 * c + j)]);
+        [columns(row, ["f_dc_0", "f_dc_1", "f_dc_2"])].into_iter().chain((0..15).map(rest)).collect()
+    };
+    let color = |row: &BTreeMap<String, f32>, direction: Vec3| {
+        let values = specula_core::sh::basis(direction.into(), 16);
+        let colors = harmonics(row);
+        core::array::from_fn::<f32, 3, _>(|c| values.iter().zip(&colors).map(|(value, color)| value * color[c]).sum())
+    };
+    let [before, after] = [lying, upright].map(|path| ply_rows(&path));
+    assert_eq!(before.len(), after.len());
+    for (k, (before, after)) in before.iter().zip(&after).enumerate() {
+        let [place, normal] = [["x", "y", "z"], ["nx", "ny", "nz"]].map(|names| Vec3::from(columns(before, names)));
+        // The middle of the cameras is the ball's but for rounding.
+        assert_near(&columns(after, ["x", "y", "z"]), &(0.5 * (turn * place)).to_array(), 10.0 * TURNED, "place");
+        assert_near(&columns(after, ["nx", "ny", "nz"]), &(turn * normal).to_array(), TURNED, "normal");
+        let scales = columns(before, ["scale_0", "scale_1", "scale_2"]).map(|scale| scale - 2.0_f32.ln());
+        assert_near(&columns(after, ["scale_0", "scale_1", "scale_2"]), &scales, 10.0 * TURNED, "scales");
+        let [w, x, y, z] = columns(before, ["rot_0", "rot_1", "rot_2", "rot_3"]);
+        let quat = Quat::from_mat3(&turn) * Quat::from_xyzw(x, y, z, w);
+        let found = columns(after, ["rot_1", "rot_2", "rot_3", "rot_0"]);
+        assert_same_turn(found, quat.to_array(), TURNED, "quat");
+        let direction = on_sphere(k, COUNT);
+        assert_near(&color(after, turn * direction), &color(before, direction), 10.0 * TURNED, "colour");
+    }
+    // Upright pictures are the same up to rounding, so a printed digit may be another.
+    assert!((decibels(&said) - decibels(&said_upright)).abs() < 0.02, "{said} {said_upright}");
+}
+
+#[test]
+fn upright_files_have_above_what_their_readers_take_for_it() {
+    let (ball, y_up) = lying_ball();
+    let up = upright_words();
+    let words = ["--upright", "--scene-up", &up, "--no-error"];
+    let expected = |k: usize| 0.5 * (y_up * on_sphere(k, COUNT));
+    let nearest = |place: Vec3| (0..COUNT).map(|k| expected(k).distance(place)).fold(f32::INFINITY, f32::min);
+
+    let (path, _) = ball.export("ball.spz", &words);
+    let read = spz::GaussianSplat::load_packed_from_file(&path, &spz::UnpackOptions::default()).unwrap();
+    // A 65536th of the scene.
+    assert!(
+        read.positions.chunks_exact(3).all(|place| nearest(Vec3::from_slice(place)) < 2.0 / 65_536.0),
+        "y is above"
+    );
+
+    let (path, _) = ball.export("ball.splat", &words);
+    for record in fs::read(path).unwrap().chunks_exact(32) {
+        let [x, y, z] = [0, 1, 2].map(|k| f32::from_le_bytes(record[4 * k..4 * k + 4].try_into().unwrap()));
+        assert!(nearest(Vec3::new(x, -y, -z)) < 10.0 * TURNED, "y is below");
+    }
+
+    let (path, _) = ball.export("ball.glb", &words);
+    let file = gltf::Gltf::from_slice_without_validation(&fs::read(&path).unwrap()).unwrap();
+    let node = glam::Mat4::from_cols_array_2d(&file.nodes().next().unwrap().transform().matrix());
+    for k in [0, 7, 1000, COUNT - 1] {
+        let place = node.transform_point3(on_sphere(k, COUNT));
+        assert!(place.distance(expected(k)) < 10.0 * TURNED, "{place}, not {}", expected(k));
+    }
+}
+
+#[test]
+fn upright_light_and_meshes_have_the_scenes_above_above() {
+    /// Twice a pixel's or texel's width, along which the light changes by a third at most, and RGBE.
+    const NEARLY: f32 = 0.06;
+    /// Normals have four digits behind the point in a file.
+    const WRITTEN: f32 = 2e-4;
+    let above = ABOVE.normalize();
+    let (ball, y_up) = lying_ball();
+    let up = upright_words();
+    let words = |more: &[&'static str]| [&["--upright", "--scene-up", up.as_str(), "--no-error"], more].concat();
+    let coming_from = |direction: Vec3| soft((y_up.transpose() * direction).as_dvec3().to_array());
+    // Of a file with y above the middle is −z and x lies to the right of it; of one with z above, where −z is +y, the middle
+    // is +x and y lies to the left.
+    for (name, axis, right) in [("y.exr", "y", Vec3::X), ("z.exr", "z", Vec3::Z)] {
+        let (path, said) = ball.export(name, &words(&["--up", axis]));
+        let picture = image::open(path).unwrap().to_rgb32f();
+        let (width, height) = picture.dimensions();
+        assert_near(&picture.get_pixel(5, 0).0, &coming_from(Vec3::Y), NEARLY, &said);
+        assert_near(&picture.get_pixel(5, height - 1).0, &coming_from(Vec3::NEG_Y), NEARLY, &said);
+        assert_near(&picture.get_pixel(3 * width / 4, height / 2).0, &coming_from(right), NEARLY, &said);
+    }
+    let (path, _) = ball.export("y.ktx2", &words(&["--up", "y"]));
+    let sharpest = ktx2::Reader::new(fs::read(path).unwrap()).unwrap().levels().next().unwrap().data.to_vec();
+    let n = LIGHT_RESOLUTION;
+    // The face +Y lies third.
+    let at = 8 * (2 * n * n + n / 2 * n + n / 2);
+    let word = |at: usize| unpack2(u32::from_le_bytes(sharpest[at..at + 4].try_into().unwrap()));
+    assert_near(&[word(at)[0], word(at)[1], word(at + 4)[0]], &coming_from(Vec3::Y), NEARLY, "what comes from above");
+    assert!(above.dot(y_up.transpose() * Vec3::Y) > 0.999, "which is what was said");
+
+    let load = |name: &str, words: &[&str]| {
+        let (path, _) = ball.export(name, words);
+        tobj::load_obj(&path, &tobj::LoadOptions::default()).unwrap().0.remove(0).mesh
+    };
+    let lying = load("lying.obj", &["--voxels", "32"]);
+    let upright = load("upright.obj", &words(&["--voxels", "32"]));
+    let vectors = |numbers: &[f32]| -> Vec<Vec3> { numbers.chunks_exact(3).map(Vec3::from_slice).collect() };
+    assert_eq!((&lying.indices, &lying.vertex_color), (&upright.indices, &upright.vertex_color));
+    assert!(lying.indices.len() > 1000, "there is a ball");
+    for (before, after) in vectors(&lying.positions).into_iter().zip(vectors(&upright.positions)) {
+        assert_near(&after.to_array(), &(0.5 * (y_up * before)).to_array(), 10.0 * TURNED, "place");
+    }
+    for (before, after) in vectors(&lying.normals).into_iter().zip(vectors(&upright.normals)) {
+        assert_near(&after.to_array(), &(y_up * before).to_array(), WRITTEN, "normal");
+    }
 }

@@ -38,7 +38,7 @@ export class Camera {
 
   /** Back to where one began. */
   reset() {
-    if (this.scene.views.length > 0) this.showView(0);
+    if (this.scene.first !== null) this.showView(this.scene.first);
     else this.take(this.scene.start, null);
   }
 
@@ -73,8 +73,15 @@ export class Camera {
     return unit(cross(this.look, this.up));
   }
 
+  /** Upright: a photograph may lie on its side, and who turns wants the horizon level. */
+  level() {
+    const right = cross(this.look, this.scene.up);
+    if (length(right) > POLE / 2) this.up = unit(cross(right, this.look));
+  }
+
   /** Looks so many radians further to the right and upwards: in orbit about the target, in flight about the eye. */
   turn(across, upwards) {
+    this.level();
     const target = add(this.eye, scale(this.look, this.distance));
     const polar = Math.acos(Math.max(-1, Math.min(1, dot(this.look, this.scene.up))));
     const after = Math.min(Math.max(polar - upwards, POLE), Math.PI - POLE);

@@ -1,0 +1,174 @@
+//! Which way is up in a scene, and where its middle is: as somebody says, as the model says, or as its cameras tell.
+
+use crate::{
+    failure::Failure,
+    look::{own_cameras, whole},
+    scene::Opened,
+};
+use core::{fmt, str::FromStr};
+use glam::Vec3;
+use serde::{Serialize, Serializer};
+use specula_core::{camera::Camera, scene::Gaussians};
+use specula_io::{
+    bearings::{Bearings, Told},
+    model_folder::ModelInfo,
+};
+
+/// The axes of a world, as they are typed.
+const AXES: [(&str, [f64; 3]); 6] = [
+    ("x", [1.0, 0.0, 0.0]),
+    ("y", [0.0, 1.0, 0.0]),
+    ("z", [0.0, 0.0, 1.0]),
+    ("-x", [-1.0, 0.0, 0.0]),
+    ("-y", [0.0, -1.0, 0.0]),
+    ("-z", [0.0, 0.0, -1.0]),
+];
+
+/// What is above in a scene because somebody says so: a direction of any length but 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SceneUp([f64; 3]);
+
+impl FromStr for SceneUp {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Some((_, axis)) = AXES.iter().find(|(name, _)| *name == text.trim_start_matches('+')) {
+            return Ok(Self(*axis));
+        }
+        let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some([x, y, z]) if [x, y, z].iter().all(|x| x.is_finite()) && [x, y, z].iter().any(|x| **x != 0.0) => {
+                Ok(Self([*x, *y, *z]))
+            }
+            _ => Err("use x, y, z, -x, -y, -z, or three numbers that are not all 0 such as 0,-0.9,-0.4".into()),
+        }
+    }
+}
+
+/// As it is typed.
+impl fmt::Display for SceneUp {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z] = self.0;
+        write!(out, "{x},{y},{z}")
+    }
+}
+
+impl Serialize for SceneUp {
+    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_str(self)
+    }
+}
+
+/// Of a scene that was opened.
+pub(crate) fn of(opened: &Opened, asked: Option<SceneUp>) -> Result<Bearings, Failure> {
+    let known = own_cameras(opened)?.unwrap_or_default();
+    let cameras = || known.iter().map(|(_, camera)| camera);
+    let found = found(opened.info.as_ref(), cameras()).unwrap_or_else(|| of_cloud(&opened.scene.gaussians));
+    Ok(with_up(found, asked, cameras()))
+}
+
+/// What a model says, or else its cameras tell; none where there are none.
+pub(crate) fn found<'a>(info: Option<&ModelInfo>, cameras: impl IntoIterator<Item = &'a Camera>) -> Option<Bearings> {
+    let said = info.and_then(|info| info.bearings).filter(Bearings::is_sound);
+    said.or_else(|| Bearings::of(cameras, &[]))
+}
+
+/// The same with what somebody says is above, if anybody does.
+pub(crate) fn with_up<'a>(
+    found: Bearings,
+    asked: Option<SceneUp>,
+    cameras: impl IntoIterator<Item = &'a Camera>,
+) -> Bearings {
+    asked.map_or(found, |SceneUp(up)| found.with_up(up, cameras))
+}
+
+/// Those of Gaussians alone: +z is above, as in Blender, and from the distance all of them are seen.
+pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Bearings {
+    let (centre, distance) = whole(gaussians);
+    Bearings {
+        up: [0.0, 0.0, 1.0],
+        centre: centre.as_dvec3().to_array(),
+        distance: distance.into(),
+        told_by: Told::Nothing,
+        cameras: 0,
+        rolled: 0,
+        error_degrees: None,
+    }
+}
+
+/// What is above.
+pub(crate) fn up(bearings: &Bearings) -> Vec3 {
+    Vec3::from(bearings.up.map(|x| x as f32))
+}
+
+/// The middle.
+pub(crate) fn centre(bearings: &Bearings) -> Vec3 {
+    Vec3::from(bearings.centre.map(|x| x as f32))
+}
+
+/// What was found of a data set, in a sentence.
+pub(crate) fn words(bearings: &Bearings) -> String {
+    let Bearings { up, told_by, cameras, rolled, error_degrees, .. } = bearings;
+    let up = direction_words(*up);
+    let rolled = if *rolled > 0 {
+        format!(", {rolled} of whose pictures are on their side or upside down")
+    } else {
+        String::new()
+    };
+    match (told_by, error_degrees) {
+        (Told::Hand, _) => format!("up is {up}, as was said"),
+        (Told::Mean | Told::Nothing, _) | (_, None) => format!(
+            "up is taken to be {up}, for {cameras} cameras stand too much alike to tell; if it is not, say --scene-up X,Y,Z"
+        ),
+        (Told::Level, Some(error)) => format!(
+            "up is {up} within {error:.1}°, or the opposite: {cameras} cameras tell{rolled}; if it is the opposite, say \
+             --scene-up X,Y,Z"
+        ),
+        (Told::Upright | Told::Height, Some(error)) => {
+            format!("up is {up} within {error:.1}°: {cameras} cameras tell{rolled}")
+        }
+    }
+}
+
+/// An axis by its name, another direction by its numbers.
+fn direction_words(direction: [f64; 3]) -> String {
+    let axis = AXES.iter().find(|(_, axis)| *axis == direction);
+    let sign = |name: &str| if name.starts_with('-') { name.to_owned() } else { format!("+{name}") };
+    let numbers = || format!("({})", direction.map(|x| format!("{x:.3}")).join(", "));
+    axis.map_or_else(numbers, |(name, _)| sign(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_direction_is_read_as_it_is_typed() {
+        for (text, expected) in [("z", [0.0, 0.0, 1.0]), ("-y", [0.0, -1.0, 0.0]), ("0,-0.9, -0.4", [0.0, -0.9, -0.4])]
+        {
+            let read: SceneUp = text.parse().unwrap();
+            assert_eq!(read, SceneUp(expected));
+            assert_eq!(read.to_string().parse(), Ok(read), "what is written is read again");
+        }
+        for text in ["", "up", "1,2", "0,0,0", "1,2,nan", "--y"] {
+            assert!(text.parse::<SceneUp>().is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn words_say_what_is_sure_and_what_is_not() {
+        let sure = Bearings {
+            up: [0.0, 0.0, 1.0],
+            centre: [0.0; 3],
+            distance: 1.0,
+            told_by: Told::Upright,
+            cameras: 77,
+            rolled: 41,
+            error_degrees: Some(0.31),
+        };
+        let said = words(&sure);
+        assert!(said.starts_with("up is +z within 0.3°: 77 cameras tell, 41 of whose"), "{said}");
+        let unsure = Bearings { up: [0.0, 0.6, 0.8], told_by: Told::Mean, cameras: 1, error_degrees: None, ..sure };
+        assert!(words(&unsure).contains("(0.000, 0.600, 0.800)") && words(&unsure).contains("--scene-up"));
+    }
+}
