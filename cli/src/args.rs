@@ -3,8 +3,8 @@
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
 use crate::{
-    background::Background, bearings::SceneUp, failure::Failure, machine::ExecutorChoice, pictures::Layer,
-    preset::Preset,
+    background::Background, bearings::SceneUp, failure::Failure, foreground::Foreground, machine::ExecutorChoice,
+    pictures::Layer, preset::Preset,
 };
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
@@ -269,6 +269,11 @@ pub(crate) struct Start {
     /// tables and skies on which COLMAP finds none. It adds nothing to random points.
     #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0)]
     pub(crate) background_points: u32,
+    /// Where Gaussians reflect the light: all; auto, half as far from the middle of the scene as its cameras are; another
+    /// share of that distance; or a ball as X,Y,Z,RADIUS in the data set's world. What lies outside, such as a room
+    /// behind an object, has a colour of its own alone, so that the object's light need not explain it.
+    #[arg(long, value_name = "WHERE", default_value = "all", allow_hyphen_values = true)]
+    pub(crate) foreground: Foreground,
     /// Share of the run that looks at pictures of half their size, where a step costs less.
     #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,

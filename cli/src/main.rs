@@ -15,6 +15,7 @@ mod eval;
 mod export;
 mod failure;
 mod fit;
+mod foreground;
 mod fuse;
 mod info;
 mod interrupt;

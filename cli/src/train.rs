@@ -9,7 +9,7 @@ use crate::{
     dataset::{self, Dataset},
     failure::Failure,
     fit::{Outcome, Start, Training, thousands},
-    interrupt, output,
+    foreground, interrupt, output,
     progress::{Talk, Work},
     quality::{self, Measured},
     scene::{Renderer, Scene},
@@ -41,8 +41,12 @@ const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
 pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
-    let profile = settings::profile_of(args, args.iterations)?;
+    let mut profile = settings::profile_of(args, args.iterations)?;
     let mut data = load(args, talk)?;
+    if profile.light.is_some() {
+        profile.foreground = args.start.foreground.ball(data.bearings.as_ref());
+        profile.foreground.iter().for_each(|ball| talk.note(&foreground::words(ball)));
+    }
     let background = background_of(args, &data);
     let settings =
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
@@ -107,7 +111,7 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
             then.iteration, args.iterations
         ));
     }
-    let profile = settings::profile_of(args, then.iterations)?;
+    let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
     let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
     if checkpoint::words_of(&same) != then.settings {
         return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));

@@ -13,7 +13,7 @@
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
-//! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves
+//! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
 //! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
 //! * [`eigen`]: of symmetric matrices; [`sphere`]: directions all around
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once

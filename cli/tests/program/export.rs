@@ -3,6 +3,7 @@
 use crate::tiny::{Tiny, specula};
 use core::f32::consts::{PI, TAU};
 use glam::{Mat3, Quat, Vec3};
+use ply2splat::SplatPoint;
 use serde::Deserialize;
 use serde_json::Value;
 use specula_core::{
@@ -312,6 +313,26 @@ fn a_splat_has_records_of_32_bytes_largest_first() {
         before = visibility;
     }
     assert!(said.contains("80 000 bytes") && said.contains("the same from everywhere"), "{said}");
+}
+
+#[test]
+fn a_splat_is_what_the_crate_ply2splat_makes_of_a_ply_without_harmonics() {
+    let ball = Ball::under(soft);
+    let (ply, _) = ball.export("ball.ply", &["--sh-degree", "0", "--no-error"]);
+    let (splat, _) = ball.export("ball.splat", &["--no-error"]);
+    let ours: Vec<SplatPoint> = bytemuck::pod_collect_to_vec(&fs::read(splat).unwrap());
+    let place = |point: &SplatPoint| point.pos.map(f32::to_bits);
+    let theirs = ply2splat::ply_to_splat(ply2splat::load_ply(ply).unwrap(), true);
+    let theirs: BTreeMap<[u32; 3], SplatPoint> = theirs.iter().map(|point| (place(point), *point)).collect();
+    assert_eq!((ours.len(), theirs.len()), (COUNT, COUNT));
+    for point in &ours {
+        let other = theirs[&place(point)];
+        assert_near(&point.scale, &other.scale, ROUNDED, "scales");
+        // They cut bytes off, where we round.
+        let same = |one: [u8; 4], two: [u8; 4]| one.iter().zip(two).all(|(one, two)| one.abs_diff(two) <= 1);
+        assert!(same(point.color, other.color), "{:?} and {:?}", point.color, other.color);
+        assert!(same(point.rot, other.rot), "{:?} and {:?}", point.rot, other.rot);
+    }
 }
 
 #[test]

@@ -1,0 +1,101 @@
+//! Which part of a scene reflects the light.
+
+use core::{fmt, str::FromStr};
+use serde::{Serialize, Serializer};
+use specula_core::region::Ball;
+use specula_io::bearings::Bearings;
+
+/// How far what cameras look at reaches, as a share of their own distance from its middle.
+const SHARE: f32 = 0.5;
+
+/// Where Gaussians reflect the light; what lies elsewhere has a colour of its own alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Foreground {
+    /// Everywhere.
+    All,
+    /// Around the middle of the scene, as far as this share of the distance at which cameras are.
+    Share(f32),
+    /// In this ball.
+    Ball(Ball),
+}
+
+impl Foreground {
+    /// The ball that is meant, in a scene with these bearings; none for everything.
+    pub(crate) fn ball(self, bearings: Option<&Bearings>) -> Option<Ball> {
+        match self {
+            Self::All => None,
+            Self::Share(share) => bearings.map(|found| Ball {
+                center: found.centre.map(|number| number as f32),
+                radius: share * found.distance as f32,
+            }),
+            Self::Ball(ball) => Some(ball),
+        }
+    }
+}
+
+impl FromStr for Foreground {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "all" => return Ok(Self::All),
+            "auto" => return Ok(Self::Share(SHARE)),
+            _ => {}
+        }
+        let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+        let finite = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+        match finite.as_deref() {
+            Some([share]) if *share > 0.0 => Ok(Self::Share(*share)),
+            Some([x, y, z, radius]) if *radius > 0.0 => Ok(Self::Ball(Ball { center: [*x, *y, *z], radius: *radius })),
+            _ => Err("use all, auto, a share of the cameras' distance such as 0.5, or a ball as x,y,z,radius".into()),
+        }
+    }
+}
+
+/// As it is typed.
+impl fmt::Display for Foreground {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => out.write_str("all"),
+            Self::Share(share) => write!(out, "{share}"),
+            Self::Ball(Ball { center: [x, y, z], radius }) => write!(out, "{x},{y},{z},{radius}"),
+        }
+    }
+}
+
+impl Serialize for Foreground {
+    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_str(self)
+    }
+}
+
+/// What a line about it says.
+pub(crate) fn words(ball: &Ball) -> String {
+    let [x, y, z] = ball.center;
+    format!(
+        "what lies within {:.3} of ({x:.3}, {y:.3}, {z:.3}) reflects the light; what is behind has a colour of its own",
+        ball.radius
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_shares_and_balls_are_foregrounds_and_nothing_else_is() {
+        let ball = Foreground::Ball(Ball { center: [1.0, -2.0, 0.5], radius: 3.0 });
+        for (text, expected) in [
+            ("all", Foreground::All),
+            ("auto", Foreground::Share(SHARE)),
+            ("0.75", Foreground::Share(0.75)),
+            ("1, -2,0.5,3", ball),
+        ] {
+            assert_eq!(text.parse(), Ok(expected), "{text:?}");
+            assert_eq!(expected.to_string().parse(), Ok(expected), "{text:?} as it is typed");
+        }
+        for wrong in ["", "some", "0", "-1", "1,2,3", "0,0,0,0", "0,0,0,-1", "NaN", "inf", "0,0,NaN,1", "1,2,3,4,5"] {
+            assert!(wrong.parse::<Foreground>().is_err(), "{wrong:?} passed for a foreground");
+        }
+    }
+}
