@@ -39,7 +39,7 @@ pub fn turn(rotation: [[f64; 3]; 3]) -> ShTurn {
     })
 }
 
-/// The first `colors` of harmonics, turned.
+/// The coefficients of a colour, red, green and blue of each harmonic, after a turn.
 pub fn turned(turn: &ShTurn, colors: &[[f32; 3]; MAX_COUNT]) -> [[f32; 3]; MAX_COUNT] {
     turn.map(|weights| {
         core::array::from_fn(|channel| {

@@ -148,7 +148,8 @@ impl Bearings {
     /// The same with another direction of any length but 0 above, because somebody said so.
     #[must_use]
     pub fn with_up<'a>(self, up: [f64; 3], cameras: impl IntoIterator<Item = &'a Camera>) -> Self {
-        let up = DVec3::from(up).normalize();
+        let up = DVec3::from(up);
+        let up = (up / up.abs().max_element()).normalize();
         let axes: Vec<Axes> = cameras.into_iter().map(Axes::of).collect();
         Self { up: up.to_array(), told_by: Told::Hand, rolled: rolled(&axes, up), error_degrees: None, ..self }
     }
@@ -420,6 +421,7 @@ mod tests {
         assert_eq!((found.rolled, found.told_by), (40, Told::Height));
         let by_hand = found.with_up([0.0, 0.0, -2.0], &ring([0.2, 0.6], |_| 1, 0.0));
         assert_eq!((by_hand.up, by_hand.told_by, by_hand.error_degrees), ([0.0, 0.0, -1.0], Told::Hand, None));
+        assert_eq!(found.with_up([0.0, 1e300, 0.0], &[]).up, [0.0, 1.0, 0.0], "of any length");
         assert!(by_hand.is_sound() && !Bearings { up: [0.0; 3], ..by_hand }.is_sound());
     }
 
