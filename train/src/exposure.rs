@@ -110,6 +110,17 @@ mod tests {
     }
 
     #[test]
+    fn what_nothing_decides_goes_back_to_the_identity() {
+        const RATE: f32 = 0.02;
+        let mut exposures = Exposures::start(2);
+        (exposures.maps[0][0][0], exposures.maps[1][0][0]) = (1.2, 0.8);
+        assert_eq!(exposures.step(0, &[[0.0; 4]; 3], RATE, 1), 0, "zeros are finite");
+        // One of two maps has lost its share, and both lose half of that as their mean is centred.
+        let apart = exposures.maps[0][0][0] - exposures.maps[1][0][0];
+        assert!((apart - 0.4 + 0.2 * DECAY * RATE).abs() < ROUNDING, "they are {apart} apart");
+    }
+
+    #[test]
     fn what_is_not_finite_is_left_out_and_counted() {
         let mut exposures = Exposures::start(2);
         let mut grad = grad(1);
