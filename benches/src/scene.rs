@@ -82,6 +82,7 @@ impl<E: Executor> Scene<E> {
             camera: &self.camera,
             target: &self.target,
             background: [1.0; 3],
+            exposure: None,
             rules: &self.rules,
             weights: &self.profile.weights,
             rates: &self.rates,

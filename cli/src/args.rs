@@ -214,6 +214,11 @@ pub(crate) struct Photographs {
     /// -y, or a direction. It is kept with the model, for turntables, lights and the viewer; training does not depend on it.
     #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<SceneUp>,
+    /// Learn how each photograph was exposed, an affine map of its colours, so that what the camera changed from one to the
+    /// next is not taken for the scene. On average over the photographs nothing is changed. MODEL/exposure.json holds the
+    /// maps; held-out views are measured without any, and once more after the map that fits their truth best.
+    #[arg(long)]
+    pub(crate) exposure: bool,
 }
 
 /// How a training is watched.
@@ -571,6 +576,11 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
+    /// Measure PSNR once more after the affine map of colours that fits the truth best, picture by picture, as is done
+    /// without asking for models that were trained with --exposure: what is left of the error where nobody can know how a
+    /// photograph was exposed. It is fitted to the truth and no measure of what a model predicts.
+    #[arg(long)]
+    pub(crate) exposure: bool,
     /// Measure LPIPS too, by the network in this file, which scripts/lpips-weights.py writes; results.json says which it
     /// was. It takes far longer than everything else.
     #[arg(long, value_name = "FILE.safetensors")]

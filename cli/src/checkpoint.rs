@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use specula_core::{camera::Camera, executor::Moments, scene::Environment};
 use specula_io::checkpoint::{self, Checkpoint, Facts};
 use specula_train::{
+    exposure::Exposures,
     trainer::{HostScene, Settings, Snapshot},
     view::View,
 };
@@ -62,12 +63,13 @@ impl Checkpoints {
 }
 
 fn checkpoint_of(snapshot: Snapshot, facts: Facts) -> Checkpoint {
-    let Snapshot { scene, moments, statistics, light_moments, order, .. } = snapshot;
+    let Snapshot { scene, moments, statistics, light_moments, exposures, order, .. } = snapshot;
     Checkpoint {
         gaussians: scene.gaussians,
         moments,
         statistics,
         light: scene.environment.zip(light_moments),
+        exposures: exposures.map(|Exposures { maps, mean, square }| (maps, Moments { mean, square })),
         order: order.into_iter().map(|view| view as u32).collect(),
         facts,
     }
@@ -75,13 +77,14 @@ fn checkpoint_of(snapshot: Snapshot, facts: Facts) -> Checkpoint {
 
 /// What a training had learned.
 pub(crate) fn snapshot_of(checkpoint: Checkpoint) -> Snapshot {
-    let Checkpoint { gaussians, moments, statistics, light, order, facts } = checkpoint;
+    let Checkpoint { gaussians, moments, statistics, light, exposures, order, facts } = checkpoint;
     let (environment, light_moments): (Option<Environment<Vec<f32>>>, Option<Moments<Vec<f32>>>) = light.unzip();
     Snapshot {
         scene: HostScene { gaussians, environment },
         moments,
         statistics,
         light_moments,
+        exposures: exposures.map(|(maps, Moments { mean, square })| Exposures { maps, mean, square }),
         iteration: facts.iteration,
         order: order.into_iter().map(|view| view as usize).collect(),
         psnr: facts.psnr,
@@ -128,7 +131,11 @@ mod tests {
     use super::*;
     use specula_core::random;
     use specula_cpu::CpuExecutor;
-    use specula_train::{profile::by_name, start::Point, trainer::Trainer};
+    use specula_train::{
+        profile::{by_name, exposure_rate},
+        start::Point,
+        trainer::Trainer,
+    };
     use std::fs;
 
     const SIZE: u32 = 32;
@@ -157,6 +164,7 @@ mod tests {
     fn settings(name: &str) -> Settings {
         let mut profile = by_name(name, ITERATIONS).expect("a profile of that name");
         profile.densification.every = 5;
+        profile.exposure = (name == "specula").then(|| exposure_rate(ITERATIONS));
         if let Some(light) = &mut profile.light {
             light.resolution = profile.scheme.resolution_min().max(16);
         }
@@ -228,10 +236,13 @@ mod tests {
         other_light.profile.light.as_mut().expect("specula has a light").resolution *= 2;
         let mut short = learned.clone();
         short.moments.mean.pop();
+        let mut plain = specula.clone();
+        plain.profile.exposure = None;
         for (settings, views, snapshot, word) in [
             (&settings("3dgs"), &views()[..], &learned, "attributes"),
             (&other_light, &views(), &learned, "light"),
-            (&specula, &views()[..1], &learned, "views"),
+            (&plain, &views(), &learned, "exposures"),
+            (&specula, &views()[..1], &learned, "exposures"),
             (&specula, &views(), &short, "moments"),
         ] {
             let sentence = go_on(settings, views, snapshot).expect_err("it is another training");

@@ -120,7 +120,7 @@ fn contest(
     let mut renderer =
         Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
     let work = talk.work("measuring", data.test.len() as u64);
-    let measured = renderer.measure(&data.test, Background::WHITE, &work)?;
+    let measured = renderer.measure(&data.test, Background::WHITE, false, &work)?;
     work.finish();
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &quality::for_files(&measured))?;
     Ok(Contestant { name, quality: quality::means(&measured), seconds: outcome.seconds, gaussians, scene, renderer })

@@ -12,7 +12,7 @@ use crate::{
     failure::Failure,
     output,
     progress::Talk,
-    quality::{self, LPIPS, Measured},
+    quality::{self, FITTED, LPIPS, Measured},
     scene::{Opened, Renderer},
 };
 use relit::Relit;
@@ -20,7 +20,7 @@ use seen::Seen;
 use serde_json::{Map, Value};
 use specula_core::{pack::Storage, perspective::Projection, plan::Channels};
 use specula_io::{dataset::LoadOptions, model_folder};
-use specula_train::view::View;
+use specula_train::{evaluate::fitted_psnr, view::View};
 use std::path::{Path, PathBuf};
 
 /// Measures, prints, and writes down what belongs into the model's folder.
@@ -51,11 +51,15 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
     findings.relit = if is_relit { relit::measure(args, &opened, &source, &views, talk)? } else { Vec::new() };
 
+    let is_exposed = args.exposure || opened.exposures()?.is_some();
     let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine, talk)?;
     let work = talk.work("measuring", views.len() as u64);
     let with_pictures = folder.is_some();
-    findings.views =
-        renderer.for_each_view(&views, &work, |view, image| Ok(Seen::new(view, image, background, with_pictures)))?;
+    findings.views = renderer.for_each_view(&views, &work, |view, image| {
+        let mut seen = Seen::new(view, image, background, with_pictures);
+        seen.measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        Ok(seen)
+    })?;
     work.finish();
     if let Some(network) = &network {
         let distances = lpips::measure(network, &mut renderer, &views, background, talk)?;

@@ -11,7 +11,7 @@ use crate::{
     settings::reading_of,
     view::live::{Live, Wish},
 };
-use specula_core::executor::Executor;
+use specula_core::{executor::Executor, exposure::Exposure};
 use specula_cpu::CpuExecutor;
 use specula_train::{
     start::Point,
@@ -32,6 +32,8 @@ pub(crate) trait Run {
     fn nonfinite(&self) -> usize;
     /// Gaussians now.
     fn gaussian_count(&self) -> usize;
+    /// How each picture was exposed, if that is learned.
+    fn exposures(&self) -> Option<&[Exposure<f32>]>;
     /// The scene on the host.
     fn download(&mut self) -> Result<HostScene, Failure>;
     /// Everything that was learned, on the host.
@@ -63,6 +65,9 @@ where
     }
     fn gaussian_count(&self) -> usize {
         self.gaussians().count
+    }
+    fn exposures(&self) -> Option<&[Exposure<f32>]> {
+        self.exposures().map(|exposures| exposures.maps.as_slice())
     }
     fn download(&mut self) -> Result<HostScene, Failure> {
         self.download().map_err(Failure::from)
@@ -283,6 +288,11 @@ impl<'a> Training<'a> {
         self.seconds
     }
 
+    /// How each picture was exposed, if that is learned.
+    pub(crate) fn exposures(&self) -> Option<&[Exposure<f32>]> {
+        self.trainer.exposures()
+    }
+
     /// The scene as it is now.
     pub(crate) fn scene(&mut self) -> Result<Scene, Failure> {
         Ok(Scene::of_training(self.trainer.download()?, self.reading))
@@ -343,6 +353,9 @@ mod tests {
         }
         fn gaussian_count(&self) -> usize {
             self.0.gaussians().count
+        }
+        fn exposures(&self) -> Option<&[Exposure<f32>]> {
+            Run::exposures(&self.0)
         }
         fn download(&mut self) -> Result<HostScene, Failure> {
             Run::download(&mut self.0)

@@ -15,8 +15,10 @@ use specula_core::{
     census::Census,
     cubemap::FACE_COUNT,
     executor::RenderRules,
+    exposure::expose,
     plan::{Channels, Plan, Unlit, channel},
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
+    vector::Vec3,
 };
 use specula_io::{
     Error,
@@ -33,7 +35,7 @@ pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
         of_dataset(&args.path, talk)?
     } else {
         match Opened::open(&args.path, None) {
-            Ok(opened) => of_scene(&args.path, &opened),
+            Ok(opened) => of_scene(&args.path, &opened)?,
             Err(Failure::File(Error::MissingProperty { path, property, layout })) => {
                 let points = points_ply::read(&path);
                 of_points(&path, &points.map_err(|_| Error::MissingProperty { path: path.clone(), property, layout })?)
@@ -70,7 +72,7 @@ impl Report {
     }
 }
 
-fn of_scene(path: &Path, opened: &Opened) -> Report {
+fn of_scene(path: &Path, opened: &Opened) -> Result<Report, Failure> {
     let scene = &opened.scene;
     let layout = scene.gaussians.layout;
     let kind = if layout.is_shaded() { "shaded Gaussians" } else { "plain Gaussians" };
@@ -81,6 +83,7 @@ fn of_scene(path: &Path, opened: &Opened) -> Report {
     if let Some(info) = &opened.info {
         report.add("training", training(info), json!(info));
     }
+    add_exposures(&mut report, opened)?;
     report.add("Gaussians", thousands(scene.gaussians.count), scene.gaussians.count.into());
     let degree = layout.sh_degree;
     report.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
@@ -95,7 +98,19 @@ fn of_scene(path: &Path, opened: &Opened) -> Report {
     let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are left out"));
     report.add("not finite", words, census.nonfinite().into());
     add_plan(&mut report, scene);
-    report
+    Ok(report)
+}
+
+/// How the photographs of the training were exposed, if that was learned: how bright each shows grey of a half.
+fn add_exposures(report: &mut Report, opened: &Opened) -> Result<(), Failure> {
+    let Some(exposures) = opened.exposures()? else { return Ok(()) };
+    let grey = Vec3::splat(0.5);
+    let brightness = exposures.values().map(|own| expose(own, grey, 1.0).to_array().iter().sum::<f32>() / 3.0 / 0.5);
+    if let Some(range) = Range::of(brightness) {
+        let words = format!("of {} photographs, brightness {}", thousands(exposures.len()), range.words());
+        report.add("exposure", words, json!({"photographs": exposures.len(), "brightness": range.json()}));
+    }
+    Ok(())
 }
 
 fn training(info: &ModelInfo) -> String {

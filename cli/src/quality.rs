@@ -20,11 +20,12 @@ pub(crate) struct Measure {
 }
 
 /// Every measure, as tables order them.
-pub(crate) const MEASURES: [Measure; 5] = [
+pub(crate) const MEASURES: [Measure; 6] = [
     Measure { name: "PSNR", words: "PSNR", unit: " dB", decimals: 2, more_is_better: true },
     Measure { name: "SSIM", words: "SSIM", unit: "", decimals: 4, more_is_better: true },
     Measure { name: "LPIPS", words: "LPIPS", unit: "", decimals: 4, more_is_better: false },
     Measure { name: "FLIP", words: "FLIP", unit: "", decimals: 4, more_is_better: false },
+    Measure { name: "PSNR_fitted", words: "PSNR fitted to the truth", unit: " dB", decimals: 2, more_is_better: true },
     Measure { name: "MAE", words: "normal MAE", unit: "°", decimals: 2, more_is_better: false },
 ];
 /// Places in [`MEASURES`].
@@ -32,7 +33,9 @@ pub(crate) const PSNR: usize = 0;
 pub(crate) const SSIM: usize = 1;
 pub(crate) const LPIPS: usize = 2;
 pub(crate) const FLIP: usize = 3;
-pub(crate) const MAE: usize = 4;
+/// After the exposure that comes closest to the truth.
+pub(crate) const FITTED: usize = 4;
+pub(crate) const MAE: usize = 5;
 
 impl Measure {
     /// A value with as many digits as mean something.
@@ -130,7 +133,7 @@ mod tests {
     #[test]
     fn a_mean_is_that_of_the_views_that_have_the_measure() {
         let views = [view(30.0, None), view(20.0, Some(4.0))];
-        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, Some(4.0)]);
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0)]);
         assert_eq!(line(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
         let files = for_files(&views);
         assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));

@@ -7,7 +7,7 @@ use crate::{
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
     progress::{Talk, Work},
-    quality::Measured,
+    quality::{FITTED, Measured},
     relay::relay,
 };
 use glam::Vec3;
@@ -23,11 +23,12 @@ use specula_core::{
 };
 use specula_cpu::order::sort_in_space;
 use specula_io::{
+    exposure::{self, Exposures},
     latlong,
     model_folder::{self, Model, ModelInfo, Snapshot},
 };
 use specula_train::{
-    evaluate::{measure_view, rules_to_measure},
+    evaluate::{fitted_psnr, measure_view, rules_to_measure},
     trainer::HostScene,
     view::View,
 };
@@ -93,6 +94,11 @@ impl Opened {
     pub(crate) fn test_views(&self) -> Option<usize> {
         let count = self.info.as_ref()?.rest.get("test_views")?.as_u64()?;
         Some(count as usize)
+    }
+
+    /// How the photographs of its training were exposed, if that was learned.
+    pub(crate) fn exposures(&self) -> Result<Option<Exposures>, Failure> {
+        Ok(self.folder.as_deref().map_or(Ok(None), exposure::read)?)
     }
 
     /// Behind the scene: what was asked for, else that of the training, else black.
@@ -251,14 +257,19 @@ impl Renderer {
         self.machine.view(OWN_LIGHT, camera, &self.rules)
     }
 
-    /// Measures every view.
+    /// Measures every view, and once more after the exposure that fits it best, where `is_exposed`.
     pub(crate) fn measure(
         &mut self,
         views: &[View],
         background: Background,
+        is_exposed: bool,
         work: &Work,
     ) -> Result<Vec<Measured>, Failure> {
-        self.for_each_view(views, work, |view, image| Ok(measure_view(image, view, background.0).into()))
+        self.for_each_view(views, work, |view, image| {
+            let mut measured: Measured = measure_view(image, view, background.0).into();
+            measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+            Ok(measured)
+        })
     }
 
     /// What is made of every view and its picture, which has normals where the view has true ones.

@@ -14,6 +14,7 @@ pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failu
     set_start(&mut profile, &args.start)?;
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
+    profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(iterations));
     let args = &args.ablation;
     Ok(profile.without(Ablation {
         no_sparse: args.no_sparse,

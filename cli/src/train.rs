@@ -24,6 +24,7 @@ use specula_io::{
     cameras::NamedCamera,
     checkpoint::Facts,
     dataset::LoadOptions,
+    exposure,
     model_folder::{self, ModelInfo, method_of},
 };
 use specula_train::{
@@ -69,14 +70,15 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     if args.watch.view.is_some() {
         training = watched(args, training, &data, background, talk)?;
     }
+    let names: Vec<String> = data.train.iter().map(|view| view.name.clone()).collect();
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
-    let outcome = training
-        .run("training", talk, &pauses, |training, work| pause(args, training, &info, &data.test, background, work))?;
-    let views = Views { test: &data.test, looked_from, background };
-    finish(args, &mut training, info, outcome, views, talk)
+    let views = Views { names, test: &data.test, looked_from, background };
+    let outcome =
+        training.run("training", talk, &pauses, |training, work| pause(args, training, &info, &views, work))?;
+    finish(args, &mut training, info, outcome, &views, talk)
 }
 
 /// What a training had come to when it was put aside.
@@ -150,6 +152,7 @@ fn make_folder(
         ));
     }
     save_inputs(args, profile, data, points)?;
+    exposure::remove(folder)?;
     Ok(checkpoints)
 }
 
@@ -274,29 +277,44 @@ fn pause(
     args: &Train,
     training: &mut Training<'_>,
     info: &ModelInfo,
-    test: &[View],
-    background: Background,
+    views: &Views<'_>,
     work: &Work,
 ) -> Result<(), Failure> {
     let iteration = training.iteration();
     let scene = training.scene()?;
     if args.save_iterations.contains(&iteration) {
-        scene.save(&args.model_path, iteration, info)?;
+        save(args, training, &scene, info, views)?;
         work.note(&format!("saved iteration {iteration}"));
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
         let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), QUIET)?
-            .measure(test, background, &QUIET.work("", 0))?;
+            .measure(views.test, views.background, training.exposures().is_some(), &QUIET.work("", 0))?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
         work.note(&format!("iteration {iteration}: {}", quality::line(&quality::means(&measured))));
     }
     Ok(())
 }
 
-/// Where a result is looked at from.
+/// Writes the scene as it is now, and how the pictures were exposed, if that is learned.
+fn save(
+    args: &Train,
+    training: &Training<'_>,
+    scene: &Scene,
+    info: &ModelInfo,
+    views: &Views<'_>,
+) -> Result<(), Failure> {
+    if let Some(exposures) = training.exposures() {
+        exposure::write(&args.model_path, &views.names, exposures)?;
+    }
+    scene.save(&args.model_path, training.iteration(), info)
+}
+
+/// What a result was learned from, and where it is looked at from.
 #[derive(Debug)]
 struct Views<'a> {
+    /// Of the pictures that are learned from.
+    names: Vec<String>,
     test: &'a [View],
     looked_from: Vec<Camera>,
     background: Background,
@@ -314,7 +332,7 @@ fn finish(
     training: &mut Training<'_>,
     mut info: ModelInfo,
     outcome: Outcome,
-    views: Views<'_>,
+    views: &Views<'_>,
     talk: Talk,
 ) -> Result<(), Failure> {
     let Outcome { iteration, seconds, is_interrupted } = outcome;
@@ -322,7 +340,7 @@ fn finish(
     let count = scene.gaussians.count;
     info.rest.insert("gaussians".into(), count.into());
     info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
-    scene.save(&args.model_path, iteration, &info)?;
+    save(args, training, &scene, &info, views)?;
     let place = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
         let model = args.model_path.display();
@@ -333,7 +351,7 @@ fn finish(
         )));
     }
     talk.note(&format!("saved {place:?}"));
-    let within = certified(args, &scene, &views, info, talk)?;
+    let within = certified(args, &scene, views, info, talk)?;
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
@@ -345,7 +363,7 @@ fn finish(
     };
     let test = views.test;
     let work = talk.work("measuring", test.len() as u64);
-    let measured = renderer.measure(test, views.background, &work)?;
+    let measured = renderer.measure(test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))

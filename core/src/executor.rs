@@ -3,6 +3,7 @@
 use crate::{
     camera::Camera,
     densify::DensifyRules,
+    exposure::Exposure,
     loss::LossWeights,
     pipeline::{Step, StepReport},
     plan::Channels,
@@ -206,6 +207,9 @@ pub trait Executor: Renderer {
     fn bin_for_step(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error> {
         self.bin(splats, camera)
     }
+    /// A picture as a photograph of this exposure shows it ([`crate::exposure`]). The frame keeps the colours as they were,
+    /// which the gradients of this stage read.
+    fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error>;
     /// The gradient of a picture's losses against what it should be, over a background in sRGB. What the losses came to
     /// is told by [`Executor::report`].
     fn loss(
@@ -217,6 +221,14 @@ pub trait Executor: Renderer {
         background: [f32; 3],
     ) -> Result<Self::FrameGrad, Self::Error>;
 
+    /// Gradient of [`Executor::expose`]: that of the photograph becomes that of the picture as it was before. That of the
+    /// exposure, a sum over the pixels, is told by [`Executor::report`].
+    fn expose_vjp(
+        &mut self,
+        frame: &Self::Frame,
+        exposure: &Exposure<f32>,
+        grad: Self::FrameGrad,
+    ) -> Result<Self::FrameGrad, Self::Error>;
     /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
     /// light, if there is one.
     fn shade_pixels_vjp(
@@ -295,8 +307,8 @@ pub trait Executor: Renderer {
         radiance_max: f32,
         step: u32,
     ) -> Result<(), Self::Error>;
-    /// What came of the stages since the last report: the losses of the last picture, and how many gradients were left
-    /// out. Of a whole step only this has to wait until everything is done. `None` if [`Executor::bin_for_step`] took
+    /// What came of the stages since the last report: the losses of the last picture, the gradient of its exposure, and how
+    /// many gradients were left out. Of a whole step only this has to wait until everything is done. `None` if [`Executor::bin_for_step`] took
     /// too little memory: then nothing was changed, and the step is to be taken again, for which there is enough now.
     fn report(&mut self) -> Result<Option<StepReport>, Self::Error>;
 

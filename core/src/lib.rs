@@ -3,7 +3,7 @@
 //! The modules are the stages of the pipeline, in order, and the formulas that they are made of:
 //!
 //! ```text
-//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> loss
+//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> (expose) -> loss
 //!   densify <- optimise <- prefilter_vjp <- shade_vjp <- project_vjp <- blend_vjp <-+
 //! ```
 //!
@@ -12,10 +12,12 @@
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
+//! * [`exposure`]: what a photograph makes of the scene's colours
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
 //! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
 //! * [`eigen`]: of symmetric matrices; [`sphere`]: directions all around
+//! * [`least_squares`]: fits of harmonics and of exposures
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
@@ -78,7 +80,9 @@ pub mod double;
 pub mod dual;
 pub mod eigen;
 pub mod executor;
+pub mod exposure;
 pub mod ggx;
+pub mod least_squares;
 pub mod limits;
 pub mod loss;
 pub mod math;

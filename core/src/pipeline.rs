@@ -3,6 +3,7 @@
 use crate::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Renderer, Statistics},
+    exposure::Exposure,
     loss::{LossReport, LossWeights},
     scene::{Environment, Gaussians},
 };
@@ -45,6 +46,8 @@ pub struct Step<'a, E: Executor> {
     pub target: &'a E::Target,
     /// Behind the Gaussians, sRGB.
     pub background: [f32; 3],
+    /// How the photograph was exposed; none where it shows colours as they are.
+    pub exposure: Option<&'a Exposure<f32>>,
     /// How it is rendered.
     pub rules: &'a RenderRules,
     /// What is minimised.
@@ -66,6 +69,8 @@ pub struct StepReport {
     pub loss: LossReport,
     /// Gradients that were not finite, and left out.
     pub nonfinite: usize,
+    /// The gradient of the exposure, if there was one.
+    pub exposure: Option<Exposure<f64>>,
 }
 
 /// One step of training: forward, backward, update.
@@ -92,7 +97,13 @@ fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>
     if is_deferred {
         frame = exec.shade_pixels(frame, light.as_ref(), step.camera)?;
     }
+    if let Some(exposure) = step.exposure {
+        frame = exec.expose(frame, exposure)?;
+    }
     let mut frame_grad = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
+    if let Some(exposure) = step.exposure {
+        frame_grad = exec.expose_vjp(&frame, exposure, frame_grad)?;
+    }
     let mut light_grad = None;
     if is_deferred {
         (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, frame_grad)?;

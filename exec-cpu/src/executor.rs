@@ -4,6 +4,7 @@ use crate::{
     bin::{Tiles, bin_all, depth_order},
     blend::{SplatGrads, blend_all, blend_all_vjp},
     densify,
+    exposure::{expose, expose_vjp},
     frame::{Frame, FrameGrad},
     loss::{Target, loss_all},
     machine::Machine,
@@ -17,6 +18,7 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    exposure::Exposure,
     limits::Limits,
     loss::LossWeights,
     pipeline::{Step, StepReport},
@@ -230,6 +232,16 @@ impl Executor for CpuExecutor {
         }
         let (losses, grad) = loss_all(&self.machine, frame, target, camera, weights, background);
         self.report.loss = losses;
+        Ok(grad)
+    }
+
+    fn expose(&mut self, frame: Frame, exposure: &Exposure<f32>) -> Result<Frame, CpuError> {
+        Ok(expose(&self.machine, frame, exposure))
+    }
+
+    fn expose_vjp(&mut self, frame: &Frame, exposure: &Exposure<f32>, grad: FrameGrad) -> Result<FrameGrad, CpuError> {
+        let (grad, of_exposure) = expose_vjp(&self.machine, frame, exposure, grad);
+        self.report.exposure = Some(of_exposure);
         Ok(grad)
     }
 

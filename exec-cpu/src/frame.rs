@@ -95,6 +95,8 @@ pub struct Frame {
     pub(crate) blended: Buffer<Quad>,
     /// The colour of the picture, quad after quad, where it is not what was blended.
     pub(crate) shaded: Option<Buffer<Quad>>,
+    /// And as a photograph of some exposure shows it.
+    pub(crate) exposed: Option<Buffer<Quad>>,
     /// For each intersection a bit for each quad in which the splat was seen.
     pub(crate) seen: Buffer<u16>,
 }
@@ -123,6 +125,14 @@ impl Frame {
     /// A colour of the picture in a quad of a covered tile.
     #[inline(always)]
     pub(crate) fn color(&self, slot: usize, quad: usize, c: usize) -> &Quad {
+        match &self.exposed {
+            Some(exposed) => &exposed[(slot * QUADS + quad) * RGB + c],
+            None => self.color_before_exposure(slot, quad, c),
+        }
+    }
+    /// The same before [`mod@crate::exposure`].
+    #[inline(always)]
+    pub(crate) fn color_before_exposure(&self, slot: usize, quad: usize, c: usize) -> &Quad {
         match &self.shaded {
             Some(shaded) => &shaded[(slot * QUADS + quad) * RGB + c],
             None => &self.tile(slot)[at(self.channels, quad, c)],

@@ -47,6 +47,7 @@ pub mod blend;
 mod buffer;
 mod densify;
 mod executor;
+mod exposure;
 pub mod frame;
 pub mod lanes;
 mod light;

@@ -26,6 +26,8 @@ pub struct Frame {
     pub(crate) blended: Array,
     /// The colour of the picture, where it is not what was blended.
     pub(crate) shaded: Option<Array>,
+    /// And as a photograph of some exposure shows it.
+    pub(crate) exposed: Option<Array>,
 }
 
 impl Frame {
@@ -35,6 +37,14 @@ impl Frame {
     }
     pub(crate) fn pixel_count(&self) -> usize {
         self.size[0] * self.size[1]
+    }
+    /// The colour of the picture in three planes; others may lie behind them.
+    pub(crate) fn color(&self) -> &Array {
+        self.exposed.as_ref().unwrap_or(self.color_before_exposure())
+    }
+    /// The same before [`mod@crate::exposure`].
+    pub(crate) fn color_before_exposure(&self) -> &Array {
+        self.shaded.as_ref().unwrap_or(&self.blended)
     }
 }
 
@@ -59,7 +69,7 @@ pub(crate) fn blend(
     let block = block_of(&machine.gpu);
     let source = || source::blend(block, channels);
     machine.run(&format!("{channels} channels, {block:?}"), "blend", &source, &bound, Groups::Grid(view.tiles()))?;
-    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None })
+    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
 }
 
 /// The pixels of an invocation. Real hardware hides what reading a splat costs behind other invocations; a program that
@@ -73,10 +83,11 @@ fn block_of(gpu: &Gpu) -> PixelBlock {
 
 /// The frame on the host: its channels, then the transmittance.
 pub(crate) fn read(machine: &mut Machine, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
-    let shown = frame.shaded.as_ref().map_or(0, |_| 3 * frame.pixel_count());
+    let other_color = frame.exposed.as_ref().or(frame.shaded.as_ref());
+    let shown = other_color.map_or(0, |_| 3 * frame.pixel_count());
     let (colors, others) = values.split_at_mut(shown);
-    if let Some(shaded) = &frame.shaded {
-        machine.download(shaded, 0, colors)?;
+    if let Some(color) = other_color {
+        machine.download(color, 0, colors)?;
     }
     machine.download(&frame.blended, shown, others)
 }

@@ -83,7 +83,7 @@ impl Composer {
             is_encoded: self.is_encoded.into(),
         };
         let picture = filled(gpu, bytemuck::bytes_of(&picture), BufferUsages::UNIFORM)?;
-        let colors = frame.shaded.as_ref().unwrap_or(&frame.blended).buffer();
+        let colors = frame.color().buffer();
         let buffers = [&picture, colors, frame.blended.buffer()];
         let entries = [0, 1, 2]
             .map(|binding| BindGroupEntry { binding: binding as u32, resource: buffers[binding].as_entire_binding() });
@@ -151,7 +151,7 @@ mod tests {
         let planes: Vec<f32> =
             (0..4 * width).map(|k| if k < 3 * width { color(k % width) } else { passed(k % width) }).collect();
         let blended = exec.machine.upload("a picture", &planes).expect("it fits");
-        Frame { size: [width, 1], channels: 3, blended, shaded: None }
+        Frame { size: [width, 1], channels: 3, blended, shaded: None, exposed: None }
     }
 
     /// The bytes of a texture's red channel after the row was drawn over grey.

@@ -6,6 +6,7 @@ use crate::{
     blend_vjp::{FrameGrad, SplatGrads, blend_vjp},
     densify::{densify, limit_plane, observe},
     device::{Gpu, GpuError},
+    exposure::{expose, expose_vjp},
     gaussians_vjp::{Way, gaussians_vjp},
     loss::{Target, loss},
     machine::Machine,
@@ -20,6 +21,7 @@ use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    exposure::Exposure,
     loss::LossWeights,
     pack::Storage,
     pipeline::StepReport,
@@ -165,6 +167,14 @@ impl Executor for GpuExecutor {
         background: [f32; 3],
     ) -> Result<FrameGrad, GpuError> {
         loss(&mut self.machine, frame, target, camera, weights, background)
+    }
+
+    fn expose(&mut self, frame: Frame, exposure: &Exposure<f32>) -> Result<Frame, GpuError> {
+        expose(&mut self.machine, frame, exposure)
+    }
+
+    fn expose_vjp(&mut self, frame: &Frame, exposure: &Exposure<f32>, grad: FrameGrad) -> Result<FrameGrad, GpuError> {
+        expose_vjp(&mut self.machine, frame, exposure, grad)
     }
 
     fn shade_pixels_vjp(

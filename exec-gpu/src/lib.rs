@@ -13,6 +13,7 @@ pub mod compose;
 mod densify;
 pub mod device;
 pub mod executor;
+mod exposure;
 pub mod formula;
 pub mod formulas;
 mod gaussians_vjp;

@@ -190,8 +190,7 @@ impl<'a> Comparison<'a> {
     fn run(&self, machine: &mut Machine) -> Result<(), GpuError> {
         let Self { variant, settings, .. } = self;
         let settings = Uniform(bytemuck::bytes_of(settings));
-        let colors = self.frame.shaded.as_ref().unwrap_or(&self.frame.blended);
-        let [blended, colors, texels] = [&self.frame.blended, colors, &self.target.texels].map(Of);
+        let [blended, colors, texels] = [&self.frame.blended, self.frame.color(), &self.target.texels].map(Of);
         let [marks, partials, grads, sums] = [&self.marks, &self.partials, &self.grads, &self.sums].map(Of);
         let key = format!("{variant:?}");
         let [columns, rows] = self.settings.tiles;

@@ -3,6 +3,7 @@
 use crate::{
     blend_vjp::ReplayParts,
     device::{Gpu, GpuError},
+    exposure::sum_of_tiles,
     kernel::{Bound, Groups, Kernels},
     ledger::{Entries, Ledger, Room},
     loss::Losses,
@@ -24,6 +25,8 @@ pub(crate) struct Machine {
     pub(crate) room: Option<Room>,
     /// The losses of the last picture.
     pub(crate) losses: Option<Losses>,
+    /// What the tiles of the last photograph came to, for its exposure.
+    pub(crate) exposure_sums: Option<Array>,
 }
 
 impl Machine {
@@ -37,6 +40,7 @@ impl Machine {
             kernels: Kernels::default(),
             room: None,
             losses: None,
+            exposure_sums: None,
         }
     }
 
@@ -100,17 +104,22 @@ impl Machine {
     /// What was noted since the last report, in one go. Waits for the device.
     pub(crate) fn report(&mut self) -> Result<Option<StepReport>, GpuError> {
         let (ledger, losses) = (self.ledger.clone(), mem::take(&mut self.losses));
-        let mut parts = vec![(ledger.array(), 0..ledger.array().len())];
-        parts.extend(losses.as_ref().map(|losses| (losses.sums(), 0..losses.sums().len())));
-        let (mut entries, mut loss) = (Entries::default(), LossReport::default());
+        let exposure_sums = mem::take(&mut self.exposure_sums);
+        let arrays = [Some(ledger.array()), losses.as_ref().map(Losses::sums), exposure_sums.as_ref()];
+        let parts: Vec<(&Array, Range<usize>)> =
+            arrays.into_iter().flatten().map(|array| (array, 0..array.len())).collect();
+        let (mut entries, mut loss, mut exposure) = (Entries::default(), LossReport::default(), None);
         self.read(&parts, |bytes| {
             let (own, sums) = bytes.split_at(4 * ledger.array().len());
+            let (of_loss, of_exposure) = sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
+            let numbers = bytemuck::pod_collect_to_vec::<u8, f32>;
             entries = Entries::new(&bytemuck::pod_collect_to_vec::<u8, u32>(own));
-            loss = losses.as_ref().map_or(loss, |losses| losses.report(&bytemuck::pod_collect_to_vec::<u8, f32>(sums)));
+            loss = losses.as_ref().map_or(loss, |losses| losses.report(&numbers(of_loss)));
+            exposure = exposure_sums.as_ref().map(|_| sum_of_tiles(&numbers(of_exposure)));
         })?;
         self.kernels.encoder(&self.gpu).clear_buffer(ledger.array().buffer(), Ledger::OF_A_STEP, None);
         self.room = Some(entries.room(&self.gpu)?.after(self.room, &self.gpu));
-        Ok((!entries.is_short).then_some(StepReport { loss, nonfinite: entries.left_out }))
+        Ok((!entries.is_short).then_some(StepReport { loss, nonfinite: entries.left_out, exposure }))
     }
 
     fn read(&mut self, parts: &[(&Array, Range<usize>)], take: impl FnOnce(&[u8])) -> Result<(), GpuError> {

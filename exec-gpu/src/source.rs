@@ -9,6 +9,7 @@ use crate::{
         blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
         blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
         densify::{CellAt, GradLength, MeasuresOf, PartOf},
+        exposure::{Expose, ExposeVjp},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
         loss::{
@@ -540,6 +541,22 @@ pub(crate) fn loss_structure(variant: &LossVariant) -> String {
     let source = source.formula(&ComparedColors).formula(&MomentsDown).formula(&Windows::<4> { count: 4 });
     let source = source.formula(&Structure).count("FIRST_STRUCTURE_SUM", PIXEL_SUMS);
     source.with(include_str!("shaders/loss_structure.wgsl")).text()
+}
+
+/// What pictures and photographs of them share.
+fn exposure(channels: usize) -> Source {
+    Source::new().count("CHANNELS", channels).with(include_str!("shaders/exposure.wgsl"))
+}
+
+/// [`mod@crate::exposure`]'s kernel.
+pub(crate) fn expose(channels: usize) -> String {
+    exposure(channels).formula(&Expose).with(include_str!("shaders/expose.wgsl")).text()
+}
+
+/// The way back through it.
+pub(crate) fn expose_vjp(channels: usize) -> String {
+    let source = exposure(channels).count("SUM_GROUP", FOUR_PIXELS_EACH).formula(&ExposeVjp);
+    source.with(include_str!("shaders/expose_vjp.wgsl")).text()
 }
 
 /// Losses pixel by pixel.

@@ -6,6 +6,7 @@
 //! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16]: parameters and Adam's moments
 //! grad_sum, view_count                          f32 [Gaussians]: what densification has seen
 //! light, light.mean, light.square               f32 [6, resolution, resolution, 3], where there is a light
+//! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], where exposures are learned
 //! order                                         u32 [views]: those that come before any comes again
 //! ```
 //!
@@ -24,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
     executor::{Moments, Statistics},
+    exposure::Exposure,
     scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
 };
 use std::{
@@ -55,6 +57,8 @@ pub struct Checkpoint {
     pub statistics: Statistics<Vec<f32>>,
     /// The light and its moments, where there is one.
     pub light: Option<(Environment<Vec<f32>>, Moments<Vec<f32>>)>,
+    /// How photographs were exposed, with Adam's moments, where that is learned.
+    pub exposures: Option<(Vec<Exposure<f32>>, Moments<Vec<Exposure<f32>>>)>,
     /// Views that come before any comes again, the next one last.
     pub order: Vec<u32>,
     /// What else is to be known.
@@ -97,6 +101,8 @@ struct Header {
     is_shaded: bool,
     sh_degree: Option<u8>,
     light: Option<LightHeader>,
+    /// Of how many photographs there are exposures.
+    exposures: Option<usize>,
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -136,7 +142,7 @@ struct Tensor<'a> {
 }
 
 fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
-    let Checkpoint { gaussians, moments, statistics, light, order, .. } = checkpoint;
+    let Checkpoint { gaussians, moments, statistics, light, exposures, order, .. } = checkpoint;
     let blocks = shape_of_gaussians(gaussians.count, gaussians.layout);
     let mut tensors = vec![
         numbers("gaussians", &blocks, &gaussians.values),
@@ -150,6 +156,12 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         tensors.push(numbers("light", &faces, &light.values));
         tensors.push(numbers("light.mean", &faces, &moments.mean));
         tensors.push(numbers("light.square", &faces, &moments.square));
+    }
+    if let Some((maps, moments)) = exposures {
+        let shape = shape_of_exposures(maps.len());
+        tensors.push(numbers("exposure", &shape, in_a_row(maps)));
+        tensors.push(numbers("exposure.mean", &shape, in_a_row(&moments.mean)));
+        tensors.push(numbers("exposure.square", &shape, in_a_row(&moments.square)));
     }
     tensors.push(Tensor { name: "order", dtype: Dtype::U32, shape: vec![order.len()], words: order });
     tensors
@@ -167,8 +179,16 @@ fn shape_of_light(resolution: usize) -> [usize; 4] {
     [FACE_COUNT, resolution, resolution, 3]
 }
 
+fn shape_of_exposures(count: usize) -> [usize; 3] {
+    [count, 3, 4]
+}
+
+fn in_a_row(exposures: &[Exposure<f32>]) -> &[f32] {
+    exposures.as_flattened().as_flattened()
+}
+
 fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<Vec<u8>> {
-    let Checkpoint { gaussians, light, facts, .. } = checkpoint;
+    let Checkpoint { gaussians, light, exposures, facts, .. } = checkpoint;
     let header = Header {
         format: FORMAT,
         facts: facts.clone(),
@@ -179,6 +199,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
             resolution: light.resolution,
             is_exponential: light.activation == RadianceActivation::Exponential,
         }),
+        exposures: exposures.as_ref().map(|(maps, _)| maps.len()),
     };
     let ours = HashMap::from([(KEY.to_owned(), serde_json::to_string(&header)?)]);
     let mut start = 0;
@@ -205,7 +226,7 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 /// Reads the checkpoint of a model.
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
-    let Header { facts, gaussians: count, is_shaded, sh_degree, light, .. } = reader.header()?;
+    let Header { facts, gaussians: count, is_shaded, sh_degree, light, exposures, .. } = reader.header()?;
     if sh_degree.is_some_and(|degree| degree > 3) {
         return Err(reader.refuse("the header", "harmonics have a degree from 0 to 3"));
     }
@@ -221,6 +242,7 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
             view_count: reader.numbers("view_count", &[count])?,
         },
         light: light.map(|light| reader.light(light)).transpose()?,
+        exposures: exposures.map(|count| reader.exposures(count)).transpose()?,
         order: reader.order()?,
         facts,
     })
@@ -306,6 +328,17 @@ impl Reader {
         let activation = if is_exponential { RadianceActivation::Exponential } else { RadianceActivation::Identity };
         let light = Environment { resolution, activation, values: self.numbers("light", &faces)? };
         Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
+    }
+
+    fn exposures(&mut self, count: usize) -> Result<(Vec<Exposure<f32>>, Moments<Vec<Exposure<f32>>>)> {
+        let shape = shape_of_exposures(count);
+        let mut maps = |name: &str| -> Result<Vec<Exposure<f32>>> {
+            let numbers = self.numbers(name, &shape)?;
+            let rows = numbers.as_chunks::<4>().0;
+            Ok(rows.as_chunks::<3>().0.to_vec())
+        };
+        let exposures = maps("exposure")?;
+        Ok((exposures, Moments { mean: maps("exposure.mean")?, square: maps("exposure.square")? }))
     }
 
     /// Of any length: there may be as many views as one likes.

@@ -11,6 +11,7 @@
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
+//! * [`exposure`]: how the photographs of a training were exposed
 //! * [`checkpoint`]: a training put aside, so that it can go on
 //!
 //! ```
@@ -38,6 +39,7 @@ mod colmap;
 mod cube;
 pub mod dataset;
 mod error;
+pub mod exposure;
 pub mod gaussian_ply;
 pub mod glb;
 mod jpeg;

@@ -9,6 +9,7 @@
 //!         cfg_args                                  settings, as Python prints them
 //!         specula.json                              settings, as specula reads them
 //!         results.json, per_view.json               quality on the test views
+//!         exposure.json                             how photographs were exposed; see [`crate::exposure`]
 //!         checkpoint.safetensors                    a training put aside; see [`crate::checkpoint`]
 //! ```
 

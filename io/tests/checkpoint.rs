@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 use specula_core::{
     executor::{Moments, Statistics},
+    exposure::Exposure,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
@@ -21,6 +22,11 @@ fn numbers(stream: u64, len: usize) -> Vec<f32> {
     (0..len as u64).map(|k| f32::from_bits(random::bits(1, stream, k) as u32)).collect()
 }
 
+/// Of three photographs.
+fn exposures(stream: u64) -> Vec<Exposure<f32>> {
+    numbers(stream, 36).as_chunks::<4>().0.as_chunks::<3>().0.to_vec()
+}
+
 fn example(layout: Layout) -> Checkpoint {
     let len = len_of_values(COUNT, layout);
     let moments = |stream: u64, len: usize| Moments { mean: numbers(stream, len), square: numbers(stream + 1, len) };
@@ -34,6 +40,7 @@ fn example(layout: Layout) -> Checkpoint {
         moments: moments(2, len),
         statistics: Statistics { grad_sum: numbers(4, COUNT), view_count: numbers(5, COUNT) },
         light,
+        exposures: Some((exposures(13), Moments { mean: exposures(14), square: exposures(15) })),
         order: vec![3, 0, 7],
         facts: Facts { iteration: 40, psnr: Some(21.0 / 0.7), seconds: 0.1 + 0.2, seed: u64::MAX, ..Facts::default() },
     }
@@ -45,12 +52,16 @@ fn bits(values: &[f32]) -> Vec<u32> {
 
 /// All numbers as bits, in order.
 fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
-    let Checkpoint { gaussians, moments, statistics, light, .. } = checkpoint;
+    let Checkpoint { gaussians, moments, statistics, light, exposures, .. } = checkpoint;
+    let exposures = exposures.iter().flat_map(|(maps, moments)| [maps, &moments.mean, &moments.square]);
+    let exposures = exposures.map(|maps| maps.as_flattened().as_flattened());
     let light = light.iter().flat_map(|(light, moments)| [&light.values, &moments.mean, &moments.square]);
     [&gaussians.values, &moments.mean, &moments.square, &statistics.grad_sum, &statistics.view_count]
         .into_iter()
         .chain(light)
-        .flat_map(|values| bits(values))
+        .map(Vec::as_slice)
+        .chain(exposures)
+        .flat_map(bits)
         .collect()
 }
 
@@ -182,6 +193,9 @@ fn headers_that_promise_too_much_ask_for_no_memory() {
         let light = json!({"resolution": resolution, "is_exponential": true});
         spoilt.refuses(&spoilt.with_ours("light", light), &["\"light\""]);
     }
+    for count in [json!(1_u64 << 60), json!(u64::MAX), json!(4), json!(0)] {
+        spoilt.refuses(&spoilt.with_ours("exposures", count), &[]);
+    }
     let huge = json!({"dtype": "F32", "shape": [1_u64 << 62, 1_u64 << 62], "data_offsets": [0, 8]});
     spoilt.refuses(&spoilt.with_header(|header| header["grad_sum"] = huge), &["the header"]);
 }
@@ -190,7 +204,8 @@ fn headers_that_promise_too_much_ask_for_no_memory() {
 fn tensors_that_are_missing_or_odd_are_named() {
     let spoilt = Spoilt::new();
     let names = ["gaussians", "gaussians.mean", "gaussians.square", "grad_sum", "view_count", "light", "light.mean"];
-    for name in [&names[..], &["light.square", "order"]].concat() {
+    let names = [&names[..], &["exposure", "exposure.mean"]].concat();
+    for name in [&names[..], &["light.square", "exposure.square", "order"]].concat() {
         let renamed = spoilt.with_header(|header| {
             let info = header[name].take();
             header.as_object_mut().unwrap().remove(name);

@@ -8,7 +8,7 @@ use specula_core::{
 };
 use specula_io::{
     bearings::Bearings,
-    gaussian_ply,
+    exposure, gaussian_ply,
     latlong::{self, LatLong, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
     points_ply::PointCloud,
@@ -49,6 +49,26 @@ fn save(folder: &Path, iteration: u32, light: Option<&Environment<Vec<f32>>>) {
 
 fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn exposures_come_back_by_names_that_may_repeat() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(exposure::read(folder.path()).unwrap(), None);
+    let exposures = [0, 1, 2].map(|k| [[0.1 + k as f32, -0.3, 1e-9, 0.7]; 3]);
+    let names = ["b", "a", "b"].map(str::to_owned);
+    exposure::write(folder.path(), &names, &exposures).unwrap();
+    let read = exposure::read(folder.path()).unwrap().unwrap();
+    let expected = [("a", exposures[1]), ("b", exposures[0]), ("b (2)", exposures[2])];
+    assert_eq!(read, expected.map(|(name, own)| (name.to_owned(), own)).into());
+    assert_eq!(read_json(&exposure::place(folder.path()))["a"].as_array().unwrap().len(), 3, "rows of a matrix");
+
+    exposure::remove(folder.path()).unwrap();
+    exposure::remove(folder.path()).unwrap();
+    assert_eq!(exposure::read(folder.path()).unwrap(), None, "they are gone");
+    fs::write(exposure::place(folder.path()), "{\"a\": [[1, 2]]}").unwrap();
+    let sentence = exposure::read(folder.path()).unwrap_err().to_string();
+    assert!(sentence.contains("exposure.json"), "{sentence}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use specula_core::{
     color, covariance, cubemap, depth_normal,
     double::Double,
     dual::Dual,
+    exposure::{self, Exposure},
     ggx,
     loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
@@ -27,6 +28,11 @@ use specula_tests::{
     number::{Number, numbers_of, take3, take9, vector},
     strategies::{any_vector, camera, log_scales, quat, rotation, same_every_time, unit_vector},
 };
+
+/// Twelve numbers, row by row.
+fn exposure_of<R: Number>(numbers: &[R]) -> Exposure<R> {
+    [0, 4, 8].map(|row| [numbers[row], numbers[row + 1], numbers[row + 2], numbers[row + 3]])
+}
 
 /// Numbers side by side.
 fn join<R: Number>(parts: &[&[R]]) -> Vec<R> {
@@ -350,6 +356,20 @@ proptest! {
                 let (surface, light, coverage) =
                     pixel::pixel_color_vjp(&surface_of_pixel(x), take3(&x[10..]), x[13], take3(g));
                 join(&[&numbers_of_surface(&surface), &light.to_array(), &[coverage]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn exposures_are_derived_right(inputs in vec(-1.5..1.5_f64, 16)) {
+        assert_vjp(
+            &inputs,
+            |x| exposure::expose(&exposure_of(x), take3(&x[12..]), x[15]).to_array().to_vec(),
+            |x, g| {
+                let (own, color, coverage) =
+                    exposure::expose_vjp(&exposure_of(x), take3(&x[12..]), x[15], take3(g));
+                join(&[own.as_flattened(), &color.to_array(), &[coverage]])
             },
             SAME_DERIVATIVE,
         );

@@ -4,6 +4,7 @@ use specula_core::{
     camera::Camera,
     double::Double,
     executor::{Executor, Moments, RenderRules, Renderer},
+    exposure::expose,
     loss::{LossWeights, NormalForm},
     pipeline::{Step, StepReport, render},
     plan::Channels,
@@ -13,7 +14,9 @@ use specula_core::{
         DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
         RadianceActivation, TINT,
     },
+    sh,
     shade::ShadingRules,
+    vector::{Vec3, vec3},
 };
 use specula_cpu::{
     CpuError, CpuExecutor,
@@ -32,7 +35,8 @@ use specula_tests::{
     stress::{every_case, results::Results, too_many_splats},
 };
 use specula_train::{
-    profile::by_name,
+    exposure::Exposures,
+    profile::{by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, TINT_OF_NONE, Trainer},
     view::View,
@@ -99,6 +103,31 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
         println!("seed {seed}: {:.1} dB", psnr(&ours, &exact));
         assert_psnr(&ours, &exact, SAME_FRAME);
     }
+}
+
+#[test]
+fn an_exposure_of_a_picture_is_one_of_every_gaussian() {
+    /// What it makes of colours between 0.1 and 0.9 is positive, so none is limited.
+    const EXPOSURE: [[f32; 4]; 3] = [[0.7, 0.1, 0.1, 0.05], [0.2, 0.8, 0.0, 0.1], [0.0, 0.1, 0.9, 0.02]];
+    let mut cloud = random_cloud(80, Layout::radiance(0), 4);
+    let mut exposed = cloud.clone();
+    for gaussian in 0..cloud.count {
+        // The first harmonic is (colour − ½) / Y₀.
+        let first = sh::basis(vec3(0.0_f32, 0.0, 1.0), 1)[0];
+        let color = cloud.get::<3>(gaussian, DIFFUSE).map(|x| 0.5 + 0.4 * x.tanh());
+        let [r, g, b] = color;
+        let seen: Vec3<f32> = expose(&EXPOSURE, vec3(r, g, b), 1.0);
+        cloud.set(gaussian, DIFFUSE, color.map(|x| (x - 0.5) / first));
+        exposed.set(gaussian, DIFFUSE, seen.to_array().map(|x| (x - 0.5) / first));
+    }
+    let (mut exec, camera) = (CpuExecutor::new(), camera(70, 45));
+    let rules = rules(ShadingRules::PAPER, Channels::Color);
+    let mut picture =
+        |cloud: &Gaussians<Vec<f32>>| render(&mut exec, cloud, None, &camera, &rules).expect("it renders");
+    let (frame, expected) = (picture(&cloud), picture(&exposed));
+    let frame = exec.expose(frame, &EXPOSURE).expect("the CPU exposes");
+    let (ours, expected) = (wide(&numbers_of(&frame)), wide(&numbers_of(&expected)));
+    assert_psnr(&ours, &expected, SAME_FRAME);
 }
 
 #[test]
@@ -221,6 +250,7 @@ fn an_update_at_once_is_that_of_two_stages() {
             camera: &camera,
             target: &target,
             background: BACKGROUND,
+            exposure: None,
             rules: &rules,
             weights: &weights,
             rates: &rates,
@@ -336,16 +366,17 @@ fn median(mut values: Vec<f32>) -> f32 {
 fn settings(name: &str) -> Settings {
     let mut profile = by_name(name, 60).expect("a profile of that name");
     profile.densification.every = 10;
+    profile.exposure = (name == "specula").then(|| exposure_rate(60));
     Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 }
 }
 
 /// A short training on so many threads.
-fn train(threads: usize, name: &str) -> HostScene {
+fn train(threads: usize, name: &str) -> (HostScene, Option<Exposures>) {
     train_with_pause(threads, &settings(name), None)
 }
 
 /// A training that, if asked to, is given up after some steps and goes on from what it had learned.
-fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> HostScene {
+fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> (HostScene, Option<Exposures>) {
     let views: Vec<View> = (0..4)
         .map(|k| {
             let turn = k as f32 * 1.6;
@@ -372,7 +403,7 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
             }
             trainer.step().expect("the CPU trains");
         }
-        trainer.download().expect("the CPU gives back")
+        (trainer.download().expect("the CPU gives back"), trainer.exposures().cloned())
     })
 }
 
@@ -391,7 +422,7 @@ fn a_training_goes_on_to_the_last_bit_from_what_it_had_learned() {
 fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
     for name in ["specula", "3dgs"] {
         let once = train(1, name);
-        assert_ne!(once.gaussians.count, 700, "densification took part");
+        assert_ne!(once.0.gaussians.count, 700, "densification took part");
         assert_eq!(once, train(1, name), "two runs of {name} differ");
         assert_eq!(once, train(2, name), "{name} differs on two threads");
         assert_eq!(once, train(5, name), "{name} differs on five threads");
@@ -411,12 +442,12 @@ fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_
             light.iter().map(|number| (number - start).abs()).fold(0.0, f32::max)
         };
         settings.profile.foreground = Some(Ball { center: [9.0; 3], radius: 1.0 });
-        let nothing_in_it = train_with_pause(2, &settings, None);
+        let (nothing_in_it, _) = train_with_pause(2, &settings, None);
         assert!(farthest_from_start(&nothing_in_it) < NO_STEP, "{name}: the light has moved");
 
         let ball = Ball { center: [0.5, 0.0, 0.0], radius: 0.5 };
         settings.profile.foreground = Some(ball);
-        let some_in_it = train_with_pause(2, &settings, None);
+        let (some_in_it, _) = train_with_pause(2, &settings, None);
         let gaussians = &some_in_it.gaussians;
         let tint = |k: usize| gaussians.get::<3>(k, TINT);
         let (near, far): (Vec<usize>, Vec<usize>) =

@@ -3,6 +3,7 @@
 use specula_core::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Statistics},
+    exposure::{Exposure, IDENTITY},
     pipeline::{Fit, Step, train_step},
     plan::Channels,
     scene::RadianceActivation,
@@ -17,7 +18,7 @@ use std::alloc::System;
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Allocations of the last steps of a training, when all views have been seen several times.
-fn allocations(profile: &str) -> usize {
+fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
     let profile = by_name(profile, 100).expect("a profile of that name");
     let mut exec = CpuExecutor::new();
     let mut cloud = random_cloud(300, profile.layout, 3);
@@ -48,6 +49,7 @@ fn allocations(profile: &str) -> usize {
             camera: &cameras[number as usize % cameras.len()],
             target: &target,
             background: [1.0; 3],
+            exposure,
             rules: &rules,
             weights: &profile.weights,
             rates: &rates,
@@ -72,8 +74,10 @@ fn allocations(profile: &str) -> usize {
 fn a_step_takes_no_memory_once_all_views_were_seen() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     for profile in ["3dgs", "specula", "paper"] {
-        let count = pool.install(|| allocations(profile));
-        assert_eq!(count, 0, "{profile}: a step allocates");
+        for exposure in [None, Some(&IDENTITY)] {
+            let count = pool.install(|| allocations(profile, exposure));
+            assert_eq!(count, 0, "{profile}: a step allocates, exposed as {exposure:?}");
+        }
     }
     let counter = Region::new(ALLOCATOR);
     drop(core::hint::black_box(vec![1_u8; 10]));

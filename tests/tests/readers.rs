@@ -9,6 +9,7 @@ use proptest::{
 };
 use specula_core::{
     executor::{Moments, Statistics},
+    exposure::IDENTITY,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
@@ -234,6 +235,7 @@ fn make_checkpoint(folder: &Path) {
         moments: moments(len),
         statistics: Statistics { grad_sum: numbers(6, 3), view_count: numbers(7, 3) },
         light: Some((light, moments(72))),
+        exposures: Some((vec![IDENTITY; 3], Moments { mean: vec![IDENTITY; 3], square: vec![IDENTITY; 3] })),
         order: vec![1, 0, 2],
         facts: Facts::default(),
     };

@@ -118,6 +118,8 @@ pub struct Profile {
     pub harmonics_step: f32,
     /// Learning rates.
     pub rates: Rates,
+    /// Learning rate of how photographs were exposed; none where all are taken for equally exposed.
+    pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
 }
@@ -179,6 +181,7 @@ fn plain(iterations: u32) -> Profile {
             sh_rest: Schedule::constant(2.5e-3 / 20.0),
             environment: Schedule::constant(0.0),
         },
+        exposure: None,
         densification: densification(iterations),
     }
 }
@@ -197,6 +200,11 @@ fn densification(iterations: u32) -> Densification {
         reset_every: 3000,
         count_max: 1_000_000,
     }
+}
+
+/// The learning rate of how photographs were exposed, where that is learned.
+pub fn exposure_rate(iterations: u32) -> Schedule {
+    Schedule { first: 2e-2, last: 2e-3, steps: iterations }
 }
 
 /// The paper's equations and weights to the letter; what it leaves open is as in plain Gaussian splatting.

@@ -1,6 +1,7 @@
 //! The optimisation loop.
 
 use crate::{
+    exposure::Exposures,
     profile::Profile,
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
@@ -70,6 +71,8 @@ pub struct Trainer<E: Executor> {
     moments: Moments<E::Array>,
     statistics: Statistics<E::Array>,
     light: Option<(Environment<E::Array>, Moments<E::Array>)>,
+    /// How the pictures were exposed, if that is learned.
+    exposures: Option<Exposures>,
     /// Steps taken.
     iteration: u32,
     order: Vec<usize>,
@@ -91,7 +94,8 @@ impl<E: Executor> Trainer<E> {
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = start_light(&settings.profile);
-        let mut trainer = Self::resume(exec, settings, views, &Snapshot::start(start, light))?;
+        let exposures = settings.profile.exposure.map(|_| Exposures::start(views.len()));
+        let mut trainer = Self::resume(exec, settings, views, &Snapshot::start(start, light, exposures))?;
         trainer.dull_background()?;
         Ok(trainer)
     }
@@ -115,7 +119,8 @@ impl<E: Executor> Trainer<E> {
         };
         let extent = extent_of(views);
         let near = near_of(extent);
-        let Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite } = snapshot;
+        let Snapshot { scene, moments, statistics, light_moments, exposures, iteration, order, psnr, nonfinite } =
+            snapshot;
         let HostScene { gaussians, environment } = scene;
         let light = environment.as_ref().zip(light_moments.as_ref()).map(|(light, moments)| -> Result<_, E::Error> {
             let Environment { resolution, activation, ref values } = *light;
@@ -133,6 +138,7 @@ impl<E: Executor> Trainer<E> {
             },
             pictures: [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?],
             extent,
+            exposures: exposures.clone(),
             iteration: *iteration,
             order: order.clone(),
             psnr: *psnr,
@@ -154,9 +160,9 @@ impl<E: Executor> Trainer<E> {
             Some((light, moments)) => Some(download_moments(&mut self.exec, moments, light.len_of_values())?),
             None => None,
         };
-        let Self { iteration, order, psnr, nonfinite, .. } = self;
-        let (iteration, order, psnr, nonfinite) = (*iteration, order.clone(), *psnr, *nonfinite);
-        Ok(Snapshot { scene, moments, statistics, light_moments, iteration, order, psnr, nonfinite })
+        let Self { iteration, psnr, nonfinite, .. } = *self;
+        let (exposures, order) = (self.exposures.clone(), self.order.clone());
+        Ok(Snapshot { scene, moments, statistics, light_moments, exposures, iteration, order, psnr, nonfinite })
     }
 
     /// Takes one step, and densifies where the schedule says so.
@@ -174,6 +180,7 @@ impl<E: Executor> Trainer<E> {
             camera,
             target,
             background: self.settings.background,
+            exposure: self.exposures.as_ref().map(|exposures| &exposures.maps[view]),
             rules: &rules,
             weights: &weights,
             rates: &rates,
@@ -189,6 +196,7 @@ impl<E: Executor> Trainer<E> {
         };
         let report = train_step(&mut self.exec, &mut fit, &step)?;
         self.note(&report);
+        self.expose(view, &report);
         Ok((report, self.refine()?))
     }
 
@@ -209,6 +217,15 @@ impl<E: Executor> Trainer<E> {
         let now = psnr(report.loss.squared.max(1e-10));
         self.psnr = Some(self.psnr.map_or(now, |mean| MEMORY * mean + (1.0 - MEMORY) * now));
         self.nonfinite += report.nonfinite;
+    }
+
+    /// Adam's step for the exposure of a picture. Pictures come in turns, so the number of the turn is that of its step.
+    fn expose(&mut self, view: usize, report: &StepReport) {
+        let turn = (self.iteration - 1) / self.pictures[0].len() as u32 + 1;
+        let schedule = self.settings.profile.exposure;
+        if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.exposures, &report.exposure, schedule) {
+            self.nonfinite += exposures.step(view, grad, schedule.at(self.iteration), turn);
+        }
     }
 
     /// How the scene is rendered at an iteration: harmonics come in band by band.
@@ -301,6 +318,10 @@ impl<E: Executor> Trainer<E> {
     pub fn environment(&self) -> Option<&Environment<E::Array>> {
         self.light.as_ref().map(|(light, _)| light)
     }
+    /// How the pictures were exposed, in the order of the views, if that is learned.
+    pub fn exposures(&self) -> Option<&Exposures> {
+        self.exposures.as_ref()
+    }
     /// What the run was told.
     pub fn settings(&self) -> &Settings {
         &self.settings
@@ -334,6 +355,8 @@ pub struct Snapshot {
     pub statistics: Statistics<Vec<f32>>,
     /// Adam's moments of the light.
     pub light_moments: Option<Moments<Vec<f32>>>,
+    /// How the pictures were exposed, if that is learned.
+    pub exposures: Option<Exposures>,
     /// Steps that were taken.
     pub iteration: u32,
     /// Views that come before any comes again, the next one last.
@@ -346,13 +369,18 @@ pub struct Snapshot {
 
 impl Snapshot {
     /// Before the first step.
-    fn start(gaussians: Gaussians<Vec<f32>>, environment: Option<Environment<Vec<f32>>>) -> Self {
+    fn start(
+        gaussians: Gaussians<Vec<f32>>,
+        environment: Option<Environment<Vec<f32>>>,
+        exposures: Option<Exposures>,
+    ) -> Self {
         let zeros = |len: usize| Moments { mean: vec![0.0; len], square: vec![0.0; len] };
         Self {
             moments: zeros(gaussians.values.len()),
             statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
             light_moments: environment.as_ref().map(|light| zeros(light.values.len())),
             scene: HostScene { gaussians, environment },
+            exposures,
             iteration: 0,
             order: Vec::new(),
             psnr: None,
@@ -376,6 +404,11 @@ impl Snapshot {
             (None, None, None) => true,
             _ => false,
         };
+        let are_exposures = match (&self.exposures, profile.exposure) {
+            (Some(exposures), Some(_)) => exposures.are_of(view_count),
+            (None, None) => true,
+            _ => false,
+        };
         let Statistics { grad_sum, view_count: seen } = &self.statistics;
         let checks = [
             (*layout == profile.layout, "the Gaussians have other attributes"),
@@ -383,6 +416,7 @@ impl Snapshot {
             (has_moments(&self.moments, values.len()), "moments of Gaussians are missing"),
             ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
             (is_light, "the light is another"),
+            (are_exposures, "the exposures are of other photographs"),
             (self.order.iter().all(|view| *view < view_count), "there are fewer views"),
         ];
         checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))

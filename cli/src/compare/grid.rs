@@ -3,7 +3,7 @@
 use super::run::Run;
 use crate::{
     fit::thousands,
-    quality::{LPIPS, MAE, MEASURES, Measure},
+    quality::{FITTED, LPIPS, MAE, MEASURES, Measure},
 };
 use std::collections::BTreeSet;
 
@@ -26,12 +26,13 @@ pub(super) enum Quantity {
 
 impl Quantity {
     /// All of them, as tables order them.
-    pub(super) const ALL: [Self; 10] = [
+    pub(super) const ALL: [Self; 11] = [
         Self::Measure(0),
         Self::Measure(1),
         Self::Measure(2),
         Self::Measure(3),
         Self::Measure(4),
+        Self::Measure(5),
         Self::Relit { is_scaled: false },
         Self::Relit { is_scaled: true },
         Self::Gaussians,
@@ -93,10 +94,14 @@ impl Quantity {
             _ => true,
         };
         let lacking = runs.iter().filter(|run| self.of(run).is_none() && can_have(run) && can_be_had(run));
-        let lpips = if self == Self::Measure(LPIPS) { " --lpips FILE.safetensors" } else { "" };
+        let option = match self {
+            Self::Measure(LPIPS) => " --lpips FILE.safetensors",
+            Self::Measure(FITTED) => " --exposure",
+            _ => "",
+        };
         let sentence = |run: &Run| {
             let folder = run.folder.display();
-            format!("{folder} has no {}; run specula eval {folder}{lpips}", measure.words)
+            format!("{folder} has no {}; run specula eval {folder}{option}", measure.words)
         };
         lacking.map(sentence).collect()
     }

@@ -65,6 +65,45 @@ fn photographs_are_trained_measured_and_rendered() {
 }
 
 #[test]
+fn exposures_of_photographs_are_learned_kept_and_told() {
+    let tiny = Tiny::new();
+    let (data, model) = (tiny.path("photographs"), tiny.path("model"));
+    write_photographs(&data);
+    let train = |words: &[&str]| {
+        let mut train = specula();
+        train.arg("train").arg(&data).arg("-m").arg(&model).args(["--profile", "3dgs", "--iterations", "20"]);
+        printed(train.args(["--eval", "--test-every", "4", "--executor", "cpu"]).args(words))
+    };
+    let line = train(&["--exposure"]);
+    assert!(line.starts_with("PSNR ") && line.contains("PSNR fitted to the truth"), "{line}");
+    let exposures = json(&model.join("exposure.json"));
+    let names: Vec<&String> = exposures.as_object().unwrap().keys().collect();
+    assert_eq!(names, ["1", "2", "3", "5", "6", "7"], "those that were learned from");
+    let gain = |name: &str| exposures[name][0][0].as_f64().unwrap();
+    assert!(names.iter().any(|name| gain(name) != 1.0), "something was learned");
+    let mean = names.iter().map(|name| gain(name)).sum::<f64>() / 6.0;
+    assert!((mean - 1.0).abs() < 1e-5, "and on average nothing: {mean}");
+
+    let then = json(&model.join("results.json"))["ours_20"].clone();
+    let now: Value = serde_json::from_str(&printed(specula().arg("eval").arg(&model).arg("--json"))).unwrap();
+    for measure in ["PSNR", "PSNR_fitted"] {
+        let [then, now] = [&then[measure], &now[measure]].map(|value| value.as_f64().unwrap());
+        assert!((then - now).abs() < 0.01, "{measure} was {then} and is {now}");
+    }
+    let page = fs::read_to_string(model.join("test/ours_20/index.html")).unwrap();
+    assert!(page.contains("PSNR fitted to the truth"), "the page says it too");
+    let info: Value = serde_json::from_str(&printed(specula().arg("info").arg(&model).arg("--json"))).unwrap();
+    assert_eq!(info["exposure"]["photographs"], 6);
+
+    let config = fs::read_to_string(model.join("config.toml")).unwrap();
+    assert!(config.contains("exposure = true"), "{config}");
+    let line = train(&[]);
+    assert!(!line.contains("fitted") && !model.join("exposure.json").exists(), "a training without has none: {line}");
+    let asked = printed(specula().arg("eval").arg(&model).arg("--exposure"));
+    assert!(asked.contains("PSNR fitted to the truth"), "it can be asked for: {asked}");
+}
+
+#[test]
 fn a_scene_is_trained_measured_rendered_and_relit() {
     let tiny = Tiny::new();
     let model = tiny.path("model");

@@ -45,7 +45,7 @@ impl Results {
         let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
         let mut scene = Scene::new(exec, case);
         let picture = scene.picture(exec, case, &rules);
-        let StepReport { loss, nonfinite } = scene.step(exec, case, &rules);
+        let StepReport { loss, nonfinite, .. } = scene.step(exec, case, &rules);
         let LossReport { total, absolute, squared, ssim, normal, coverage } = loss;
         let losses = vec![total, absolute, squared, ssim, normal, coverage];
         Self { picture, gradient: scene.gradient(exec), losses, nonfinite }
@@ -115,6 +115,7 @@ impl<A> Scene<A> {
             camera: &case.camera,
             target: &target,
             background: case.background,
+            exposure: None,
             rules,
             weights: &WEIGHTS,
             rates: &vec![0.0; case.cloud.layout.plane_count()],

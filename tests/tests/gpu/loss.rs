@@ -6,19 +6,24 @@ use specula_core::{
     color::UNKNOWN,
     double::Double,
     executor::{Executor, RenderRules, Renderer},
+    exposure::{Exposure, IDENTITY, expose, expose_vjp},
     loss::{LossReport, LossWeights, NormalForm},
     pipeline::render,
     plan::{Channels, channel},
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians, Image, Layout, RadianceActivation},
     shade::ShadingRules,
+    vector::vec3,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuError, GpuExecutor,
-    formulas::loss::{
-        ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
-        StructureGrad, Windows, WithBackground,
+    formulas::{
+        exposure::{Expose, ExposeVjp},
+        loss::{
+            ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
+            StructureGrad, Windows, WithBackground,
+        },
     },
 };
 use specula_tests::{
@@ -50,6 +55,11 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &StructureGrad, &uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]));
     assert_same(gpu, &NormalWeight, &uniform_rows(11, &[[0.0, 0.6]; 5]));
     assert_same(gpu, &DepthGrad, &uniform_rows(12, &[[1.0, 4.0], [0.1, 0.9], [-1.0, 1.0]]));
+    let mut bounds = vec![[-1.0, 1.0]; 12];
+    bounds.extend([unit; 4]);
+    assert_same(gpu, &Expose, &uniform_rows(14, &bounds));
+    bounds.extend([[-1.0, 1.0]; 3]);
+    assert_same(gpu, &ExposeVjp, &uniform_rows(15, &bounds));
     let mut bounds = vec![[0.0, 70.0], [0.0, 45.0], [0.5, 1.0]];
     bounds.extend([[-1.0, 1.0]; 3]);
     bounds.extend([[0.0, 0.5]; 4]);
@@ -63,7 +73,11 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_of_the_losses_is_left_out() {
-    let formulas = include_str!("../../../exec-gpu/src/formulas/loss.rs");
+    let formulas = [
+        include_str!("../../../exec-gpu/src/formulas/exposure.rs"),
+        include_str!("../../../exec-gpu/src/formulas/loss.rs"),
+    ]
+    .concat();
     let own: String = include_str!("loss.rs").split_whitespace().collect();
     let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for "));
     let names = of_impls.filter_map(|(_, rest)| rest.split([' ', '<']).next());
@@ -530,4 +544,99 @@ fn pictures_of_another_size_are_refused() {
     let target = gpu.target(10, 20, &[0; 800]).expect("the bytes fit");
     let refused = gpu.loss(&frame, &target, &scene.camera, &scene.weights, scene.background);
     assert_eq!(refused.expect_err("rows are columns"), GpuError::FrameSize { expected: [10, 20], found: [20, 10] });
+}
+
+/// Some exposure that mixes all channels.
+const EXPOSURE: Exposure<f32> = [[0.8, 0.1, -0.05, 0.03], [0.02, 1.1, 0.07, -0.06], [-0.04, 0.05, 0.9, 0.1]];
+
+/// A picture before and after its exposure, the gradient of the photograph, and what the way back makes of it.
+struct Exposed {
+    before: Vec<f32>,
+    after: Vec<f32>,
+    of_photograph: Vec<f32>,
+    of_picture: Vec<f32>,
+    of_exposure: Exposure<f64>,
+}
+
+impl Scene {
+    fn expose<E: Executor<Error: core::fmt::Debug>>(
+        &self,
+        exec: &mut E,
+        read_grad: impl Fn(&mut E, &E::Frame, &E::FrameGrad, &mut [f32]),
+    ) -> Exposed {
+        let zeros = vec![0.0; (self.channels() + 1) * self.pixel_count()];
+        let [mut before, mut after, mut of_photograph, mut of_picture] = [(); 4].map(|()| zeros.clone());
+        let frame = self.frame(exec);
+        exec.read_frame(&frame, &mut before).expect("the frame has that size");
+        let frame = exec.expose(frame, &EXPOSURE).expect("the executor exposes");
+        exec.read_frame(&frame, &mut after).expect("the frame has that size");
+        let (_, grad) = self.compare(exec, &frame);
+        read_grad(exec, &frame, &grad, &mut of_photograph);
+        let grad = exec.expose_vjp(&frame, &EXPOSURE, grad).expect("the executor goes back");
+        read_grad(exec, &frame, &grad, &mut of_picture);
+        let report = exec.report().expect("sums come back").expect("no step lacks room");
+        assert_eq!(exec.report().expect("nothing is left").and_then(|report| report.exposure), None, "it is told once");
+        Exposed { before, after, of_photograph, of_picture, of_exposure: report.exposure.expect("there was one") }
+    }
+
+    /// What core makes of the same picture and gradient in `f64`, pixel by pixel.
+    fn expose_exactly(&self, exposed: &Exposed) -> (Vec<f64>, Vec<f64>, Exposure<f64>) {
+        let (size, channels) = (self.pixel_count(), self.channels());
+        let exposure = EXPOSURE.map(|row| row.map(|number| Double(f64::from(number))));
+        let wide = |planes: &[f32]| planes.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+        let (mut after, mut of_picture) = (wide(&exposed.before), wide(&exposed.of_photograph));
+        let mut of_exposure = [[0.0; 4]; 3];
+        for pixel in 0..size {
+            let at = |planes: &[f64]| [0, 1, 2].map(|c| Double(planes[c * size + pixel]));
+            let ([r, g, b], [dr, dg, db]) = (at(&after), at(&of_picture));
+            let coverage = Double(1.0 - after[channels * size + pixel]);
+            let (own, of_color, of_coverage) = expose_vjp(&exposure, vec3(r, g, b), coverage, vec3(dr, dg, db));
+            let shown = expose(&exposure, vec3(r, g, b), coverage).to_array();
+            for (c, (shown, grad)) in shown.into_iter().zip(of_color.to_array()).enumerate() {
+                (after[c * size + pixel], of_picture[c * size + pixel]) = (shown.0, grad.0);
+            }
+            of_picture[channels * size + pixel] -= of_coverage.0;
+            let sums = of_exposure.as_flattened_mut().iter_mut();
+            sums.zip(own.as_flattened()).for_each(|(sum, own)| *sum += own.0);
+        }
+        (after, of_picture, of_exposure)
+    }
+
+    #[track_caller]
+    fn assert_exposed(&self, what: &str, exposed: &Exposed) {
+        let (after, of_picture, of_exposure) = self.expose_exactly(exposed);
+        assert_grad(&format!("{what}, photograph"), self, &exposed.after, &after, SAME_GRADIENT);
+        assert_grad(&format!("{what}, gradient"), self, &exposed.of_picture, &of_picture, SAME_GRADIENT);
+        let apart = relative_difference(exposed.of_exposure.as_flattened(), of_exposure.as_flattened());
+        assert!(apart <= SAME_GRADIENT, "{what}: the exposure's gradient is {apart:e} apart");
+    }
+}
+
+#[test]
+fn photographs_are_exposed_as_core_says_and_so_are_their_gradients() {
+    let mut cpu = CpuExecutor::new();
+    let mut gpu = executor();
+    for (what, scene) in scenes() {
+        let theirs = scene.expose(&mut cpu, |_, frame, grad, values| grad.read(frame, values));
+        scene.assert_exposed(&format!("{what} on the CPU"), &theirs);
+        let Some(gpu) = &mut gpu else { continue };
+        let ours = scene.expose(gpu, |gpu, _, grad, values| gpu.read_frame_grad(grad, values).expect("it fits"));
+        scene.assert_exposed(&format!("{what} on the GPU"), &ours);
+        let apart = relative_difference(ours.of_exposure.as_flattened(), theirs.of_exposure.as_flattened());
+        assert!(apart <= AS_THE_CPU_COMPARES, "{what}: the executors' gradients of the exposure are {apart:e} apart");
+    }
+}
+
+#[test]
+fn colours_as_they_are_change_no_bit() {
+    let mut cpu = CpuExecutor::new();
+    for (what, scene) in scenes() {
+        let frame = scene.frame(&mut cpu);
+        let (report, grad) = scene.compare(&mut cpu, &frame);
+        let exposed = cpu.expose(frame.clone(), &IDENTITY).expect("the CPU exposes");
+        let (same_report, same_grad) = scene.compare(&mut cpu, &exposed);
+        assert_eq!(report, same_report, "{what}: losses");
+        let same_grad = cpu.expose_vjp(&exposed, &IDENTITY, same_grad).expect("the CPU goes back");
+        assert_eq!(grad, same_grad, "{what}: gradients");
+    }
 }

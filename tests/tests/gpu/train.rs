@@ -4,12 +4,15 @@ use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Renderer, Statistics},
+    exposure::{Exposure, expose},
     metrics::quantize,
+    optimise::Schedule,
     plan::Channels,
     prefilter::PrefilterScheme,
     random,
     scene::{BLOCK, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
+    vector::vec3,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
@@ -22,7 +25,7 @@ use specula_tests::{
 };
 use specula_train::{
     evaluate::{mean_quality, measure_view, render_view},
-    profile::by_name,
+    profile::{by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, Trainer},
     view::View,
@@ -66,12 +69,16 @@ fn view(number: usize) -> View {
 }
 
 fn settings(name: &str) -> Settings {
-    let mut profile = by_name(name, ITERATIONS).expect("a profile of that name");
+    settings_for(name, ITERATIONS)
+}
+
+fn settings_for(name: &str, iterations: u32) -> Settings {
+    let mut profile = by_name(name, iterations).expect("a profile of that name");
     profile.densification.every = 20;
     if let Some(light) = &mut profile.light {
         light.resolution = light.resolution.min(profile.scheme.resolution_min().max(8));
     }
-    Settings { profile, iterations: ITERATIONS, seed: 3, background: [1.0; 3], random_points: 0 }
+    Settings { profile, iterations, seed: 3, background: [1.0; 3], random_points: 0 }
 }
 
 /// Points that a training starts from, moved in one of many ways; 0 for not at all.
@@ -105,15 +112,19 @@ fn train_with<E: Executor<Error: core::fmt::Debug>>(
 
 /// Mean PSNR of views that no training saw, in dB.
 fn quality(scene: &HostScene, settings: &Settings) -> f64 {
+    quality_on(scene, settings, &(VIEWS + 1..=VIEWS + UNSEEN).map(view).collect::<Vec<View>>())
+}
+
+fn quality_on(scene: &HostScene, settings: &Settings, views: &[View]) -> f64 {
     let (mut exec, profile) = (CpuExecutor::new(), &settings.profile);
     let rules = RenderRules::full(profile.shading, profile.scheme, Channels::Color);
     let light = scene.environment.as_ref();
     let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("it was filtered before"));
-    let unseen = (VIEWS + 1..=VIEWS + UNSEEN).map(view).map(|view| {
+    let measured = views.iter().map(|view| {
         let image = render_view(&mut exec, &scene.gaussians, light.as_ref(), &view.camera, &rules);
-        measure_view(&image.expect("the CPU renders"), &view, settings.background)
+        measure_view(&image.expect("the CPU renders"), view, settings.background)
     });
-    mean_quality(&unseen.collect::<Vec<_>>()).psnr
+    mean_quality(&measured.collect::<Vec<_>>()).psnr
 }
 
 #[test]
@@ -226,6 +237,7 @@ fn a_training_is_the_same_to_the_last_bit_however_little_room_its_steps_are_give
     let Some(gpu) = executor() else { return };
     let mut settings = settings("specula");
     settings.profile.densification.from = 0;
+    settings.profile.exposure = Some(exposure_rate(STEPS));
     let first = train(gpu, settings.clone(), STEPS);
     let another = executor().expect("there was one before");
     let again = train_with(another, settings, &points(0), STEPS, |exec, step| {
@@ -283,4 +295,96 @@ fn a_step_without_room_changes_nothing_and_says_so() {
             assert!(now[0] != *values && now[1] != zeros[..*count], "everything is changed");
         }
     }
+}
+
+/// Steps until exposures are found: each photograph comes fifteen times.
+const EXPOSED_ITERATIONS: u32 = 300;
+/// By so much unseen views are better at least where it is learned how photographs were exposed, in dB.
+const GAINED: f64 = 3.0;
+/// What is left of an exposure's changes once it is found, a root of means of squares.
+const UNEXPLAINED: f32 = 0.2;
+
+/// How a photograph was exposed: darker or brighter, a little tinted, with a veil. None is so bright that colours end.
+fn exposure_of(number: usize) -> Exposure<f32> {
+    let draw = |row: u64, k: u64| random::uniform(77, number as u64, 4 * row + k) - 0.5;
+    let gain = 0.6 + 0.3 * draw(3, 0);
+    let entry = |row: u64, k: u64| match k {
+        3 => 0.06 * draw(row, k),
+        _ if row == k => gain + 0.1 * draw(row, k),
+        _ => 0.06 * draw(row, k),
+    };
+    [0, 1, 2].map(|row| [0, 1, 2, 3].map(|k| entry(row, k)))
+}
+
+/// The mean of how the photographs that are learned from were exposed.
+fn mean_exposure() -> Exposure<f32> {
+    let mut mean = [[0.0; 4]; 3];
+    for number in 1..=VIEWS {
+        let own = exposure_of(number);
+        mean.as_flattened_mut().iter_mut().zip(own.as_flattened()).for_each(|(sum, x)| *sum += x / VIEWS as f32);
+    }
+    mean
+}
+
+/// A straight colour as a photograph shows it.
+fn exposed(exposure: &Exposure<f32>, [r, g, b]: [f32; 3]) -> [f32; 3] {
+    expose(exposure, vec3(r, g, b), 1.0).to_array()
+}
+
+/// Straight colours of a view's pixels.
+fn colors_of(view: &View) -> impl Iterator<Item = [f32; 3]> + '_ {
+    view.rgba.chunks_exact(4).map(|pixel| [pixel[0], pixel[1], pixel[2]].map(|byte| f32::from(byte) / 255.0))
+}
+
+/// A view as a photograph shows it.
+fn photograph(number: usize, exposure: &Exposure<f32>) -> View {
+    let mut view = view(number);
+    let shown: Vec<[f32; 3]> = colors_of(&view).map(|color| exposed(exposure, color)).collect();
+    view.rgba
+        .chunks_exact_mut(4)
+        .zip(shown)
+        .for_each(|(pixel, color)| pixel[..3].copy_from_slice(&color.map(quantize)));
+    view
+}
+
+/// By how much photographs differ from what the scene and the exposures that were found say, as a share of how they differ
+/// from the scene alone.
+fn unexplained(found: &[Exposure<f32>]) -> f32 {
+    let usual = mean_exposure();
+    let (mut rest, mut all) = (0.0, 0.0);
+    for (number, found) in (1..).zip(found) {
+        let own = exposure_of(number);
+        for color in colors_of(&view(number)) {
+            let (scene, truth) = (exposed(&usual, color), exposed(&own, color));
+            let square = |shown: [f32; 3]| (0..3).map(|c| (shown[c] - truth[c]).powi(2)).sum::<f32>();
+            rest += square(exposed(found, scene));
+            all += square(scene);
+        }
+    }
+    (rest / all).sqrt()
+}
+
+#[test]
+fn exposures_are_found_and_leave_the_scene_its_look() {
+    let usual = mean_exposure();
+    let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
+    let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &usual)).collect();
+    let learn = |exposure: Option<Schedule>| {
+        let mut settings = settings_for("specula", EXPOSED_ITERATIONS);
+        settings.profile.densification.until = 0;
+        settings.profile.exposure = exposure;
+        let mut trainer =
+            Trainer::new(CpuExecutor::new(), settings.clone(), &differently, &points(0)).expect("there are views");
+        while !trainer.is_finished() {
+            trainer.step().expect("the CPU trains");
+        }
+        let scene = trainer.download().expect("the CPU gives back");
+        (quality_on(&scene, &settings, &unseen), trainer.exposures().cloned())
+    };
+    let ((without, none), (with, found)) = (learn(None), learn(Some(exposure_rate(EXPOSED_ITERATIONS))));
+    assert_eq!(none, None, "nothing is learned that was not asked for");
+    let unexplained = unexplained(&found.expect("they were learned").maps);
+    println!("{without:.2} dB, {with:.2} with exposures, which leave {unexplained:.3} unexplained");
+    assert!(with > without + GAINED, "{with} dB with exposures, {without} without");
+    assert!(unexplained < UNEXPLAINED, "exposures leave {unexplained}");
 }

@@ -1,0 +1,99 @@
+//! Pictures as photographs show them, sixteen pixels at a time.
+
+use crate::{
+    frame::{Frame, FrameGrad, QUADS, Quad, RGB, at, tile_len},
+    lanes::Lanes,
+    machine::Machine,
+};
+use core::array;
+use fearless_simd::{Simd, dispatch};
+use rayon::prelude::*;
+use specula_core::{
+    exposure::{self, Exposure},
+    vector::{Vec3, vec3},
+};
+
+pub(crate) fn expose(machine: &Machine, mut frame: Frame, exposure: &Exposure<f32>) -> Frame {
+    let mut exposed = machine.quads.take(frame.cover.tiles.len() * QUADS * RGB);
+    exposed.par_chunks_mut(QUADS * RGB).enumerate().for_each(|(slot, exposed)| {
+        dispatch!(machine.level, simd => expose_tile(simd, &frame, slot, exposure, exposed));
+    });
+    frame.exposed = Some(exposed);
+    frame
+}
+
+/// The gradient of the picture before, and that of the exposure: sums over tiles, in their order.
+pub(crate) fn expose_vjp(
+    machine: &Machine,
+    frame: &Frame,
+    exposure: &Exposure<f32>,
+    mut grad: FrameGrad,
+) -> (FrameGrad, Exposure<f64>) {
+    let mut sums = machine.sums.take(RGB * frame.cover.tiles.len());
+    let tiles = grad.values.par_chunks_mut(tile_len(frame.channels)).zip(sums.par_chunks_mut(RGB));
+    tiles.enumerate().for_each(|(slot, (grad, sums))| {
+        dispatch!(machine.level, simd => sums.copy_from_slice(&tile_vjp(simd, frame, slot, exposure, grad)));
+    });
+    let add = |sum: Exposure<f64>, own: &[[f64; 4]]| array::from_fn(|c| array::from_fn(|k| sum[c][k] + own[c][k]));
+    let of_exposure = sums.chunks_exact(RGB).fold([[0.0; 4]; 3], add);
+    (grad, of_exposure)
+}
+
+/// The same exposure for every lane.
+#[inline(always)]
+fn lift<S: Simd>(simd: S, exposure: &Exposure<f32>) -> Exposure<Lanes<S>> {
+    let [red, green, blue] = exposure;
+    let row = |[r, g, b, offset]: &[f32; 4]| {
+        [Lanes::splat(simd, *r), Lanes::splat(simd, *g), Lanes::splat(simd, *b), Lanes::splat(simd, *offset)]
+    };
+    [row(red), row(green), row(blue)]
+}
+
+/// What is seen in a quad, and its coverage.
+#[inline(always)]
+fn seen<S: Simd>(simd: S, frame: &Frame, slot: usize, quad: usize) -> (Vec3<Lanes<S>>, Lanes<S>) {
+    let channel = |c: usize| Lanes::load(simd, frame.color_before_exposure(slot, quad, c));
+    let passed = Lanes::load(simd, &frame.tile(slot)[at(frame.channels, quad, frame.channels)]);
+    (vec3(channel(0), channel(1), channel(2)), -passed + 1.0)
+}
+
+#[inline(always)]
+fn expose_tile<S: Simd>(simd: S, frame: &Frame, slot: usize, exposure: &Exposure<f32>, exposed: &mut [Quad]) {
+    let exposure = lift(simd, exposure);
+    for quad in 0..QUADS {
+        let (color, coverage) = seen(simd, frame, slot, quad);
+        let shown = exposure::expose(&exposure, color, coverage);
+        let out = &mut exposed[quad * RGB..(quad + 1) * RGB];
+        shown.x.store(&mut out[0]);
+        shown.y.store(&mut out[1]);
+        shown.z.store(&mut out[2]);
+    }
+}
+
+/// The gradient of a tile of the photograph becomes that of the picture; returns that of the exposure.
+#[inline(always)]
+fn tile_vjp<S: Simd>(
+    simd: S,
+    frame: &Frame,
+    slot: usize,
+    exposure: &Exposure<f32>,
+    grad: &mut [Quad],
+) -> Exposure<f64> {
+    let channels = frame.channels;
+    let exposure = lift(simd, exposure);
+    let mut sums = lift(simd, &[[0.0; 4]; 3]);
+    for quad in 0..QUADS {
+        let (color, coverage) = seen(simd, frame, slot, quad);
+        let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
+        let (of_photograph, of_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
+        let (own, of_color, of_coverage) = exposure::expose_vjp(&exposure, color, coverage, of_photograph);
+        for (sum, own) in sums.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
+            *sum = *sum + *own;
+        }
+        of_color.x.store(&mut grad[at(channels, quad, 0)]);
+        of_color.y.store(&mut grad[at(channels, quad, 1)]);
+        of_color.z.store(&mut grad[at(channels, quad, 2)]);
+        (of_passed - of_coverage).store(&mut grad[at(channels, quad, channels)]);
+    }
+    sums.map(|row| row.map(|sum| f64::from(sum.sum())))
+}

@@ -1,0 +1,27 @@
+// Pictures as photographs show them: what both ways share.
+
+struct ExposureSettings {
+    red: vec4f,
+    green: vec4f,
+    blue: vec4f,
+    size: vec2u,
+    padding: vec2u,
+}
+
+@group(0) @binding(0) var<uniform> exposure: ExposureSettings;
+@group(0) @binding(1) var<storage, read> blended: array<f32>;
+@group(0) @binding(2) var<storage, read> colors: array<f32>;
+
+fn pixel_count() -> u32 {
+    return exposure.size.x * exposure.size.y;
+}
+
+// What of the scene is seen in a pixel.
+fn color_at(place: u32) -> vec3f {
+    let size = pixel_count();
+    return vec3f(colors[place], colors[place + size], colors[place + 2u * size]);
+}
+
+fn passed_at(place: u32) -> f32 {
+    return blended[CHANNELS * pixel_count() + place];
+}

@@ -1,0 +1,60 @@
+//! `exposure.json` in the folder of a model: how the photographs of its training were exposed.
+//!
+//! ```text
+//! {"IMG_1": [[a, a, a, b], [a, a, a, b], [a, a, a, b]], ...}
+//! ```
+//!
+//! Names are those of `cameras.json`; of views that share a name, the second is called `NAME (2)`, and so on. A photograph
+//! shows C' = A C + b of a colour C of the scene, sRGB-encoded and in \[0, 1\], where A is the left of the matrix and b its
+//! last column. The mean of all is the identity.
+
+use crate::{
+    error::{Error, Result},
+    json,
+};
+use specula_core::exposure::Exposure;
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+/// Exposures by the names of photographs.
+pub type Exposures = BTreeMap<String, Exposure<f32>>;
+
+/// Where the exposures of a model are.
+pub fn place(folder: &Path) -> PathBuf {
+    folder.join("exposure.json")
+}
+
+/// Writes how photographs were exposed.
+pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Result<()> {
+    let mut all = Exposures::new();
+    for (name, exposure) in names.iter().zip(exposures) {
+        all.insert(free_name(&all, name), *exposure);
+    }
+    json::write(&place(folder), &all)
+}
+
+/// A name that is not taken.
+fn free_name(taken: &Exposures, name: &str) -> String {
+    let others = (2_usize..).map(|number| format!("{name} ({number})"));
+    let mut names = core::iter::once(name.to_owned()).chain(others);
+    names.find(|name| !taken.contains_key(name)).expect("there are more numbers than names")
+}
+
+/// The exposures of a model; none where its training took all photographs for equally exposed.
+pub fn read(folder: &Path) -> Result<Option<Exposures>> {
+    let path = place(folder);
+    if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
+}
+
+/// Removes those of an earlier training, if there are any.
+pub fn remove(folder: &Path) -> Result<()> {
+    let path = place(folder);
+    match fs::remove_file(&path) {
+        Err(cause) if cause.kind() != ErrorKind::NotFound => Err(Error::Write { path, cause }),
+        _ => Ok(()),
+    }
+}
