@@ -432,7 +432,8 @@ pub(crate) struct Look {
     /// Which of the model's own cameras.
     #[arg(long, value_enum, conflicts_with = "turntable")]
     pub(crate) split: Option<Split>,
-    /// So many cameras in a circle around the scene, and an animation.
+    /// So many cameras in a circle around the scene, and an animation; to and fro where the model's own cameras leave a
+    /// quarter of the circle or more out.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) turntable: Option<u32>,
     /// Pixels of the pictures; those of the cameras by default.

@@ -13,6 +13,8 @@ const SHARE: f32 = 0.5;
 pub(crate) enum Foreground {
     /// Everywhere.
     All,
+    /// Around the middle of the scene, half as far as cameras are.
+    Auto,
     /// Around the middle of the scene, as far as this share of the distance at which cameras are.
     Share(f32),
     /// In this ball.
@@ -24,6 +26,7 @@ impl Foreground {
     pub(crate) fn ball(self, bearings: Option<&Bearings>) -> Option<Ball> {
         match self {
             Self::All => None,
+            Self::Auto => Self::Share(SHARE).ball(bearings),
             Self::Share(share) => bearings.map(|found| Ball {
                 center: found.centre.map(|number| number as f32),
                 radius: share * found.distance as f32,
@@ -39,7 +42,7 @@ impl FromStr for Foreground {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "all" => return Ok(Self::All),
-            "auto" => return Ok(Self::Share(SHARE)),
+            "auto" => return Ok(Self::Auto),
             _ => {}
         }
         let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
@@ -57,6 +60,7 @@ impl fmt::Display for Foreground {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::All => out.write_str("all"),
+            Self::Auto => out.write_str("auto"),
             Self::Share(share) => write!(out, "{share}"),
             Self::Ball(Ball { center: [x, y, z], radius }) => write!(out, "{x},{y},{z},{radius}"),
         }
@@ -87,7 +91,7 @@ mod tests {
         let ball = Foreground::Ball(Ball { center: [1.0, -2.0, 0.5], radius: 3.0 });
         for (text, expected) in [
             ("all", Foreground::All),
-            ("auto", Foreground::Share(SHARE)),
+            ("auto", Foreground::Auto),
             ("0.75", Foreground::Share(0.75)),
             ("1, -2,0.5,3", ball),
         ] {

@@ -131,12 +131,15 @@ impl Tour {
         Ok(Self { name: split.name(), cameras: own, split: Some(split), is_turntable: false })
     }
 
-    /// A circle, as high above the scene as the known cameras are in the mean.
+    /// A circle, as high above the scene as the known cameras are in the mean; or, where these leave much of it out, to and
+    /// fro along the rest.
     pub(crate) fn around(bearings: &Bearings, known: &[NamedCamera], count: u32, size: Option<[u32; 2]>) -> Self {
         let orbit = Orbit::of(bearings, known);
         let like = known.first().map(|(_, camera)| *camera);
-        let camera_at =
-            |index: u32| (format!("{index:05}"), orbit.camera(TAU * index as f32 / count as f32, like, size));
+        let camera_at = |index: u32| {
+            let turn = orbit.turn_after(index as f32 / count as f32);
+            (format!("{index:05}"), orbit.camera(turn, like, size))
+        };
         Self { name: "turntable", cameras: (0..count).map(camera_at).collect(), split: None, is_turntable: true }
     }
 }
@@ -200,6 +203,28 @@ struct Orbit {
     distance: f32,
     /// Above the horizon, in radians.
     elevation: f32,
+    /// The part of the circle at which cameras stand; none where that is all of it.
+    arc: Option<Arc>,
+}
+
+/// A part of a circle, in radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Arc {
+    start: f32,
+    len: f32,
+}
+
+impl Arc {
+    /// What is left of the circle without the widest gap between these angles, where that is a quarter of it or more and
+    /// three times as wide as gaps are in the mean: there something stood in the way, or nobody went.
+    fn of(mut angles: Vec<f32>) -> Option<Self> {
+        angles.sort_by(f32::total_cmp);
+        let next = |k: usize| angles.get(k + 1).copied().unwrap_or(angles[0] + TAU);
+        let gaps = (0..angles.len()).map(|k| (next(k) - angles[k], next(k)));
+        let (gap, start) = gaps.max_by(|(one, _), (other, _)| one.total_cmp(other))?;
+        let least = FRAC_PI_2.max(3.0 * TAU / angles.len() as f32);
+        (gap >= least).then_some(Self { start, len: TAU - gap })
+    }
 }
 
 impl Orbit {
@@ -208,17 +233,28 @@ impl Orbit {
         const HIGHEST: f32 = 1.0;
         let (centre, up, distance) = (bearings::centre(bearings), bearings::up(bearings), bearings.distance as f32);
         if known.is_empty() {
-            return Self { centre, up, distance, elevation: ELEVATION };
+            return Self { centre, up, distance, elevation: ELEVATION, arc: None };
         }
         let share = 1.0 / known.len() as f32;
         let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
         let elevation = (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, HIGHEST);
-        Self { centre, up, distance, elevation }
+        let angle = |camera: &Camera| angle_around(up, camera.position - centre);
+        let arc = Arc::of(known.iter().filter_map(|(_, camera)| angle(camera)).collect());
+        Self { centre, up, distance, elevation, arc }
+    }
+
+    /// Where one stands after a share of a turntable's way, as an angle: once around, or slowly turning back at the ends of
+    /// the arc.
+    fn turn_after(&self, share: f32) -> f32 {
+        match self.arc {
+            None => TAU * share,
+            Some(Arc { start, len }) => start + len * 0.5 * (1.0 - (TAU * share).cos()),
+        }
     }
 
     fn camera(&self, turn: f32, like: Option<Camera>, size: Option<[u32; 2]>) -> Camera {
-        let east = self.up.any_orthonormal_vector();
-        let outwards = east * turn.cos() + self.up.cross(east) * turn.sin();
+        let [east, north] = horizon(self.up);
+        let outwards = east * turn.cos() + north * turn.sin();
         let direction = outwards * self.elevation.cos() + self.up * self.elevation.sin();
         let [width, height] = size.unwrap_or(SIZE);
         let up = if self.elevation < FRAC_PI_2 { self.up } else { outwards };
@@ -229,6 +265,19 @@ impl Orbit {
             None => camera,
         }
     }
+}
+
+/// Two directions at right angles to `up` and each other, from which angles around it count.
+fn horizon(up: Vec3) -> [Vec3; 2] {
+    let east = up.any_orthonormal_vector();
+    [east, up.cross(east)]
+}
+
+/// The angle around `up` of a direction; none where it is nearly `up` or down.
+fn angle_around(up: Vec3, direction: Vec3) -> Option<f32> {
+    const STEEP: f32 = 0.2;
+    let [x, y] = horizon(up).map(|axis| axis.dot(direction));
+    (x.hypot(y) > STEEP * direction.length()).then(|| y.atan2(x))
 }
 
 /// At most so many things, evenly spread over all.
@@ -294,5 +343,42 @@ mod tests {
                 around.centre.length() < 1e-5 && (tour.cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4
             );
         }
+    }
+
+    #[test]
+    fn a_turntable_goes_to_and_fro_where_cameras_leave_much_of_the_circle_out() {
+        let all_around = circle(0);
+        let [start, len] = [2.5_f32, 3.0];
+        let side: Vec<NamedCamera> = (0..20)
+            .map(|k| {
+                let (sin, cos) = (start + len * k as f32 / 19.0).sin_cos();
+                let eye = Vec3::new(4.0 * cos, 4.0 * sin, 2.0);
+                (k.to_string(), Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60))
+            })
+            .collect();
+        let angles = |known: &[NamedCamera]| {
+            let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let tour = Tour::around(&bearings, known, 12, None);
+            let angle = |camera: &Camera| camera.position.y.atan2(camera.position.x).rem_euclid(TAU);
+            tour.cameras.iter().map(|(_, camera)| angle(camera)).collect::<Vec<f32>>()
+        };
+        let widest = |mut angles: Vec<f32>| {
+            angles.sort_by(f32::total_cmp);
+            angles.windows(2).map(|pair| pair[1] - pair[0]).fold(angles[0] + TAU - angles[11], f32::max)
+        };
+        assert!((widest(angles(&all_around)) - TAU / 12.0).abs() < 1e-4, "evenly around");
+        let turns = angles(&side);
+        assert!(turns.iter().all(|turn| (start - 1e-3..start + len + 1e-3).contains(turn)), "{turns:?}");
+        assert!((turns[0] - start).abs() < 1e-3 && (turns[6] - start - len).abs() < 1e-3, "from end to end: {turns:?}");
+        assert!((turns[1] - turns[11]).abs() < 1e-4, "and back the same way");
+    }
+
+    #[test]
+    fn a_few_cameras_leave_nothing_out() {
+        for count in [1, 3, 8] {
+            let angles = (0..count).map(|k| 0.3 + TAU * k as f32 / count as f32).collect();
+            assert_eq!(Arc::of(angles), None, "{count} cameras, evenly spread");
+        }
+        assert_eq!(Arc::of(Vec::new()), None);
     }
 }
