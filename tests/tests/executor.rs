@@ -436,7 +436,11 @@ const NO_STEP: f32 = 1e-12;
 fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_it_was() {
     for name in ["specula", "paper"] {
         let mut settings = settings(name);
-        let start = settings.profile.light.expect("it has a light").radiance.ln();
+        let light = settings.profile.light.expect("it has a light");
+        let start = match light.activation {
+            RadianceActivation::Identity => light.radiance,
+            RadianceActivation::Exponential => light.radiance.ln(),
+        };
         let farthest_from_start = |scene: &HostScene| {
             let light = &scene.environment.as_ref().expect("it has a light").values;
             light.iter().map(|number| (number - start).abs()).fold(0.0, f32::max)
