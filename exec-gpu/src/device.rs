@@ -1,5 +1,6 @@
 //! The machine: which adapter, what it allows, and what went wrong on it.
 
+use crate::kernel::Compiled;
 use core::{
     fmt,
     panic::AssertUnwindSafe,
@@ -108,7 +109,8 @@ fn named(wanted: &str) -> String {
     if wanted.is_empty() { "was found".to_owned() } else { format!("has {wanted:?} in its name") }
 }
 
-/// A device that kernels run on.
+/// A device that kernels run on. A clone is the same device for another executor, which shares the compiled kernels; what
+/// goes wrong on the device is told to whoever asks it first, and its loss to all.
 #[derive(Debug)]
 pub struct Gpu {
     pub(crate) device: Device,
@@ -118,7 +120,24 @@ pub struct Gpu {
     /// Most bytes of an array of Gaussians.
     piece_max: u64,
     fault: Arc<Mutex<Option<GpuError>>>,
+    pub(crate) compiled: Arc<Compiled>,
     waits: AtomicUsize,
+}
+
+impl Clone for Gpu {
+    fn clone(&self) -> Self {
+        let Self { device, queue, info, limits, piece_max, fault, compiled, waits: _ } = self;
+        Self {
+            device: device.clone(),
+            queue: queue.clone(),
+            info: info.clone(),
+            limits: limits.clone(),
+            piece_max: *piece_max,
+            fault: fault.clone(),
+            compiled: compiled.clone(),
+            waits: AtomicUsize::new(0),
+        }
+    }
 }
 
 /// What is known of an adapter without using it.
@@ -189,7 +208,18 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
         let of_loss = fault.clone();
         device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
-        Ok(Self { device, queue, info, limits, piece_max: u64::MAX, fault, waits: AtomicUsize::new(0) })
+        Ok(Self::with_fault(device, queue, info, limits, fault))
+    }
+
+    fn with_fault(
+        device: Device,
+        queue: Queue,
+        info: AdapterInfo,
+        limits: Limits,
+        fault: Arc<Mutex<Option<GpuError>>>,
+    ) -> Self {
+        let compiled = Arc::default();
+        Self { device, queue, info, limits, piece_max: u64::MAX, fault, compiled, waits: AtomicUsize::new(0) }
     }
 
     /// The device of a program that draws itself, so that pictures get to its textures without leaving the device; see
@@ -204,8 +234,7 @@ impl Gpu {
         if !lacks.is_empty() {
             return Err(GpuError::TooLimited { adapter: info.name, reason: lacks.join(", ") });
         }
-        let fault = Arc::new(Mutex::new(None));
-        Ok(Self { device, queue, info, limits, piece_max: u64::MAX, fault, waits: AtomicUsize::new(0) })
+        Ok(Self::with_fault(device, queue, info, limits, Arc::default()))
     }
 
     /// Name, driver and kind of the adapter.

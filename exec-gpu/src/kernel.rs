@@ -6,7 +6,10 @@ use crate::{
     stopwatch::Stopwatch,
 };
 use core::mem;
-use std::collections::HashMap;
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 use wgpu::{
     BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType,
     Buffer, BufferBindingType, BufferUsages, CommandEncoder, ComputePassDescriptor, ComputePipeline,
@@ -47,10 +50,34 @@ const PASSES_AT_ONCE: usize = 32;
 /// Invocations of a workgroup that is a row.
 pub(crate) const GROUP: u32 = 256;
 
-/// Compiled kernels, and the commands that were recorded but not yet submitted.
+/// Kernels of a device by variant and entry point, for all executors on it: each is compiled once.
+#[derive(Debug, Default)]
+pub(crate) struct Compiled(Mutex<HashMap<(String, &'static str), Arc<Kernel>>>);
+
+impl Compiled {
+    /// A kernel, compiled from its source when it is first asked for.
+    fn get(
+        &self,
+        gpu: &Gpu,
+        key: &str,
+        entry: &'static str,
+        source: &dyn Fn() -> String,
+    ) -> Result<Arc<Kernel>, GpuError> {
+        let mut kernels = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let id = (key.to_owned(), entry);
+        if let Some(kernel) = kernels.get(&id) {
+            return Ok(kernel.clone());
+        }
+        let kernel = Arc::new(compile(gpu, entry, &source()));
+        gpu.check()?;
+        kernels.insert(id, kernel.clone());
+        Ok(kernel)
+    }
+}
+
+/// The commands that were recorded but not yet submitted.
 #[derive(Debug, Default)]
 pub(crate) struct Kernels {
-    compiled: HashMap<(String, &'static str), Kernel>,
     encoder: Option<CommandEncoder>,
     /// Kernels among them.
     passes: usize,
@@ -92,14 +119,9 @@ impl Kernels {
         if x == 0 || y == 0 {
             return Ok(());
         }
-        let id = (key.to_owned(), entry);
-        if !self.compiled.contains_key(&id) {
-            let kernel = compile(gpu, entry, &source());
-            gpu.check()?;
-            self.compiled.insert(id.clone(), kernel);
-        }
+        let kernel = gpu.compiled.get(gpu, key, entry, source)?;
         let uniforms: Vec<Option<Buffer>> = bound.iter().map(|bound| uniform(gpu, *bound)).collect::<Result<_, _>>()?;
-        let layout = &self.compiled[&id].layout;
+        let layout = &kernel.layout;
         let entries: Vec<BindGroupEntry<'_>> = bound
             .iter()
             .zip(&uniforms)
@@ -120,11 +142,10 @@ impl Kernels {
             self.submit(gpu)?;
         }
         self.passes += 1;
-        let Kernel { pipeline, .. } = &self.compiled[&id];
         let encoder = self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
         let timestamp_writes = self.stopwatch.as_mut().map(|stopwatch| stopwatch.next_pass(entry));
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(entry), timestamp_writes });
-        pass.set_pipeline(pipeline);
+        pass.set_pipeline(&kernel.pipeline);
         pass.set_bind_group(0, &group, &[]);
         pass.dispatch_workgroups(x, y, 1);
         Ok(())

@@ -1,6 +1,7 @@
 //! The device that tests run on.
 
-use specula_gpu::{Gpu, GpuExecutor};
+use specula_gpu::{Gpu, GpuError, GpuExecutor};
+use std::sync::LazyLock;
 
 /// An executor on the first adapter. Without any a test cannot run: in CI that is a failure, elsewhere it is said.
 pub fn executor() -> Option<GpuExecutor> {
@@ -17,8 +18,19 @@ pub fn executor_in_pieces_of(bytes: u64) -> Option<GpuExecutor> {
     device().map(|gpu| GpuExecutor::new(gpu.in_pieces(bytes)))
 }
 
+/// An executor on a device of its own, which may be ended.
+pub fn executor_of_its_own() -> Option<GpuExecutor> {
+    told(Gpu::new("")).map(GpuExecutor::new)
+}
+
+/// One device for all tests of a program, whose kernels are compiled once.
 fn device() -> Option<Gpu> {
-    match Gpu::new("") {
+    static DEVICE: LazyLock<Result<Gpu, GpuError>> = LazyLock::new(|| Gpu::new(""));
+    told(DEVICE.clone())
+}
+
+fn told(device: Result<Gpu, GpuError>) -> Option<Gpu> {
+    match device {
         Ok(gpu) => Some(gpu),
         Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
         Err(error) => {

@@ -3,7 +3,7 @@
 use core::time::Duration;
 use specula_core::{camera::Camera, random};
 use specula_gpu::{Gpu, GpuError, GpuExecutor};
-use specula_tests::device::executor;
+use specula_tests::device::executor_of_its_own;
 use specula_train::{
     profile::by_name,
     start::Point,
@@ -46,7 +46,7 @@ fn is_lost<T>(result: Result<T, TrainError<GpuError>>) -> bool {
 
 #[test]
 fn every_call_says_that_the_device_is_gone() {
-    let Some(exec) = executor() else { return };
+    let Some(exec) = executor_of_its_own() else { return };
     let mut trainer = training(exec).expect("the device is there");
     trainer.step().expect("the device trains");
     (trainer.executor().gpu().fuse())();
@@ -67,7 +67,7 @@ fn every_call_says_that_the_device_is_gone() {
 #[test]
 fn a_device_may_go_at_any_moment() {
     for k in 0..TIMES {
-        let Some(exec) = executor() else { return };
+        let Some(exec) = executor_of_its_own() else { return };
         let fuse = exec.gpu().fuse();
         let burning = thread::spawn(move || {
             thread::sleep(Duration::from_millis(random::bits(9, 0, k) % MILLISECONDS));

@@ -76,7 +76,7 @@ fn settings_for(name: &str, iterations: u32) -> Settings {
     let mut profile = by_name(name, iterations).expect("a profile of that name");
     profile.densification.every = 20;
     if let Some(light) = &mut profile.light {
-        light.resolution = light.resolution.min(profile.scheme.resolution_min().max(8));
+        light.resolution = profile.scheme.resolution_min();
     }
     Settings { profile, iterations, seed: 3, background: [1.0; 3], random_points: 0 }
 }
