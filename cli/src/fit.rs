@@ -11,7 +11,7 @@ use crate::{
     settings::reading_of,
     view::live::{Live, Wish},
 };
-use specula_core::{executor::Executor, exposure::Exposure};
+use specula_core::{executor::Executor, expose::Exposure};
 use specula_cpu::CpuExecutor;
 use specula_train::{
     start::Point,

@@ -15,7 +15,7 @@ use specula_core::{
     census::Census,
     cubemap::FACE_COUNT,
     executor::RenderRules,
-    exposure::expose,
+    expose::expose,
     plan::{Channels, Plan, Unlit, channel},
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
     vector::Vec3,

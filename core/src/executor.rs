@@ -3,7 +3,7 @@
 use crate::{
     camera::Camera,
     densify::DensifyRules,
-    exposure::Exposure,
+    expose::Exposure,
     loss::LossWeights,
     pipeline::{Step, StepReport},
     plan::Channels,
@@ -207,7 +207,7 @@ pub trait Executor: Renderer {
     fn bin_for_step(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error> {
         self.bin(splats, camera)
     }
-    /// A picture as a photograph of this exposure shows it ([`crate::exposure`]). The frame keeps the colours as they were,
+    /// A picture as a photograph of this exposure shows it ([`crate::expose`]). The frame keeps the colours as they were,
     /// which the gradients of this stage read.
     fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error>;
     /// The gradient of a picture's losses against what it should be, over a background in sRGB. What the losses came to

@@ -12,7 +12,7 @@
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
 //! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
-//! * [`exposure`]: what a photograph makes of the scene's colours
+//! * [`expose`]: what a photograph makes of the scene's colours
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
 //! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
 //! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
@@ -80,7 +80,7 @@ pub mod double;
 pub mod dual;
 pub mod eigen;
 pub mod executor;
-pub mod exposure;
+pub mod expose;
 pub mod ggx;
 pub mod least_squares;
 pub mod limits;

@@ -3,7 +3,7 @@
 use crate::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Renderer, Statistics},
-    exposure::Exposure,
+    expose::Exposure,
     loss::{LossReport, LossWeights},
     scene::{Environment, Gaussians},
 };

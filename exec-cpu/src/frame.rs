@@ -130,7 +130,7 @@ impl Frame {
             None => self.color_before_exposure(slot, quad, c),
         }
     }
-    /// The same before [`mod@crate::exposure`].
+    /// The same before [`mod@crate::expose`].
     #[inline(always)]
     pub(crate) fn color_before_exposure(&self, slot: usize, quad: usize, c: usize) -> &Quad {
         match &self.shaded {

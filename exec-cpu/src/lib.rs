@@ -47,7 +47,7 @@ pub mod blend;
 mod buffer;
 mod densify;
 mod executor;
-mod exposure;
+mod expose;
 pub mod frame;
 pub mod lanes;
 mod light;

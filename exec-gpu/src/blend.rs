@@ -42,7 +42,7 @@ impl Frame {
     pub(crate) fn color(&self) -> &Array {
         self.exposed.as_ref().unwrap_or(self.color_before_exposure())
     }
-    /// The same before [`mod@crate::exposure`].
+    /// The same before [`mod@crate::expose`].
     pub(crate) fn color_before_exposure(&self) -> &Array {
         self.shaded.as_ref().unwrap_or(&self.blended)
     }

@@ -3,7 +3,7 @@
 pub mod blend;
 pub mod blend_vjp;
 pub mod densify;
-pub mod exposure;
+pub mod expose;
 pub mod gaussians_vjp;
 pub mod light;
 pub mod loss;

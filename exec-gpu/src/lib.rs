@@ -13,7 +13,7 @@ pub mod compose;
 mod densify;
 pub mod device;
 pub mod executor;
-mod exposure;
+mod expose;
 pub mod formula;
 pub mod formulas;
 mod gaussians_vjp;

@@ -3,7 +3,7 @@
 use crate::{
     blend_vjp::ReplayParts,
     device::{Gpu, GpuError},
-    exposure::sum_of_tiles,
+    expose::sum_of_tiles,
     kernel::{Bound, Groups, Kernels},
     ledger::{Entries, Ledger, Room},
     loss::Losses,

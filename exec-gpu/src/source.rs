@@ -9,7 +9,7 @@ use crate::{
         blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
         blend_vjp::{MOMENTS, MomentsVjp, ReplaySplat, ReplayStart},
         densify::{CellAt, GradLength, MeasuresOf, PartOf},
-        exposure::{Expose, ExposeVjp},
+        expose::{Expose, ExposeVjp},
         gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
         loss::{
@@ -548,7 +548,7 @@ fn exposure(channels: usize) -> Source {
     Source::new().count("CHANNELS", channels).with(include_str!("shaders/exposure.wgsl"))
 }
 
-/// [`mod@crate::exposure`]'s kernel.
+/// [`mod@crate::expose`]'s kernel.
 pub(crate) fn expose(channels: usize) -> String {
     exposure(channels).formula(&Expose).with(include_str!("shaders/expose.wgsl")).text()
 }

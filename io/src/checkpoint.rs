@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
     executor::{Moments, Statistics},
-    exposure::Exposure,
+    expose::Exposure,
     scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
 };
 use std::{

@@ -12,7 +12,7 @@ use crate::{
     error::{Error, Result},
     json,
 };
-use specula_core::exposure::Exposure;
+use specula_core::expose::Exposure;
 use std::{
     collections::BTreeMap,
     fs,

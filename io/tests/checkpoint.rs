@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use specula_core::{
     executor::{Moments, Statistics},
-    exposure::Exposure,
+    expose::Exposure,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };

@@ -10,7 +10,7 @@ use specula_core::{
     color, covariance, cubemap, depth_normal,
     double::Double,
     dual::Dual,
-    exposure::{self, Exposure},
+    expose::{self, Exposure},
     ggx,
     loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
@@ -365,10 +365,10 @@ proptest! {
     fn exposures_are_derived_right(inputs in vec(-1.5..1.5_f64, 16)) {
         assert_vjp(
             &inputs,
-            |x| exposure::expose(&exposure_of(x), take3(&x[12..]), x[15]).to_array().to_vec(),
+            |x| expose::expose(&exposure_of(x), take3(&x[12..]), x[15]).to_array().to_vec(),
             |x, g| {
                 let (own, color, coverage) =
-                    exposure::expose_vjp(&exposure_of(x), take3(&x[12..]), x[15], take3(g));
+                    expose::expose_vjp(&exposure_of(x), take3(&x[12..]), x[15], take3(g));
                 join(&[own.as_flattened(), &color.to_array(), &[coverage]])
             },
             SAME_DERIVATIVE,

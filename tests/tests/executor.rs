@@ -4,7 +4,7 @@ use specula_core::{
     camera::Camera,
     double::Double,
     executor::{Executor, Moments, RenderRules, Renderer},
-    exposure::expose,
+    expose::expose,
     loss::{LossWeights, NormalForm},
     pipeline::{Step, StepReport, render},
     plan::Channels,

@@ -3,7 +3,7 @@
 use specula_core::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Statistics},
-    exposure::{Exposure, IDENTITY},
+    expose::{Exposure, IDENTITY},
     pipeline::{Fit, Step, train_step},
     plan::Channels,
     scene::RadianceActivation,

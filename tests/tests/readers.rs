@@ -9,7 +9,7 @@ use proptest::{
 };
 use specula_core::{
     executor::{Moments, Statistics},
-    exposure::IDENTITY,
+    expose::IDENTITY,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
@@ -309,11 +309,24 @@ fn make_photograph(folder: &Path) {
     let cameras = "1 PINHOLE 8 12 9 9 4 6\n2 PINHOLE 8 8 9 9 4 4\n";
     fs::write(folder.join("sparse/0/cameras.txt"), cameras).unwrap();
     fs::remove_file(folder.join("images/a.png")).unwrap();
-    let mut jpeg = std::io::Cursor::new(Vec::new());
-    image::RgbImage::new(12, 8).write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
-    let jpeg = jpeg.into_inner();
+    let jpeg = jpeg(&image::RgbImage::new(12, 8));
     let exif = b"\xff\xe1\0\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
     fs::write(folder.join("images/a.jpg"), [&jpeg[..2], exif, &jpeg[2..]].concat()).unwrap();
+}
+
+/// A photograph that is large enough for a part of it to be decoded.
+fn make_large_photograph(folder: &Path) {
+    make_photograph(folder);
+    let cameras = "1 PINHOLE 64 48 60 60 32 24\n2 PINHOLE 8 8 9 9 4 4\n";
+    fs::write(folder.join("sparse/0/cameras.txt"), cameras).unwrap();
+    let shades = image::RgbImage::from_fn(64, 48, |x, y| image::Rgb([4 * x as u8, 5 * y as u8, (x * y) as u8]));
+    fs::write(folder.join("images/a.jpg"), jpeg(&shades)).unwrap();
+}
+
+fn jpeg(image: &image::RgbImage) -> Vec<u8> {
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    jpeg.into_inner()
 }
 
 fn make_cameras(folder: &Path) {
@@ -330,7 +343,12 @@ fn make_model(folder: &Path) {
 }
 
 fn load_data(folder: &Path) -> Result<(), String> {
-    dataset::load(folder, &dataset::LoadOptions::default(), |_, _| {}).map(|_| ()).map_err(sentence)
+    load_smaller_data(folder, 1)
+}
+
+fn load_smaller_data(folder: &Path, downscale: u32) -> Result<(), String> {
+    let options = dataset::LoadOptions { downscale, ..Default::default() };
+    dataset::load(folder, &options, |_, _| {}).map(|_| ()).map_err(sentence)
 }
 
 const GAUSSIANS: Target = Target {
@@ -386,6 +404,8 @@ const PNG: Target = Target {
     needs_its_end: false,
 };
 const PHOTOGRAPH: Target = Target { file: "images/a.jpg", make: make_photograph, read: load_data, ..PNG };
+const SMALLER_PHOTOGRAPH: Target =
+    Target { make: make_large_photograph, read: |folder| load_smaller_data(folder, 4), ..PHOTOGRAPH };
 const HDR: Target = Target {
     file: "a.hdr",
     make: |folder| latlong::write(&folder.join("a.hdr"), &map()).unwrap(),
@@ -444,6 +464,7 @@ targets! {
     colmap_images_as_text: COLMAP_IMAGES_TEXT;
     colmap_points_as_text: COLMAP_POINTS_TEXT;
     photographs: PHOTOGRAPH;
+    photographs_made_smaller: SMALLER_PHOTOGRAPH;
     models: MODEL;
     png: PNG;
     hdr: HDR;

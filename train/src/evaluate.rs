@@ -3,7 +3,7 @@
 use crate::view::View;
 use specula_core::{
     executor::{RenderRules, Renderer},
-    exposure::{Exposure, IDENTITY, expose},
+    expose::{Exposure, IDENTITY, expose},
     least_squares::{LeastSquares, Row, UNKNOWNS_MAX},
     loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_window},
     metrics::{angle_degrees, psnr, quantize},

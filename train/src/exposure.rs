@@ -9,7 +9,7 @@
 //! Hutter 2019, "Decoupled Weight Decay Regularization").
 
 use specula_core::{
-    exposure::{Exposure, IDENTITY},
+    expose::{Exposure, IDENTITY},
     optimise::{Moment, adam, corrected_epsilon, corrected_rate, is_usable},
 };
 

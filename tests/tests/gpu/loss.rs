@@ -6,7 +6,7 @@ use specula_core::{
     color::UNKNOWN,
     double::Double,
     executor::{Executor, RenderRules, Renderer},
-    exposure::{Exposure, IDENTITY, expose, expose_vjp},
+    expose::{Exposure, IDENTITY, expose, expose_vjp},
     loss::{LossReport, LossWeights, NormalForm},
     pipeline::render,
     plan::{Channels, channel},
@@ -19,7 +19,7 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuError, GpuExecutor,
     formulas::{
-        exposure::{Expose, ExposeVjp},
+        expose::{Expose, ExposeVjp},
         loss::{
             ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
             StructureGrad, Windows, WithBackground,
@@ -74,7 +74,7 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
 #[test]
 fn no_formula_of_the_losses_is_left_out() {
     let formulas = [
-        include_str!("../../../exec-gpu/src/formulas/exposure.rs"),
+        include_str!("../../../exec-gpu/src/formulas/expose.rs"),
         include_str!("../../../exec-gpu/src/formulas/loss.rs"),
     ]
     .concat();

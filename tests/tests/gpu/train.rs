@@ -4,7 +4,7 @@ use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
     executor::{Executor, Moments, RenderRules, Renderer, Statistics},
-    exposure::{Exposure, expose},
+    expose::{Exposure, expose},
     metrics::quantize,
     optimise::Schedule,
     plan::Channels,

@@ -3,7 +3,7 @@
 use super::flat;
 use crate::formula::{Field, Formula, Inputs, field, variable};
 use specula_core::{
-    exposure::{Exposure, expose, expose_vjp},
+    expose::{Exposure, expose, expose_vjp},
     real::Real,
 };
 
@@ -22,7 +22,7 @@ fn take_exposure<R: Real>(inputs: &mut Inputs<'_, R>) -> Exposure<R> {
     [inputs.array(), inputs.array(), inputs.array()]
 }
 
-/// The colour of a pixel in a photograph ([`specula_core::exposure::expose`]).
+/// The colour of a pixel in a photograph ([`specula_core::expose::expose`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Expose;
 
@@ -42,7 +42,7 @@ impl Formula for Expose {
     }
 }
 
-/// Gradient of [`Expose`] ([`specula_core::exposure::expose_vjp`]).
+/// Gradient of [`Expose`] ([`specula_core::expose::expose_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ExposeVjp;
 

@@ -13,7 +13,7 @@ use crate::{
 };
 use bytemuck::{Pod, Zeroable};
 use core::array;
-use specula_core::{bin::tile_count, exposure::Exposure};
+use specula_core::{bin::tile_count, expose::Exposure};
 
 /// Numbers of an exposure.
 const LEN: usize = 12;

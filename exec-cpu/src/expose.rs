@@ -9,7 +9,7 @@ use core::array;
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    exposure::{self, Exposure},
+    expose::{self, Exposure},
     vector::{Vec3, vec3},
 };
 
@@ -62,7 +62,7 @@ fn expose_tile<S: Simd>(simd: S, frame: &Frame, slot: usize, exposure: &Exposure
     let exposure = lift(simd, exposure);
     for quad in 0..QUADS {
         let (color, coverage) = seen(simd, frame, slot, quad);
-        let shown = exposure::expose(&exposure, color, coverage);
+        let shown = expose::expose(&exposure, color, coverage);
         let out = &mut exposed[quad * RGB..(quad + 1) * RGB];
         shown.x.store(&mut out[0]);
         shown.y.store(&mut out[1]);
@@ -86,7 +86,7 @@ fn tile_vjp<S: Simd>(
         let (color, coverage) = seen(simd, frame, slot, quad);
         let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
         let (of_photograph, of_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
-        let (own, of_color, of_coverage) = exposure::expose_vjp(&exposure, color, coverage, of_photograph);
+        let (own, of_color, of_coverage) = expose::expose_vjp(&exposure, color, coverage, of_photograph);
         for (sum, own) in sums.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
             *sum = *sum + *own;
         }
