@@ -238,9 +238,21 @@ impl Orbit {
         let share = 1.0 / known.len() as f32;
         let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
         let elevation = (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, HIGHEST);
-        let angle = |camera: &Camera| angle_around(up, camera.position - centre);
-        let arc = Arc::of(known.iter().filter_map(|(_, camera)| angle(camera)).collect());
-        Self { centre, up, distance, elevation, arc }
+        let orbit = Self { centre, up, distance, elevation, arc: None };
+        Self { arc: Arc::of(known.iter().filter_map(|(_, camera)| orbit.angle_of(camera)).collect()), ..orbit }
+    }
+
+    /// At which angle a camera is, where it is about as high as the circle and not within it: what is seen from there is
+    /// seen from the circle.
+    fn angle_of(&self, camera: &Camera) -> Option<f32> {
+        const AS_HIGH: f32 = 0.35;
+        const AS_FAR: f32 = 0.9;
+        let from_centre = camera.position - self.centre;
+        let distance = from_centre.length();
+        let elevation = (self.up.dot(from_centre) / distance).clamp(-1.0, 1.0).asin();
+        let is_there = (elevation - self.elevation).abs() <= AS_HIGH && distance >= AS_FAR * self.distance;
+        let [x, y] = horizon(self.up).map(|axis| axis.dot(from_centre));
+        is_there.then(|| y.atan2(x))
     }
 
     /// Where one stands after a share of a turntable's way, as an angle: once around, or slowly turning back at the ends of
@@ -271,13 +283,6 @@ impl Orbit {
 fn horizon(up: Vec3) -> [Vec3; 2] {
     let east = up.any_orthonormal_vector();
     [east, up.cross(east)]
-}
-
-/// The angle around `up` of a direction; none where it is nearly `up` or down.
-fn angle_around(up: Vec3, direction: Vec3) -> Option<f32> {
-    const STEEP: f32 = 0.2;
-    let [x, y] = horizon(up).map(|axis| axis.dot(direction));
-    (x.hypot(y) > STEEP * direction.length()).then(|| y.atan2(x))
 }
 
 /// At most so many things, evenly spread over all.
@@ -356,6 +361,11 @@ mod tests {
                 (k.to_string(), Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60))
             })
             .collect();
+        // From above, and from close by, one sees what one does not see from the circle.
+        let [above, close] = [Vec3::new(0.4, 0.1, 4.4), Vec3::new(1.5, 0.5, 0.8)];
+        let others = [above, close].map(|eye| Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60));
+        let side: Vec<NamedCamera> =
+            side.into_iter().chain(others.map(|camera| ("other".to_owned(), camera))).collect();
         let angles = |known: &[NamedCamera]| {
             let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
             let tour = Tour::around(&bearings, known, 12, None);
