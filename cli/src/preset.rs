@@ -11,11 +11,10 @@ pub(crate) enum Preset {
     ShinyBlender,
     /// Glossy Synthetic (NeRO), converted by scripts/glossy-synthetic.py: white, 800 × 800, 30000 iterations.
     GlossySynthetic,
-    /// Photographs with cameras by COLMAP as published: black, full size, every 8th held out, what is behind reflects
-    /// nothing, 30000 iterations.
+    /// Photographs with cameras by COLMAP as published: black, full size, every 8th held out, 30000 iterations.
     TanksAndTemples,
     /// Photographs of one's own, to see something soon: black, a quarter of their size, every 8th held out, 5000 points
-    /// in the background, which reflects nothing, 7000 iterations.
+    /// in the background, 7000 iterations.
     Photos,
 }
 
@@ -34,7 +33,6 @@ impl Preset {
                 ("resolution", "1"),
                 ("background", "black"),
                 ("test-every", "8"),
-                ("foreground", "auto"),
             ],
             Self::Photos => &[
                 ("profile", "specula"),
@@ -43,7 +41,6 @@ impl Preset {
                 ("background", "black"),
                 ("test-every", "8"),
                 ("background-points", "5000"),
-                ("foreground", "auto"),
             ],
         }
     }
