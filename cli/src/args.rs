@@ -969,12 +969,17 @@ pub(crate) enum Up {
 }
 
 impl Up {
+    /// What a file with this has above.
+    pub(crate) fn axis(self) -> UpAxis {
+        match self {
+            Self::Y => UpAxis::Y,
+            Self::Z => UpAxis::Z,
+        }
+    }
+
     /// How a file with this above stands in a world.
     pub(crate) fn stand(self) -> Stand {
-        match self {
-            Self::Y => UpAxis::Y.into(),
-            Self::Z => UpAxis::Z.into(),
-        }
+        self.axis().into()
     }
 }
 

@@ -1,5 +1,6 @@
 //! What is behind the Gaussians.
 
+use crate::numbers::numbers;
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -41,8 +42,7 @@ impl FromStr for Background {
             "white" => return Ok(Self::WHITE),
             _ => {}
         }
-        let channels: Option<Vec<f32>> = text.split(',').map(|channel| channel.trim().parse().ok()).collect();
-        match channels.as_deref() {
+        match numbers::<f32>(text).as_deref() {
             Some([r, g, b]) if [r, g, b].iter().all(|channel| (0.0..=1.0).contains(*channel)) => Ok(Self([*r, *g, *b])),
             _ => Err("use black, white, or three numbers from 0 to 1 such as 0.5,0.5,0.5".into()),
         }

@@ -3,6 +3,7 @@
 use crate::{
     failure::Failure,
     look::{own_cameras, whole},
+    numbers::numbers,
     scene::Opened,
 };
 use core::{fmt, str::FromStr};
@@ -35,8 +36,7 @@ impl FromStr for SceneUp {
         if let Some((_, axis)) = AXES.iter().find(|(name, _)| *name == text.trim_start_matches('+')) {
             return Ok(Self(*axis));
         }
-        let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-        match numbers.as_deref() {
+        match numbers::<f64>(text).as_deref() {
             Some([x, y, z]) if [x, y, z].iter().all(|x| x.is_finite()) && [x, y, z].iter().any(|x| **x != 0.0) => {
                 Ok(Self([*x, *y, *z]))
             }

@@ -29,8 +29,7 @@ use specula_io::{
     bearings::Bearings,
     gaussian_ply,
     glb::{self, Attribute, Shading},
-    latlong::{self, UpAxis},
-    mesh, splat, spz,
+    latlong, mesh, splat, spz,
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{
@@ -155,7 +154,6 @@ impl Format {
 }
 
 /// Gaussians as other programs know them.
-#[derive(Clone)]
 struct Plain {
     gaussians: Gaussians<Vec<f32>>,
     /// Of shaded ones.
@@ -236,7 +234,8 @@ impl Exporter<'_> {
         let upright = self.upright(kind.axes());
         // glTF has a word for it, so its numbers stay as they are.
         let moved = upright.filter(|_| kind != Kind::Glb);
-        let Plain { gaussians, normals, kept } = &moved.map_or_else(|| plain.clone(), |upright| plain.moved(&upright));
+        let elsewhere = moved.map(|upright| plain.moved(&upright));
+        let Plain { gaussians, normals, kept } = elsewhere.as_ref().unwrap_or(plain);
         match kind {
             Kind::Ply => gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), &self.comments())?,
             Kind::Splat => splat::write(path, gaussians)?,
@@ -368,22 +367,22 @@ impl Exporter<'_> {
                 self.args.model
             ))
         })?;
-        let values = radiance(light.activation, &light.values);
-        let (axes, map) = match self.args.up {
-            Up::Y => (Axes::YUp, UpAxis::Y),
-            Up::Z => (Axes::ZUp, UpAxis::Z),
-        };
-        let upright = self.upright(axes);
+        let values = || radiance(light.activation, &light.values);
+        let up = self.args.up;
+        let upright = self.upright(match up {
+            Up::Y => Axes::YUp,
+            Up::Z => Axes::ZUp,
+        });
         if kind == LightKind::Filtered {
             let filter = self.filter(path);
             return match upright {
-                Some(upright) => prefilter::write(&filter, &upright.light(&values, light.resolution), self.talk),
+                Some(upright) => prefilter::write(&filter, &upright.light(&values(), light.resolution), self.talk),
                 None => prefilter::run(&filter, self.talk),
             };
         }
         let height = ROWS * light.resolution;
-        let stand = upright.map_or(map.into(), |upright| upright.stand(map));
-        let map = latlong::from_cube(&values, light.resolution, 2 * height, height, stand);
+        let stand = upright.map_or(up.stand(), |upright| upright.stand(up.axis()));
+        let map = latlong::from_cube(&values(), light.resolution, 2 * height, height, stand);
         latlong::write(path, &map)?;
         self.say(
             path,

@@ -1,5 +1,6 @@
 //! Which part of a scene reflects the light.
 
+use crate::{bearings::centre, numbers::numbers};
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
 use specula_core::region::Ball;
@@ -27,10 +28,9 @@ impl Foreground {
         match self {
             Self::All => None,
             Self::Auto => Self::Share(SHARE).ball(bearings),
-            Self::Share(share) => bearings.map(|found| Ball {
-                center: found.centre.map(|number| number as f32),
-                radius: share * found.distance as f32,
-            }),
+            Self::Share(share) => {
+                bearings.map(|found| Ball { center: centre(found).to_array(), radius: share * found.distance as f32 })
+            }
             Self::Ball(ball) => Some(ball),
         }
     }
@@ -45,8 +45,7 @@ impl FromStr for Foreground {
             "auto" => return Ok(Self::Auto),
             _ => {}
         }
-        let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-        let finite = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+        let finite = numbers(text).filter(|numbers| numbers.iter().all(|number: &f32| number.is_finite()));
         match finite.as_deref() {
             Some([share]) if *share > 0.0 => Ok(Self::Share(*share)),
             Some([x, y, z, radius]) if *radius > 0.0 => Ok(Self::Ball(Ball { center: [*x, *y, *z], radius: *radius })),

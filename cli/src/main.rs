@@ -21,6 +21,7 @@ mod info;
 mod interrupt;
 mod look;
 mod machine;
+mod numbers;
 mod output;
 mod page;
 mod pictures;

@@ -1,6 +1,6 @@
 //! What a client asks for, from the words of a query. What cannot be is refused in a sentence.
 
-use crate::pictures::Layer;
+use crate::{numbers::numbers, pictures::Layer};
 use clap::ValueEnum;
 use core::str::FromStr;
 use glam::Vec3;
@@ -176,8 +176,7 @@ impl Words {
 
     fn numbers<T: FromStr, const N: usize>(&self, name: &str) -> Result<[T; N], String> {
         let text = self.word(name)?;
-        let numbers: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+        let numbers = numbers(text).and_then(|numbers| numbers.try_into().ok());
         numbers.ok_or_else(|| format!("{name} is {N} numbers with commas, and {text:?} is not"))
     }
 
