@@ -66,9 +66,23 @@ fn along_the_ray(ball: &Ball, camera: &Camera, pixel: [f64; 2], blur: f64) -> f6
     let axis = |k: usize| (pixel[k] - f64::from(camera.principal_px[k])) / f64::from(camera.focal_px[k]);
     let ray = DVec3::new(axis(0), axis(1), 1.0);
     let wide = |k: usize| (ball.mean.z / f64::from(camera.focal_px[k])).powi(2) * blur;
-    let precision = (ball.covariance() + DMat3::from_diagonal(DVec3::new(wide(0), wide(1), 0.0))).inverse();
-    let distance = |t: f64| (ray * t - ball.mean).dot(precision * (ray * t - ball.mean));
-    distance((ray.dot(precision * ball.mean) / ray.dot(precision * ray)).max(0.0))
+    let covariance = ball.covariance() + DMat3::from_diagonal(DVec3::new(wide(0), wide(1), 0.0));
+    let (ray, mean) = (in_deviations(covariance, ray), in_deviations(covariance, ball.mean));
+    let distance = |t: f64| (ray * t - mean).length_squared();
+    distance((ray.dot(mean) / ray.length_squared()).max(0.0))
+}
+
+/// L⁻¹ v with L Lᵀ = Σ: unlike Σ⁻¹ by its adjugate it keeps the digits of needles, which have lengths of 1 : 1000.
+fn in_deviations(covariance: DMat3, v: DVec3) -> DVec3 {
+    let [a, b, c] = covariance.to_cols_array_2d();
+    let xx = a[0].sqrt();
+    let (yx, zx) = (a[1] / xx, a[2] / xx);
+    let yy = (b[1] - yx * yx).sqrt();
+    let zy = (b[2] - zx * yx) / yy;
+    let zz = (c[2] - zx * zx - zy * zy).sqrt();
+    let x = v.x / xx;
+    let y = (v.y - yx * x) / yy;
+    DVec3::new(x, y, (v.z - zx * x - zy * y) / zz)
 }
 
 struct Seen<R> {
