@@ -582,9 +582,9 @@ pub(crate) struct Eval {
     /// photograph was exposed. It is fitted to the truth and no measure of what a model predicts.
     #[arg(long)]
     pub(crate) exposure: bool,
-    /// Measure LPIPS too, by the network in this file, which scripts/lpips-weights.py writes; results.json says which it
-    /// was. It takes far longer than everything else.
-    #[arg(long, value_name = "FILE.safetensors")]
+    /// Measure LPIPS too, by the network in this ONNX file: two pictures go in, from 0 to 1, and their distance comes out.
+    /// scripts/lpips-onnx.py writes one; results.json says which it was. It takes far longer than everything else.
+    #[arg(long, value_name = "FILE.onnx")]
     pub(crate) lpips: Option<PathBuf>,
     /// Folder for the page; MODEL/test/ours_N by default.
     #[arg(long, short, value_name = "OUT")]

@@ -32,7 +32,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let background = opened.background(args.background);
     let method = method_of(args, &opened);
     let place = opened.folder.clone().zip(method.clone());
-    let network = args.lpips.as_deref().map(lpips::read).transpose()?;
+    let network = args.lpips.as_deref().map(lpips::Judge::read).transpose()?;
     let folder = page_of(args, place.as_ref());
     if let Some(folder) = &folder {
         output::make_folder(folder)?;
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
         split: args.split,
         background,
         gaussians: opened.scene.gaussians.count,
-        network: network.as_ref().map(|network| network.name().to_owned()),
+        network: network.as_ref().map(|network| network.name.clone()),
         views: Vec::new(),
         relit: Vec::new(),
     };
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     })?;
     work.finish();
     if let Some(network) = &network {
-        let distances = lpips::measure(network, &mut renderer, &views, background, talk)?;
+        let distances = network.measure(&mut renderer, &views, background, talk)?;
         findings.views.iter_mut().zip(distances).for_each(|(view, own)| view.measured.values[LPIPS] = Some(own));
     }
     if let (Some((folder, method)), Split::Test) = (place, args.split) {

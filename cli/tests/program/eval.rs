@@ -133,7 +133,7 @@ fn relighting_is_measured_where_its_truth_is_known() {
 }
 
 /// A network of a few channels with random weights; what it says is compared with the reference package elsewhere.
-const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.safetensors");
+const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.onnx");
 
 #[test]
 fn lpips_is_kept_with_the_network_that_measured_it() {
@@ -142,8 +142,8 @@ fn lpips_is_kept_with_the_network_that_measured_it() {
     let said = eval(&model, &["--lpips", NETWORK]);
     assert!(said.contains("  LPIPS 0."), "{said}");
     let ours = json(&model.join("results.json"))["ours_30"].clone();
-    assert_eq!(ours["LPIPS_network"], "vgg, random weights, lpips 0.1.4, inputs 0..1");
-    assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("LPIPS by vgg, random"));
+    assert_eq!(ours["LPIPS_network"], "vgg with random weights, lpips 0.1.4, inputs 0..1");
+    assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("LPIPS by vgg with random"));
     let report: Value = serde_json::from_str(&eval(&model, &["--json"])).unwrap();
     assert!(report["LPIPS"].is_null(), "it is measured where it is asked for");
     assert_eq!(json(&model.join("results.json"))["ours_30"], ours, "and stays where it is not");
