@@ -1,8 +1,7 @@
 //! What is behind the Gaussians.
 
-use crate::numbers::numbers;
+use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
-use serde::{Serialize, Serializer};
 use serde_json::Value;
 use specula_io::model_folder::ModelInfo;
 use specula_train::view::View;
@@ -57,11 +56,7 @@ impl fmt::Display for Background {
     }
 }
 
-impl Serialize for Background {
-    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
-        out.collect_str(self)
-    }
-}
+kept_as_typed!(Background);
 
 #[cfg(test)]
 mod tests {

@@ -3,12 +3,11 @@
 use crate::{
     failure::Failure,
     look::{own_cameras, whole},
-    numbers::numbers,
     scene::Opened,
+    typed::{kept_as_typed, numbers},
 };
 use core::{fmt, str::FromStr};
 use glam::Vec3;
-use serde::{Serialize, Serializer};
 use specula_core::{camera::Camera, scene::Gaussians};
 use specula_io::{
     bearings::{Bearings, Told},
@@ -53,11 +52,7 @@ impl fmt::Display for SceneUp {
     }
 }
 
-impl Serialize for SceneUp {
-    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
-        out.collect_str(self)
-    }
-}
+kept_as_typed!(SceneUp);
 
 /// Of a scene that was opened.
 pub(crate) fn of(opened: &Opened, asked: Option<SceneUp>) -> Result<Bearings, Failure> {

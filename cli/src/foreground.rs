@@ -1,8 +1,10 @@
 //! Which part of a scene reflects the light.
 
-use crate::{bearings::centre, numbers::numbers};
+use crate::{
+    bearings::centre,
+    typed::{kept_as_typed, numbers},
+};
 use core::{fmt, str::FromStr};
-use serde::{Serialize, Serializer};
 use specula_core::region::Ball;
 use specula_io::bearings::Bearings;
 
@@ -66,11 +68,7 @@ impl fmt::Display for Foreground {
     }
 }
 
-impl Serialize for Foreground {
-    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
-        out.collect_str(self)
-    }
-}
+kept_as_typed!(Foreground);
 
 /// What a line about it says.
 pub(crate) fn words(ball: &Ball) -> String {

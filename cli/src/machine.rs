@@ -6,9 +6,9 @@ use crate::{
     fit::{Run, Start},
     progress::Talk,
     scene::Scene,
+    typed::kept_as_typed,
 };
 use core::{fmt, str::FromStr};
-use serde::{Serialize, Serializer};
 use specula_core::{
     camera::Camera,
     executor::{Executor, RenderRules, Renderer},
@@ -61,11 +61,7 @@ impl fmt::Display for ExecutorChoice {
     }
 }
 
-impl Serialize for ExecutorChoice {
-    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
-        out.collect_str(self)
-    }
-}
+kept_as_typed!(ExecutorChoice);
 
 /// A scene where it is rendered, under any of several lights.
 pub(crate) trait Machine: Send {

@@ -1,6 +1,6 @@
 //! What a client asks for, from the words of a query. What cannot be is refused in a sentence.
 
-use crate::{numbers::numbers, pictures::Layer};
+use crate::{pictures::Layer, typed::numbers};
 use clap::ValueEnum;
 use core::str::FromStr;
 use glam::Vec3;
