@@ -3,6 +3,10 @@
 //! Faces are +X −X +Y −Y +Z −Z, as in OpenGL, Vulkan and WebGPU. A map of resolution n is kept with an *apron*: each
 //! face is surrounded by the neighbouring texels of the adjacent faces, (n + 2)² texels in all. A bilinear footprint
 //! then always lies inside one padded face, and looking a direction up is continuous across every edge and corner.
+//!
+//! A texel beyond an edge lies up to half a texel further along it than the bilinear footprint takes it for, as in every
+//! seamless cube map. So what is looked up is a direction up to √2 / 6n away within half a texel of the edges, and by the
+//! curvature of the face, up to 1 / n², elsewhere.
 
 use crate::{
     double::Double,
