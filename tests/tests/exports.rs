@@ -6,7 +6,7 @@ use specula_core::{
     sh_fit::{Fit, Harmonics, harmonics},
     tsdf::{CORNERS, Voxel, vertex},
 };
-use specula_tests::strategies::unit_vector;
+use specula_tests::strategies::{same_every_time, unit_vector};
 
 /// Coefficients are `f32`; the fit is in `f64`, its normal equations of random directions are conditioned well enough
 /// that nothing of that is seen.
@@ -26,6 +26,8 @@ fn close(found: &[[f32; 3]], expected: &[[f32; 3]]) -> bool {
 }
 
 proptest! {
+    #![proptest_config(same_every_time())]
+
     #[test]
     fn what_is_harmonic_comes_back(
         degree in 0..4_usize,

@@ -15,6 +15,8 @@ use specula_core::{
     real::Real,
     vector::vec3,
 };
+use specula_tests::strategies::same_every_time;
+
 /// `f64`, but for constants of formulas, which are `f32`'s.
 const SAME: f64 = 1e-6;
 /// `f32` through the same: a few hundred units in the last place, of which the mean's distance from the axis has most.
@@ -125,6 +127,8 @@ fn pixel() -> impl Strategy<Value = [f64; 2]> {
 }
 
 proptest! {
+    #![proptest_config(same_every_time())]
+
     #[test]
     fn along_rays_it_is_the_largest_response(
         ball in ball(1e-2..10.0), pixel in pixel(), focal in prop::array::uniform2(20.0..300.0_f32)
