@@ -81,7 +81,7 @@ impl Network {
         assert_eq!([one.width, one.height], [other.width, other.height], "pictures of equal size are compared");
         // Layers that keep the larger of two numbers lose those that are none.
         if !one.values.iter().chain(&other.values).all(|value| value.is_finite()) {
-            return Err(Unfit("a picture has colors that are not finite".into()));
+            return Err(Unfit("a picture has colours that are not finite".into()));
         }
         let [one, other] = [one, other]
             .map(|image| NdTensorView::from_data([1, 3, image.height, image.width], &image.values[..]).into());
