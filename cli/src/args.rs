@@ -244,6 +244,10 @@ pub(crate) struct Again {
     #[arg(long)]
     #[serde(skip)]
     pub(crate) resume: bool,
+    /// Replace the training that MODEL holds: its models, results, checkpoint and pictures are removed.
+    #[arg(long, conflicts_with = "resume")]
+    #[serde(skip)]
+    pub(crate) overwrite: bool,
     /// Options that are not given are those of this file, such as the config.toml beside another model.
     #[arg(long, value_name = "FILE.toml")]
     #[serde(skip)]
@@ -436,7 +440,8 @@ pub(crate) struct Look {
     /// quarter of the circle or more out.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) turntable: Option<u32>,
-    /// Pixels of the pictures; those of the cameras by default.
+    /// Pixels of the pictures; by default those of the cameras. Nothing is stretched: a picture of another shape shows
+    /// more of the scene beside the view.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
     #[command(flatten)]

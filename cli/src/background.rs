@@ -2,8 +2,6 @@
 
 use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
-use serde_json::Value;
-use specula_io::model_folder::ModelInfo;
 use specula_train::view::View;
 
 /// A colour of sRGB, each channel from 0 to 1.
@@ -17,18 +15,6 @@ impl Background {
     /// White where pictures are transparent, else black: what the field does, without having to be told.
     pub(crate) fn fitting(views: &[View]) -> Self {
         if views.iter().any(View::has_alpha) { Self::WHITE } else { Self::BLACK }
-    }
-
-    /// That of a training.
-    pub(crate) fn of_model(info: &ModelInfo) -> Self {
-        let number = |value: &Value| value.as_f64().map(|number| number as f32);
-        let recorded = info.rest.get("background").and_then(Value::as_array);
-        let channels: Option<Vec<f32>> = recorded.and_then(|channels| channels.iter().map(number).collect());
-        match channels.as_deref() {
-            Some([r, g, b]) => Self([*r, *g, *b]),
-            _ if info.white_background => Self::WHITE,
-            _ => Self::BLACK,
-        }
     }
 }
 

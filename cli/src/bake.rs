@@ -7,11 +7,9 @@
 //! is shaded by the light of the pixels that show it: their mean normals are smoother than its own.
 
 use crate::{
-    convention::Reading,
     failure::Failure,
     look::evenly,
     progress::{Talk, Work},
-    scene::{Scene, fitting},
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -32,6 +30,7 @@ use specula_core::{
     vector::{Vec3 as Vector, vec3},
 };
 use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_scene::{Scene, ShadingModel, environment::fitting};
 
 /// Directions all around.
 const AROUND: usize = 256;
@@ -71,13 +70,13 @@ pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8, talk: Talk) ->
 
 /// The diffuse colours of a shaded scene alone, without any light.
 pub(crate) fn diffuse(scene: &Scene, cameras: &[Camera], talk: Talk) -> Result<Baked, Failure> {
-    let Scene { gaussians, reading, .. } = scene;
+    let Scene { gaussians, shading_model, .. } = scene;
     let normals = bake(scene, &evenly(cameras, 8), 0, talk)?.normals;
     let mut plain = shapes_of(gaussians, Layout::radiance(0));
     let start = plain.layout.sh_start();
     for gaussian in 0..gaussians.count {
-        let own = shade::diffuse(vector(gaussians.get(gaussian, DIFFUSE)), reading.shading);
-        let color = shade::shade(gaussian_form(reading.shading).form, &Terms::unlit(own, Vector::default()));
+        let own = shade::diffuse(vector(gaussians.get(gaussian, DIFFUSE)), shading_model.shading);
+        let color = shade::shade(gaussian_form(shading_model.shading).form, &Terms::unlit(own, Vector::default()));
         plain.set(gaussian, start, color.to_array().map(|channel| (channel - 0.5) / Y0));
     }
     Ok(Baked { gaussians: plain, normals })
@@ -113,7 +112,7 @@ struct Studio {
 impl Studio {
     fn new(scene: &Scene, talk: Talk) -> Result<Self, Failure> {
         let mut exec = CpuExecutor::new();
-        let Reading { shading, scheme } = scene.reading;
+        let ShadingModel { shading, scheme } = scene.shading_model;
         let light = scene.light.as_ref().map(|light| fitting(light, scheme));
         if light.is_none() {
             talk.note("the scene has no light, so nothing specular is baked; name one with --env");

@@ -3,7 +3,6 @@
 use crate::{
     failure::Failure,
     look::{own_cameras, whole},
-    scene::Opened,
     typed::{kept_as_typed, numbers},
 };
 use core::{fmt, str::FromStr};
@@ -13,6 +12,7 @@ use specula_io::{
     bearings::{Bearings, Told},
     model_folder::ModelInfo,
 };
+use specula_scene::OpenedModel;
 
 /// The axes of a world, as they are typed.
 const AXES: [(&str, [f64; 3]); 6] = [
@@ -55,7 +55,7 @@ impl fmt::Display for SceneUp {
 kept_as_typed!(SceneUp);
 
 /// Of a scene that was opened.
-pub(crate) fn of(opened: &Opened, asked: Option<SceneUp>) -> Result<Bearings, Failure> {
+pub(crate) fn of(opened: &OpenedModel, asked: Option<SceneUp>) -> Result<Bearings, Failure> {
     let known = own_cameras(opened)?.unwrap_or_default();
     let cameras = || known.iter().map(|(_, camera)| camera);
     let found = found(opened.info.as_ref(), cameras()).unwrap_or_else(|| of_cloud(&opened.scene.gaussians));

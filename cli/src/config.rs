@@ -31,7 +31,7 @@ const FREE: [&str; 10] = [
     "scene-up",
 ];
 /// What says where settings are from is none itself.
-const NOT_IN_FILES: [&str; 3] = ["config", "preset", "resume"];
+const NOT_IN_FILES: [&str; 4] = ["config", "overwrite", "preset", "resume"];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 

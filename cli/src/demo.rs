@@ -15,7 +15,7 @@ use crate::{
     output,
     progress::Talk,
     quality::{self, MAE, MEASURES, PSNR, SSIM, Values},
-    scene::{Renderer, Scene},
+    scene::Renderer,
 };
 use serde_json::{Map, Value, json};
 use specula_core::plan::Channels;
@@ -24,6 +24,7 @@ use specula_io::{
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
 };
+use specula_scene::Scene;
 use specula_train::{
     profile,
     start::{Point, random_points},
@@ -55,6 +56,7 @@ struct Contestant {
 
 /// Unpacks, trains twice, measures, and makes pictures of everything.
 pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
+    PROFILES.iter().try_for_each(|name| refuse_to_hide(args, name))?;
     let (data, points) = prepare(args)?;
     let mut contestants = Vec::new();
     for name in PROFILES {
@@ -71,9 +73,21 @@ pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
 
 /// Trains the shaded scene alone; returns the folder of its model.
 pub(crate) fn train_shaded(args: &Demo, talk: Talk) -> Result<PathBuf, Failure> {
+    refuse_to_hide(args, PROFILES[1])?;
     let (data, points) = prepare(args)?;
     let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points, talk)?;
     Ok(args.output.join(name))
+}
+
+/// Refuses a folder that holds another training than an earlier demo, whose place this one takes.
+fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
+    let folder = args.output.join(name);
+    let data = output::absolute(&args.output.join("data"));
+    let is_demo = |info: &ModelInfo| info.source_path == data && !info.rest.contains_key("command");
+    if !model_folder::holds_training(&folder) || model_folder::read_info(&folder)?.as_ref().is_some_and(is_demo) {
+        return Ok(());
+    }
+    Err(Failure::Input(format!("{folder:?} holds a model that is not of a demo; name another folder with -o")))
 }
 
 /// Unpacks the data, and draws the points.
@@ -114,8 +128,9 @@ fn contest(
     let named = |views: &[specula_train::view::View]| {
         views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>()
     };
+    model_folder::remove_training(&folder)?;
     model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
-    scene.save(&folder, args.iterations, &info(name, args, data, &scene.reading.words()))?;
+    scene.save(&folder, args.iterations, &info(name, args, data, &scene.shading_model.words()))?;
 
     let mut renderer =
         Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
@@ -147,6 +162,7 @@ fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo
         seed: SEED,
         bearings: data.bearings,
         rest,
+        ..ModelInfo::default()
     }
 }
 

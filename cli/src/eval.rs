@@ -13,23 +13,24 @@ use crate::{
     output,
     progress::Talk,
     quality::{self, FITTED, LPIPS, Measured},
-    scene::{Opened, Renderer},
+    scene::{self, Renderer, background_of, note_oddities},
 };
 use relit::Relit;
 use seen::Seen;
 use serde_json::{Map, Value};
 use specula_core::{pack::Storage, perspective::Projection, plan::Channels};
 use specula_io::{dataset::LoadOptions, model_folder};
+use specula_scene::OpenedModel;
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::path::{Path, PathBuf};
 
 /// Measures, prints, and writes down what belongs into the model's folder.
 pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
-    let opened = Opened::open(&args.scene, args.profile)?;
-    opened.note_oddities(talk);
+    let opened = scene::open(&args.scene, args.profile)?;
+    note_oddities(&opened, talk);
     let source = source_of(args, &opened)?;
     let views = views_of(args, &opened, &source, talk)?;
-    let background = opened.background(args.background);
+    let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);
     let place = opened.folder.clone().zip(method.clone());
     let network = args.lpips.as_deref().map(lpips::Judge::read).transpose()?;
@@ -121,7 +122,7 @@ impl Findings {
 }
 
 /// What the results are filed under: `ours_N`, and everything in which they are not those of `specula eval MODEL`.
-fn method_of(args: &Eval, opened: &Opened) -> Option<String> {
+fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     let mut words = vec![model_folder::method_of(opened.iteration?)];
     if args.machine.storage() != Storage::F32 {
         words.push("f16".into());
@@ -136,10 +137,10 @@ fn method_of(args: &Eval, opened: &Opened) -> Option<String> {
     if let Some(resolution) = args.resolution.filter(|resolution| *resolution != usual) {
         words.push(format!("r{resolution}"));
     }
-    if opened.background(args.background) != opened.background(None) {
-        words.push(format!("on-{}", opened.background(args.background)));
+    if background_of(opened, args.background) != background_of(opened, None) {
+        words.push(format!("on-{}", background_of(opened, args.background)));
     }
-    if let Some(profile) = args.profile.filter(|_| !opened.is_read_as_it_says) {
+    if let Some(profile) = args.profile.filter(|_| !opened.is_read_as_saved) {
         words.push(format!("as-{}", profile.name()));
     }
     Some(words.join("_"))
@@ -151,7 +152,7 @@ fn page_of(args: &Eval, place: Option<&(PathBuf, String)>) -> Option<PathBuf> {
     args.output.clone().or_else(usual)
 }
 
-fn source_of(args: &Eval, opened: &Opened) -> Result<PathBuf, Failure> {
+fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {
     let info = opened.info.as_ref();
     let recorded = info.map(|info| PathBuf::from(&info.source_path)).filter(|path| !path.as_os_str().is_empty());
     args.source_path.clone().or(recorded).ok_or_else(|| {
@@ -159,7 +160,7 @@ fn source_of(args: &Eval, opened: &Opened) -> Result<PathBuf, Failure> {
     })
 }
 
-fn views_of(args: &Eval, opened: &Opened, source: &Path, talk: Talk) -> Result<Vec<View>, Failure> {
+fn views_of(args: &Eval, opened: &OpenedModel, source: &Path, talk: Talk) -> Result<Vec<View>, Failure> {
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(dataset::options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);

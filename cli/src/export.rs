@@ -5,14 +5,13 @@ use crate::{
     background::Background,
     bake::{self, Baked},
     bearings,
-    convention::Reading,
     failure::Failure,
     fit::thousands,
     fuse,
     look::{Tour, evenly, own_cameras},
     output, prefilter,
     progress::Talk,
-    scene::{Opened, Renderer, Scene, radiance},
+    scene::{self, Renderer, background_of, note_oddities, relight},
     upright::{Axes, Upright},
 };
 use serde_json::json;
@@ -31,6 +30,7 @@ use specula_io::{
     glb::{self, Attribute, Shading},
     latlong, mesh, splat, spz,
 };
+use specula_scene::{OpenedModel, Scene, ShadingModel, environment::radiance};
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -52,18 +52,18 @@ const DEGREE: u8 = 3;
 /// Writes what was asked for.
 pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
-    let mut opened = Opened::open(&args.model, args.showing.profile)?;
-    opened.note_oddities(talk);
+    let mut opened = scene::open(&args.model, args.showing.profile)?;
+    note_oddities(&opened, talk);
     if let Some(env) = &args.env {
         let above = bearings::up(&bearings::of(&opened, args.showing.scene_up)?);
-        opened.scene.relight(env, &args.env_options, above, talk)?;
+        relight(&mut opened.scene, env, &args.env_options, above, talk)?;
     }
     for path in &args.output {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         output::make_folder(folder.unwrap_or(Path::new(".")))?;
     }
     let stance = if args.upright { Some(stance(args, &opened)?) } else { None };
-    let background = opened.background(args.showing.background);
+    let background = background_of(&opened, args.showing.background);
     let exporter = Exporter { args, background, opened, stance, talk };
     let mut plains: BTreeMap<u8, Plain> = BTreeMap::new();
     let mut own = None;
@@ -88,7 +88,7 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
 }
 
 /// How the scene stands; its first camera is in front of it.
-fn stance(args: &Export, opened: &Opened) -> Result<Stance, Failure> {
+fn stance(args: &Export, opened: &OpenedModel) -> Result<Stance, Failure> {
     let first = own_cameras(opened)?.unwrap_or_default().first().map(|(_, camera)| *camera);
     Ok((bearings::of(opened, args.showing.scene_up)?, first))
 }
@@ -183,7 +183,7 @@ type Stance = (Bearings, Option<Camera>);
 /// A scene on its way out.
 struct Exporter<'a> {
     args: &'a Export,
-    opened: Opened,
+    opened: OpenedModel,
     background: Background,
     /// How the scene stands, if it is to be put upright.
     stance: Option<Stance>,
@@ -295,9 +295,9 @@ impl Exporter<'_> {
 
     /// What shading needs, for who knows it.
     fn shading(&self, kept: &[usize], normals: Option<&[[f32; 3]]>) -> Option<Shading> {
-        let Scene { gaussians, light, reading } = self.scene();
+        let Scene { gaussians, light, shading_model } = self.scene();
         let normals = normals?;
-        let all = || kept.iter().map(|gaussian| bake::attributes(gaussians, *gaussian, reading.shading));
+        let all = || kept.iter().map(|gaussian| bake::attributes(gaussians, *gaussian, shading_model.shading));
         let mut attributes = vec![
             Attribute::of("NORMAL".into(), normals.iter().copied()),
             Attribute::of("DIFFUSE".into(), all().map(|(diffuse, ..)| diffuse)),
@@ -309,7 +309,7 @@ impl Exporter<'_> {
             let residual = kept.iter().map(|gaussian| gaussians.get::<3>(*gaussian, start + 3 * k));
             Attribute::of(glb::harmonic("RESIDUAL", k), residual)
         }));
-        let [form, axis, filter] = reading.words();
+        let [form, axis, filter] = shading_model.words();
         let properties = json!({"form": form, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
         let light = light.as_ref().map(|light| (radiance(light.activation, &light.values), light.resolution));
@@ -346,7 +346,7 @@ impl Exporter<'_> {
         }
         let with_it = |camera: &Camera| moved.map_or(*camera, |upright| upright.camera(camera));
         let cameras: Vec<Camera> = own.iter().map(|(camera, _)| with_it(camera)).collect();
-        let scene = Scene { gaussians: stored, light: None, reading: Reading::PAPER };
+        let scene = Scene { gaussians: stored, light: None, shading_model: ShadingModel::PAPER };
         let pictures = self.pictures(scene, &cameras)?;
         let errors: Vec<f64> =
             own.iter().zip(&pictures).map(|((_, own), shown)| mean_squared_error(own, shown)).collect();

@@ -2,17 +2,16 @@
 
 use crate::{
     checkpoint::Checkpoints,
-    convention::Reading,
     failure::Failure,
     interrupt,
     machine::{self, ExecutorChoice},
     progress::{Talk, Work},
-    scene::Scene,
-    settings::reading_of,
+    settings::shading_model_of,
     view::live::{Live, Wish},
 };
 use specula_core::{executor::Executor, expose::Exposure};
 use specula_cpu::CpuExecutor;
+use specula_scene::{Scene, ShadingModel};
 use specula_train::{
     start::Point,
     trainer::{HostScene, Settings, Snapshot, Trainer},
@@ -110,7 +109,7 @@ pub(crate) struct Training<'a> {
     /// On a device that may be lost or run out of memory.
     rescue: Option<Rescue<'a>>,
     checkpoints: Option<Checkpoints>,
-    reading: Reading,
+    shading_model: ShadingModel,
     iterations: u32,
     /// What steps have taken so far, without what was done in between.
     seconds: f64,
@@ -139,11 +138,11 @@ impl<'a> Training<'a> {
         reload: &'a Reload<'a>,
         talk: Talk,
     ) -> Result<Self, Failure> {
-        let (reading, iterations) = (reading_of(&settings.profile), settings.iterations);
+        let (shading_model, iterations) = (shading_model_of(&settings.profile), settings.iterations);
         let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start, talk)?;
         let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
         let rescue = is_on_device.then_some(Rescue { settings, reload });
-        Ok(Self { trainer, choice, rescue, checkpoints: None, reading, iterations, seconds: 0.0, live: None })
+        Ok(Self { trainer, choice, rescue, checkpoints: None, shading_model, iterations, seconds: 0.0, live: None })
     }
 
     /// Puts what was learned aside on the way, and at the end; so many seconds have gone by.
@@ -295,7 +294,7 @@ impl<'a> Training<'a> {
 
     /// The scene as it is now.
     pub(crate) fn scene(&mut self) -> Result<Scene, Failure> {
-        Ok(Scene::of_training(self.trainer.download()?, self.reading))
+        Ok(Scene::of_training(self.trainer.download()?, self.shading_model))
     }
 }
 
@@ -393,7 +392,7 @@ mod tests {
             choice: ExecutorChoice::Gpu(String::new()),
             rescue: is_on_device.then(|| Rescue { settings: settings(), reload: &reload }),
             checkpoints: Some(Checkpoints::new(folder, every, facts)),
-            reading: reading_of(&settings().profile),
+            shading_model: shading_model_of(&settings().profile),
             iterations: 6,
             seconds: 0.0,
             live: None,

@@ -7,7 +7,7 @@ use crate::{
     fit::thousands,
     output,
     progress::Talk,
-    scene::{Opened, Scene, nonfinite_words},
+    scene::{self, nonfinite_words},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{
@@ -26,6 +26,7 @@ use specula_io::{
     model_folder::ModelInfo,
     points_ply::{self, PointCloud},
 };
+use specula_scene::{OpenedModel, Scene};
 use specula_train::view::View;
 use std::path::Path;
 
@@ -34,7 +35,7 @@ pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
     let report = if specula_io::dataset::is_dataset(&args.path) {
         of_dataset(&args.path, talk)?
     } else {
-        match Opened::open(&args.path, None) {
+        match scene::open(&args.path, None) {
             Ok(opened) => of_scene(&args.path, &opened)?,
             Err(Failure::File(Error::MissingProperty { path, property, layout })) => {
                 let points = points_ply::read(&path);
@@ -72,7 +73,7 @@ impl Report {
     }
 }
 
-fn of_scene(path: &Path, opened: &Opened) -> Result<Report, Failure> {
+fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     let scene = &opened.scene;
     let layout = scene.gaussians.layout;
     let kind = if layout.is_shaded() { "shaded Gaussians" } else { "plain Gaussians" };
@@ -88,7 +89,7 @@ fn of_scene(path: &Path, opened: &Opened) -> Result<Report, Failure> {
     let degree = layout.sh_degree;
     report.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
     if layout.is_shaded() {
-        let [shading, axis, prefilter] = scene.reading.words();
+        let [shading, axis, prefilter] = scene.shading_model.words();
         let words = format!("{shading}; normals from axis: {axis}; light filtered: {prefilter}");
         report.add("shading", words, json!({"form": shading, "axis": axis, "prefilter": prefilter}));
     }
@@ -102,7 +103,7 @@ fn of_scene(path: &Path, opened: &Opened) -> Result<Report, Failure> {
 }
 
 /// How the photographs of the training were exposed, if that was learned: how bright each shows grey of a half.
-fn add_exposures(report: &mut Report, opened: &Opened) -> Result<(), Failure> {
+fn add_exposures(report: &mut Report, opened: &OpenedModel) -> Result<(), Failure> {
     let Some(exposures) = opened.exposures()? else { return Ok(()) };
     let grey = Vec3::splat(0.5);
     let brightness = exposures.values().map(|own| expose(own, grey, 1.0).to_array().iter().sum::<f32>() / 3.0 / 0.5);

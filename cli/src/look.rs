@@ -4,7 +4,6 @@ use crate::{
     args::{Look, Split},
     bearings,
     failure::Failure,
-    scene::Opened,
 };
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glam::Vec3;
@@ -17,6 +16,7 @@ use specula_io::{
     bearings::Bearings,
     cameras::{self, NamedCamera},
 };
+use specula_scene::OpenedModel;
 use specula_train::view::extent_of_cameras;
 
 /// Pixels of a picture where nothing says otherwise.
@@ -35,21 +35,25 @@ pub(crate) struct Tour {
     pub(crate) split: Option<Split>,
     /// Whether the pictures are an animation.
     pub(crate) is_turntable: bool,
+    /// Size that was asked for, where it is not that of the views.
+    pub(crate) other_size: Option<[u32; 2]>,
 }
 
 impl Tour {
     /// The cameras that were asked for, or those that fit best.
-    pub(crate) fn choose(look: &Look, opened: &Opened) -> Result<Self, Failure> {
+    pub(crate) fn choose(look: &Look, opened: &OpenedModel) -> Result<Self, Failure> {
         let mut tour = Self::unsized_tour(look, opened)?;
         tour.set_near(own_cameras(opened)?);
-        if let Some([width, height]) = look.size {
-            tour.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.resized(width, height));
+        if let Some(size @ [width, height]) = look.size {
+            let is_other = tour.cameras.iter().any(|(_, camera)| [camera.width, camera.height] != size);
+            tour.other_size = is_other.then_some(size);
+            tour.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.framed(width, height));
         }
         Ok(tour)
     }
 
     /// The cameras of a scene's test views, else all of its own, else a circle around it.
-    pub(crate) fn of_scene(opened: &Opened) -> Result<Vec<Camera>, Failure> {
+    pub(crate) fn of_scene(opened: &OpenedModel) -> Result<Vec<Camera>, Failure> {
         let own = own_cameras(opened)?;
         let mut tour = match own.clone() {
             Some(own) => Self::of_split(None, own, opened)?,
@@ -60,10 +64,11 @@ impl Tour {
     }
 
     /// The cameras that a scene was fitted to: those that are not its test views, where it says which, else all of its own.
-    pub(crate) fn fitted(opened: &Opened) -> Result<Option<Vec<Camera>>, Failure> {
+    pub(crate) fn fitted(opened: &OpenedModel) -> Result<Option<Vec<Camera>>, Failure> {
         let Some(own) = own_cameras(opened)? else { return Ok(None) };
         let tests = opened.test_views().filter(|count| *count < own.len()).unwrap_or(0);
-        let mut tour = Self { name: "fitted", cameras: own[tests..].to_vec(), split: None, is_turntable: false };
+        let mut tour =
+            Self { name: "fitted", cameras: own[tests..].to_vec(), split: None, is_turntable: false, other_size: None };
         tour.set_near(Some(own));
         Ok(Some(tour.cameras.into_iter().map(|(_, camera)| camera).collect()))
     }
@@ -89,10 +94,10 @@ impl Tour {
         self.cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
     }
 
-    fn unsized_tour(look: &Look, opened: &Opened) -> Result<Self, Failure> {
+    fn unsized_tour(look: &Look, opened: &OpenedModel) -> Result<Self, Failure> {
         if let Some(file) = &look.cameras {
             let cameras = cameras::read_cameras(file, look.size.unwrap_or(SIZE))?;
-            return Ok(Self { name: "cameras", cameras, split: None, is_turntable: false });
+            return Ok(Self { name: "cameras", cameras, split: None, is_turntable: false, other_size: None });
         }
         let own = own_cameras(opened)?;
         let around = |own: &[NamedCamera], count| {
@@ -110,7 +115,7 @@ impl Tour {
     }
 
     /// The model's cameras, which are listed test views first.
-    fn of_split(asked: Option<Split>, mut own: Vec<NamedCamera>, opened: &Opened) -> Result<Self, Failure> {
+    fn of_split(asked: Option<Split>, mut own: Vec<NamedCamera>, opened: &OpenedModel) -> Result<Self, Failure> {
         let test_count = opened.test_views().map(|count| count.min(own.len()));
         let usual = if test_count.is_some_and(|count| count > 0) { Split::Test } else { Split::All };
         let split = asked.unwrap_or(usual);
@@ -128,7 +133,7 @@ impl Tour {
             let name = split.name();
             return Err(Failure::Input(format!("the model has no {name} views; use --split all or --cameras")));
         }
-        Ok(Self { name: split.name(), cameras: own, split: Some(split), is_turntable: false })
+        Ok(Self { name: split.name(), cameras: own, split: Some(split), is_turntable: false, other_size: None })
     }
 
     /// A circle, as high above the scene as the known cameras are in the mean; or, where these leave much of it out, to and
@@ -140,7 +145,13 @@ impl Tour {
             let turn = orbit.turn_after(index as f32 / count as f32);
             (format!("{index:05}"), orbit.camera(turn, like, size))
         };
-        Self { name: "turntable", cameras: (0..count).map(camera_at).collect(), split: None, is_turntable: true }
+        Self {
+            name: "turntable",
+            cameras: (0..count).map(camera_at).collect(),
+            split: None,
+            is_turntable: true,
+            other_size: None,
+        }
     }
 }
 
@@ -187,13 +198,10 @@ fn levelled(camera: &Camera, up: Vec3) -> Camera {
     Camera { camera_from_world: level.camera_from_world, ..*camera }
 }
 
-/// The cameras of the folder of a model, test views first.
-pub(crate) fn own_cameras(opened: &Opened) -> Result<Option<Vec<NamedCamera>>, Failure> {
-    let file = opened.folder.as_ref().map(|folder| folder.join("cameras.json"));
-    match file.filter(|file| file.is_file()) {
-        Some(file) => Ok(Some(cameras::read(&file)?)),
-        None => Ok(None),
-    }
+/// Cameras of a model's folder, test views first; none where it has none.
+pub(crate) fn own_cameras(opened: &OpenedModel) -> Result<Option<Vec<NamedCamera>>, Failure> {
+    let cameras = opened.cameras()?;
+    Ok((!cameras.is_empty()).then_some(cameras))
 }
 
 /// A circle around a scene.
@@ -327,6 +335,31 @@ mod tests {
             (k.to_string(), Camera { camera_from_world: turn * upright.camera_from_world, ..upright })
         };
         (0..9).map(camera).collect()
+    }
+
+    #[test]
+    fn a_view_in_another_frame_is_not_stretched_and_shows_no_less() {
+        let view = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
+        let off_centre = Camera { principal_px: [40.0, 33.0], ..view };
+        for camera in [view, off_centre] {
+            for [width, height] in [[640, 480], [48, 320], [90, 200]] {
+                let framed = camera.framed(width, height);
+                assert_eq!(framed.focal_px[0], framed.focal_px[1], "squares stay squares");
+                let scale = framed.focal_px[0] / camera.focal_px[0];
+                // The old picture's corners lie in the new picture, around its centre.
+                let corner =
+                    |axis: usize, pixels: f32| framed.principal_px[axis] + scale * (pixels - camera.principal_px[axis]);
+                let [left, right] = [corner(0, 0.0), corner(0, 90.0)];
+                let [top, bottom] = [corner(1, 0.0), corner(1, 60.0)];
+                assert!(left >= -1e-3 && top >= -1e-3, "{framed:?}");
+                assert!((left + right - width as f32).abs() < 1e-2 && (top + bottom - height as f32).abs() < 1e-2);
+            }
+        }
+        assert_eq!(view.framed(90, 60), view);
+        assert_eq!(view.framed(45, 30), view.resized(45, 30));
+        // A photograph of 1000 x 667 pixels made half as large.
+        let photograph = Camera { width: 1000, height: 667, ..view };
+        assert_eq!(photograph.framed(500, 333), photograph.resized(500, 333), "rounded, not another shape");
     }
 
     #[test]

@@ -5,7 +5,6 @@ use crate::{
     failure::Failure,
     fit::{Run, Start},
     progress::Talk,
-    scene::Scene,
     typed::kept_as_typed,
 };
 use core::{fmt, str::FromStr};
@@ -18,6 +17,7 @@ use specula_core::{
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuExecutor, CpuViewer, prefilter::Light};
+use specula_scene::Scene;
 use specula_train::{
     evaluate::render_view,
     trainer::{Settings, TrainError, Trainer},

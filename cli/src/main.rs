@@ -7,7 +7,6 @@ mod bearings;
 mod checkpoint;
 mod compare;
 mod config;
-mod convention;
 mod dataset;
 mod demo;
 mod doctor;

@@ -6,7 +6,7 @@ use crate::{
     output,
     progress::Talk,
     relight::write_preview,
-    scene::{SLOW_RESOLUTION, radiance, read_env, resampled},
+    scene::{SLOW_RESOLUTION, read_env},
 };
 use serde_json::{Value, json};
 use specula_core::{
@@ -19,6 +19,7 @@ use specula_io::{
     ktx::{self, CubeLevel},
     latlong, model_folder,
 };
+use specula_scene::environment::{radiance, resampled};
 use std::path::{Path, PathBuf};
 
 /// Texels along an edge of a file's light, where nothing else is said: as in Filament's tools.

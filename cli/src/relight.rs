@@ -9,7 +9,7 @@ use crate::{
     pictures::Layer,
     progress::Talk,
     render::{Job, Place},
-    scene::Opened,
+    scene::{self, background_of, relight},
     truth::{Truths, fit_and_measure},
 };
 use glam::Vec3;
@@ -25,17 +25,17 @@ const PREVIEW: [usize; 2] = [512, 256];
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
-    let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
+    let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
     let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
-    opened.scene.relight(&args.env, &args.env_options, above, talk)?;
+    relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
     let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
-    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"))?;
+    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"), tour.other_size)?;
     output::make_folder(&place.folder)?;
     write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
 
-    let background = opened.background(args.look.showing.background);
+    let background = background_of(&opened, args.look.showing.background);
     let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place };
     let mut pairs = Vec::new();
     job.run(opened, talk, |index, image| {

@@ -13,7 +13,7 @@ use crate::{
     quality::picture_name,
     relay::relay,
     relight::write_light,
-    scene::{Opened, Renderer, Scene},
+    scene::{self, Renderer, background_of, note_oddities, relight},
     within,
 };
 use rayon::prelude::*;
@@ -22,6 +22,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
+use specula_scene::{OpenedModel, Scene};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::{Path, PathBuf};
 
@@ -30,17 +31,17 @@ const FRAME_MS: u16 = 60;
 
 /// Renders what was asked for.
 pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
-    let mut opened = Opened::open(&args.scene, args.look.showing.profile)?;
+    let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
-    opened.note_oddities(talk);
+    note_oddities(&opened, talk);
     let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
     if let Some(env) = &args.env {
-        opened.scene.relight(env, &args.env_options, above, talk)?;
+        relight(&mut opened.scene, env, &args.env_options, above, talk)?;
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
         talk.note("the scene has no light, so nothing specular is shown; name one with --env");
     }
     let layers = layers_of(&args.layers, &opened, talk);
-    let place = Place::of(&opened, args.output.as_deref(), tour.name)?;
+    let place = Place::of(&opened, args.output.as_deref(), tour.name, tour.other_size)?;
     output::make_folder(&place.folder)?;
     if layers.contains(&Layer::Light) {
         write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
@@ -48,7 +49,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
 
     let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };
     let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
-    let background = opened.background(args.look.showing.background);
+    let background = background_of(&opened, args.look.showing.background);
     job.write_truths(&truths, background)?;
     let mut verification = match args.verify_omissions {
         true => {
@@ -62,7 +63,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         }
         let (cameras, channels) = (tour.cameras.iter().map(|(_, camera)| *camera).collect(), Layer::channels(&layers));
         let (renderer, certificate) = within::renderer(&opened.scene, cameras, background, channels, error, talk)?;
-        job.run_with(renderer, opened.scene.reading.shading.form, background, talk, |_, _| Ok(()))?;
+        job.run_with(renderer, opened.scene.shading_model.shading.form, background, talk, |_, _| Ok(()))?;
         output::say(&place.folder.display().to_string())?;
         return output::say(&certificate);
     }
@@ -104,7 +105,7 @@ impl Verification {
 }
 
 /// The layers that the scene has, of those that were asked for.
-fn layers_of(asked: &[Layer], opened: &Opened, talk: Talk) -> Vec<Layer> {
+fn layers_of(asked: &[Layer], opened: &OpenedModel, talk: Talk) -> Vec<Layer> {
     let mut layers = Layer::expanded(asked);
     if !opened.scene.gaussians.layout.is_shaded() {
         let names: Vec<&str> = layers.iter().filter(|layer| layer.is_of_shading()).map(|layer| layer.name()).collect();
@@ -125,12 +126,19 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The folder that was asked for, or `MODEL/WHAT/ours_N`.
-    pub(crate) fn of(opened: &Opened, asked: Option<&Path>, what: &str) -> Result<Self, Failure> {
+    /// Folder that was asked for, or `MODEL/<what>/ours_N`; `ours_N_WxH` for pictures of another size
+    /// than the views, which are not to be mistaken for those beside the ground truth.
+    pub(crate) fn of(
+        opened: &OpenedModel,
+        asked: Option<&Path>,
+        what: &str,
+        other_size: Option<[u32; 2]>,
+    ) -> Result<Self, Failure> {
+        let suffix = other_size.map_or(String::new(), |[width, height]| format!("_{width}x{height}"));
         match (asked, &opened.folder, opened.iteration) {
             (Some(folder), _, _) => Ok(Self { folder: folder.to_owned(), rgb: "rgb" }),
             (None, Some(model), Some(iteration)) => {
-                Ok(Self { folder: model.join(what).join(format!("ours_{iteration}")), rgb: "renders" })
+                Ok(Self { folder: model.join(what).join(format!("ours_{iteration}{suffix}")), rgb: "renders" })
             }
             _ => Err(Failure::Input("a PLY file has no folder for pictures; name one with -o".into())),
         }
@@ -154,12 +162,12 @@ impl Job<'_> {
     /// Renders and writes every view; `each` sees every rendered view as well.
     pub(crate) fn run(
         &self,
-        opened: Opened,
+        opened: OpenedModel,
         talk: Talk,
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
-        let background = opened.background(self.look.showing.background);
-        let form = opened.scene.reading.shading.form;
+        let background = background_of(&opened, self.look.showing.background);
+        let form = opened.scene.shading_model.shading.form;
         let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine, talk)?;
         self.run_with(renderer, form, background, talk, each)
     }
@@ -231,7 +239,7 @@ pub(crate) fn truth(view: &View, background: Background) -> RgbImage {
 }
 
 /// The photographs of a tour's views, if the data set of the training is still there.
-fn true_views(opened: &Opened, tour: &Tour, talk: Talk) -> Vec<View> {
+fn true_views(opened: &OpenedModel, tour: &Tour, talk: Talk) -> Vec<View> {
     let (Some(info), Some(split)) = (&opened.info, tour.split) else { return Vec::new() };
     views_of(info, split.has_test(), split.has_train(), talk).unwrap_or_else(|failure| {
         talk.note(&format!("the true pictures are left out: {failure}"));
@@ -248,8 +256,9 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{convention::Reading, progress::Talk};
+    use crate::progress::Talk;
     use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
+    use specula_scene::ShadingModel;
 
     /// A Gaussian in front of the camera, grey from everywhere.
     fn scene() -> Scene {
@@ -257,7 +266,7 @@ mod tests {
         let values = vec![0.0; len_of_values(1, layout)];
         let mut gaussians = Gaussians { count: 1, layout, values };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, reading: Reading::PAPER }
+        Scene { gaussians, light: None, shading_model: ShadingModel::PAPER }
     }
 
     #[test]

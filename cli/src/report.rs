@@ -12,7 +12,7 @@ use crate::{
     look::Tour,
     output,
     progress::{Talk, Work as Progress},
-    scene::Opened,
+    scene::{self, background_of, into_subject},
 };
 use core::sync::atomic::{AtomicU64, Ordering};
 use specula_accuracy::{
@@ -99,10 +99,10 @@ fn demo_model(folder: &Path, talk: Talk) -> Result<PathBuf, Failure> {
 }
 
 fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
-    let opened = Opened::open(model, None)?;
+    let opened = scene::open(model, None)?;
     let cameras = spread_out(Tour::of_scene(&opened)?, args.views as usize, args.size);
-    let background = opened.background(None).0;
-    let subject = opened.scene.into_subject(cameras, background);
+    let background = background_of(&opened, None).0;
+    let subject = into_subject(opened.scene, cameras, background);
     if !subject.has_reference() {
         return Err(Failure::Input(format!(
             "there are no exact pictures of {model:?}, because the authors' shading is what their code does; report on a \

@@ -2,10 +2,10 @@
 
 use crate::{
     args::{Densify, LightPer, Losses, Start, Train},
-    convention::Reading,
     failure::Failure,
 };
 use specula_core::{scene::Layout, shade::ShadingForm};
+use specula_scene::ShadingModel;
 use specula_train::profile::{self, Ablation, Profile};
 
 /// The profile that was asked for, with everything that was asked for beside it, for a run of so many iterations.
@@ -25,8 +25,8 @@ pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failu
 }
 
 /// How the results of a profile are read.
-pub(crate) fn reading_of(profile: &Profile) -> Reading {
-    Reading { shading: profile.shading, scheme: profile.scheme }
+pub(crate) fn shading_model_of(profile: &Profile) -> ShadingModel {
+    ShadingModel { shading: profile.shading, scheme: profile.scheme }
 }
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {

@@ -12,7 +12,7 @@ use crate::{
     foreground, interrupt, output,
     progress::{Talk, Work},
     quality::{self, Measured},
-    scene::{Renderer, Scene},
+    scene::Renderer,
     settings,
     view::{self, Shown, Source, live::Live},
     within,
@@ -27,6 +27,7 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
+use specula_scene::Scene;
 use specula_train::{
     profile::Profile,
     start::{Point, points_behind, random_points},
@@ -42,6 +43,7 @@ const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
 pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
+    refuse_to_hide(args)?;
     let mut profile = settings::profile_of(args, args.iterations)?;
     let mut data = load(args, talk)?;
     if profile.light.is_some() {
@@ -79,6 +81,29 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let outcome =
         training.run("training", talk, &pauses, |training, work| pause(args, training, &info, &views, work))?;
     finish(args, &mut training, info, outcome, &views, talk)
+}
+
+/// Refuses a folder that holds another training, whose model would be mistaken for this one's.
+fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
+    let folder = &args.model_path;
+    if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
+        return Ok(());
+    }
+    let remedy = match io::checkpoint::place(folder).is_file() {
+        true => "go on with it (--resume), replace it (--overwrite), or name another folder with -m",
+        false => "replace it (--overwrite), or name another folder with -m",
+    };
+    Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", trained_words(folder)?)))
+}
+
+/// The training that a folder holds, in words.
+fn trained_words(folder: &Path) -> Result<String, Failure> {
+    let profile = model_folder::read_info(folder)?.map(|info| format!(" with profile {}", info.profile));
+    let iteration = model_folder::latest_iteration(folder).map(|iteration| format!(" of {iteration} iterations"));
+    Ok(match (iteration, profile) {
+        (Ok(iteration), profile) => format!("a model{iteration}{}", profile.unwrap_or_default()),
+        (Err(_), _) => "a training that was interrupted".to_owned(),
+    })
 }
 
 /// What a training had come to when it was put aside.
@@ -134,6 +159,9 @@ fn make_folder(
     let folder = &args.model_path;
     output::make_folder(folder)?;
     model_folder::remove_unfinished(folder);
+    if args.again.overwrite {
+        model_folder::remove_training(folder)?;
+    }
     config::save(folder, &facts.config)?;
     let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
     if let Some(Saved { snapshot, .. }) = saved {
@@ -143,13 +171,6 @@ fn make_folder(
             false => format!("going on from iteration {taken} of {all}"),
         });
         return Ok(checkpoints.gone_on(taken));
-    }
-    if checkpoints.place().is_file() {
-        talk.note(&format!(
-            "{:?} is of an earlier training, whose place this one takes; to go on with that one instead, press Ctrl-C \
-             now and add --resume",
-            checkpoints.place()
-        ));
     }
     save_inputs(args, profile, data, points)?;
     exposure::remove(folder)?;
@@ -198,7 +219,7 @@ fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
 }
 
 fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> Result<ModelInfo, Failure> {
-    let [shading, axis, prefilter] = settings::reading_of(profile).words();
+    let [shading, axis, prefilter] = settings::shading_model_of(profile).words();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
     if is_shaded {
@@ -223,6 +244,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         seed: args.seed,
         bearings: data.bearings,
         rest,
+        ..ModelInfo::default()
     })
 }
 
@@ -307,7 +329,7 @@ fn save(
     if let Some(exposures) = training.exposures() {
         exposure::write(&args.model_path, &views.names, exposures)?;
     }
-    scene.save(&args.model_path, training.iteration(), info)
+    Ok(scene.save(&args.model_path, training.iteration(), info)?)
 }
 
 /// What a result was learned from, and where it is looked at from.

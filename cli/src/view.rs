@@ -21,7 +21,7 @@ use crate::{
     output,
     pictures::Layer,
     progress::Talk,
-    scene::{Opened, Scene},
+    scene::{self, background_of, note_oddities},
 };
 pub(crate) use album::Source;
 use album::{Album, camera_facts};
@@ -33,6 +33,7 @@ use queue::Queue;
 use serde_json::{Value, json};
 use server::{Job, Site};
 use specula_io::{bearings::Bearings, cameras::NamedCamera};
+use specula_scene::{OpenedModel, Scene};
 use std::{
     path::PathBuf,
     sync::Arc,
@@ -46,9 +47,9 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
-    let opened = Opened::open(&args.scene, args.showing.profile)?;
-    opened.note_oddities(talk);
-    let background = opened.background(args.showing.background);
+    let opened = scene::open(&args.scene, args.showing.profile)?;
+    note_oddities(&opened, talk);
+    let background = background_of(&opened, args.showing.background);
     let name = name_of(&args.scene);
     let shown = Shown {
         name,
@@ -200,7 +201,7 @@ fn name_of(path: &std::path::Path) -> String {
 }
 
 /// The photographs of a model, if the data set of its training is still there.
-fn source_of(opened: &Opened) -> Option<Source> {
+fn source_of(opened: &OpenedModel) -> Option<Source> {
     let info = opened.info.as_ref()?;
     let options = dataset::options_of(info);
     let folder = PathBuf::from(&info.source_path);

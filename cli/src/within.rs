@@ -2,10 +2,9 @@
 
 use crate::{
     background::Background,
-    convention::Reading,
     failure::Failure,
     progress::Talk,
-    scene::{Renderer, Scene},
+    scene::{Renderer, into_subject},
 };
 use specula_accuracy::{
     budget::{Certificate, Refusal, cheapest_within},
@@ -13,6 +12,7 @@ use specula_accuracy::{
     subject::Subject,
 };
 use specula_core::{camera::Camera, plan::Channels, shade::ShadingRules};
+use specula_scene::{Scene, ShadingModel};
 
 /// A scene that is rendered within an error, and the certificate of it.
 pub(crate) fn renderer(
@@ -23,7 +23,7 @@ pub(crate) fn renderer(
     error: f64,
     talk: Talk,
 ) -> Result<(Renderer, String), Failure> {
-    let subject = scene.clone().into_subject(cameras, background.0);
+    let subject = into_subject(scene.clone(), cameras, background.0);
     check(&subject)?;
     talk.note(&format!("looking for the cheapest setting within {error}"));
     let certificate = cheapest_within(&subject, error).map_err(|refusal| match refusal {
@@ -56,8 +56,8 @@ fn check(subject: &Subject) -> Result<(), Failure> {
 fn scene_of(setting: &Setting, subject: &Subject) -> Scene {
     let Subject { gaussians, shading, .. } = subject.clone();
     let shading = ShadingRules { form: setting.form, ..shading };
-    let reading = Reading { shading, scheme: setting.scheme };
-    Scene { gaussians, light: subject.light_at(setting.light), reading }
+    let shading_model = ShadingModel { shading, scheme: setting.scheme };
+    Scene { gaussians, light: subject.light_at(setting.light), shading_model }
 }
 
 /// The next number with one digit.

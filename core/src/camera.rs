@@ -64,6 +64,27 @@ impl Camera {
         }
     }
 
+    /// The view in a frame of another shape, without distortion: all of the picture at the largest scale
+    /// that fits, and more of the scene beside it where the frame is wider or taller. Where the shapes
+    /// agree up to the rounding of a pixel, [`Camera::resized`].
+    pub fn framed(&self, width: u32, height: u32) -> Self {
+        let (old, new) = ([self.width, self.height].map(|n| n as f32), [width, height].map(|n| n as f32));
+        let scale = [new[0] / old[0], new[1] / old[1]];
+        let is_same_shape = (scale[0] * old[1] - new[1]).abs() < 1.0 || (scale[1] * old[0] - new[0]).abs() < 1.0;
+        if is_same_shape {
+            return self.resized(width, height);
+        }
+        let scale = scale[0].min(scale[1]);
+        let principal = |axis: usize| (self.principal_px[axis] - 0.5 * old[axis]) * scale + 0.5 * new[axis];
+        Self {
+            focal_px: self.focal_px.map(|focal| focal * scale),
+            principal_px: [principal(0), principal(1)],
+            width,
+            height,
+            ..*self
+        }
+    }
+
     /// The direction from the camera through an image point, in camera space, with z = 1.
     pub fn ray_in_camera(&self, x_px: f32, y_px: f32) -> GlamVec3 {
         GlamVec3::new(

@@ -75,6 +75,39 @@ impl RenderRules {
     }
 }
 
+/// Length of a host buffer that does not fit the array or the frame that is read into it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BufferLength {
+    /// Numbers that are read.
+    pub expected: usize,
+    /// Numbers that the buffer holds.
+    pub found: usize,
+}
+
+impl BufferLength {
+    /// Compares a buffer with what is read into it.
+    ///
+    /// # Errors
+    ///
+    /// Both lengths, where they differ.
+    pub const fn check(expected: usize, buffer: &[f32]) -> Result<(), Self> {
+        if buffer.len() == expected { Ok(()) } else { Err(Self { expected, found: buffer.len() }) }
+    }
+}
+
+impl core::fmt::Display for BufferLength {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { expected, found } = self;
+        write!(
+            out,
+            "a buffer of {found} numbers was given for {expected}; a frame has width × height numbers for each channel \
+             that was blended (RenderRules::blended) and for transmittance"
+        )
+    }
+}
+
+impl core::error::Error for BufferLength {}
+
 /// Running means of Adam for every number of a scene.
 #[derive(Clone, Debug)]
 pub struct Moments<A> {
@@ -143,9 +176,19 @@ pub trait Renderer {
     ) -> Result<Gaussians<Self::Array>, Self::Error> {
         Ok(gaussians.with_values(self.upload(gaussians.values.as_ref())?))
     }
-    /// Numbers back to the host; `values` has the array's length.
+    /// Numbers back to the host.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `values` has not the array's length.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
-    /// A frame back to the host: its channels, then its transmittance, plane by plane.
+    /// A frame back to the host: its channels, then its transmittance, plane by plane. Its channels
+    /// are those of [`RenderRules::blended`], which are more than was asked for where light is looked
+    /// up per pixel.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `values` has another length.
     fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
 
     /// Light into those roughness levels that are looked up; others are zero, or filtered as well.

@@ -17,7 +17,7 @@ use crate::{
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{BufferLength, DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     expose::Exposure,
     limits::Limits,
     loss::LossWeights,
@@ -65,6 +65,9 @@ pub enum CpuError {
         /// Width and height of the frame.
         found: [usize; 2],
     },
+    /// A buffer of another length than the numbers that are read into it.
+    #[error(transparent)]
+    BufferLength(#[from] BufferLength),
 }
 
 /// Runs the stages on the threads of rayon's current pool.
@@ -156,11 +159,13 @@ impl Renderer for CpuExecutor {
     }
 
     fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
+        BufferLength::check(array.len(), values)?;
         values.copy_from_slice(array);
         Ok(())
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
+        BufferLength::check(frame.len_of_values(), values)?;
         frame.read(values);
         Ok(())
     }

@@ -110,6 +110,10 @@ impl Frame {
     pub fn channel_count(&self) -> usize {
         self.channels
     }
+    /// Numbers of the frame: those of each channel, and transmittance.
+    pub fn len_of_values(&self) -> usize {
+        (self.channels + 1) * self.width * self.height
+    }
     /// Pixels of quads in which a splat was seen, over all splats: what blending cannot do without.
     pub fn seen_pairs(&self) -> usize {
         BLOCK * self.seen.iter().map(|quads| quads.count_ones() as usize).sum::<usize>()
@@ -141,7 +145,8 @@ impl Frame {
     fn shown(&self, slot: usize, quad: usize, channel: usize) -> &Quad {
         if channel < RGB { self.color(slot, quad, channel) } else { &self.tile(slot)[at(self.channels, quad, channel)] }
     }
-    /// The picture plane by plane and row by row: its channels, then the transmittance, which is one where nothing is.
+    /// Planes of the picture, row by row: its channels, then transmittance, which is one where no splat
+    /// is. There are [`Frame::len_of_values`] numbers.
     pub fn read(&self, values: &mut [f32]) {
         let of_nothing = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
         self.read_planes(values, of_nothing, |slot, quad, channel| self.shown(slot, quad, channel));

@@ -38,6 +38,10 @@ impl Frame {
     pub(crate) fn pixel_count(&self) -> usize {
         self.size[0] * self.size[1]
     }
+    /// Numbers of the frame: those of each channel, and transmittance.
+    pub(crate) fn len_of_values(&self) -> usize {
+        (self.channels + 1) * self.pixel_count()
+    }
     /// The colour of the picture in three planes; others may lie behind them.
     pub(crate) fn color(&self) -> &Array {
         self.exposed.as_ref().unwrap_or(self.color_before_exposure())

@@ -6,6 +6,7 @@ use core::{
     panic::AssertUnwindSafe,
     sync::atomic::{AtomicUsize, Ordering::Relaxed},
 };
+use specula_core::executor::BufferLength;
 use std::{
     panic,
     sync::{Arc, Mutex},
@@ -75,6 +76,9 @@ pub enum GpuError {
         /// What it said.
         reason: String,
     },
+    /// A buffer of another length than the numbers that are read into it.
+    #[error(transparent)]
+    BufferLength(#[from] BufferLength),
     /// A light's resolution cannot be filtered.
     #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
     LightResolution {

@@ -20,7 +20,7 @@ use crate::{
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{BufferLength, DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
     expose::Exposure,
     loss::LossWeights,
     pack::Storage,
@@ -97,10 +97,12 @@ impl Renderer for GpuExecutor {
     }
 
     fn download(&mut self, array: &Pieces, values: &mut [f32]) -> Result<(), GpuError> {
+        BufferLength::check(array.len(), values)?;
         self.machine.download_pieces(array, values)
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
+        BufferLength::check(frame.len_of_values(), values)?;
         read(&mut self.machine, frame, values)
     }
 

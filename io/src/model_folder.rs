@@ -16,8 +16,9 @@
 use crate::{
     bearings::Bearings,
     cameras::{self, NamedCamera},
+    checkpoint,
     error::{Error, Result},
-    gaussian_ply, json,
+    exposure, gaussian_ply, json,
     latlong::{self, LatLong, UpAxis},
     points_ply::{self, PointCloud},
     whole_file,
@@ -38,6 +39,8 @@ const HDR_RESOLUTION: usize = 512;
 /// What RGBE may take from a light or add to it, as a share: it rounds all channels of a pixel by steps of 1/256 of the
 /// largest.
 const ROUNDED: f64 = 0.02;
+/// Settings of the training.
+const INFO: &str = "specula.json";
 /// Means of each measure, by method.
 const RESULTS: &str = "results.json";
 /// Each measure of each view, by method.
@@ -71,6 +74,9 @@ pub struct ModelInfo {
     /// before, and where there are no cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bearings: Option<Bearings>,
+    /// Iterations of this training that are saved, the newest last; empty in models of earlier versions.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub saved: Vec<u32>,
     /// Everything else, kept as it is.
     #[serde(flatten)]
     pub rest: Map<String, Value>,
@@ -89,7 +95,8 @@ pub struct Snapshot<'a> {
     pub info: &'a ModelInfo,
 }
 
-/// A model as it was saved.
+/// A model as it was saved. Its numbers follow the conventions of files; `specula_scene::OpenedModel`
+/// converts them for its shading model, which is what a renderer needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// The Gaussians.
@@ -124,18 +131,95 @@ pub fn remove_unfinished(folder: &Path) {
     whole_file::remove_unfinished(folder);
 }
 
-/// Writes a model at an iteration. Earlier iterations stay.
+/// Writes a model at an iteration, which becomes the newest. Earlier iterations stay.
+///
+/// # Errors
+///
+/// A file that cannot be written, or a `specula.json` that cannot be read.
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
-    save_info(folder, snapshot.info)?;
+    let mut saved = saved_iterations(folder)?;
+    saved.retain(|earlier| *earlier != iteration);
+    saved.push(iteration);
+    write_info(folder, &ModelInfo { saved, ..snapshot.info.clone() })?;
     if let Some(light) = snapshot.light {
         save_light(folder, iteration, light)?;
     }
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
 }
 
-/// Writes what is known about a model, `specula.json`, and nothing else of it.
+/// Writes the settings of a training, `specula.json`, and nothing else of its model.
+///
+/// # Errors
+///
+/// A file that cannot be written, or a `specula.json` that cannot be read.
 pub fn save_info(folder: &Path, info: &ModelInfo) -> Result<()> {
-    json::write(&folder.join("specula.json"), info)
+    write_info(folder, &ModelInfo { saved: saved_iterations(folder)?, ..info.clone() })
+}
+
+fn write_info(folder: &Path, info: &ModelInfo) -> Result<()> {
+    json::write(&folder.join(INFO), info)
+}
+
+/// Iterations that `specula.json` lists, the newest last.
+fn saved_iterations(folder: &Path) -> Result<Vec<u32>> {
+    Ok(read_info(folder)?.map(|info| info.saved).unwrap_or_default())
+}
+
+/// Whether a folder holds a model, or the checkpoint of one: files that another training would hide,
+/// or be hidden by.
+pub fn holds_training(folder: &Path) -> bool {
+    folder.join(INFO).is_file()
+        || checkpoint::place(folder).is_file()
+        || highest_on_disk(folder).is_ok_and(|found| found.is_some())
+}
+
+/// Removes a training from a folder: its models, lights, results, checkpoint and pictures, by the
+/// names that [`self`] lists. Other files stay.
+///
+/// # Errors
+///
+/// A file that cannot be removed.
+pub fn remove_training(folder: &Path) -> Result<()> {
+    // What opens a model goes first, so that nothing half removed is taken for one.
+    for iterations in ["point_cloud", "light", "brdf_mlp"] {
+        remove_children(&folder.join(iterations), |name| name.starts_with("iteration_"))?;
+    }
+    let files = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
+    for file in files.map(|name| folder.join(name)).into_iter().chain([checkpoint::place(folder)]) {
+        remove(&file)?;
+    }
+    exposure::remove(folder)?;
+    // Pictures of the model: `<what>/ours_N`, beside `relight/<light>/ours_N`.
+    for what in folders_in(folder) {
+        remove_children(&what, is_of_method)?;
+        for nested in folders_in(&what) {
+            remove_children(&nested, is_of_method)?;
+        }
+    }
+    Ok(())
+}
+
+fn is_of_method(name: &str) -> bool {
+    name.strip_prefix("ours_").is_some_and(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
+}
+
+/// Folders in a folder, without symbolic links; none where it cannot be read.
+fn folders_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|entry| entry.path()).collect()
+}
+
+fn remove_children(folder: &Path, is_ours: impl Fn(&str) -> bool) -> Result<()> {
+    let is_ours = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(&is_ours);
+    folders_in(folder).into_iter().filter(is_ours).try_for_each(|child| remove(&child))
+}
+
+fn remove(path: &Path) -> Result<()> {
+    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    match removed {
+        Err(cause) if cause.kind() != io::ErrorKind::NotFound => Err(Error::Write { path: path.to_owned(), cause }),
+        _ => Ok(()),
+    }
 }
 
 fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {
@@ -230,17 +314,30 @@ fn read_all(path: &Path) -> Result<Map<String, Value>> {
     if path.is_file() { json::read(path) } else { Ok(Map::new()) }
 }
 
-/// The last iteration whose Gaussians are there.
+/// Newest iteration of a model: the last that its training saved, or the highest in the folder where
+/// `specula.json` lists none.
+///
+/// # Errors
+///
+/// A folder without a model, or that cannot be read.
 pub fn latest_iteration(folder: &Path) -> Result<u32> {
-    let no_model = || Error::NoModel { path: folder.to_owned(), iteration: "N".into() };
+    let mut saved = saved_iterations(folder)?.into_iter().rev();
+    if let Some(newest) = saved.find(|iteration| gaussians_at(folder, *iteration).is_file()) {
+        return Ok(newest);
+    }
+    highest_on_disk(folder)
+        .map_err(|cause| Error::Read { path: folder.to_owned(), cause })?
+        .ok_or_else(|| Error::NoModel { path: folder.to_owned(), iteration: "N".into() })
+}
+
+/// Highest iteration whose Gaussians are in the folder.
+fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
     let entries = match fs::read_dir(folder.join("point_cloud")) {
-        Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
-            return Err(Error::Read { path: folder.to_owned(), cause });
-        }
-        entries => entries.map_err(|_| no_model())?,
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+        entries => entries?,
     };
     let iterations = entries.flatten().filter_map(|entry| iteration_of(&entry.path()));
-    iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max().ok_or_else(no_model)
+    Ok(iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max())
 }
 
 /// Opens the last iteration of a model, or a PLY file, together with the light and settings around it.
@@ -264,7 +361,7 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
         comments: file.comments,
         light,
         is_relit,
-        info: read_info(folder)?,
+        info: read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration)),
         iteration: Some(iteration),
     })
 }
@@ -297,9 +394,13 @@ fn iteration_of(folder: &Path) -> Option<u32> {
     folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse().ok()
 }
 
-/// What is known about a model, from `specula.json`; none where another program trained it.
+/// Settings of a training, from `specula.json`; none where another program trained the model.
+///
+/// # Errors
+///
+/// A file that cannot be read.
 pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
-    let path = folder.join("specula.json");
+    let path = folder.join(INFO);
     if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
 }
 

@@ -80,14 +80,14 @@ fn what_is_saved_opens_again() {
     assert_eq!(model.gaussians, gaussians(7000.0));
     assert_eq!(model.comments, ["hello"]);
     assert_eq!(model.light, Some(light));
-    assert_eq!(model.info, Some(info()));
+    assert_eq!(model.info, Some(ModelInfo { saved: vec![7000], ..info() }));
     assert_eq!(model.iteration, Some(7000));
 }
 
 #[test]
 fn the_last_finished_iteration_is_opened() {
     let folder = tempfile::tempdir().unwrap();
-    for iteration in [7000, 30000, 9000] {
+    for iteration in [7000, 9000, 30000] {
         save(folder.path(), iteration, None);
     }
     fs::create_dir_all(folder.path().join("point_cloud/iteration_40000")).unwrap();
@@ -96,6 +96,59 @@ fn the_last_finished_iteration_is_opened() {
     assert_eq!(model_folder::open(folder.path()).unwrap().gaussians, gaussians(30000.0));
     assert_eq!(model_folder::open_iteration(folder.path(), 9000).unwrap().gaussians, gaussians(9000.0));
     assert_eq!(model_folder::open(folder.path()).unwrap().light, None);
+}
+
+#[test]
+fn the_newest_training_is_opened_and_not_the_longest() {
+    let folder = tempfile::tempdir().unwrap();
+    let iteration = || model_folder::open(folder.path()).unwrap().iteration;
+    save(folder.path(), 40, None);
+    save(folder.path(), 30, None);
+    assert_eq!(iteration(), Some(30), "30 was saved after 40");
+    model_folder::save_info(folder.path(), &info()).unwrap();
+    assert_eq!(iteration(), Some(30), "settings that are written again list the same iterations");
+    save(folder.path(), 40, None);
+    assert_eq!(iteration(), Some(40), "an iteration that is saved again is the newest");
+    fs::remove_file(model_folder::gaussians_at(folder.path(), 40)).unwrap();
+    assert_eq!(iteration(), Some(30), "one that is not there is passed over");
+}
+
+#[test]
+fn settings_are_not_those_of_an_iteration_that_their_training_did_not_save() {
+    let folder = tempfile::tempdir().unwrap();
+    save(folder.path(), 40, None);
+    fs::remove_file(folder.path().join("specula.json")).unwrap();
+    save(folder.path(), 30, None);
+    let of = |iteration| model_folder::open_iteration(folder.path(), iteration).unwrap().info.map(|info| info.seed);
+    assert_eq!([of(30), of(40)], [Some(u64::MAX), None]);
+}
+
+#[test]
+fn a_training_is_removed_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let holds = || model_folder::holds_training(folder.path());
+    assert!(!holds());
+    save(folder.path(), 40, Some(&light(RadianceActivation::Identity)));
+    model_folder::save_quality(folder.path(), "ours_40", &Vec::new()).unwrap();
+    let [pictures, relit] = ["test/ours_40/renders/00000.png", "relight/forest/ours_40/rgb/00000.png"];
+    let mine = ["notes.txt", "test/notes.txt", "relight/forest/mine.png", "point_cloud/mine.ply", "test/ours/a.png"];
+    for name in [pictures, relit].iter().chain(&mine) {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, "picture").unwrap();
+    }
+    assert!(holds());
+    model_folder::remove_training(folder.path()).unwrap();
+    assert!(!holds());
+    let is_there = |name: &&str| folder.path().join(name).exists();
+    assert_eq!(
+        mine.iter().filter(|name| !is_there(name)).collect::<Vec<_>>(),
+        Vec::<&&str>::new(),
+        "they are the user's"
+    );
+    let ours = ["specula.json", "results.json", "light/iteration_40", pictures, relit];
+    assert_eq!(ours.iter().filter(|name| is_there(name)).collect::<Vec<_>>(), Vec::<&&str>::new(), "they are removed");
+    model_folder::remove_training(folder.path()).unwrap();
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::{
     pictures::Layer,
     progress::{Talk, Work},
     render::truth,
-    scene::{Renderer, Scene},
+    scene::{Renderer, relight},
 };
 use glam::Vec3;
 use specula_core::{camera::Camera, plan::Channels, scene::Environment, shade::ShadingForm};
@@ -21,6 +21,7 @@ use specula_io::{
     picture::{self, Panel, RgbImage},
     pixels::Pixels,
 };
+use specula_scene::Scene;
 use specula_train::view::{Normals, View};
 use std::path::Path;
 
@@ -119,7 +120,7 @@ fn lights(scene: &Scene, truth: &LatLong) -> RgbImage {
     let truth = preview(&latlong::to_cube(truth, 128, UpAxis::Z), 128);
     let mut panels = Vec::new();
     if let Some(Environment { resolution, activation, values }) = &scene.light {
-        let radiance = crate::scene::radiance(*activation, values);
+        let radiance = specula_scene::environment::radiance(*activation, values);
         let mut own = preview(&radiance, *resolution);
         let factor = mean(&truth) / mean(&own).max(f32::MIN_POSITIVE);
         own.rgb.iter_mut().for_each(|radiance| *radiance *= factor);
@@ -151,7 +152,7 @@ fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<RgbIm
     for light in LIGHTS {
         let mut scene = scene.clone();
         let options = EnvOptions { env_up: EnvUp::Z, exposure: 0.0 };
-        scene.relight(&folder.join(format!("data/light/{light}.hdr")), &options, Vec3::Z, talk)?;
+        relight(&mut scene, &folder.join(format!("data/light/{light}.hdr")), &options, Vec3::Z, talk)?;
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = preview(&cube.values, cube.resolution);
         let mut row = vec![Panel::new(picture::tone_map_latlong(&map), light)];

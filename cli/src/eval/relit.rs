@@ -5,13 +5,14 @@ use crate::{
     bearings,
     failure::Failure,
     progress::Talk,
-    scene::{Opened, Renderer},
+    scene::{Renderer, background_of, relight},
     truth::{Relighting, Truths, fit_and_measure},
 };
 use glam::Vec3;
 use serde_json::{Map, Value};
 use specula_core::plan::Channels;
 use specula_io::cameras::NamedCamera;
+use specula_scene::OpenedModel;
 use specula_train::view::View;
 use std::{
     fs,
@@ -64,19 +65,19 @@ pub(super) fn facts(relit: &[Relit]) -> Map<String, Value> {
 /// Measures a scene under every light of its data set under which true pictures of these views are known.
 pub(super) fn measure(
     args: &Eval,
-    opened: &Opened,
+    opened: &OpenedModel,
     source: &Path,
     views: &[View],
     talk: Talk,
 ) -> Result<Vec<Relit>, Failure> {
     let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
-    let background = opened.background(args.background);
+    let background = background_of(opened, args.background);
     let found = bearings::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
     let above = found.map_or(Vec3::Z, |found| bearings::up(&found));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truths = Truths::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
-        scene.relight(&light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, above, talk)?;
+        relight(&mut scene, &light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, above, talk)?;
         let mut renderer = Renderer::new(scene, Channels::Color, &args.machine, talk)?;
         let work = talk.work("relighting", views.len() as u64);
         let mut pairs = Vec::new();

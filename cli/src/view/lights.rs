@@ -1,15 +1,11 @@
 //! Lights that a scene can be put under: its own, and those that were named or dropped onto the page.
 
 use super::request::LightAsk;
-use crate::{
-    args::EnvUp,
-    failure::Failure,
-    progress::Talk,
-    scene::{radiance, read_env},
-};
+use crate::{args::EnvUp, failure::Failure, progress::Talk, scene::read_env};
 use glam::Vec3;
 use specula_core::scene::{Environment, RadianceActivation};
 use specula_io::latlong::{self, LatLong, Stand};
+use specula_scene::environment::radiance;
 use std::{
     path::Path,
     sync::{Arc, Mutex, MutexGuard},

@@ -1,9 +1,9 @@
 //! What a training and who watches it tell each other, between steps. Whether somebody watches changes no bit of what
 //! is trained: scenes are copied, and steps are only taken later.
 
-use crate::scene::Scene;
 use core::time::Duration;
 use serde_json::{Value, json};
+use specula_scene::Scene;
 use std::{
     sync::{Condvar, Mutex, MutexGuard},
     time::Instant,

@@ -8,12 +8,10 @@ use super::{
 use crate::{
     args::MachineOptions,
     background::Background,
-    convention::Reading,
     failure::Failure,
     machine::{self, Machine},
     pictures::Layer,
     progress::Talk,
-    scene::{Scene, fitting, levels_of},
 };
 use core::time::Duration;
 use specula_core::{
@@ -24,6 +22,10 @@ use specula_core::{
     scene::{Image, Layout},
 };
 use specula_io::picture::{self, RgbImage};
+use specula_scene::{
+    Scene, ShadingModel,
+    environment::{fitting, levels_of},
+};
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{sync::Arc, time::Instant};
 
@@ -60,7 +62,7 @@ pub(super) struct Studio {
     machine: Box<dyn Machine>,
     options: MachineOptions,
     layout: Layout,
-    reading: Reading,
+    shading_model: ShadingModel,
     needs: Needs,
     lights: Arc<Lights>,
     /// That which was used last is last.
@@ -82,11 +84,11 @@ impl Studio {
         talk: Talk,
     ) -> Result<Self, Failure> {
         let scene = scene.rounded(options.storage());
-        let (layout, reading, needs) = (scene.gaussians.layout, scene.reading, Needs::of(&scene.gaussians));
-        let rules = reading.plan(layout, &needs, None, Channels::Layers).rules;
+        let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
+        let rules = shading_model.plan(layout, &needs, None, Channels::Layers).rules;
         let machine = machine::load(&options, scene, None, &rules, talk)?;
         let filtered = Vec::new();
-        Ok(Self { machine, options, layout, reading, needs, lights, filtered, album, background, near })
+        Ok(Self { machine, options, layout, shading_model, needs, lights, filtered, album, background, near })
     }
 
     /// Shows another scene of the same training from now on.
@@ -114,7 +116,7 @@ impl Studio {
         let name = view.map(|index| self.album.name(index).to_owned());
         let (picture, psnr) = match (ask.show, view) {
             (Show::Error, Some(index)) => self.compare(&image, index, &camera)?,
-            _ => (layer.picture(&image, self.reading.shading.form, self.background), None),
+            _ => (layer.picture(&image, self.shading_model.shading.form, self.background), None),
         };
         Ok(Shot { picture, view: name, psnr, time: start.elapsed() })
     }
@@ -169,7 +171,7 @@ impl Studio {
         let place = self.free_place();
         let [.., of_layers] = &rules;
         if let Some(cube) = cube.filter(|_| of_layers.is_lit) {
-            self.machine.put_light(place, &fitting(&cube, self.reading.scheme), of_layers)?;
+            self.machine.put_light(place, &fitting(&cube, self.shading_model.scheme), of_layers)?;
         }
         Ok(Filtered { ask, place, rules })
     }
@@ -186,8 +188,8 @@ impl Studio {
     /// How pictures of each kind are rendered under a light.
     fn rules(&self, cube: Option<&Cube>) -> [RenderRules; 3] {
         let needs = self.needs.under(cube);
-        let levels = cube.map(|cube| levels_of(cube, self.reading.scheme));
-        KINDS.map(|kind| self.reading.plan(self.layout, &needs, levels.as_ref(), kind).rules)
+        let levels = cube.map(|cube| levels_of(cube, self.shading_model.scheme));
+        KINDS.map(|kind| self.shading_model.plan(self.layout, &needs, levels.as_ref(), kind).rules)
     }
 
     /// The differences from the photograph of a view.

@@ -97,7 +97,7 @@ fn exposures_of_photographs_are_learned_kept_and_told() {
 
     let config = fs::read_to_string(model.join("config.toml")).unwrap();
     assert!(config.contains("exposure = true"), "{config}");
-    let line = train(&[]);
+    let line = train(&["--overwrite"]);
     assert!(!line.contains("fitted") && !model.join("exposure.json").exists(), "a training without has none: {line}");
     let asked = printed(specula().arg("eval").arg(&model).arg("--exposure"));
     assert!(asked.contains("PSNR fitted to the truth"), "it can be asked for: {asked}");

@@ -7,6 +7,7 @@ mod end_to_end;
 mod eval;
 mod export;
 mod glossy;
+mod library;
 mod pages;
 mod prefilter;
 mod report;

@@ -1,11 +1,11 @@
-//! What the numbers in a file of shaded Gaussians mean, and the way from there to what is computed with.
+//! Shading models, and the conversion between their numbers and those of files.
 //!
-//! Files are GaussianShader's, whatever trained them: the diffuse colour is `σ(f_dc − ln 3)`, and a normal that had to be
-//! turned to the viewer is −v + Δn₂. The paper's form is σ(diffuse) and −(v + Δn₂), so numbers are shifted and Δn₂
-//! changes its sign on the way. What cannot be converted is said in words beside them: which equation puts the terms
-//! together, which axis is the normal's base, how light is filtered.
+//! Files follow GaussianShader's code, whatever trained them: the diffuse colour is σ(f_dc − ln 3), and
+//! a normal that was flipped towards the viewer is −v + Δn₂. In the paper's form they are σ(diffuse)
+//! and −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. The rest of a
+//! model is named in words beside the numbers: the equation that combines the terms, the base axis of
+//! normals, the prefilter of the light.
 
-use crate::{args::ProfileName, failure::Failure};
 use serde_json::{Map, Value};
 use specula_core::{
     executor::RenderRules,
@@ -17,33 +17,36 @@ use specula_core::{
 };
 use specula_io::model_folder::Model;
 
-/// What a comment in a PLY file begins with, when it says how the file is to be read.
+/// First word of a PLY comment that names a shading model.
 const COMMENT: &str = "specula";
 
-/// How attributes become colours.
+/// Rules that turn attributes into colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Reading {
-    pub(crate) shading: ShadingRules,
-    pub(crate) scheme: PrefilterScheme,
+pub struct ShadingModel {
+    /// Shading function, and the base axis of normals.
+    pub shading: ShadingRules,
+    /// Prefilter of the light.
+    pub scheme: PrefilterScheme,
 }
 
-impl Reading {
-    /// The paper's equations, light filtered exactly.
-    pub(crate) const PAPER: Self = Self { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact };
-    /// The same, light looked up pixel by pixel.
-    pub(crate) const DEFERRED: Self = Self { shading: ShadingRules::DEFERRED, ..Self::PAPER };
-    /// What the authors' code does.
-    pub(crate) const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
+impl ShadingModel {
+    /// Equations of the paper, with the exact prefilter.
+    pub const PAPER: Self = Self { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact };
+    /// Equations of the paper with light looked up per pixel.
+    pub const DEFERRED: Self = Self { shading: ShadingRules::DEFERRED, ..Self::PAPER };
+    /// Behaviour of the authors' code.
+    pub const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
 
-    /// How Gaussians of this layout are rendered so that pictures have these channels: the one place where it is decided
-    /// what they can do without.
-    pub(crate) fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
+    /// Plan of pictures with these channels, for Gaussians of this layout: the one place that decides
+    /// which stages they can do without.
+    pub fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
         let full = RenderRules::full(self.shading, self.scheme, channels);
         Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })
     }
 
-    /// That of a model: what it says itself; else that of the authors' code, whose layout it has.
-    pub(crate) fn of_model(model: &Model) -> Self {
+    /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file;
+    /// that of the authors' code, whose layout it has, where neither does.
+    pub fn of_model(model: &Model) -> Self {
         let from_info = model.info.as_ref().and_then(|info| {
             let word = |key: &str| info.rest.get(key).and_then(Value::as_str);
             Self::from_words(&info.shading, word("axis"), word("prefilter"))
@@ -52,41 +55,25 @@ impl Reading {
         from_info.or_else(from_comments).unwrap_or(Self::OFFICIAL)
     }
 
-    /// That of a model, or the one that was asked for instead.
-    pub(crate) fn chosen(model: &Model, profile: Option<ProfileName>) -> Result<Self, Failure> {
-        match profile {
-            None => Ok(Self::of_model(model)),
-            Some(ProfileName::Official) => Ok(Self::OFFICIAL),
-            Some(ProfileName::Specula) => Ok(Self::DEFERRED),
-            Some(ProfileName::Paper) => Ok(Self::PAPER),
-            Some(ProfileName::Plain) if !model.gaussians.layout.is_shaded() => Ok(Self::PAPER),
-            Some(ProfileName::Plain) => Err(Failure::Input(
-                "the scene has shading attributes and cannot be read as plain Gaussian splatting; use --profile \
-                 specula, paper or official"
-                    .into(),
-            )),
-        }
-    }
-
     fn from_words(shading: &str, axis: Option<&str>, prefilter: Option<&str>) -> Option<Self> {
-        let mut reading = match shading {
+        let mut model = match shading {
             "paper" => Self::PAPER,
             "deferred" => Self::DEFERRED,
             "official" => Self::OFFICIAL,
             _ => return None,
         };
-        reading.shading.axis = match axis {
+        model.shading.axis = match axis {
             Some("shortest") => AxisRule::Shortest,
             Some("sorted-row") => AxisRule::SortedRow,
             Some("none") => AxisRule::None,
-            _ => reading.shading.axis,
+            _ => model.shading.axis,
         };
-        reading.scheme = match prefilter {
+        model.scheme = match prefilter {
             Some("exact") => PrefilterScheme::Exact,
             Some("official") => PrefilterScheme::Official,
-            _ => reading.scheme,
+            _ => model.scheme,
         };
-        Some(reading)
+        Some(model)
     }
 
     fn from_comment(comment: &str) -> Option<Self> {
@@ -100,14 +87,24 @@ impl Reading {
         Self::from_words(word("shading")?, word("axis"), word("prefilter"))
     }
 
-    /// The comment that [`Reading::of_model`] understands.
-    pub(crate) fn comment(self) -> String {
+    /// Comment of a PLY file, as [`ShadingModel::of_model`] reads it.
+    pub fn comment(self) -> String {
         let [shading, axis, prefilter] = self.words();
         format!("{COMMENT} shading={shading} axis={axis} prefilter={prefilter}")
     }
 
+    /// Converts attributes of this model to the numbers of files.
+    pub fn encode(self, gaussians: &mut Gaussians<Vec<f32>>) {
+        convert(gaussians, self.shading, 1.0);
+    }
+
+    /// Converts the numbers of files to attributes of this model.
+    pub fn decode(self, gaussians: &mut Gaussians<Vec<f32>>) {
+        convert(gaussians, self.shading, -1.0);
+    }
+
     /// Names of the equation, the axis and the prefilter.
-    pub(crate) fn words(self) -> [&'static str; 3] {
+    pub fn words(self) -> [&'static str; 3] {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",
@@ -125,16 +122,6 @@ impl Reading {
             },
         ]
     }
-}
-
-/// From what is computed with to what files hold.
-pub(crate) fn to_file(gaussians: &mut Gaussians<Vec<f32>>, shading: ShadingRules) {
-    convert(gaussians, shading, 1.0);
-}
-
-/// From what files hold to what is computed with.
-pub(crate) fn from_file(gaussians: &mut Gaussians<Vec<f32>>, shading: ShadingRules) {
-    convert(gaussians, shading, -1.0);
 }
 
 fn convert(gaussians: &mut Gaussians<Vec<f32>>, shading: ShadingRules, sign: f32) {
@@ -169,7 +156,7 @@ mod tests {
     #[test]
     fn the_papers_numbers_mean_the_same_to_the_authors() {
         let mut gaussians = one(0.25, 0.5);
-        to_file(&mut gaussians, ShadingRules::PAPER);
+        ShadingModel::PAPER.encode(&mut gaussians);
         let [in_file] = gaussians.get::<1>(0, DIFFUSE);
         assert!((sigmoid(in_file - ShadingRules::OFFICIAL.diffuse_shift()) - sigmoid(0.25)).abs() < 1e-6);
         assert_eq!(gaussians.get::<1>(0, NORMAL_RESIDUAL_2), [-0.5]);
@@ -178,15 +165,15 @@ mod tests {
     #[test]
     fn the_authors_numbers_stay_as_they_are() {
         let mut gaussians = one(0.25, 0.5);
-        to_file(&mut gaussians, ShadingRules::OFFICIAL);
+        ShadingModel::OFFICIAL.encode(&mut gaussians);
         assert_eq!(gaussians, one(0.25, 0.5));
     }
 
     #[test]
     fn a_file_is_read_back_as_it_was_written() {
         let mut gaussians = one(0.25, 0.5);
-        to_file(&mut gaussians, ShadingRules::PAPER);
-        from_file(&mut gaussians, ShadingRules::PAPER);
+        ShadingModel::PAPER.encode(&mut gaussians);
+        ShadingModel::PAPER.decode(&mut gaussians);
         assert!((gaussians.get::<1>(0, DIFFUSE)[0] - 0.25).abs() < 1e-6);
         assert_eq!(gaussians.get::<1>(0, NORMAL_RESIDUAL_2), [0.5]);
     }
@@ -194,10 +181,10 @@ mod tests {
     #[test]
     fn comments_say_how_to_read_a_file() {
         let free_normals = ShadingRules { axis: AxisRule::None, ..ShadingRules::PAPER };
-        let free = Reading { shading: free_normals, ..Reading::PAPER };
-        for reading in [Reading::PAPER, Reading::DEFERRED, Reading::OFFICIAL, free] {
-            assert_eq!(Reading::from_comment(&reading.comment()), Some(reading));
+        let free = ShadingModel { shading: free_normals, ..ShadingModel::PAPER };
+        for model in [ShadingModel::PAPER, ShadingModel::DEFERRED, ShadingModel::OFFICIAL, free] {
+            assert_eq!(ShadingModel::from_comment(&model.comment()), Some(model));
         }
-        assert_eq!(Reading::from_comment("made with love"), None);
+        assert_eq!(ShadingModel::from_comment("made with love"), None);
     }
 }

@@ -1,0 +1,42 @@
+//! Environment maps at the resolutions that prefilters take.
+
+use specula_core::{
+    prefilter::{Levels, PrefilterScheme},
+    scene::{Environment, RadianceActivation},
+};
+use specula_io::latlong::{self, UpAxis};
+
+/// Linear radiance of an environment's numbers.
+pub fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
+    match activation {
+        RadianceActivation::Identity => values.to_vec(),
+        RadianceActivation::Exponential => values.iter().map(|number| number.exp()).collect(),
+    }
+}
+
+/// Roughness levels that an environment is filtered into, at the resolution of [`fitting`].
+pub fn levels_of(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Levels {
+    Levels::new(scheme, fitting_resolution(light.resolution, scheme))
+}
+
+/// Least resolution that the prefilter takes and that holds an environment of this one: a power of
+/// two, at least [`PrefilterScheme::resolution_min`].
+fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
+    resolution.next_power_of_two().max(scheme.resolution_min())
+}
+
+/// Environment at a resolution that the prefilter takes: other tools also write resolutions that are
+/// no power of two.
+pub fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
+    resampled(light, fitting_resolution(light.resolution, scheme))
+}
+
+/// Environment at another resolution, by way of a lat-long map of four by two times its size.
+pub fn resampled(light: &Environment<Vec<f32>>, resolution: usize) -> Environment<Vec<f32>> {
+    if resolution == light.resolution {
+        return light.clone();
+    }
+    let (width, height) = (4 * resolution, 2 * resolution);
+    let map = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Z);
+    Environment { resolution, values: latlong::to_cube(&map, resolution, UpAxis::Z), ..*light }
+}

@@ -1,0 +1,33 @@
+//! Trained models as scenes: opened under the shading model that they were trained with, rendered
+//! on any executor, put under another light, saved.
+//!
+//! Attributes in a file are raw numbers; their colours depend on a [`ShadingModel`], which the file
+//! names. [`OpenedModel::open`] reads it, converts the numbers and keeps it beside them, so that
+//! [`Scene::renderer`] draws the pictures of `specula render`, bit for bit:
+//!
+//! ```no_run
+//! use specula_core::plan::Channels;
+//! use specula_cpu::CpuExecutor;
+//! use specula_io::picture;
+//! use specula_scene::OpenedModel;
+//! use std::path::Path;
+//!
+//! let model = OpenedModel::open(Path::new("out/vase"))?;
+//! let mut renderer = model.scene.renderer(CpuExecutor::new(), Channels::Color)?;
+//! for (name, camera) in model.test_cameras()? {
+//!     let picture = renderer.picture(&camera, model.background())?;
+//!     picture::write(Path::new(&format!("{name}.png")), &picture)?;
+//! }
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+
+pub mod environment;
+mod opened;
+mod renderer;
+mod scene;
+mod shading_model;
+
+pub use opened::OpenedModel;
+pub use renderer::SceneRenderer;
+pub use scene::Scene;
+pub use shading_model::ShadingModel;

@@ -1,0 +1,133 @@
+//! Models from their folders.
+
+use crate::{Scene, ShadingModel};
+use serde_json::Value;
+use specula_core::camera::near_of;
+use specula_cpu::order::sort_in_space;
+use specula_io::{
+    Result,
+    cameras::{self, NamedCamera},
+    exposure::{self, Exposures},
+    model_folder::{self, Model, ModelInfo},
+};
+use specula_train::view::extent_of_cameras;
+use std::path::{Path, PathBuf};
+
+/// Scene of a trained model, and the facts that its folder holds.
+#[derive(Debug)]
+pub struct OpenedModel {
+    /// Gaussians, light and shading model.
+    pub scene: Scene,
+    /// Folder of the model; none for a PLY file on its own.
+    pub folder: Option<PathBuf>,
+    /// Iteration of the training; none for a PLY file on its own.
+    pub iteration: Option<u32>,
+    /// Settings of the training; none where another program trained it.
+    pub info: Option<ModelInfo>,
+    /// Whether a `brdf_mlp.hdr` took the place of the light that was saved, as users of the authors'
+    /// code relight.
+    pub is_relit: bool,
+    /// Whether the shading model is the one that the files name.
+    pub is_read_as_saved: bool,
+}
+
+impl OpenedModel {
+    /// Opens the newest iteration of a model's folder, or a PLY file, under the shading model that
+    /// the files name; under that of the authors' code, whose layout the file has, where they name
+    /// none.
+    ///
+    /// # Errors
+    ///
+    /// A folder without a model, or a file that cannot be read.
+    pub fn open(path: &Path) -> Result<Self> {
+        let model = model_folder::open(path)?;
+        let shading_model = ShadingModel::of_model(&model);
+        Ok(Self::under(path, model, shading_model))
+    }
+
+    /// Model that was read from `path`, under a shading model of the caller's choice.
+    pub fn under(path: &Path, model: Model, shading_model: ShadingModel) -> Self {
+        let folder = folder_of(path, &model);
+        let is_read_as_saved = shading_model == ShadingModel::of_model(&model);
+        let mut gaussians = model.gaussians;
+        shading_model.decode(&mut gaussians);
+        sort_in_space(&mut gaussians);
+        Self {
+            scene: Scene { gaussians, light: model.light, shading_model },
+            folder,
+            iteration: model.iteration,
+            info: model.info,
+            is_relit: model.is_relit,
+            is_read_as_saved,
+        }
+    }
+
+    /// Cameras of the model's folder, test views first, their near planes in proportion to how far
+    /// they spread; empty where there are none.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn cameras(&self) -> Result<Vec<NamedCamera>> {
+        let file = self.folder.as_ref().map(|folder| folder.join("cameras.json"));
+        let Some(file) = file.filter(|file| file.is_file()) else { return Ok(Vec::new()) };
+        let mut cameras = cameras::read(&file)?;
+        let near = near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
+        cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
+        Ok(cameras)
+    }
+
+    /// Cameras of the held-out views; all cameras, where none are held out.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn test_cameras(&self) -> Result<Vec<NamedCamera>> {
+        let mut cameras = self.cameras()?;
+        if let Some(count) = self.test_views().filter(|count| *count > 0) {
+            cameras.truncate(count);
+        }
+        Ok(cameras)
+    }
+
+    /// Number of held-out views, which come first among the cameras; none where the model does not
+    /// say.
+    pub fn test_views(&self) -> Option<usize> {
+        let count = self.info.as_ref()?.rest.get("test_views")?.as_u64()?;
+        usize::try_from(count).ok()
+    }
+
+    /// Exposures of the training's photographs, if they were learned.
+    ///
+    /// # Errors
+    ///
+    /// An `exposure.json` that cannot be read.
+    pub fn exposures(&self) -> Result<Option<Exposures>> {
+        self.folder.as_deref().map_or(Ok(None), exposure::read)
+    }
+
+    /// Background of the training in sRGB; black where the model does not say.
+    pub fn background(&self) -> [f32; 3] {
+        self.info.as_ref().map_or([0.0; 3], background_of)
+    }
+}
+
+/// Background of a training in sRGB.
+fn background_of(info: &ModelInfo) -> [f32; 3] {
+    let number = |value: &Value| value.as_f64().map(|number| number as f32);
+    let recorded = info.rest.get("background").and_then(Value::as_array);
+    let channels: Option<Vec<f32>> = recorded.and_then(|channels| channels.iter().map(number).collect());
+    match channels.as_deref() {
+        Some([r, g, b]) => [*r, *g, *b],
+        _ if info.white_background => [1.0; 3],
+        _ => [0.0; 3],
+    }
+}
+
+/// Folder of the model that a PLY file belongs to, if there is one around it.
+fn folder_of(path: &Path, model: &Model) -> Option<PathBuf> {
+    if path.is_dir() {
+        return Some(path.to_owned());
+    }
+    model.iteration.and_then(|_| Some(path.canonicalize().ok()?.ancestors().nth(3)?.to_owned()))
+}

@@ -1,0 +1,110 @@
+//! Gaussians, their light and their shading model.
+
+use crate::{
+    ShadingModel,
+    environment::{fitting, levels_of},
+    renderer::SceneRenderer,
+};
+use specula_core::{
+    executor::{RenderRules, Renderer},
+    pack::Storage,
+    plan::{Channels, Needs, Plan},
+    prefilter::Levels,
+    scene::{Environment, Gaussians, RadianceActivation},
+};
+use specula_io::{
+    Result,
+    latlong::{self, LatLong, Stand},
+    model_folder::{self, ModelInfo, Snapshot},
+};
+use specula_train::trainer::HostScene;
+use std::path::Path;
+
+/// Least and usual resolution of a light that is put into a scene, in texels along a face's edge.
+const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
+
+/// Gaussians, their light, and the shading model that turns their attributes into colours.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Gaussians in the conventions of the shading model, not those of files.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// Light from far away; none for plain Gaussian splatting.
+    pub light: Option<Environment<Vec<f32>>>,
+    /// Rules that the attributes were trained under.
+    pub shading_model: ShadingModel,
+}
+
+impl Scene {
+    /// Result of a training.
+    pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
+        Self { gaussians: host.gaussians, light: host.environment, shading_model }
+    }
+
+    /// Scene on an executor, ready for pictures with these channels. Stages that the scene does not
+    /// need are left out, which changes no bit of its pictures.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor: a scene larger than its arrays may be.
+    pub fn renderer<E: Renderer>(
+        &self,
+        exec: E,
+        channels: Channels,
+    ) -> core::result::Result<SceneRenderer<E>, E::Error> {
+        let Plan { rules, .. } = self.plan(channels);
+        let light = self.light_for(&rules);
+        SceneRenderer::new(exec, &self.gaussians, light.as_ref(), rules)
+    }
+
+    /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.
+    pub fn light_for(&self, rules: &RenderRules) -> Option<Environment<Vec<f32>>> {
+        let light = self.light.as_ref().filter(|_| rules.is_lit && self.gaussians.layout.is_shaded())?;
+        Some(fitting(light, rules.scheme))
+    }
+
+    /// Rules of pictures with these channels, with and without the stages that the scene needs.
+    pub fn plan(&self, channels: Channels) -> Plan {
+        let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
+        self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels)
+    }
+
+    /// Gaussians rounded to their storage, so that a plan looks at the numbers that are rendered.
+    pub fn rounded(mut self, storage: Storage) -> Self {
+        storage.round(&mut self.gaussians);
+        self
+    }
+
+    /// Levels that the light is filtered into; none without a light, or where nothing looks it up.
+    pub fn levels(&self) -> Option<Levels> {
+        let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
+        Some(levels_of(light, self.shading_model.scheme))
+    }
+
+    /// Replaces the light by a lat-long map of radiance, whose poles are those of `up` in the
+    /// scene's world. The cube has the resolution of the light before, at least 64; 128 where there
+    /// was none.
+    pub fn relight(&mut self, map: &LatLong, up: impl Into<Stand>) {
+        let resolution = self.resolution_of_others();
+        let values = latlong::to_cube(map, resolution, up);
+        self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
+    }
+
+    /// Resolution of lights that are put into the scene, in texels along a face's edge.
+    pub fn resolution_of_others(&self) -> usize {
+        let [least, usual] = LIGHT_RESOLUTION;
+        self.light.as_ref().map_or(usual, |light| light.resolution.max(least))
+    }
+
+    /// Writes the scene into the folder of a model as its newest iteration.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be written.
+    pub fn save(&self, folder: &Path, iteration: u32, info: &ModelInfo) -> Result<()> {
+        let mut gaussians = self.gaussians.clone();
+        self.shading_model.encode(&mut gaussians);
+        let comments = if gaussians.layout.is_shaded() { vec![self.shading_model.comment()] } else { Vec::new() };
+        let snapshot = Snapshot { gaussians: &gaussians, comments: &comments, light: self.light.as_ref(), info };
+        model_folder::save(folder, iteration, &snapshot)
+    }
+}
