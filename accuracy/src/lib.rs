@@ -24,3 +24,4 @@ pub mod sort;
 pub mod stability;
 pub mod subject;
 pub mod trial;
+mod wire;

@@ -11,7 +11,10 @@ use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
 use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
-use specula_io::latlong::{Stand, UpAxis};
+use specula_io::{
+    budget::view_size,
+    latlong::{Stand, UpAxis},
+};
 use std::{
     net::ToSocketAddrs,
     path::{Path, PathBuf},
@@ -1075,10 +1078,9 @@ fn cube_resolution(text: &str) -> Result<usize, String> {
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
-    const LARGEST: u32 = 16_384;
-    let number = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
+    let number = |part: &str| part.trim().parse().ok();
     let both = text.split_once([',', 'x']).and_then(|(width, height)| Some([number(width)?, number(height)?]));
-    both.ok_or_else(|| format!("use two numbers from 1 to {LARGEST}, such as 640,480"))
+    view_size(both.ok_or("use two numbers, such as 640,480")?)
 }
 
 #[cfg(test)]

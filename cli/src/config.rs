@@ -7,7 +7,7 @@ use crate::{
     preset::Preset,
 };
 use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
-use specula_io::{Error, checkpoint};
+use specula_io::{Error, budget::FACTS, checkpoint};
 use std::{
     ffi::OsString,
     fs,
@@ -96,7 +96,8 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
 
 /// The settings in a file.
 fn read(path: &Path) -> Result<Table, Failure> {
-    let text = fs::read_to_string(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is no UTF-8"));
+    let text = String::from_utf8(FACTS.read(path)?).map_err(not_text)?;
     text.parse().map_err(|error: toml::de::Error| {
         Failure::Input(format!("cannot understand {path:?}: {}", first_line(&error, &text)))
     })

@@ -6,6 +6,7 @@ mod binary;
 mod text;
 
 use crate::{
+    budget::EDGE_MAX,
     dataset::{Listing, LoadOptions},
     error::{Error, Result},
     lens::{Distortion, Lens},
@@ -22,8 +23,6 @@ use std::{
 
 /// Folders of a data set in which a reconstruction may be; COLMAP numbers those that it could not join.
 const PLACES: [&str; 5] = ["sparse", "", "colmap/sparse", "colmap", "distorted/sparse"];
-/// Sizes and counts of pixels beyond this are not believed.
-const SIZE_MAX: u64 = 1 << 16;
 
 /// Where a reconstruction is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -225,9 +224,9 @@ impl Image {
 impl Camera {
     /// A camera that can be, or what is wrong with it.
     fn checked(self) -> core::result::Result<Self, String> {
-        if !(1..=SIZE_MAX).contains(&self.width) || !(1..=SIZE_MAX).contains(&self.height) {
+        if ![self.width, self.height].iter().all(|size| (1..=u64::from(EDGE_MAX)).contains(size)) {
             return Err(format!(
-                "has pictures of {} by {} pixels; 1 to {SIZE_MAX} are possible",
+                "has pictures of {} by {} pixels; 1 to {EDGE_MAX} are possible",
                 self.width, self.height
             ));
         }

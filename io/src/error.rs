@@ -43,6 +43,25 @@ pub enum Error {
         /// Its bytes.
         len: usize,
     },
+    /// A file for which more memory would be needed than its kind may take.
+    #[error(
+        "cannot read {path:?}: {what} would take {} MiB, and {} MiB is the most for {kind}; {remedy}",
+        wanted.div_ceil(1 << 20), most >> 20
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The part of it that is too large.
+        what: String,
+        /// Bytes that it would take.
+        wanted: u64,
+        /// The kind of file.
+        kind: &'static str,
+        /// Bytes that such a file may take.
+        most: u64,
+        /// Advice.
+        remedy: &'static str,
+    },
     /// The folder of a data set is not there.
     #[error(
         "no folder {path:?}; name the folder that holds transforms_train.json, transforms.json or sparse/0, and images"

@@ -3,12 +3,12 @@
 use crate::{
     cube::Cube,
     error::{Error, Result},
-    pixels::{decode, limits_of, with_pixels},
+    pixels::{Future, ask_for, decode, with_pixels},
     whole_file,
 };
 use core::f64::consts::PI;
 use glam::{DQuat, DVec3};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Rgb, codecs};
+use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, Rgb, codecs};
 use rayon::prelude::*;
 use specula_core::cubemap;
 use std::{
@@ -26,6 +26,9 @@ const LARGEST_RGBE: f32 = 1e38;
 const OVERSAMPLING: f64 = 4.0;
 /// More samples than this along a line of one texel would take minutes and change nothing.
 const SAMPLES_MAX: usize = 64;
+
+/// Three numbers for each pixel.
+const RADIANCE: Future = Future { converted: 12, later: 12 };
 
 /// A lat-long (equirectangular) map of linear radiance.
 #[derive(Clone, Debug, PartialEq)]
@@ -310,7 +313,7 @@ fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f
 }
 
 fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
-    let image = if is_radiance(path)? { decode_radiance(path)? } else { decode(path)? };
+    let image = if is_radiance(path)? { decode_radiance(path)? } else { decode(path, RADIANCE)? };
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut rgb = floats(image);
@@ -331,7 +334,7 @@ fn is_radiance(path: &Path) -> Result<bool> {
 fn decode_radiance(path: &Path) -> Result<DynamicImage> {
     let file = File::open(path).map_err(Error::reading(path))?;
     let decoder = codecs::hdr::HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(Error::decoding(path))?;
-    limits_of(path)?.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
+    ask_for(path, &decoder, Some(ImageFormat::Hdr), RADIANCE)?;
     with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 

@@ -15,6 +15,7 @@
 
 use crate::{
     bearings::Bearings,
+    budget::FACTS,
     cameras::{self, NamedCamera},
     error::{Error, Result},
     gaussian_ply, json,
@@ -227,7 +228,7 @@ fn put(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
 
 /// What a file says of each method; nothing where there is none.
 fn read_all(path: &Path) -> Result<Map<String, Value>> {
-    if path.is_file() { json::read(path) } else { Ok(Map::new()) }
+    if path.is_file() { json::read(path, &FACTS) } else { Ok(Map::new()) }
 }
 
 /// The last iteration whose Gaussians are there.
@@ -300,7 +301,7 @@ fn iteration_of(folder: &Path) -> Option<u32> {
 /// What is known about a model, from `specula.json`; none where another program trained it.
 pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     let path = folder.join("specula.json");
-    if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
+    if path.is_file() { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
 }
 
 /// The light, and whether it is another than was saved.

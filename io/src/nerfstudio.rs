@@ -38,7 +38,7 @@ fn posed(transforms: &Transforms, frame: &Frame, shared: &Path) -> Result<Posed>
         image: within(shared, &frame.file_path),
         mask: frame.mask_path.as_ref().map(|mask| transforms.folder().join(mask.trim_start_matches("./"))),
         pose: transforms.pose(frame)?,
-        measured_size: transforms.stated_size(frame),
+        measured_size: transforms.stated_size(frame)?,
         lens: Box::new(transforms.lens(frame)),
     })
 }

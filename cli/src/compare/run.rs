@@ -7,19 +7,21 @@ use crate::{
 use serde_json::{Map, Value};
 use specula_io::{
     Error,
+    budget::FACTS,
     cameras::{self, NamedCamera},
     model_folder,
 };
 use std::{
     fs,
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
 
 /// Bytes of a megabyte.
 const MEGABYTE: f64 = 1e6;
-/// No header of a PLY file has more lines.
+/// No header of a PLY file has more lines, or more bytes.
 const HEADER_LINES: usize = 1000;
+const HEADER_LEN: u64 = 1 << 20;
 
 /// A trained model and how good it is.
 #[derive(Debug)]
@@ -93,7 +95,7 @@ fn read_json(path: &Path) -> Result<Map<String, Value>, Failure> {
     if !path.is_file() {
         return Ok(Map::new());
     }
-    let bytes = fs::read(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    let bytes = FACTS.read(path)?;
     serde_json::from_slice(&bytes).map_err(|error| Failure::Input(format!("cannot understand {path:?}: {error}")))
 }
 
@@ -125,7 +127,8 @@ fn last_part(path: &Path) -> Option<String> {
 
 /// How many Gaussians a PLY file has, by its header.
 fn count_in(path: &Path) -> Option<f64> {
-    let lines = BufReader::new(fs::File::open(path).ok()?).lines().take(HEADER_LINES);
+    let file = fs::File::open(path).ok()?.take(HEADER_LEN);
+    let lines = BufReader::new(file).lines().take(HEADER_LINES);
     let mut header = lines.map_while(Result::ok).take_while(|line| line.trim() != "end_header");
     header.find_map(|line| line.strip_prefix("element vertex ")?.trim().parse().ok())
 }
