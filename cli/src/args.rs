@@ -65,6 +65,16 @@ pub(crate) enum Command {
     Report(Report),
     Info(Info),
     Doctor(Doctor),
+    /// Read a network for LPIPS and nothing else; eval does so in a process that may only take so much.
+    #[command(hide = true)]
+    TryNetwork(TryNetwork),
+}
+
+/// A network that is tried.
+#[derive(Args, Debug)]
+pub(crate) struct TryNetwork {
+    /// Its file.
+    pub(crate) network: PathBuf,
 }
 
 /// Train a small reflective scene that comes with the program, and make pictures of all that can be done with it.

@@ -10,7 +10,6 @@ use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
 use specula_io::{Error, budget::FACTS, checkpoint};
 use std::{
     ffi::OsString,
-    fs,
     path::{Path, PathBuf},
 };
 use toml::{Table, Value};
@@ -164,6 +163,7 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
     use crate::background::Background;
     use clap::ValueEnum;
     use core::str::FromStr;

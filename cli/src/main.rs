@@ -56,6 +56,7 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
+    interrupt::survive_limits_of_files();
     // A panic has told of itself already.
     match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
@@ -87,6 +88,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),
         Command::Doctor(args) => doctor::run(args),
+        Command::TryNetwork(args) => eval::trial::run(args),
     }
 }
 

@@ -29,6 +29,8 @@ pub const FACTS: Budget =
 /// Weights of a network: VGG's are 60 MiB.
 pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 0, remedy: "name a smaller one" };
 
+/// Scans of a JPEG, each of which goes over the whole picture, however few bytes it has; progressive ones have a dozen.
+pub(crate) const JPEG_SCANS_MAX: usize = 200;
 /// Header of a PLY file: a thousand times what tools write.
 pub(crate) const PLY_HEADER_MAX: u64 = 1 << 20;
 /// A line of a PLY file in text: a thousand times a Gaussian with all its harmonics.

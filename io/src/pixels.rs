@@ -289,6 +289,9 @@ pub(crate) fn ask_for(
     let blocks = if format == Some(ImageFormat::OpenExr) { blocks_of(path)? } else { 0 };
     let wanted = pixels.saturating_mul(most).saturating_add(blocks);
     PICTURE.ask(path, len_of(path)?, format!("a picture of {width} by {height} pixels"), wanted)?;
+    if format == Some(ImageFormat::Jpeg) {
+        jpeg::refuse_many_scans(path)?;
+    }
     Ok(decoder.total_bytes())
 }
 

@@ -6,7 +6,6 @@ use crate::{
 };
 use serde_json::{Map, Value};
 use specula_io::{
-    Error,
     budget::FACTS,
     cameras::{self, NamedCamera},
     model_folder,

@@ -1,5 +1,6 @@
 //! LPIPS of a model's views, by a network from a file.
 
+use super::trial::try_network;
 use crate::{background::Background, failure::Failure, progress::Talk, scene::Renderer};
 use specula_accuracy::lpips::{Network, Unfit};
 use specula_core::{metrics::quantize, scene::Image};
@@ -17,7 +18,14 @@ pub(super) struct Judge {
 }
 
 impl Judge {
+    /// Reads a network that was tried in another process first.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+        try_network(path)?;
+        Self::trusted(path)
+    }
+
+    /// Reads a network in this process.
+    pub(super) fn trusted(path: &Path) -> Result<Self, Failure> {
         let bytes = NETWORK.read(path)?;
         let network = Network::from_bytes(bytes).map_err(|error| {
             Failure::Input(format!("{path:?} holds no network for LPIPS: {error}; scripts/lpips-onnx.py writes one"))
