@@ -12,40 +12,49 @@ const DEPTH_MAX: usize = 24;
 /// Bytes of a number at most: seven bits in each.
 const NUMBER_LEN: usize = 10;
 
-/// A kind of message: its fields that hold more than bytes, by their numbers.
-struct Message(&'static [(u64, Holds)]);
-
-/// What a field with a length holds.
+/// A kind of message.
 #[derive(Clone, Copy)]
-enum Holds {
-    Message(&'static Message),
-    Numbers,
+enum Message {
+    Model,
+    Graph,
+    Node,
+    Attribute,
+    Tensor,
+    Value,
+    Type,
+    TensorType,
+    Shape,
+    Sequence,
+    /// One whose fields hold bytes alone.
+    Plain,
 }
 
-static MODEL: Message = Message(&[(7, GRAPH), (8, PLAIN), (14, PLAIN)]);
-static GRAPH_PROTO: Message = Message(&[(1, NODE), (5, TENSOR), (11, VALUE), (12, VALUE), (13, VALUE)]);
-static NODE_PROTO: Message = Message(&[(5, ATTRIBUTE)]);
-static ATTRIBUTE_PROTO: Message = Message(&[(5, TENSOR), (6, GRAPH), (8, Holds::Numbers)]);
-static TENSOR_PROTO: Message =
-    Message(&[(1, Holds::Numbers), (5, Holds::Numbers), (7, Holds::Numbers), (13, PLAIN)]);
-static VALUE_PROTO: Message = Message(&[(2, TYPE)]);
-static TYPE_PROTO: Message = Message(&[(1, TENSOR_TYPE), (4, SEQUENCE)]);
-static TENSOR_TYPE_PROTO: Message = Message(&[(2, SHAPE)]);
-static SHAPE_PROTO: Message = Message(&[(1, PLAIN)]);
-static SEQUENCE_PROTO: Message = Message(&[(1, TYPE)]);
-static PLAIN_PROTO: Message = Message(&[]);
+/// What a field with a length holds.
+enum Holds {
+    Message(Message),
+    Numbers,
+    Bytes,
+}
 
-const GRAPH: Holds = Holds::Message(&GRAPH_PROTO);
-const NODE: Holds = Holds::Message(&NODE_PROTO);
-const ATTRIBUTE: Holds = Holds::Message(&ATTRIBUTE_PROTO);
-const TENSOR: Holds = Holds::Message(&TENSOR_PROTO);
-const VALUE: Holds = Holds::Message(&VALUE_PROTO);
-const TYPE: Holds = Holds::Message(&TYPE_PROTO);
-const TENSOR_TYPE: Holds = Holds::Message(&TENSOR_TYPE_PROTO);
-const SHAPE: Holds = Holds::Message(&SHAPE_PROTO);
-const SEQUENCE: Holds = Holds::Message(&SEQUENCE_PROTO);
-/// Fields that hold bytes alone.
-const PLAIN: Holds = Holds::Message(&PLAIN_PROTO);
+impl Message {
+    /// What its field of this number holds.
+    fn field(self, number: u64) -> Holds {
+        Holds::Message(match (self, number) {
+            (Self::Attribute, 8) | (Self::Tensor, 1 | 5 | 7) => return Holds::Numbers,
+            (Self::Model, 7) | (Self::Attribute, 6) => Self::Graph,
+            (Self::Graph, 1) => Self::Node,
+            (Self::Node, 5) => Self::Attribute,
+            (Self::Graph | Self::Attribute, 5) => Self::Tensor,
+            (Self::Graph, 11..=13) => Self::Value,
+            (Self::Value, 2) | (Self::Sequence, 1) => Self::Type,
+            (Self::Type, 1) => Self::TensorType,
+            (Self::Type, 4) => Self::Sequence,
+            (Self::TensorType, 2) => Self::Shape,
+            (Self::Model, 8 | 14) | (Self::Tensor, 13) | (Self::Shape, 1) => Self::Plain,
+            _ => return Holds::Bytes,
+        })
+    }
+}
 
 /// Looks over a file.
 ///
@@ -53,7 +62,7 @@ const PLAIN: Holds = Holds::Message(&PLAIN_PROTO);
 ///
 /// What is wrong with it, as the end of a sentence.
 pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
-    Walk { fields: FIELDS_MAX }.message(bytes, &MODEL, DEPTH_MAX)
+    Walk { fields: FIELDS_MAX }.message(bytes, Message::Model, DEPTH_MAX)
 }
 
 struct Walk {
@@ -62,7 +71,7 @@ struct Walk {
 }
 
 impl Walk {
-    fn message(&mut self, mut bytes: &[u8], kind: &Message, depth: usize) -> Result<(), &'static str> {
+    fn message(&mut self, mut bytes: &[u8], kind: Message, depth: usize) -> Result<(), &'static str> {
         let depth = depth.checked_sub(1).ok_or("it has messages within messages without end")?;
         while !bytes.is_empty() {
             self.fields = self.fields.checked_sub(1).ok_or("it has more parts than any network")?;
@@ -74,10 +83,10 @@ impl Walk {
                 2 => {
                     let len = number(&mut bytes)?;
                     let inside = part(&mut bytes, len)?;
-                    match kind.0.iter().find(|(field, _)| *field == tag >> 3) {
-                        Some((_, Holds::Message(kind))) => self.message(inside, kind, depth)?,
-                        Some((_, Holds::Numbers)) => numbers(inside)?,
-                        None => {}
+                    match kind.field(tag >> 3) {
+                        Holds::Message(kind) => self.message(inside, kind, depth)?,
+                        Holds::Numbers => numbers(inside)?,
+                        Holds::Bytes => {}
                     }
                 }
                 _ => return Err("it has a part of a kind that there is not"),

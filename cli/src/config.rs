@@ -163,10 +163,10 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
     use crate::background::Background;
     use clap::ValueEnum;
     use core::str::FromStr;
+    use std::fs;
 
     fn words(line: &str) -> Vec<OsString> {
         line.split(' ').map(OsString::from).collect()

@@ -22,15 +22,17 @@ pub(crate) const PICTURE: Budget =
 /// Text of a list of cameras: a hundred thousand frames of nerfstudio. What JSON becomes takes up to fifty times its text.
 pub(crate) const LIST: Budget =
     Budget { kind: "the text of a list", any: 64 << 20, for_each: 0, remedy: "leave frames out of it" };
-/// Text that says what is known of a model, which may become a hundred times as much.
+/// Text that says what is known of a model, which may become two hundred times as much.
 pub const FACTS: Budget =
-    Budget { kind: "the text of such a file", any: 8 << 20, for_each: 0, remedy: "remove what no tool has written" };
+    Budget { kind: "the text of such a file", any: 4 << 20, for_each: 0, remedy: "remove what no tool has written" };
 
 /// Weights of a network: VGG's are 60 MiB.
 pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 0, remedy: "name a smaller one" };
 
 /// Scans of a JPEG, each of which goes over the whole picture, however few bytes it has; progressive ones have a dozen.
-pub(crate) const JPEG_SCANS_MAX: usize = 200;
+pub(crate) const JPEG_SCANS_MAX: usize = 100;
+/// What is unpacked of a picture besides its pixels, such as a profile of colours.
+pub(crate) const PICTURE_NOTES_MAX: u64 = 64 << 20;
 /// Header of a PLY file: a thousand times what tools write.
 pub(crate) const PLY_HEADER_MAX: u64 = 1 << 20;
 /// A line of a PLY file in text: a thousand times a Gaussian with all its harmonics.
@@ -123,7 +125,7 @@ mod tests {
     fn a_file_without_end_is_not_read_to_its_end() {
         let endless = Path::new("/dev/zero");
         if endless.exists() {
-            assert!(FACTS.read(endless).unwrap_err().to_string().contains("8 MiB"));
+            assert!(FACTS.read(endless).unwrap_err().to_string().contains("4 MiB"));
         }
     }
 

@@ -1,7 +1,7 @@
 //! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
 use crate::{
-    budget::PICTURE,
+    budget::{PICTURE, PICTURE_NOTES_MAX},
     error::{Error, Result},
     jpeg,
 };
@@ -262,9 +262,10 @@ fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage,
     let mut reader = reader.map_err(Error::reading(path))?;
     let format = reader.format();
     let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(PICTURE.of(len_of(path)?));
+    limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
     let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
+    limits.max_alloc = Some(PICTURE.of(len_of(path)?));
     let taken = ask_for(path, &decoder, format, future)?;
     limits.reserve(taken).map_err(Error::decoding(path))?;
     decoder.set_limits(limits).map_err(Error::decoding(path))?;

@@ -157,7 +157,9 @@ impl Table {
 
     fn unfilled(&self, element: &ElementDef) -> Error {
         let (ElementDef { name, count, .. }, len) = (element, self.len);
-        self.broken(format!("its header promises {count} times {name:?}, more than its {len} bytes hold; copy it again"))
+        self.broken(format!(
+            "its header promises {count} times {name:?}, more than its {len} bytes hold; copy it again"
+        ))
     }
 
     fn broken(&self, cause: String) -> Error {

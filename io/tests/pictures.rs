@@ -6,7 +6,11 @@ use specula_io::{
     picture::{self, Panel},
     pixels::Pixels,
 };
-use std::{fs::File, io::BufReader, path::Path};
+use std::{
+    fs::File,
+    io::{BufReader, Write},
+    path::Path,
+};
 
 fn pixels(path: &Path) -> Vec<u8> {
     ImageReader::open(path).unwrap().decode().unwrap().into_rgba8().into_raw()
@@ -166,9 +170,28 @@ fn a_jpeg_of_many_scans_is_refused() {
     let path = folder.path().join("a.jpg");
     let frame = [0xff, 0xc2, 0, 11, 8, 31, 64, 31, 64, 1, 1, 0x11, 0];
     let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 1, 63, 0];
-    for (scans, is_refused) in [(200, false), (201, true)] {
+    for (scans, is_refused) in [(100, false), (101, true)] {
         std::fs::write(&path, [&[0xff, 0xd8][..], &frame, &scan.repeat(scans), &[0xff, 0xd9]].concat()).unwrap();
         let sentence = Pixels::read(&path).map(drop).unwrap_err().to_string();
-        assert_eq!(sentence.contains("it has 201 scans"), is_refused, "{sentence}");
+        assert_eq!(sentence.contains("it has 101 scans"), is_refused, "{sentence}");
     }
+}
+
+/// A profile of colours that unpacks to far more than its picture is left alone, and the picture is read.
+#[test]
+fn profiles_are_not_unpacked_without_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    picture::write_gray(&path, 2, 1, &[0.2, 1.0]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    (0..128).for_each(|_| packed.write_all(&vec![0; 1 << 20]).unwrap());
+    let inside = [b"iCCPn\0\0", &packed.finish().unwrap()[..]].concat();
+    let mut sum = flate2::Crc::new();
+    sum.update(&inside);
+    let len = (inside.len() - 4) as u32;
+    let chunk = [&len.to_be_bytes()[..], &inside, &sum.sum().to_be_bytes()].concat();
+    // Behind the header of a PNG, which has 33 bytes.
+    std::fs::write(&path, [&bytes[..33], &chunk, &bytes[33..]].concat()).unwrap();
+    assert_eq!(Pixels::read(&path).unwrap().rgba, [51, 51, 51, 255, 255, 255, 255, 255]);
 }

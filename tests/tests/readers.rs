@@ -444,7 +444,9 @@ const CUBE: Target = Target {
 
 const NETWORK: Target = Target {
     file: "a.onnx",
-    make: |folder| fs::write(folder.join("a.onnx"), include_bytes!("../../accuracy/tests/data/lpips-vgg.onnx")).unwrap(),
+    make: |folder| {
+        fs::write(folder.join("a.onnx"), include_bytes!("../../accuracy/tests/data/lpips-vgg.onnx")).unwrap()
+    },
     read: |folder| {
         let path = folder.join("a.onnx");
         let read = Network::from_bytes(NETWORK_BUDGET.read(&path).map_err(sentence)?);

@@ -13,7 +13,7 @@ const SECONDS: u64 = 10;
 const SECONDS_OF_BYTES: u64 = 10_000_000;
 const BYTES_A_SECOND: u64 = 1_000_000;
 /// Addresses that the process may have, the program itself included, and for each byte of the file.
-const MEMORY: u64 = 2 << 30;
+const MEMORY: u64 = 1 << 30;
 const MEMORY_OF_BYTE: u64 = 16;
 /// Sets limits, where the system has them, and becomes the program.
 const LIMITED: &str = "ulimit -c 0; ulimit -t $0; ulimit -v $1 2>/dev/null; shift; exec \"$@\"";

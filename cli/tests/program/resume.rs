@@ -277,7 +277,8 @@ fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_befo
     assert!(sentence.contains("checkpoint.safetensors") && sentence.contains("File too large"), "{sentence}");
     assert!(sentence.contains("goes on without this checkpoint"), "{sentence}");
     assert!(fs::read(&place).unwrap() == before, "the earlier checkpoint is another");
-    let names = fs::read_dir(tiny.path("model")).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let names =
+        fs::read_dir(tiny.path("model")).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let left: Vec<String> = names.filter(|name| name.starts_with('.')).collect();
     assert!(left.is_empty(), "{left:?} stayed behind");
 }

@@ -6,8 +6,7 @@ use proptest::{collection::vec, option, prelude::*, sample::select};
 use std::io::Write;
 
 /// Counts and lengths: few, some, and more than there can be.
-const COUNTS: [u64; 10] =
-    [0, 1, 2, 3, 17, 300, 65_537, 1_000_000_000, u32::MAX as u64, u64::MAX];
+const COUNTS: [u64; 10] = [0, 1, 2, 3, 17, 300, 65_537, 1_000_000_000, u32::MAX as u64, u64::MAX];
 /// Sizes of pictures.
 const SIZES: [u32; 10] = [0, 1, 2, 24, 300, 4096, 20_000, 100_000, i32::MAX as u32, u32::MAX];
 
@@ -36,8 +35,9 @@ pub(crate) fn ply() -> impl Strategy<Value = Vec<u8>> {
         vec((property, name).prop_map(|(property, name)| format!("{property}{name}\n")), 0..6),
     );
     let element = element.prop_map(|(name, count, lines)| format!("element {name} {count}\n{}", lines.concat()));
-    let points = (select(&COUNTS[..]), vec(scalar(), 3))
-        .prop_map(|(count, kinds)| format!("element vertex {count}\nproperty {} x\nproperty {} y\nproperty {} z\n", kinds[0], kinds[1], kinds[2]));
+    let points = (select(&COUNTS[..]), vec(scalar(), 3)).prop_map(|(count, kinds)| {
+        format!("element vertex {count}\nproperty {} x\nproperty {} y\nproperty {} z\n", kinds[0], kinds[1], kinds[2])
+    });
     let format = select(&["ascii", "binary_little_endian", "binary_big_endian"][..]);
     (format, vec(element, 0..4), points, body()).prop_map(|(format, elements, points, body)| {
         let header = format!("ply\nformat {format} 1.0\n{}{points}end_header\n", elements.concat());
@@ -85,8 +85,10 @@ fn put_chunk(file: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
 
 /// Checkpoints: tensors of any type, shape and place, and any numbers in what the header says besides.
 pub(crate) fn safetensors() -> impl Strategy<Value = Vec<u8>> {
-    let names = ["gaussians", "gaussians.mean", "gaussians.square", "grad_sum", "view_count", "light", "order", "other"];
-    let number = || prop_oneof![Just("0"), Just("1"), Just("16"), Just("-1"), Just("1e20"), Just("18446744073709551615")];
+    let names =
+        ["gaussians", "gaussians.mean", "gaussians.square", "grad_sum", "view_count", "light", "order", "other"];
+    let number =
+        || prop_oneof![Just("0"), Just("1"), Just("16"), Just("-1"), Just("1e20"), Just("18446744073709551615")];
     let shape = vec(select(&COUNTS[..]), 0..4);
     let place = (select(&COUNTS[..]), select(&COUNTS[..]));
     let tensor = (select(&names[..]), select(&["F32", "U32", "F64", "BOOL"][..]), shape, place);
@@ -132,9 +134,8 @@ pub(crate) fn onnx() -> impl Strategy<Value = Vec<u8>> {
         vec(prop_oneof![6 => with_len, 2 => plain, 1 => fixed], 0..8).prop_map(|fields| fields.concat())
     });
     // A graph, of which all else is part.
-    (message, vec(any::<u8>(), 0..3)).prop_map(|(graph, rest)| {
-        [&[0x08, 8, 0x3a][..], &varint(graph.len() as u64), &graph, &rest].concat()
-    })
+    (message, vec(any::<u8>(), 0..3))
+        .prop_map(|(graph, rest)| [&[0x08, 8, 0x3a][..], &varint(graph.len() as u64), &graph, &rest].concat())
 }
 
 fn field() -> impl Strategy<Value = u64> {
@@ -219,13 +220,13 @@ pub(crate) fn hdr() -> impl Strategy<Value = Vec<u8>> {
 
 /// JSON: values within values, of which each takes more room than its text.
 pub(crate) fn json() -> impl Strategy<Value = Vec<u8>> {
-    let leaf = select(&["0", "[]", "{}", "null", "1e999", "\"\"", "-1", "[[[[", "{\"\":0}"][..]).prop_map(str::to_owned);
+    let leaf =
+        select(&["0", "[]", "{}", "null", "1e999", "\"\"", "-1", "[[[[", "{\"\":0}"][..]).prop_map(str::to_owned);
     let key = select(&["version", "iterations", "bearings", "rest", "", "seed"][..]);
     let value = leaf.prop_recursive(5, 200, 10, move |inside| {
         prop_oneof![
-            (vec(inside.clone(), 0..10), 1..60_usize).prop_map(|(values, times)| {
-                format!("[{}]", vec![values.join(","); times].join(","))
-            }),
+            (vec(inside.clone(), 0..10), 1..60_usize)
+                .prop_map(|(values, times)| { format!("[{}]", vec![values.join(","); times].join(",")) }),
             vec((key.clone(), inside), 0..10).prop_map(|pairs| {
                 let pairs: Vec<String> = pairs.iter().map(|(key, value)| format!("\"{key}\":{value}")).collect();
                 format!("{{{}}}", pairs.join(","))
