@@ -67,9 +67,12 @@ impl Work {
         }
     }
 
-    /// So many steps are behind it already, and took so many seconds.
+    /// So many steps are behind it already, and took so many seconds. Clocks of some systems begin when the machine starts;
+    /// what began before that is shown as if it began now.
     pub(crate) fn gone_on(self, steps: u64, seconds: f64) -> Self {
-        let bar = self.bar.with_elapsed(Duration::from_secs_f64(seconds.max(0.0))).with_position(steps);
+        let elapsed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+        let since = Instant::now().checked_sub(elapsed);
+        let bar = self.bar.with_elapsed(since.map_or(Duration::ZERO, |_| elapsed)).with_position(steps);
         bar.reset_eta();
         Self { bar, ..self }
     }
@@ -94,5 +97,18 @@ impl Work {
         let left = self.bar.eta().as_secs();
         let gap = if message.is_empty() { "" } else { ", " };
         eprintln!("specula: {} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_goes_on_whatever_the_clock_says_of_its_beginning() {
+        for seconds in [0.0, 3600.0, 3.2e9, 1e20, f64::INFINITY, f64::NAN, -1.0] {
+            let work = Talk { quiet: true }.work("training", 10).gone_on(4, seconds);
+            assert_eq!(work.bar.position(), 4, "{seconds}");
+        }
     }
 }
