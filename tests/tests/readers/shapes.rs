@@ -58,7 +58,7 @@ pub(crate) fn png() -> impl Strategy<Value = Vec<u8>> {
     let data = prop_oneof![
         vec(any::<u8>(), 0..40),
         stream(),
-        stream().prop_map(|stream| [b"name\0\0", &stream[..]].concat()),
+        stream().prop_map(|stream| [&b"name\0\0"[..], &stream].concat()),
     ];
     let small = 1..40_u32;
     let size = || prop_oneof![small.clone(), select(&SIZES[..])];
@@ -77,7 +77,7 @@ pub(crate) fn png() -> impl Strategy<Value = Vec<u8>> {
 }
 
 fn put_chunk(file: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
-    let inside = [name, data].concat();
+    let inside = [&name[..], data].concat();
     file.extend((data.len() as u32).to_be_bytes());
     file.extend(&inside);
     file.extend(crc32fast::hash(&inside).to_be_bytes());
@@ -91,7 +91,7 @@ pub(crate) fn safetensors() -> impl Strategy<Value = Vec<u8>> {
         || prop_oneof![Just("0"), Just("1"), Just("16"), Just("-1"), Just("1e20"), Just("18446744073709551615")];
     let shape = vec(select(&COUNTS[..]), 0..4);
     let place = (select(&COUNTS[..]), select(&COUNTS[..]));
-    let tensor = (select(&names[..]), select(&["F32", "U32", "F64", "BOOL"][..]), shape, place);
+    let tensor = (select(names.to_vec()), select(&["F32", "U32", "F64", "BOOL"][..]), shape, place);
     let tensor = tensor.prop_map(|(name, kind, shape, (start, end))| {
         format!("\"{name}\":{{\"dtype\":\"{kind}\",\"shape\":{shape:?},\"data_offsets\":[{start},{end}]}}")
     });
@@ -121,7 +121,7 @@ pub(crate) fn onnx() -> impl Strategy<Value = Vec<u8>> {
         Just(vec![0xff; 10]),
     ];
     let numbers = vec(number.clone(), 0..5).prop_map(|numbers| numbers.concat());
-    let leaf = prop_oneof![vec(any::<u8>(), 0..20), numbers, "[a-z]{0,6}".prop_map(String::into_bytes)];
+    let leaf = prop_oneof![vec(any::<u8>(), 0..20), numbers, vec(b'a'..=b'z', 0..6)];
     let message = leaf.prop_recursive(6, 200, 8, move |inside| {
         let with_len = (field(), inside, option::weighted(0.05, any::<u64>())).prop_map(|(field, bytes, lie)| {
             [varint(field << 3 | 2), varint(lie.unwrap_or(bytes.len() as u64)), bytes].concat()
@@ -163,14 +163,17 @@ pub(crate) fn exr() -> impl Strategy<Value = Vec<u8>> {
     let flags = prop_oneof![6 => Just(0), 1 => select(&[0x200, 0x400, 0x800, 0x1000, 0x1a00][..])];
     (flags, vec(channel, 0..5), many, 0..11_u8, (window(), window()), tiles, option::of(edge()), body()).prop_map(
         |(flags, others, many, compression, windows, tiles, chunks, body)| {
-            let usual = ["B", "G", "R"].map(|name| (name, 2, 1, 1));
             let flags = if tiles.is_some() { flags | 0x200 } else { flags };
             let mut file = [0x0131_2f76_i32, 2 | flags].map(i32::to_le_bytes).concat();
+            let usual = ["B", "G", "R"].map(|name| (name.to_owned(), 2, 1, 1));
+            let others = others.into_iter().map(|(name, kind, x, y)| (name.to_owned(), kind, x, y));
+            let same = (0..many).map(|k| (format!("c{k}"), 2, 1, 1));
+            // In the order of their names, or a file is refused at once.
+            let mut all: Vec<(String, i32, i32, i32)> = usual.into_iter().chain(others).chain(same).collect();
+            all.sort();
+            all.dedup_by(|one, other| one.0 == other.0);
             let mut channels: Vec<u8> = Vec::new();
-            for (name, kind, x, y) in usual.into_iter().chain(others) {
-                put_channel(&mut channels, name, [kind, 0, x, y]);
-            }
-            (0..many).for_each(|k| put_channel(&mut channels, &format!("c{k}"), [2, 0, 1, 1]));
+            all.iter().for_each(|(name, kind, x, y)| put_channel(&mut channels, name, [*kind, 0, *x, *y]));
             channels.push(0);
             let box_of = |(a, b, c, d): (i32, i32, i32, i32)| [a, b, c, d].map(i32::to_le_bytes).concat();
             put_attribute(&mut file, "channels", "chlist", &channels);
@@ -181,11 +184,11 @@ pub(crate) fn exr() -> impl Strategy<Value = Vec<u8>> {
             put_attribute(&mut file, "pixelAspectRatio", "float", &1_f32.to_le_bytes());
             put_attribute(&mut file, "screenWindowCenter", "v2f", &[0; 8]);
             put_attribute(&mut file, "screenWindowWidth", "float", &1_f32.to_le_bytes());
-            for (width, height, mode) in tiles {
+            if let Some((width, height, mode)) = tiles {
                 let tiles = [&width.to_le_bytes()[..], &height.to_le_bytes(), &[mode & 0x12]].concat();
                 put_attribute(&mut file, "tiles", "tiledesc", &tiles);
             }
-            for count in chunks {
+            if let Some(count) = chunks {
                 put_attribute(&mut file, "chunkCount", "int", &count.to_le_bytes());
             }
             file.push(0);
@@ -220,18 +223,22 @@ pub(crate) fn hdr() -> impl Strategy<Value = Vec<u8>> {
 
 /// JSON: values within values, of which each takes more room than its text.
 pub(crate) fn json() -> impl Strategy<Value = Vec<u8>> {
+    /// Text at most, unless a single value is longer.
+    const LEN_MAX: usize = 1 << 15;
     let leaf =
         select(&["0", "[]", "{}", "null", "1e999", "\"\"", "-1", "[[[[", "{\"\":0}"][..]).prop_map(str::to_owned);
     let key = select(&["version", "iterations", "bearings", "rest", "", "seed"][..]);
     let value = leaf.prop_recursive(5, 200, 10, move |inside| {
         prop_oneof![
-            (vec(inside.clone(), 0..10), 1..60_usize)
-                .prop_map(|(values, times)| { format!("[{}]", vec![values.join(","); times].join(",")) }),
+            vec(inside.clone(), 0..10).prop_map(|values| format!("[{}]", values.join(","))),
             vec((key.clone(), inside), 0..10).prop_map(|pairs| {
                 let pairs: Vec<String> = pairs.iter().map(|(key, value)| format!("\"{key}\":{value}")).collect();
                 format!("{{{}}}", pairs.join(","))
             }),
         ]
     });
-    value.prop_map(|value| format!("{{\"other\":{value}}}").into_bytes())
+    (value, 1..1000_usize).prop_map(|(value, times)| {
+        let times = times.min(LEN_MAX / (value.len() + 1) + 1);
+        format!("{{\"other\":[{}]}}", vec![value; times].join(",")).into_bytes()
+    })
 }
