@@ -13,6 +13,7 @@ use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
 use specula_io::latlong::{Stand, UpAxis};
 use std::{
+    io::IsTerminal,
     net::ToSocketAddrs,
     path::{Path, PathBuf},
 };
@@ -233,6 +234,26 @@ pub(crate) struct Watch {
     /// machines, and none on this one.
     #[arg(long, value_name = "WORD", requires = "view", value_parser = token)]
     pub(crate) token: Option<String>,
+    /// When the page ends: with the training (done), or at Ctrl-C after it (ctrl-c). By default ctrl-c where standard output
+    /// is a terminal, else done, so that no script waits.
+    #[arg(long, alias = "view_until", value_name = "done|ctrl-c", requires = "view", hide_possible_values = true)]
+    pub(crate) view_until: Option<ViewUntil>,
+}
+
+/// The end of a page that shows a training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ViewUntil {
+    /// That of the training.
+    Done,
+    /// Ctrl-C.
+    CtrlC,
+}
+
+impl ViewUntil {
+    /// As somebody who looks at the output of the program expects it.
+    pub(crate) fn usual() -> Self {
+        if std::io::stdout().is_terminal() { Self::CtrlC } else { Self::Done }
+    }
 }
 
 /// How a training goes on, or follows another.

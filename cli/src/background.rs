@@ -102,7 +102,8 @@ mod tests {
         };
         let values: Vec<f32> = (0..6 * RESOLUTION * RESOLUTION).flat_map(texel).collect();
         let light = Environment { resolution: RESOLUTION, activation: RadianceActivation::Identity, values };
-        let camera = Camera::look_at(glam::Vec3::new(5.0, 2.0, 1.0), glam::Vec3::new(1.0, 2.0, 1.0), glam::Vec3::Z, 0.6, 6, 4);
+        let camera =
+            Camera::look_at(glam::Vec3::new(5.0, 2.0, 1.0), glam::Vec3::new(1.0, 2.0, 1.0), glam::Vec3::Z, 0.6, 6, 4);
         let seen = environment_backdrop(&light, &camera);
         assert_eq!(seen.len(), 24);
         // The camera looks along -x, with +y to its right and +z above.

@@ -32,6 +32,8 @@ const FREE: [&str; 10] = [
 ];
 /// What says where settings are from is none itself.
 const NOT_IN_FILES: [&str; 3] = ["config", "preset", "resume"];
+/// Options that open a port, or say who may use it: only the command line does that.
+const OF_PORTS: [&str; 4] = ["view", "view-until", "listen", "token"];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 
@@ -75,6 +77,11 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
     let mut beneath = Vec::new();
     let mut in_file = Vec::new();
     for (key, value) in &table {
+        if OF_PORTS.contains(&key.as_str()) {
+            return Err(wrong(&format!(
+                "{key:?} says who may watch, which no file does; take it out, and type --view"
+            )));
+        }
         let arg = named(key).filter(|arg| !NOT_IN_FILES.contains(&arg.get_id().as_str()));
         let arg = arg.ok_or_else(|| wrong(&format!("{key:?} is no setting of specula train")))?;
         let word = word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
@@ -188,9 +195,11 @@ mod tests {
     #[test]
     fn settings_come_back_from_their_file_and_the_command_line_counts_more() {
         let line = "specula train data -m out --profile paper --densify-grad-threshold 1.9e-4 --no-sparse -w \
-                    --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1";
+                    --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1 \
+                    --view --token abcd1234";
         let one = train_of(Arguments::parse_from(words(line)));
         let text = text_of(&one).expect("paths are UTF-8");
+        assert!(!text.contains("view") && !text.contains("abcd1234"), "who watches is asked anew: {text}");
         let (_folder, path) = config(&text);
 
         let again = train_of(
@@ -215,6 +224,9 @@ mod tests {
             ("seed = {}", "seed"),
             ("[losses]\nlambda-normal = 1", "losses"),
             ("preset = \"photos\"", "preset"),
+            ("view = \"0.0.0.0:7008\"", "type --view"),
+            ("token = \"abcd1234\"", "type --view"),
+            ("listen = \"0.0.0.0:7008\"", "type --view"),
         ] {
             let (_folder, path) = config(text);
             let refused = over(Some(&path), None, &words("specula train data -m out --config x")).map(train_of);

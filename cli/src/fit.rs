@@ -152,8 +152,8 @@ impl<'a> Training<'a> {
     }
 
     /// Somebody watches from now on.
-    pub(crate) fn watched(self, live: Arc<Live>) -> Self {
-        Self { live: Some(live), ..self }
+    pub(crate) fn watch(&mut self, live: Arc<Live>) {
+        self.live = Some(live);
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.

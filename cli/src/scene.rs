@@ -6,6 +6,7 @@ use crate::{
     convention::{self, Reading},
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
+    output,
     progress::{Talk, Work},
     quality::{FITTED, Measured},
     relay::relay,
@@ -23,6 +24,7 @@ use specula_core::{
 };
 use specula_cpu::order::sort_in_space;
 use specula_io::{
+    Error,
     exposure::{self, Exposures},
     latlong,
     model_folder::{self, Model, ModelInfo, Snapshot},
@@ -64,7 +66,7 @@ pub(crate) struct Opened {
 impl Opened {
     /// Opens the folder of a model, or a PLY file.
     pub(crate) fn open(path: &Path, profile: Option<ProfileName>) -> Result<Self, Failure> {
-        let model = model_folder::open(path)?;
+        let model = open_model(path)?;
         let folder = folder_of(path, &model);
         let reading = Reading::chosen(&model, profile)?;
         let is_read_as_it_says = reading == Reading::of_model(&model);
@@ -105,6 +107,32 @@ impl Opened {
     pub(crate) fn background(&self, asked: Option<Background>) -> Background {
         asked.or(self.info.as_ref().map(Background::of_model)).unwrap_or(Background::BLACK)
     }
+}
+
+/// Opens a model; what is none is refused with what to open instead, where that can be told.
+fn open_model(path: &Path) -> Result<Model, Failure> {
+    const EXPORTS: [&str; 4] = ["splat", "spz", "glb", "obj"];
+    if output::ending(path).is_some_and(|ending| EXPORTS.contains(&ending.as_str())) && path.is_file() {
+        return Err(Failure::Input(format!(
+            "{path:?} is of a format that specula writes for other programs and does not read; open the folder of the model \
+             or the .ply file that it was made from"
+        )));
+    }
+    model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
+        (Error::NoModel { .. }, [first, others @ ..]) => {
+            let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
+            Failure::Input(format!("{path:?} is no model, but holds some; open {first:?}{also}"))
+        }
+        _ => error.into(),
+    })
+}
+
+/// The models in a folder, by name.
+fn models_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut models: Vec<PathBuf> = entries.filter(|path| model_folder::latest_iteration(path).is_ok()).collect();
+    models.sort();
+    models
 }
 
 /// How many Gaussians are not finite, and in what; none if there are none.

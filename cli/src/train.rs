@@ -14,9 +14,10 @@ use crate::{
     quality::{self, Measured},
     scene::{Renderer, Scene},
     settings,
-    view::{self, Shown, Source, live::Live},
+    view::{self, Shown, Source, Watching, live::Live},
     within,
 };
+use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, plan::Channels};
 use specula_io::{
@@ -67,9 +68,10 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     let looked_from = cameras_of(&data);
-    if args.watch.view.is_some() {
-        training = watched(args, training, &data, background, talk)?;
-    }
+    let watching = match args.watch.view {
+        Some(address) => Some(watch(args, address, &mut training, &data, background, talk)?),
+        None => None,
+    };
     let names: Vec<String> = data.train.iter().map(|view| view.name.clone()).collect();
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
@@ -78,7 +80,9 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let views = Views { names, test: &data.test, looked_from, background };
     let outcome =
         training.run("training", talk, &pauses, |training, work| pause(args, training, &info, &views, work))?;
-    finish(args, &mut training, info, outcome, &views, talk)
+    finish(args, &mut training, info, outcome, &views, talk)?;
+    let result = || Ok((training.scene()?, training.iteration()));
+    watching.map_or(Ok(()), |watching| watching.stay(result, talk))
 }
 
 /// What a training had come to when it was put aside.
@@ -247,14 +251,15 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
 }
 
-/// The training with a page that shows it.
-fn watched<'a>(
+/// Shows the training on a page.
+fn watch(
     args: &Train,
-    mut training: Training<'a>,
+    address: SocketAddr,
+    training: &mut Training<'_>,
     data: &Dataset,
     background: Background,
     talk: Talk,
-) -> Result<Training<'a>, Failure> {
+) -> Result<Watching, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
     let source = args.source()?.to_owned();
     let scene = training.scene()?;
@@ -266,10 +271,11 @@ fn watched<'a>(
         held_out: data.test.len(),
         source: Some(Source { folder: source, options: options_of(args) }),
         background,
-        live: Some(live.clone()),
+        live: None,
     };
-    view::watch(args, shown, talk)?;
-    Ok(training.watched(live))
+    let watching = view::watch(args, address, shown, live.clone(), talk)?;
+    training.watch(live);
+    Ok(watching)
 }
 
 /// What is done at a step in between.
