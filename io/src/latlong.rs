@@ -8,7 +8,7 @@ use crate::{
 };
 use core::f64::consts::PI;
 use glam::{DQuat, DVec3};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Rgb, codecs};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageReader, Rgb, codecs};
 use rayon::prelude::*;
 use specula_core::cubemap;
 use std::{
@@ -180,6 +180,22 @@ pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
     let (width, height, mut rgb) = read_linear(path)?;
     let cleaned = clean(&mut rgb);
     Ok((LatLong { width, height, rgb }, cleaned))
+}
+
+/// The size of a map, in pixels across and down, as its header says it: nothing is decoded.
+///
+/// # Errors
+///
+/// Where the file cannot be read, or its header is of no format that [`read`] knows.
+pub fn size(path: &Path) -> Result<[u32; 2]> {
+    let reader = || Ok(BufReader::new(File::open(path).map_err(Error::reading(path))?));
+    let (width, height) = if is_radiance(path)? {
+        codecs::hdr::HdrDecoder::new_nonstrict(reader()?).map_err(Error::decoding(path))?.dimensions()
+    } else {
+        let format = ImageReader::new(reader()?).with_guessed_format().map_err(Error::reading(path))?;
+        format.into_dimensions().map_err(Error::decoding(path))?
+    };
+    Ok([width, height])
 }
 
 /// Writes `.hdr` (RGBE, about 1 % a step) or `.exr` (lossless).

@@ -206,7 +206,7 @@ mod tests {
         place.belongs_to(
             tokio::spawn(async move {
                 pending::<()>().await;
-                drop(held)
+                drop(held);
             })
             .abort_handle(),
         );

@@ -248,6 +248,7 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
     facts["lights"] =
         site.lights.labels().into_iter().map(|label| json!({"id": label.id, "name": label.name})).collect();
     facts["live"] = site.live.is_some().into();
+    facts["reading"] = (site.uploads.available_permits() == 0).into();
     json_of(&facts)
 }
 

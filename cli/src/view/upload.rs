@@ -1,7 +1,7 @@
 //! Lights that are dropped onto the page: one is read at a time, by way of a file, so that memory stays bounded.
 
 use super::server::{Refusal, Site, bad, json_of};
-use crate::{args::EnvUp, output};
+use crate::{args::EnvUp, failure::Failure, output};
 use axum::{
     body::Body,
     extract::{Query, Request, State},
@@ -12,6 +12,7 @@ use clap::ValueEnum;
 use core::time::Duration;
 use http_body_util::BodyExt;
 use serde_json::json;
+use specula_io::latlong;
 use std::{collections::HashMap, io::Write, path::Path, sync::Arc};
 use tempfile::NamedTempFile;
 use tokio::{
@@ -21,6 +22,8 @@ use tokio::{
 
 /// Bytes of a light that comes in, at most.
 const LIGHT_MAX: usize = 64 << 20;
+/// Pixels of a light, at most: 400 MB when they are decoded.
+const PIXELS_MAX: u64 = 1 << 25;
 /// How long nothing may come of a light, and how long all of it may take.
 const PATIENCE: Duration = Duration::from_secs(10);
 const PATIENCE_FOR_ALL: Duration = Duration::from_secs(300);
@@ -105,9 +108,14 @@ async fn received(mut body: Body, ending: &str) -> Result<NamedTempFile, Refusal
 
 fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile) -> Result<Response, Refusal> {
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
-    let label = site.lights.add(file.path(), &stem, *up, site.talk).map_err(|failure| {
-        // The name that was dropped says more than that of the file in between.
-        bad(failure.to_string().replace(&format!("{:?}", file.path()), &format!("{name:?}")))
-    })?;
+    // The name that was dropped says more than that of the file in between.
+    let named =
+        |failure: Failure| bad(failure.to_string().replace(&format!("{:?}", file.path()), &format!("{name:?}")));
+    let size = latlong::size(file.path()).map_err(|error| named(error.into()))?;
+    if size.into_iter().map(u64::from).product::<u64>() > PIXELS_MAX {
+        let [width, height] = size;
+        return Err(bad(format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most")));
+    }
+    let label = site.lights.add(file.path(), &stem, *up, site.talk).map_err(named)?;
     Ok(json_of(&json!({"id": label.id, "name": label.name})))
 }

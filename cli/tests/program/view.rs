@@ -119,7 +119,8 @@ fn bad_requests_are_refused_in_a_sentence() {
     assert_eq!(site.get("/point?view=0&size=32,32&at=2,0").status, 400);
     assert_eq!(site.get("/nothing").status, 404);
     assert_eq!(site.get("/training").status, 404, "nothing is trained");
-    let uploads: [(&str, &[u8], &str); 4] = [
+    let uploads: [(&str, &[u8], &str); 5] = [
+        ("/light?name=sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 60000\n", "60000 × 30000"),
         ("/light?name=sky.png", b"", ".hdr or .exr"),
         ("/light?name=sky.hdr", b"no light", "sky.hdr"),
         ("/light?name=../../sky.exr", b"no light", "sky.exr"),
@@ -232,7 +233,7 @@ fn it_ends_when_it_is_asked_to() {
     let tiny = Tiny::new();
     let site = Site::of(&trained(&tiny), &["--quiet"]);
     // A connection that is kept open holds nothing up.
-    let _open = std::net::TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+    let _open = TcpStream::connect(("127.0.0.1", site.port)).unwrap();
     interrupt(&site);
     let start = Instant::now();
     assert_eq!(site.ended(), Some(0));
@@ -507,6 +508,7 @@ fn a_browser_shows_turns_and_relights_the_scene() {
     two_clients_do_not_disturb_each_other(&browser, &page, &site);
     a_phone_shows_it(&browser, &site);
     nothing_is_asked_for_from_outside(&page, &site);
+    the_address_says_what_is_shown(&browser, &page, &first);
     the_token_is_needed_and_found(&browser, &model);
 }
 
@@ -642,6 +644,11 @@ fn a_phone_shows_it(browser: &Browser, site: &Site) {
     page.swipe([120.0, 400.0], [220.0, 440.0]);
     page.wait("document.getElementById('views').value === ''");
     assert!(share_that_differs(&before, &shown(&page)) > 0.01, "a finger turns it");
+    page.resize([844, 390], true);
+    page.eval("document.getElementById('show-panel').click()");
+    page.wait("document.getElementById('picture').clientHeight === innerHeight");
+    let edge = "document.getElementById('panel').getBoundingClientRect().left - document.getElementById('picture').clientWidth";
+    assert!(page.eval(edge).as_f64().unwrap() >= 0.0, "on its side the panel is beside the picture");
     page.close();
 }
 
@@ -653,9 +660,26 @@ fn nothing_is_asked_for_from_outside(page: &Page<'_>, site: &Site) {
     assert!(!names.is_empty() && names.iter().all(|name| is_own(&name)), "{names:?}");
 }
 
+fn the_address_says_what_is_shown(browser: &Browser, page: &Page<'_>, first: &RgbImage) {
+    page.drag([120.0, 160.0], [180.0, 200.0]);
+    page.press("2");
+    let turned = shown(page);
+    page.wait("location.hash.includes('eye=') && location.hash.includes('layer=normal')");
+    let copied = page.eval("location.href");
+    let other = browser.open(copied.as_str().unwrap(), [WINDOW; 2]);
+    assert!(is_same(&shown(&other), &turned), "whoever opens it sees the same");
+    other.close();
+    page.press("1");
+    page.press("u");
+    assert!(is_same(&shown(page), first), "a drag is taken back");
+}
+
 fn the_token_is_needed_and_found(browser: &Browser, model: &Path) {
     let site = Site::of(model, &["--quiet", "--token", "abcd1234"]);
     let page = browser.open(&site.url, [WINDOW; 2]);
+    page.wait(STILL);
+    assert_eq!(page.eval("location.href.includes('abcd1234')"), false, "a copied address does not hold it");
+    page.eval("location.reload()");
     page.wait(STILL);
     let without = browser.open(site.url.split('#').next().unwrap(), [WINDOW; 2]);
     without.wait("document.getElementById('message')?.textContent.includes('token') === true");

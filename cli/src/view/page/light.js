@@ -1,7 +1,8 @@
 // Which light the scene is under, turned and made brighter; new ones are opened, or dropped onto the page.
 
-/** How often a light is sent that the server has no time for. */
-const ATTEMPTS = 60;
+/** How often it is tried to send a light, and milliseconds in between. */
+const ATTEMPTS = 120;
+const WAIT = 1000;
 
 export class Light {
   /** `asked` are the words of the address. */
@@ -117,16 +118,18 @@ export class Light {
     });
   }
 
-  /** Sends a file, again after a moment where the server is reading another. */
+  /** Sends a file when the server reads no other one, and says that it waits. */
   async send(file, words) {
     for (let attempt = 1; ; attempt++) {
+      // A server that refuses so much may close the connection before its answer is read, so it is asked first.
+      const { reading } = await (await this.server.get("scene", {})).json();
       try {
-        return await this.server.post("light", words, file);
+        if (!reading) return await this.server.post("light", words, file);
       } catch (error) {
-        if (!error.retryAfter || attempt === ATTEMPTS) throw error;
-        this.say(`${error.message} (${file.name} waits for its turn)`, "note");
-        await new Promise((resume) => setTimeout(resume, 1000 * error.retryAfter));
+        if (error.isFinal || attempt === ATTEMPTS) throw error;
       }
+      this.say(`another light is being read; ${file.name} waits for its turn`, "note");
+      await new Promise((resume) => setTimeout(resume, WAIT));
     }
   }
 

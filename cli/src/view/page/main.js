@@ -28,7 +28,6 @@ const server = {
     }
     if (response.ok) return response;
     const error = new Error(await response.text());
-    error.retryAfter = Number(response.headers.get("retry-after")) || null;
     error.isFinal = response.status < 500 && response.status !== 409;
     throw error;
   },
@@ -72,6 +71,7 @@ async function start() {
     if (element("message").className === "of-pictures") say("");
     tell(facts, layer);
   };
+  stream.hasGround = () => layer === "rgb" && !words().backdrop;
   stream.onerror = (error) => say(error.message, "of-pictures");
   const address = new Address(() => ({ ...camera.state(), ...(light ? light.state() : {}), ...(layer === "rgb" ? {} : { layer }) }));
   const moved = () => {
@@ -95,7 +95,6 @@ async function start() {
     if (!scene.layers.includes(name)) return;
     layer = name;
     for (const chip of element("layers").children) chip.setAttribute("aria-checked", chip.dataset.layer === name);
-    stream.isOfLight = name === "rgb";
     address.changed();
     stream.change(false);
   };

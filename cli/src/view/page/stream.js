@@ -20,7 +20,7 @@ export class Stream {
     this.isSlow = /2g|3g/.test(navigator.connection?.effectiveType ?? "");
     this.changedAt = 0;
     this.isWanted = false;
-    this.isOfLight = true;
+    this.hasGround = () => true;
     this.flight = null;
     this.shown = 0;
     this.pace = null;
@@ -117,8 +117,8 @@ export class Stream {
     const fit = Math.min(width / picture.width, height / picture.height);
     const [w, h] = [picture.width * fit, picture.height * fit].map(Math.round);
     const [x, y] = [Math.floor((width - w) / 2), Math.floor((height - h) / 2)];
-    // Beside a layer that is no colour of the scene nothing is as bright as a background.
-    const ground = this.isOfLight ? this.server.scene.background : [0, 0, 0];
+    // Beside a layer, or the light, nothing is as bright as a background may be.
+    const ground = this.hasGround() ? this.server.scene.background : [0, 0, 0];
     this.place = { x: x / width, y: y / height, w: w / width, h: h / height };
     context.fillStyle = `rgb(${ground.map((c) => Math.round(255 * c)).join()})`;
     if (w < width || h < height) context.fillRect(0, 0, width, height);

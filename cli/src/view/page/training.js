@@ -56,6 +56,7 @@ export class Training {
     // A picture that is on its way is waited for, however long it takes; it may still show an earlier step.
     const isLatest = Number(this.stream.iteration) === iteration;
     this.isShown = finished && isLatest && this.stream.isIdle;
+    if (this.isShown && this.server.scene.shaded) this.light.look();
     if (isLatest || !this.stream.isIdle) return;
     this.stream.change(false);
     const now = performance.now();
