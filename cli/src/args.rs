@@ -162,9 +162,10 @@ pub(crate) struct Train {
     /// specula doctor lists them. Where a GPU fails on the way, the processor goes on from the last checkpoint.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
-    /// Look for the cheapest setting whose pictures of the result are within E of exact ones (root of the mean square, 1
-    /// is white), check it on tiles that it was not chosen by, write its certificate into specula.json, and measure with
-    /// it. Training itself stays as it is: it has the usual setting. render --max-error E has the same pictures.
+    /// Look for the cheapest setting whose pictures of the result are within E of exact ones (root
+    /// of the mean square, 1 is white), try it on views that it was not chosen by, write its
+    /// certificate into specula.json, and measure with it, each picture verified as render
+    /// --max-error E does. Training itself stays as it is: it has the usual setting.
     #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero)]
     pub(crate) max_error: Option<f64>,
     #[command(flatten)]
@@ -391,6 +392,7 @@ Examples:
   specula render out/chair
   specula render out/chair --layers rgb --verify-omissions
   specula render out/chair --layers rgb --max-error 0.01
+  specula render out/chair --layers rgb --max-error 0.01 --no-verify
   specula render out/chair --layers rgb --projection ray
   specula render out/chair --layers all -o pictures
   specula render scene.ply --turntable 36 --size 640,480 -o turn
@@ -416,11 +418,17 @@ pub(crate) struct Render {
     /// if it is not, the exit code is 1.
     #[arg(long, alias = "verify_omissions")]
     pub(crate) verify_omissions: bool,
-    /// Render with the cheapest setting whose colours are no further than E from exact ones: root of the mean square of
-    /// sRGB colours, where 1 is white. It is chosen by tiles of some views and verified on tiles of others against the
-    /// same in f64 with nothing cut off; how far it is off and what it saves is printed. On the processor.
+    /// Render with the cheapest setting whose colours are no further than E from exact ones, those
+    /// of f64 with nothing cut off: root of the mean square of a picture's sRGB colours before they
+    /// become 8 bits, where 1 is white. Each picture is then compared with the most exact one that
+    /// f32 has, and that one is written where it is further off. How far pictures are off and what
+    /// that costs is printed. On the processor.
     #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
+    /// With --max-error, do not compare pictures with exact ones: as quick as the setting is, but a
+    /// view that it was not chosen by may be further off than E.
+    #[arg(long, alias = "no_verify", requires = "max_error")]
+    pub(crate) no_verify: bool,
 }
 
 /// From where, and how, a scene is looked at.
@@ -763,9 +771,12 @@ Examples:
   specula prefilter sunset.hdr -o sunset.ktx2 --resolution 128 --roughness filament --previews
   specula prefilter out/chair -o chair.ktx2
 Schemes:
-  specula    a mip chain from a mirror to roughness 1, filtered exactly; the default
-  paper      the levels of the authors' code (0.08 to 0.5, then 1), filtered exactly
-  official   those levels with the weights of the authors' code, to compare with")]
+  specula    a mip chain from a mirror to roughness 1, from the light's integral; the default
+  paper      the levels of the authors' code (0.08 to 0.5, then 1), from the light's integral
+  official   those levels with the weights of the authors' code, to compare with
+Light far from a lobe's middle is taken in pieces that stand for many texels. At the centres of texels that leaves a
+level about a per cent off under light as a display shows it, but up to a third beside a sun of a single texel, which
+shows as blotches; a sun that is spread over some texels is filtered closer.")]
 pub(crate) struct Prefilter {
     /// A lat-long map, or the folder of a model.
     #[arg(value_name = "ENV")]
@@ -942,9 +953,9 @@ pub(crate) enum StorageName {
 /// Levels of a light and their weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SchemeName {
-    /// A mip chain, filtered exactly.
+    /// A mip chain, from the light's integral.
     Specula,
-    /// The authors' levels, filtered exactly.
+    /// The authors' levels, from the light's integral.
     Paper,
     /// The authors' levels and weights.
     Official,

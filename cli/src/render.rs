@@ -14,7 +14,7 @@ use crate::{
     relay::relay,
     relight::write_light,
     scene::{Opened, Renderer, Scene},
-    within,
+    within::within,
 };
 use rayon::prelude::*;
 use specula_core::{camera::Camera, plan::Channels, scene::Image, shade::ShadingForm};
@@ -57,14 +57,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         false => None,
     };
     if let Some(error) = args.max_error {
-        if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
-            return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
-        }
-        let (cameras, channels) = (tour.cameras.iter().map(|(_, camera)| *camera).collect(), Layer::channels(&layers));
-        let (renderer, certificate) = within::renderer(&opened.scene, cameras, background, channels, error, talk)?;
-        job.run_with(renderer, opened.scene.reading.shading.form, background, talk, |_, _| Ok(()))?;
-        output::say(&place.folder.display().to_string())?;
-        return output::say(&certificate);
+        return render_within(error, args, opened, &job, talk);
     }
     job.run(opened, talk, |index, image| match &mut verification {
         Some(verification) => verification.compare(&tour.cameras[index].1, image),
@@ -72,6 +65,21 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     })?;
     output::say(&place.folder.display().to_string())?;
     verification.map_or(Ok(()), Verification::report)
+}
+
+/// Renders what was asked for within an error.
+fn render_within(error: f64, args: &Render, opened: Opened, job: &Job<'_>, talk: Talk) -> Result<(), Failure> {
+    if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
+        return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
+    }
+    let background = opened.background(args.look.showing.background);
+    let cameras = job.tour.cameras.iter().map(|(_, camera)| *camera).collect();
+    let within = within(&opened.scene, cameras, background, error, !args.no_verify, talk)?;
+    let renderer = Renderer::of_machine(within.machine(), &opened.scene, Layer::channels(job.layers));
+    job.run_with(renderer, opened.scene.reading.shading.form, background, talk, |_, _| Ok(()))?;
+    output::say(&job.place.folder.display().to_string())?;
+    output::say(within.certificate())?;
+    output::say(&within.report(talk))
 }
 
 /// Whether what the plan leaves out is missed anywhere.

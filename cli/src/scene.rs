@@ -11,7 +11,7 @@ use crate::{
     relay::relay,
 };
 use glam::Vec3;
-use specula_accuracy::{setting::Setting, subject::Subject};
+use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
     census::{Census, Fate},
@@ -231,13 +231,9 @@ impl Renderer {
         Self::with_rules(scene, full, options, talk)
     }
 
-    /// Renders on the processor as a setting says; the scene's light and reading are those of the setting already.
-    pub(crate) fn within(scene: Scene, setting: &Setting, channels: Channels) -> Result<Self, Failure> {
-        let scene = scene.rounded(setting.storage);
-        let Plan { rules, .. } = scene.plan(channels);
-        let rules = RenderRules { sh_degree: rules.sh_degree.min(setting.sh_degree), ..rules };
-        let light = scene.light.clone().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
-        Ok(Self { machine: machine::load_within(scene, light, &rules, setting.limits, setting.storage)?, rules })
+    /// Renders a scene on a machine that has its own ways with it.
+    pub(crate) fn of_machine(machine: Box<dyn Machine>, scene: &Scene, channels: Channels) -> Self {
+        Self { machine, rules: scene.plan(channels).rules }
     }
 
     /// Filters the light, if it is looked up.

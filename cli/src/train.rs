@@ -15,7 +15,7 @@ use crate::{
     scene::{Renderer, Scene},
     settings,
     view::{self, Shown, Source, live::Live},
-    within,
+    within::{Within, within},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, plan::Channels};
@@ -351,40 +351,39 @@ fn finish(
         )));
     }
     talk.note(&format!("saved {place:?}"));
-    let within = certified(args, &scene, views, info, talk)?;
+    let within = certified(args, &scene, views, talk)?;
+    if let Some(within) = &within {
+        save_certificate(args, &mut info, within.certificate().to_owned())?;
+    }
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
         return output::say(&facts);
     }
-    let mut renderer = match within {
-        Some(renderer) => renderer,
+    let mut renderer = match &within {
+        Some(within) => Renderer::of_machine(within.machine(), &scene, Channels::Training),
         None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?,
     };
     let test = views.test;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
+    if let Some(within) = &within {
+        let report = within.report(talk);
+        output::say(&report)?;
+        save_certificate(args, &mut info, format!("{}; {report}", within.certificate()))?;
+    }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))
 }
 
 /// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
-fn certified(
-    args: &Train,
-    scene: &Scene,
-    views: &Views<'_>,
-    mut info: ModelInfo,
-    talk: Talk,
-) -> Result<Option<Renderer>, Failure> {
+fn certified(args: &Train, scene: &Scene, views: &Views<'_>, talk: Talk) -> Result<Option<Within>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    let cameras = views.looked_from.clone();
-    match within::renderer(scene, cameras, views.background, Channels::Training, error, talk) {
-        Ok((renderer, certificate)) => {
-            output::say(&certificate)?;
-            info.rest.insert("certificate".into(), certificate.into());
-            model_folder::save_info(&args.model_path, &info)?;
-            Ok(Some(renderer))
+    match within(scene, views.looked_from.clone(), views.background, error, true, talk) {
+        Ok(within) => {
+            output::say(within.certificate())?;
+            Ok(Some(within))
         }
         Err(Failure::Input(why)) => {
             talk.note(&why);
@@ -392,6 +391,12 @@ fn certified(
         }
         Err(failure) => Err(failure),
     }
+}
+
+/// Writes the certificate of a model.
+fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> Result<(), Failure> {
+    info.rest.insert("certificate".into(), certificate.into());
+    Ok(model_folder::save_info(&args.model_path, info)?)
 }
 
 /// Writes how good the scene is, and after what time.
