@@ -239,6 +239,12 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
     LatLong { width, height, rgb }
 }
 
+/// The radiance of a cube map along directions of any length but 0, bilinear between the centres of texels.
+pub fn along(values: &[f32], resolution: usize, directions: &[[f64; 3]]) -> Vec<[f32; 3]> {
+    let cube = Cube::new(values, resolution);
+    directions.par_iter().map(|direction| cube.sample(*direction)).collect()
+}
+
 /// A cube map of a world with +z above as one with +y above: what comes from (x, y, z) comes from (x, z, −y), as tools
 /// turn Blender's scenes. Texels only change their places.
 pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
