@@ -21,12 +21,30 @@ const MEGABYTE: f64 = 1e6;
 /// No header of a PLY file has more lines.
 const HEADER_LINES: usize = 1000;
 
+/// What trainings may be given unequally: the head of its column, and how a sentence says it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Given {
+    pub(super) words: &'static str,
+    pub(super) sentence: fn(usize) -> String,
+}
+
+/// In the order of [`Run::given`].
+pub(super) const GIVEN: [Given; 3] = [
+    Given { words: "iterations", sentence: |count| format!("for {count} iterations") },
+    Given { words: "downscale", sentence: |factor| format!("with -r {factor}") },
+    Given { words: "training views", sentence: |count| format!("on {count} pictures") },
+];
+
 /// A trained model and how good it is.
 #[derive(Debug)]
 pub(super) struct Run {
     pub(super) folder: PathBuf,
     /// The last part of the data set's path.
     pub(super) scene: String,
+    /// The data set's path; empty if it does not say.
+    pub(super) source: String,
+    /// What it was given to train with, each of [`GIVEN`].
+    pub(super) given: [Option<f64>; GIVEN.len()],
     /// Its profile, or the name of its folder if another program trained it.
     pub(super) profile: String,
     pub(super) measured: Values,
@@ -68,10 +86,15 @@ impl Run {
         let on_the_way = timeline.get(&method).and_then(|own| own.get("seconds")?.as_f64());
         let at_the_end = info.as_ref().filter(|info| info.iterations == iteration).and(rest("seconds"));
         let source = info.as_ref().map(|info| info.source_path.clone()).or_else(|| source_of_others(folder));
+        let source = source.unwrap_or_default();
+        let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
+        let training_views = rest("train_views").and_then(Value::as_f64);
         let background = rest("background").and_then(|channels| serde_json::from_value(channels.clone()).ok());
         Ok(Self {
             folder: folder.to_owned(),
-            scene: last_part(Path::new(&source.unwrap_or_default())).unwrap_or_else(|| "scene".into()),
+            scene: last_part(Path::new(&source)).unwrap_or_else(|| "scene".into()),
+            source,
+            given: [Some(iteration.into()), downscale, training_views],
             profile: info.as_ref().map_or_else(|| last_part(folder).unwrap_or_default(), |info| info.profile.clone()),
             measured: MEASURES.map(|measure| number(measure.name)),
             is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
