@@ -121,7 +121,9 @@ pub fn save_inputs(
 
 /// Removes what a program that was killed had half written; a folder that is not there has nothing of the kind.
 pub fn remove_unfinished(folder: &Path) {
-    whole_file::remove_unfinished(folder);
+    // point_cloud/iteration_N is the deepest that is written to.
+    const LEVELS: usize = 2;
+    whole_file::remove_unfinished(folder, LEVELS);
 }
 
 /// Writes a model at an iteration. Earlier iterations stay.
