@@ -187,7 +187,7 @@ fn note_several(folder: &Path, model: &Model, notes: &mut Vec<String>) {
         numbered(place).into_iter().filter_map(|folder| Model::in_folder(&folder)).filter(|other| other != model);
     let names: Vec<String> = others.map(|other| format!("{:?}", other.folder)).collect();
     if !names.is_empty() {
-        notes.push(format!("{:?} is the largest model; left out is {}", model.folder, names.join(", ")));
+        notes.push(format!("{:?} is the largest model; skipped: {}", model.folder, names.join(", ")));
     }
 }
 
@@ -301,7 +301,7 @@ pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<Poin
     }
     let left_out = points.len() - cloud.positions.len();
     if left_out > 0 {
-        notes.push(format!("left out {left_out} points of {path:?} that are not finite"));
+        notes.push(format!("skipped {left_out} points of {path:?} that are not finite"));
     }
     Ok(cloud)
 }

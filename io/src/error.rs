@@ -35,7 +35,7 @@ pub enum Error {
     },
     /// More bytes than the format can count.
     #[error(
-        "{path:?} would have {len} bytes, and the format ends at 4 GiB; leave Gaussians out with --min-opacity, or harmonics with --sh-degree"
+        "{path:?} would have {len} bytes, and the format ends at 4 GiB; omit Gaussians with --min-opacity, or harmonics with --sh-degree"
     )]
     TooLong {
         /// The file.

@@ -52,7 +52,7 @@ fn leave_out_unnamed(transforms: &mut Transforms, notes: &mut Vec<String>) {
     transforms.frames.retain(|frame| named.contains(&frame.file_path));
     let left_out = all - transforms.frames.len();
     if left_out > 0 {
-        notes.push(format!("left out {left_out} frames that are not named for training or testing"));
+        notes.push(format!("skipped {left_out} frames that are not named for training or testing"));
     }
 }
 
