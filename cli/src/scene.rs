@@ -131,7 +131,7 @@ impl Scene {
     /// Says how many Gaussians are left out of every picture because a number of theirs is not finite, if any are.
     fn note_left_out(&self, talk: Talk) {
         if let Some(words) = nonfinite_words(&Census::of(&self.gaussians, None)) {
-            talk.note(&format!("Gaussians with numbers that are not finite are left out: {words}"));
+            talk.note(&format!("Gaussians with numbers that are not finite are not drawn: {words}"));
         }
     }
 
@@ -301,8 +301,25 @@ pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<latlong
             cleaned.negative
         ));
     }
+    note_doubts(path, &map, talk)?;
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     Ok(map)
+}
+
+/// Says why a picture may be no light, where it is read as one.
+fn note_doubts(path: &Path, map: &latlong::LatLong, talk: Talk) -> Result<(), Failure> {
+    if !latlong::holds_radiance(path)? {
+        talk.note(&format!(
+            "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
+        ));
+    }
+    if map.width != 2 * map.height {
+        talk.note(&format!(
+            "{path:?} has {} × {} pixels, and is stretched to 2:1, as a lat-long map is; is it one?",
+            map.width, map.height
+        ));
+    }
+    Ok(())
 }
 
 /// Radiance of a light, whatever its numbers are.

@@ -182,6 +182,16 @@ pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
     Ok((LatLong { width, height, rgb }, cleaned))
 }
 
+/// Whether a file is of a format that holds radiance, Radiance's or OpenEXR: others end at white, in 8 or 16 bits.
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read.
+pub fn holds_radiance(path: &Path) -> Result<bool> {
+    const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+    let start = start_of(path)?;
+    Ok(is_radiance(&start) || start == OPENEXR)
+}
+
 /// Writes `.hdr` (RGBE, about 1 % a step) or `.exr` (lossless).
 pub fn write(path: &Path, map: &LatLong) -> Result<()> {
     assert_eq!(map.rgb.len(), 3 * map.width * map.height, "a pixel has three numbers");
@@ -316,7 +326,7 @@ fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f
 }
 
 fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
-    let image = if is_radiance(path)? { decode_radiance(path)? } else { decode(path)? };
+    let image = if is_radiance(&start_of(path)?) { decode_radiance(path)? } else { decode(path)? };
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut rgb = floats(image);
@@ -327,11 +337,16 @@ fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
 }
 
 /// Whether a file begins as Radiance's do: `#?RADIANCE`, or `#?RGBE` from other tools, which `image` would refuse.
-fn is_radiance(path: &Path) -> Result<bool> {
+fn is_radiance(start: &[u8]) -> bool {
+    start.starts_with(b"#?")
+}
+
+/// The first four bytes of a file, or all if there are fewer.
+fn start_of(path: &Path) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     let file = File::open(path).map_err(Error::reading(path))?;
-    file.take(2).read_to_end(&mut start).map_err(Error::reading(path))?;
-    Ok(start == b"#?")
+    file.take(4).read_to_end(&mut start).map_err(Error::reading(path))?;
+    Ok(start)
 }
 
 fn decode_radiance(path: &Path) -> Result<DynamicImage> {
