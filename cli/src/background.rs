@@ -6,9 +6,17 @@ use crate::{
 };
 use core::{fmt, str::FromStr};
 use serde_json::Value;
-use specula_core::{camera::Camera, color::srgb_from_linear, scene::Environment};
-use specula_io::{latlong, model_folder::ModelInfo};
-use specula_train::view::View;
+use specula_core::{
+    camera::Camera,
+    color::{composite, over, srgb_from_linear},
+    scene::{Environment, Image},
+};
+use specula_io::{
+    latlong,
+    model_folder::ModelInfo,
+    picture::{self, RgbImage},
+};
+use specula_train::{evaluate::over_background, view::View};
 
 /// A colour of sRGB, each channel from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +70,96 @@ impl fmt::Display for Background {
 
 kept_as_typed!(Background);
 
+/// What is asked to be behind the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Backdrop {
+    /// A colour.
+    Color(Background),
+    /// The light that the scene reflects.
+    Environment,
+}
+
+impl Backdrop {
+    /// The colour, where it is one.
+    pub(crate) fn color(self) -> Option<Background> {
+        match self {
+            Self::Color(color) => Some(color),
+            Self::Environment => None,
+        }
+    }
+}
+
+impl FromStr for Backdrop {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "env" {
+            return Ok(Self::Environment);
+        }
+        let wrong = |_| "use black, white, env, or three numbers from 0 to 1 such as 0.5,0.5,0.5".to_owned();
+        text.parse().map(Self::Color).map_err(wrong)
+    }
+}
+
+/// What pictures show behind the Gaussians.
+#[derive(Debug)]
+pub(crate) enum Behind {
+    /// A colour.
+    Color(Background),
+    /// A light, from afar.
+    Light(Environment<Vec<f32>>),
+}
+
+impl Behind {
+    /// A rendered view over it.
+    pub(crate) fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> RgbImage {
+        let planes = match self {
+            Self::Color(Background(color)) => over_background(image, *color),
+            Self::Light(light) => over_colors(image, &environment_backdrop(light, camera)),
+        };
+        picture::rgb(image.width, image.height, &planes)
+    }
+
+    /// A photograph over it.
+    pub(crate) fn truth(&self, view: &View) -> RgbImage {
+        let Self::Light(light) = self else { return truth(view, self.color()) };
+        let colors = environment_backdrop(light, &view.camera);
+        let channel = |(pixel, color): (&[u8], &[f32; 3]), c: usize| {
+            let [value, alpha] = [pixel[c], pixel[3]].map(|byte| f32::from(byte) / 255.0);
+            over(value, alpha, color[c])
+        };
+        let plane = |c: usize| view.rgba.chunks_exact(4).zip(&colors).map(move |pair| channel(pair, c));
+        picture::rgb(
+            view.camera.width as usize,
+            view.camera.height as usize,
+            &(0..3).flat_map(plane).collect::<Vec<_>>(),
+        )
+    }
+
+    /// The colour; black where it is none.
+    pub(crate) fn color(&self) -> Background {
+        match self {
+            Self::Color(color) => *color,
+            Self::Light(_) => Background::BLACK,
+        }
+    }
+}
+
+/// A photograph over a colour.
+pub(crate) fn truth(view: &View, background: Background) -> RgbImage {
+    picture::rgb(view.camera.width as usize, view.camera.height as usize, &view.over(background.0))
+}
+
+/// The colours of a view over a colour for each pixel, as three planes.
+fn over_colors(image: &Image<Vec<f32>>, colors: &[[f32; 3]]) -> Vec<f32> {
+    let passed = image.plane(image.channels - 1);
+    let plane = |c: usize| {
+        let pixels = image.plane(c).iter().zip(passed).zip(colors);
+        pixels.map(move |((own, passed), behind)| composite(*own, *passed, behind[c]))
+    };
+    (0..3).flat_map(plane).collect()
+}
+
 /// The colour of the light behind each pixel of a camera, row by row: its unfiltered radiance in the direction of the pixel's
 /// centre, as sRGB from 0 to 1.
 pub(crate) fn environment_backdrop(light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<[f32; 3]> {
@@ -102,7 +200,8 @@ mod tests {
         };
         let values: Vec<f32> = (0..6 * RESOLUTION * RESOLUTION).flat_map(texel).collect();
         let light = Environment { resolution: RESOLUTION, activation: RadianceActivation::Identity, values };
-        let camera = Camera::look_at(glam::Vec3::new(5.0, 2.0, 1.0), glam::Vec3::new(1.0, 2.0, 1.0), glam::Vec3::Z, 0.6, 6, 4);
+        let camera =
+            Camera::look_at(glam::Vec3::new(5.0, 2.0, 1.0), glam::Vec3::new(1.0, 2.0, 1.0), glam::Vec3::Z, 0.6, 6, 4);
         let seen = environment_backdrop(&light, &camera);
         assert_eq!(seen.len(), 24);
         // The camera looks along -x, with +y to its right and +z above.
@@ -121,5 +220,12 @@ mod tests {
         assert!(environment_backdrop(&learned, &camera).iter().zip(&seen).all(is_same), "exponents are not radiance");
         let bright = light.with_values(light.values.iter().map(|radiance| radiance * 1000.0).collect());
         assert!(environment_backdrop(&bright, &camera).iter().all(|color| *color == [1.0; 3]), "white is the most");
+    }
+
+    #[test]
+    fn a_backdrop_is_a_colour_or_the_light() {
+        assert_eq!("env".parse(), Ok(Backdrop::Environment));
+        assert_eq!("white".parse(), Ok(Backdrop::Color(Background::WHITE)));
+        assert!("sky".parse::<Backdrop>().is_err_and(|words| words.contains("env")));
     }
 }

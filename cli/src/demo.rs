@@ -11,6 +11,7 @@ use crate::{
     failure::Failure,
     fit::{Start, Training, thousands},
     interrupt,
+    lock::Lock,
     machine::ExecutorChoice,
     output,
     progress::Talk,
@@ -55,6 +56,7 @@ struct Contestant {
 
 /// Unpacks, trains twice, measures, and makes pictures of everything.
 pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
+    let _lock = lock(args, talk)?;
     let (data, points) = prepare(args)?;
     let mut contestants = Vec::new();
     for name in PROFILES {
@@ -63,22 +65,28 @@ pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
     let table = table(&contestants);
     output::write_json(&args.output.join("results.json"), &results(&contestants))?;
     let [plain, ours] = contestants.try_into().expect("there are two of them");
-    sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
-    page::write(&args.output, &table, args.iterations)?;
+    let sheets = sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
+    page::write(&args.output, &table, args.iterations, &sheets)?;
     let page = args.output.join("index.html");
     output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
 pub(crate) fn train_shaded(args: &Demo, talk: Talk) -> Result<PathBuf, Failure> {
+    let _lock = lock(args, talk)?;
     let (data, points) = prepare(args)?;
     let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points, talk)?;
     Ok(args.output.join(name))
 }
 
+/// Keeps other trainings out of the demo's folder, which it makes.
+fn lock(args: &Demo, talk: Talk) -> Result<Lock, Failure> {
+    output::make_folder(&args.output)?;
+    Lock::take(&args.output, "wait until it ends, or name another folder with -o", talk)
+}
+
 /// Unpacks the data, and draws the points.
 fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
-    output::make_folder(&args.output)?;
     let source = args.output.join("data");
     data::unpack(&source)?;
     let data = dataset::load(&source, &LoadOptions::default(), Talk { quiet: true })?;

@@ -260,7 +260,7 @@ impl<'a> Training<'a> {
     fn warn_of_nonfinite(&self, talk: Talk) {
         let count = self.trainer.nonfinite();
         if count > 0 {
-            talk.note(&format!("{count} gradients were not finite and were left out; the result may be worse for it"));
+            talk.note(&format!("{count} gradients were not finite and were skipped; the result may be worse for it"));
         }
     }
 

@@ -17,8 +17,10 @@ mod failure;
 mod fit;
 mod foreground;
 mod fuse;
+mod help;
 mod info;
 mod interrupt;
+mod lock;
 mod look;
 mod machine;
 mod output;
@@ -45,7 +47,7 @@ use args::{Arguments, Command};
 use clap::{Parser, error::ErrorKind};
 use failure::Failure;
 use progress::Talk;
-use std::process::ExitCode;
+use std::{ffi::OsString, process::ExitCode};
 
 /// Frames and gradients come and go at every step; this allocator keeps their pages.
 #[global_allocator]
@@ -74,6 +76,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
     let talk = Talk { quiet: arguments.quiet };
+    arguments.command.executor().map_or(Ok(()), |choice| machine::check(choice, talk))?;
     match &arguments.command {
         Command::Demo(args) => demo::run(args, talk),
         Command::Train(args) => train::run(args, talk),
@@ -92,15 +95,22 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Help goes to stdout; what is wrong with the arguments is one sentence, like any other error.
 fn explain(error: &clap::Error) -> ExitCode {
-    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
-        // Nobody may be there to read it, which is no error.
-        let _ = error.print();
-        return ExitCode::SUCCESS;
+    let words: Vec<OsString> = std::env::args_os().collect();
+    match error.kind() {
+        ErrorKind::DisplayHelp => help::print(&words),
+        ErrorKind::DisplayVersion => {
+            // Nobody may be there to read it, which is no error.
+            let _ = error.print();
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            eprint!("{error}");
+            return ExitCode::from(2);
+        }
+        _ => {
+            let command = help::command_of(&words).map_or(String::new(), |name| format!("{name} "));
+            eprintln!("specula: {}; see specula {command}--help", failure::sentence_of(error));
+            return ExitCode::from(2);
+        }
     }
-    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        eprint!("{error}");
-        return ExitCode::from(2);
-    }
-    eprintln!("specula: {}; see specula --help", failure::sentence_of(error));
-    ExitCode::from(2)
+    ExitCode::SUCCESS
 }

@@ -48,7 +48,7 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let opened = Opened::open(&args.scene, args.showing.profile)?;
     opened.note_oddities(talk);
-    let background = opened.background(args.showing.background);
+    let background = opened.background(args.background);
     let name = name_of(&args.scene);
     let shown = Shown {
         name,

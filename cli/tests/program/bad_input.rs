@@ -134,7 +134,32 @@ fn impossible_settings() {
 #[test]
 fn no_command_and_a_wrong_one() {
     refuses(specula_with(&["trian", "data"]), &["trian"]);
-    refuses(specula_with(&["train"]), &["--model-path"]);
+    refuses(specula_with(&["train"]), &["--model-path", "see specula train --help"]);
+    refuses(
+        specula_with(&["train", "data", "-m", "out", "--iteration", "7"]),
+        &["--iterations", "see specula train --help"],
+    );
+    refuses(specula_with(&["--loud"]), &["see specula --help"]);
+}
+
+#[test]
+fn a_part_of_a_data_set() {
+    let tiny = Tiny::new();
+    for part in ["train", "sparse/0"] {
+        fs::create_dir_all(tiny.file(part)).unwrap();
+        let mut command = specula();
+        command.arg("train").arg(tiny.file(part)).arg("-m").arg(tiny.path("model"));
+        refuses(command, &["part of a data set", "did you mean the folder above", "data"]);
+    }
+    let mut command = specula();
+    command.arg("train").arg(tiny.path(".")).arg("-m").arg(tiny.path("model"));
+    refuses(command, &["no data set", "did you mean", "data"]);
+    let model = tiny.path("models/one");
+    fs::create_dir_all(&model).unwrap();
+    fs::write(model.join("specula.json"), "{}").unwrap();
+    let mut command = specula();
+    command.arg("train").arg(&model).arg("-m").arg(tiny.path("model"));
+    refuses(command, &["is a model", "--resume"]);
 }
 
 fn specula_with(words: &[&str]) -> Command {
@@ -225,6 +250,12 @@ fn light_that_is_no_radiance_is_cleaned_and_counted() {
         let stderr = String::from_utf8(output.stderr).unwrap();
         assert!(stderr.contains(word) && stderr.contains("env.exr"), "{stderr}");
     }
+    let collage = tiny.path("collage.png");
+    image::RgbImage::from_pixel(8, 6, image::Rgb([90, 120, 200])).save(&collage).unwrap();
+    let mut command = specula();
+    command.arg("relight").arg(&model).arg("--env").arg(&collage).arg("-o").arg(tiny.path("out"));
+    let stderr = String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("no radiance above 1") && stderr.contains("8 × 6 pixels"), "{stderr}");
     let mut command = specula();
     command.arg("relight").arg(&model).arg("--env").arg(tiny.path("night.hdr")).arg("-o").arg(tiny.path("night"));
     refuses(command, &["night.hdr"]);
@@ -247,7 +278,12 @@ fn an_executor_that_there_is_not() {
     let mut command = renders(&model, &tiny.path("out"));
     // Where there is no such folder, Mesa says so.
     command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
-    refuses(command, &["abacus", "adapter", "use the CPU"]);
+    refuses(command, &["abacus", "adapter", "--executor cpu"]);
+    // Before anything is read.
+    let mut command = specula();
+    command.arg("train").arg(tiny.path("nowhere")).arg("-m").arg(tiny.path("other"));
+    command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
+    refuses(command, &["abacus", "--executor cpu"]);
     let mut command = renders(&model, &tiny.path("out"));
     command.args(["--executor", "cuda"]);
     refuses(command, &["--executor", "auto, cpu, gpu"]);

@@ -99,6 +99,31 @@ mod killed {
     }
 
     #[test]
+    fn a_folder_belongs_to_one_training_until_that_ends() {
+        let tiny = Tiny::new();
+        let mut first = Command::new(cargo_bin!("specula"));
+        first.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args(["--executor", "cpu"]);
+        let mut first = first.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let lock = tiny.path("model/training.lock");
+        while !fs::read_to_string(&lock).is_ok_and(|text| text.ends_with("}\n")) {
+            assert_eq!(first.try_wait().unwrap(), None, "the training ended");
+            thread::sleep(Duration::from_millis(5));
+        }
+        let sentence = refusal(&mut train(&tiny, "model"));
+        for word in [&format!("process {} on ", first.id()), "another training", "--ignore-lock", "-m"] {
+            assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
+        }
+        let talk = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
+        assert!(String::from_utf8(talk).unwrap().contains("all the same"));
+
+        let unfinished = tiny.path("model/point_cloud/.unfinished-x");
+        fs::write(&unfinished, "half").unwrap();
+        end(first, "-KILL", 0);
+        train(&tiny, "model").assert().success();
+        assert!(!unfinished.exists() && fs::read(&lock).unwrap().is_empty(), "nothing is left of it");
+    }
+
+    #[test]
     fn a_training_that_is_killed_goes_on_to_the_same_bits() {
         ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)]);
     }
