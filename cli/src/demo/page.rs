@@ -13,6 +13,7 @@ use std::path::Path;
 
 /// How rows of pictures look: as large as they are, with words that a browser's font writes.
 const ROWS: &str = "\
+body { max-width: 78rem; }
 .row { display: flex; flex-wrap: wrap; gap: .75rem; margin: .75rem 0; }
 figure { margin: 0; }
 figcaption { font-size: .8rem; line-height: 1.3; color: #555; max-width: 20rem; }
