@@ -1,11 +1,19 @@
 //! Measures of a picture against the exact one.
 
-use crate::{flip::flip, reference::Exact};
+use crate::{
+    flip::flip,
+    reference::Exact,
+    setting::Setting,
+    subject::Subject,
+    trial::{Trial, Work, measured},
+};
 use specula_core::{
+    camera::Camera,
     metrics::{angle_degrees, psnr},
     plan::channel,
     scene::Image,
 };
+use specula_cpu::CpuError;
 use specula_train::evaluate::{mean_ssim, over_background};
 
 /// Pixels of less coverage have no normal to speak of.
@@ -44,6 +52,25 @@ impl Errors {
     pub fn is_within(&self, rms: f64) -> bool {
         self.nonfinite == 0 && self.worst <= rms
     }
+}
+
+/// Errors of a setting in some views, and the work of its pictures.
+///
+/// # Errors
+///
+/// If the processor cannot render.
+pub fn errors_of(
+    trial: &mut Trial<'_>,
+    subject: &Subject,
+    setting: &Setting,
+    views: &[(Camera, Exact)],
+) -> Result<(Errors, Work), CpuError> {
+    let (mut sums, mut work) = (Sums::default(), Work::default());
+    for (camera, exact) in views {
+        work = work.and(&trial.view(setting, camera)?.work);
+        sums.add(&trial.view(&measured(setting), camera)?.image, exact, subject.background);
+    }
+    Ok((sums.errors(), work))
 }
 
 /// Sums over views.

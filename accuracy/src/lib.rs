@@ -6,7 +6,8 @@
 //! * [`error`]: measures of a picture against the exact one ([`mod@flip`])
 //! * [`mod@lpips`]: how different pictures look to a network whose weights a file holds
 //! * [`front`]: settings that no other beats
-//! * [`budget`]: the cheapest setting for an error, verified on views that it was not chosen by
+//! * [`budget`]: the cheapest setting for an error, tried on views that it was not chosen by
+//! * [`verify`]: pictures within an error, each compared with the most exact one that `f32` has
 //! * [`mod@off_axis`]: how far alphas are from those along rays, by the angle
 //! * [`mod@sort`]: how far one order for a whole picture is from an order for each pixel
 //! * [`stability`]: what holds of scenes at the edges of what is valid
@@ -24,3 +25,5 @@ pub mod sort;
 pub mod stability;
 pub mod subject;
 pub mod trial;
+pub mod verify;
+mod wire;

@@ -7,6 +7,7 @@
 //! the reference package, and writes into their metadata, as `network`, which one it is, and as `check` the distance of
 //! the pictures of [`check_pictures`], which is computed again when the file is read.
 
+use crate::wire;
 use core::fmt;
 use rten::{Dimension, Model, NodeId};
 use rten_tensor::{AsView, NdTensorView, Tensor};
@@ -39,6 +40,7 @@ pub struct Network {
 impl Network {
     /// Reads a network from the bytes of its file.
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, Unfit> {
+        wire::check(&bytes).map_err(|what| Unfit(format!("it is no ONNX model: {what}")))?;
         let model = Model::load(bytes).map_err(|error| Unfit(format!("it is no ONNX model: {error}")))?;
         let (&[one, other], &[distance]) = (model.input_ids(), model.output_ids()) else {
             let [pictures, numbers] = [model.input_ids().len(), model.output_ids().len()];

@@ -8,6 +8,7 @@ use specula_core::{
     limits::Limits,
     plan::{Channels, channel},
     scene::{Gaussians, Image},
+    vector::Vec3,
 };
 use specula_oracle::{
     self as oracle,
@@ -54,6 +55,13 @@ impl Reference {
         Self { gaussians: oracle::lift_gaussians(&subject.gaussians), independent, light, setting }
     }
 
+    /// The texels of each level of the light, with their aprons, rounded; nothing where no light is
+    /// looked up.
+    pub(crate) fn filtered(&self) -> Option<impl Iterator<Item = Vec<[f32; 3]>> + '_> {
+        let rounded = |map: &Vec<Vec3<Double>>| map.iter().map(|texel| texel.to_array().map(|x| x.0 as f32)).collect();
+        self.light.as_ref().map(|light| light.maps.iter().map(rounded))
+    }
+
     /// Exact views from all cameras of the subject, side by side, because each is worked out plainly; `done` is called
     /// for each.
     pub fn views(&self, subject: &Subject, done: impl Fn() + Sync) -> Vec<(Camera, Exact)> {
@@ -68,6 +76,12 @@ impl Reference {
     /// An exact view.
     pub fn view(&self, subject: &Subject, camera: &Camera) -> Exact {
         Exact::of(&self.frame(subject, camera), subject.background)
+    }
+
+    /// An exact view by the renderer that shares no formula with core but those of colours, sorted
+    /// by the depth of means as the model is.
+    pub fn independent_view(&self, subject: &Subject, camera: &Camera) -> Exact {
+        Exact::of(&self.frame_in_order(subject, camera, Order::Mean), subject.background)
     }
 
     /// What is blended into an exact view, and shaded.

@@ -1,6 +1,7 @@
 //! A scene under one setting after another: pictures, times stage by stage, counts of the work.
 
-use crate::{setting::Setting, subject::Subject};
+use crate::{reference::Reference, setting::Setting, subject::Subject};
+use core::cell::OnceCell;
 use specula_core::{
     camera::Camera,
     executor::{RenderRules, Renderer},
@@ -11,7 +12,7 @@ use specula_core::{
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors};
-use std::time::Instant;
+use std::{borrow::Cow, time::Instant};
 
 /// The stages that are timed, and the whole of them.
 pub const STAGES: [&str; 6] = ["project", "shade", "bin", "blend", "shade_pixels", "picture"];
@@ -82,16 +83,19 @@ impl Work {
 struct Filtered {
     of: (PrefilterScheme, usize, LevelRange, Storage),
     light: Light,
+    /// Whether it has every level, of the exact pictures' weights: it serves whatever range of
+    /// levels is looked up.
+    is_of_reference: bool,
     milliseconds: f64,
 }
 
 /// A subject, ready for any setting.
 #[derive(Debug)]
 pub struct Trial<'a> {
-    subject: &'a Subject,
+    subject: Cow<'a, Subject>,
     exec: CpuViewer,
     /// Rounded as they are stored, each with what it needs.
-    stored: [(Gaussians<Vec<f32>>, Needs); 2],
+    stored: Stored,
     lights: Vec<Filtered>,
 }
 
@@ -106,23 +110,54 @@ pub struct Taken {
     pub work: Work,
 }
 
+impl Taken {
+    /// How long the picture took.
+    pub fn milliseconds(&self) -> f64 {
+        self.times[STAGES.len() - 1]
+    }
+}
+
 impl<'a> Trial<'a> {
-    /// Rounds the Gaussians as each storage does.
+    /// Of a subject whose light is filtered as settings say.
     pub fn new(subject: &'a Subject) -> Self {
-        let stored = [Storage::F32, Storage::F16].map(|storage| {
-            let mut gaussians = subject.gaussians.clone();
-            storage.round(&mut gaussians);
-            let needs = Needs::of(&gaussians).under(subject.light.as_ref());
-            (gaussians, needs)
-        });
-        Self { subject, exec: CpuViewer::default(), stored, lights: Vec::new() }
+        Self::of(Cow::Borrowed(subject))
     }
 
+    fn of(subject: Cow<'a, Subject>) -> Self {
+        Self { subject, exec: CpuViewer::default(), stored: Default::default(), lights: Vec::new() }
+    }
+}
+
+impl Trial<'static> {
+    /// Of a subject under the light of its exact pictures, where a setting has it in full and
+    /// rounds none of it: what is left of errors then is that of cuts, of projection and of
+    /// rounding.
+    ///
+    /// # Errors
+    ///
+    /// If the processor cannot filter the light.
+    pub fn under(subject: Subject, reference: &Reference) -> Result<Self, CpuError> {
+        let mut trial = Self::of(Cow::Owned(subject));
+        let setting = Setting::exact(&trial.subject);
+        if let Some((levels, light)) = reference.filtered().zip(trial.subject.light_at(setting.light)) {
+            let start = Instant::now();
+            let mut light = trial.exec.prefilter(&light, setting.scheme, LevelRange::ALL)?;
+            for (level, texels) in levels.enumerate() {
+                light.put_level(level, texels);
+            }
+            let of = (setting.scheme, setting.light, LevelRange::ALL, setting.storage);
+            trial.lights.push(Filtered { of, light, is_of_reference: true, milliseconds: milliseconds(start) });
+        }
+        Ok(trial)
+    }
+}
+
+impl Trial<'_> {
     /// A view under a setting; its light is filtered when it is first needed.
     pub fn view(&mut self, setting: &Setting, camera: &Camera) -> Result<Taken, CpuError> {
         let rules = self.rules(setting);
         let light = self.filtered(setting, &rules)?;
-        let (gaussians, _) = &self.stored[usize::from(setting.storage == Storage::F16)];
+        let (gaussians, _) = stored(&self.stored, &self.subject, setting.storage);
         self.exec.set_limits(setting.limits);
         let mut watch = Stopwatch { exec: &mut self.exec, times: Times::default(), work: Work::default() };
         let light = light.map(|index| &self.lights[index].light);
@@ -149,9 +184,9 @@ impl<'a> Trial<'a> {
 
     /// A setting's rules without what the scene does not need.
     fn rules(&self, setting: &Setting) -> RenderRules {
-        let (gaussians, needs) = &self.stored[usize::from(setting.storage == Storage::F16)];
+        let (gaussians, needs) = stored(&self.stored, &self.subject, setting.storage);
         let levels = (setting.light > 0).then(|| Levels::new(setting.scheme, setting.light));
-        Plan::new(gaussians.layout, needs, levels.as_ref(), &setting.rules(self.subject)).rules
+        Plan::new(gaussians.layout, needs, levels.as_ref(), &setting.rules(&self.subject)).rules
     }
 
     fn light_of(&self, setting: &Setting, rules: &RenderRules) -> (PrefilterScheme, usize, LevelRange, Storage) {
@@ -161,7 +196,11 @@ impl<'a> Trial<'a> {
     /// The number of a setting's light.
     fn filtered(&mut self, setting: &Setting, rules: &RenderRules) -> Result<Option<usize>, CpuError> {
         let of = self.light_of(setting, rules);
-        if let Some(index) = self.lights.iter().position(|own| own.of == of) {
+        let serves = |own: &Filtered| {
+            let (scheme, resolution, _, storage) = of;
+            own.of == of || own.is_of_reference && own.of == (scheme, resolution, LevelRange::ALL, storage)
+        };
+        if let Some(index) = self.lights.iter().position(serves) {
             return Ok(Some(index));
         }
         if setting.light == 0 || !rules.is_lit {
@@ -172,9 +211,22 @@ impl<'a> Trial<'a> {
         let mut light = self.exec.prefilter(&light, setting.scheme, rules.levels)?;
         let milliseconds = milliseconds(start);
         light.round(setting.storage);
-        self.lights.push(Filtered { of, light, milliseconds });
+        self.lights.push(Filtered { of, light, is_of_reference: false, milliseconds });
         Ok(Some(self.lights.len() - 1))
     }
+}
+
+/// Gaussians of each storage, rounded when they are first needed.
+type Stored = [OnceCell<(Gaussians<Vec<f32>>, Needs)>; 2];
+
+/// The Gaussians of a subject in a storage, and what they need.
+fn stored<'a>(stored: &'a Stored, subject: &Subject, storage: Storage) -> &'a (Gaussians<Vec<f32>>, Needs) {
+    stored[usize::from(storage == Storage::F16)].get_or_init(|| {
+        let mut gaussians = subject.gaussians.clone();
+        storage.round(&mut gaussians);
+        let needs = Needs::of(&gaussians).under(subject.light.as_ref());
+        (gaussians, needs)
+    })
 }
 
 fn bytes(gaussians: &Gaussians<Vec<f32>>, light: Option<&Light>, storage: Storage) -> usize {

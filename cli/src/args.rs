@@ -3,19 +3,32 @@
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
 use crate::{
-    background::Background, bearings::SceneUp, failure::Failure, foreground::Foreground, machine::ExecutorChoice,
-    pictures::Layer, preset::Preset,
+    background::{Backdrop, Background},
+    bearings::SceneUp,
+    failure::Failure,
+    foreground::Foreground,
+    machine::ExecutorChoice,
+    pictures::Layer,
+    preset::Preset,
+    typed::{count, positive},
 };
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
 use serde::{Serialize, Serializer};
 use specula_core::{pack::Storage, perspective::Projection};
-use specula_io::latlong::{Stand, UpAxis};
+use specula_io::{
+    budget::view_size,
+    latlong::{Stand, UpAxis},
+};
 use std::{
+    io::IsTerminal,
     net::ToSocketAddrs,
     path::{Path, PathBuf},
 };
+
+/// `-r -1`, INRIA's default: as they are, but at most 1600 pixels wide.
+pub(crate) const AT_MOST_1600: u32 = 0;
 
 /// Scenes of 3D Gaussians that carry a shading function: fitted to pictures, rendered, taken apart, relit.
 ///
@@ -24,10 +37,10 @@ use std::{
 #[derive(Debug, Parser)]
 #[command(name = "specula", version, max_term_width = 110, after_help = EXAMPLES)]
 pub(crate) struct Arguments {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub(crate) command: Command,
-    /// Say nothing but results and errors.
+    /// Print results and errors alone.
     #[arg(long, short, global = true, help_heading = "General")]
     pub(crate) quiet: bool,
     /// Threads to use; all cores by default. Results do not depend on it.
@@ -41,7 +54,7 @@ Examples:
   specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
   specula render out/chair --layers rgb,normal    pictures of the test views
   specula relight out/chair --env sunset.hdr      the same scene under another light
-  specula compare out/chair out/plain             a table of what they came to
+  specula compare out/chair out/plain             a table of their quality, size and time
   specula view out/chair                          look around in it, in a browser
   specula export out/chair -o chair.ply           for any viewer of Gaussians
   specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
@@ -62,6 +75,37 @@ pub(crate) enum Command {
     Report(Report),
     Info(Info),
     Doctor(Doctor),
+    /// Read a network for LPIPS and nothing else; eval does so in a process that may only take so much.
+    #[command(hide = true)]
+    TryNetwork(TryNetwork),
+}
+
+/// A network that is tried.
+#[derive(Args, Debug)]
+pub(crate) struct TryNetwork {
+    /// Its file.
+    pub(crate) network: PathBuf,
+}
+
+impl Command {
+    /// What it should compute on, where there is a choice.
+    pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
+        match self {
+            Self::Train(args) => Some(&args.executor),
+            Self::Render(args) => Some(&args.look.showing.machine.executor),
+            Self::Relight(args) => Some(&args.look.showing.machine.executor),
+            Self::Eval(args) => Some(&args.machine.executor),
+            Self::View(args) => Some(&args.showing.machine.executor),
+            Self::Export(args) => Some(&args.showing.machine.executor),
+            Self::Demo(_)
+            | Self::Compare(_)
+            | Self::Prefilter(_)
+            | Self::Report(_)
+            | Self::Info(_)
+            | Self::Doctor(_)
+            | Self::TryNetwork(_) => None,
+        }
+    }
 }
 
 /// Train a small reflective scene that comes with the program, and make pictures of all that can be done with it.
@@ -75,98 +119,92 @@ pub(crate) struct Demo {
     #[arg(long, short, value_name = "OUT", default_value = crate::demo::FOLDER)]
     pub(crate) output: PathBuf,
     /// Steps of each of the two trainings.
-    #[arg(long, value_name = "N", default_value_t = crate::demo::ITERATIONS, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = crate::demo::ITERATIONS, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
 }
 
 /// Fit Gaussians and a light to pictures with known cameras.
 ///
-/// DATASET is a folder. What is in it says what it is: transforms_train.json, transforms_test.json and the pictures that
-/// they name, as in NeRF Synthetic and Shiny Blender; sparse/0 and images, photographs whose cameras COLMAP has found, in
-/// its binary or text format; or a transforms.json of nerfstudio or instant-ngp. Training starts from the data set's own
-/// points or --points, else from random points.
+/// DATASET is a folder with transforms_train.json (NeRF Synthetic, Shiny Blender), with sparse/0 and images (photographs
+/// and COLMAP's cameras), or with transforms.json (nerfstudio, instant-ngp). MODEL becomes a folder that tools for Gaussian
+/// splatting know, with the light beside the Gaussians; one training at a time writes to it.
 ///
-/// Photographs: with --eval every 8th by name is held out. Distortion by the lens is taken out when they are read, for
-/// all of COLMAP's usual camera models; what the lens did not see does not count. Nor does what is black in a picture of
-/// the same name in DATASET/masks. Where there are images_2, images_4 or images_8, -r takes pictures from there.
-///
-/// MODEL becomes a folder that tools for Gaussian splatting know: point_cloud/iteration_N/point_cloud.ply,
-/// cameras.json, cfg_args; beside them the light, as light/iteration_N/environment.exr.
-///
-/// Ctrl-C finishes the step, saves what there is and ends with exit code 130. With --resume the training goes on from
-/// there, or from the last MODEL/checkpoint.safetensors if the program was killed, to the same model, bit for bit, that
-/// it would have come to. What it was told stands in MODEL/config.toml and need not be said again; what shapes the
-/// model cannot be changed on the way, but --iterations can: schedules stretch along, so that the rest of the run is
-/// that of the longer one, also where the shorter one was finished.
+/// Ctrl-C saves and exits with code 130; --resume goes on to the same model, bit for bit. Photographs, masks, lenses and
+/// starts are explained in README.md and docs/guide.md.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(after_help = "\
-Examples:
-  specula train data/chair -m out/chair --eval -r 2 --iterations 7000
-  specula train data/garden -m out/garden --eval -r 4       photographs, cameras by COLMAP in data/garden/sparse/0
-  specula train data/chair -m out/plain --eval --profile 3dgs
-  specula train data/toaster -m out/ablation --eval --profile paper --no-residual
-  specula train -m out/chair --resume                       go on after Ctrl-C, a crash or a power cut
-  specula train -m out/chair --resume --iterations 30000    go on for longer than was asked for
-  specula train data/chair -m out/chair --view              watch it in a browser, at http://127.0.0.1:7008/
-  specula train data/drums -m out/drums --config out/chair/config.toml    another scene, told the same
-  specula train data/toaster -m out/toaster --eval --preset shiny-blender -r 2    what fits such data, but smaller
 Profiles:
-  specula    whatever measures best; the default
-  paper      the paper's equations and weights to the letter
-  official   what the authors' code does
-  3dgs       plain Gaussian splatting, spherical harmonics alone")]
+  specula    the default: light looked up pixel by pixel, best measured quality
+  paper      the paper's equations and weights
+  official   the behaviour of the authors' code
+  3dgs       plain Gaussian splatting, spherical harmonics alone
+Presets:
+  nerf-synthetic, shiny-blender, glossy-synthetic
+                      white background, full size, 30000 iterations
+  tanks-and-temples   photographs: black background, full size, every 8th held out,
+                      30000 iterations
+  photos              photographs, soon: black background, -r 4, every 8th held out,
+                      5000 background points, 7000 iterations
+Examples:
+  specula train data/chair -m out/chair --eval -r 2 --iterations 7k
+  specula train data/garden -m out/garden --eval -r 4       photographs, with COLMAP's cameras
+  specula train data/toaster -m out/ablation --eval --profile paper --no-residual
+  specula train -m out/chair --resume                       go on after Ctrl-C or a crash
+  specula train -m out/chair --resume --iterations 60k      go on for longer
+  specula train data/drums -m out/drums --config out/chair/config.toml")]
 pub(crate) struct Train {
     /// Folder of the data set.
     #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config"])]
     #[serde(skip)]
     pub(crate) dataset: Option<PathBuf>,
-    /// Folder of the data set, as the field's tools name it.
+    /// The same, as other tools name it.
     #[arg(long, short, alias = "source_path", value_name = "DATASET", conflicts_with = "dataset")]
     #[serde(skip)]
     pub(crate) source_path: Option<PathBuf>,
-    /// Folder for the model; made if it is not there.
+    /// Folder for the model; made if it does not exist.
     #[arg(long, short, aliases = ["model_path", "output"], short_alias = 'o', value_name = "MODEL")]
     #[serde(skip)]
     pub(crate) model_path: PathBuf,
     /// Kind of training.
     #[arg(long, value_enum, default_value_t = ProfileName::Specula)]
     pub(crate) profile: ProfileName,
-    /// Steps; schedules stretch along.
-    #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Steps, such as 30000, 30k or 3e4; schedules stretch along.
+    #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
     /// Make pictures 1, 2, 4 or 8 times smaller.
-    #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale)]
+    #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
     pub(crate) resolution: u32,
-    /// Hold the test views out, measure them at the end and write results.json.
+    /// Hold out the test views, measure them at the end, write results.json.
     #[arg(long)]
     pub(crate) eval: bool,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     #[serde(serialize_with = "as_typed")]
     pub(crate) seed: u64,
-    /// Behind transparent pictures; white by default where pictures are transparent, else black.
+    /// Background of transparent pictures; by default white if there are any, else black.
     #[arg(long, value_name = "black|white|R,G,B", conflicts_with = "white_background")]
     pub(crate) background: Option<Background>,
     /// The same as --background white.
     #[arg(long, short, alias = "white_background")]
     pub(crate) white_background: bool,
     /// Save at these steps as well as at the end.
-    #[arg(long, alias = "save_iterations", value_name = "N", num_args = 1.., value_delimiter = ',')]
+    #[arg(long, alias = "save_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', value_parser = count::<u32>)]
     pub(crate) save_iterations: Vec<u32>,
-    /// Measure the test views at these steps as well as at the end, into results.json and, with the seconds that
-    /// training had taken, timeline.json; needs --eval.
-    #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval")]
+    /// Measure at these steps as well as at the end, into results.json and timeline.json; needs --eval.
+    #[arg(long, alias = "test_iterations", value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval", value_parser = count::<u32>)]
     pub(crate) test_iterations: Vec<u32>,
-    /// What trains and measures: a GPU if there is one (auto), the processor, or the adapter with NAME in its name;
-    /// specula doctor lists them. Where a GPU fails on the way, the processor goes on from the last checkpoint.
+    /// A GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula doctor lists them.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
-    /// Look for the cheapest setting whose pictures of the result are within E of exact ones (root of the mean square, 1
-    /// is white), check it on tiles that it was not chosen by, write its certificate into specula.json, and measure with
-    /// it. Training itself stays as it is: it has the usual setting. render --max-error E has the same pictures.
+    /// Look for the cheapest setting whose pictures are within E of exact ones (RMS, 1 is white), measure with it, each
+    /// picture verified, and write its certificate into specula.json; docs/accuracy.md.
     #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero)]
     pub(crate) max_error: Option<f64>,
+    /// Accepted for GaussianShader's command lines; the residual colour's harmonics are --sh-degree here.
+    #[arg(long, alias = "brdf_dim", value_name = "N", hide = true, allow_negative_numbers = true, value_parser = clap::value_parser!(i32).range(-1..=3))]
+    #[serde(skip)]
+    pub(crate) brdf_dim: Option<i32>,
     #[command(flatten)]
     #[serde(skip)]
     pub(crate) watch: Watch,
@@ -199,46 +237,61 @@ impl Train {
     }
 }
 
-/// What is read of data sets that are one list of photographs.
+/// Reading of data sets that are one list of photographs.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Photographs")]
 pub(crate) struct Photographs {
-    /// Folder of the images that COLMAP has looked at, within DATASET; images_4 and the like, if they are smaller copies.
+    /// Folder of the images within DATASET.
     #[arg(long, short, value_name = "FOLDER", default_value = specula_io::dataset::IMAGES)]
     pub(crate) images: String,
-    /// With --eval, hold out every so manieth photograph by name, from the first; 0 for none.
-    #[arg(long, aliases = ["test_every", "llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY)]
+    /// With --eval, hold out every Nth photograph by name, from the first; 0 for none.
+    #[arg(long, aliases = ["test_every", "llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY, value_parser = count::<u32>)]
     pub(crate) test_every: u32,
-    /// What is above in the scene, where cameras do not tell or tell wrongly: an axis of the data set's world, such as z or
-    /// -y, or a direction. It is kept with the model, for turntables, lights and the viewer; training does not depend on it.
+    /// The scene's up direction, where the cameras' is wrong: an axis such as z or -y, or a vector.
     #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<SceneUp>,
-    /// Learn how each photograph was exposed, an affine map of its colours, so that what the camera changed from one to the
-    /// next is not taken for the scene. On average over the photographs nothing is changed. MODEL/exposure.json holds the
-    /// maps; held-out views are measured without any, and once more after the map that fits their truth best.
+    /// Learn each photograph's exposure, an affine map of its colours, into MODEL/exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
 }
 
-/// How a training is watched.
+/// Watching a training.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Watching")]
 pub(crate) struct Watch {
-    /// Serve a page that shows the scene while it is trained, with curves, and pauses the training or has it take single
-    /// steps; specula view tells about addresses. What is trained does not depend on it.
+    /// Serve a page that shows the training and can pause it; the result does not depend on it.
     #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = crate::view::ADDRESS, value_parser = address)]
     pub(crate) view: Option<SocketAddr>,
-    /// Ask who opens the page for this word; by default one that nobody guesses where the page is served to other
-    /// machines, and none on this one.
+    /// Password of the page; by default a random one where other machines can reach it, else none.
     #[arg(long, value_name = "WORD", requires = "view", value_parser = token)]
     pub(crate) token: Option<String>,
+    /// When the page ends: with the training (done), or at Ctrl-C after it (ctrl-c). By default ctrl-c where standard output
+    /// is a terminal, else done, so that no script waits.
+    #[arg(long, alias = "view_until", value_name = "done|ctrl-c", requires = "view", hide_possible_values = true)]
+    pub(crate) view_until: Option<ViewUntil>,
 }
 
-/// How a training goes on, or follows another.
+/// The end of a page that shows a training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ViewUntil {
+    /// That of the training.
+    Done,
+    /// Ctrl-C.
+    CtrlC,
+}
+
+impl ViewUntil {
+    /// As somebody who looks at the output of the program expects it.
+    pub(crate) fn usual() -> Self {
+        if std::io::stdout().is_terminal() { Self::CtrlC } else { Self::Done }
+    }
+}
+
+/// Resuming a training, or following another.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[command(next_help_heading = "Going on")]
+#[command(next_help_heading = "Resuming and settings")]
 pub(crate) struct Again {
     /// Go on from the checkpoint in MODEL, with the settings of MODEL/config.toml.
     #[arg(long)]
@@ -248,22 +301,24 @@ pub(crate) struct Again {
     #[arg(long, conflicts_with = "resume")]
     #[serde(skip)]
     pub(crate) overwrite: bool,
-    /// Options that are not given are those of this file, such as the config.toml beside another model.
+    /// Write to MODEL even if another training has it locked, as network file systems may say wrongly.
+    #[arg(long)]
+    #[serde(skip)]
+    pub(crate) ignore_lock: bool,
+    /// Take options that are not given from this file, such as another model's config.toml.
     #[arg(long, value_name = "FILE.toml")]
     #[serde(skip)]
     pub(crate) config: Option<PathBuf>,
-    /// Options that neither are given nor stand in --config are those that fit this kind of data set; MODEL/config.toml
-    /// says what they came to. Views are held out only with --eval.
-    #[arg(long, value_enum, conflicts_with = "resume")]
+    /// Settings for a kind of data set, where neither typed nor in --config; listed by --help.
+    #[arg(long, value_enum, conflicts_with = "resume", hide_possible_values = true)]
     #[serde(skip)]
     pub(crate) preset: Option<Preset>,
-    /// Write MODEL/checkpoint.safetensors after every so many steps, in place of the one before; 0 for none but that on
-    /// Ctrl-C and at the end.
-    #[arg(long, alias = "checkpoint_every", value_name = "N", default_value_t = 1000)]
+    /// Write MODEL/checkpoint.safetensors every N steps; 0: only on Ctrl-C and at the end.
+    #[arg(long, alias = "checkpoint_every", value_name = "N", default_value_t = 1000, value_parser = count::<u32>)]
     pub(crate) checkpoint_every: u32,
 }
 
-/// What training starts from.
+/// The start of a training.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Start")]
@@ -271,38 +326,37 @@ pub(crate) struct Start {
     /// Points to start from, instead of those of the data set.
     #[arg(long, value_name = "FILE.ply")]
     pub(crate) points: Option<PathBuf>,
-    /// Start from this many random points, even where there is a point cloud. [20000 where there is none]
-    #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Start from this many random points, even if there is a point cloud; 20000 if there is none.
+    #[arg(long, alias = "random_points", value_name = "N", conflicts_with = "points", value_parser = random_points)]
     pub(crate) random_points: Option<u32>,
-    /// Start from this many points more, behind those of the data set and in the colours of the pictures: for walls,
-    /// tables and skies on which COLMAP finds none. It adds nothing to random points.
-    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0)]
+    /// Add this many points behind those of the data set, for walls, tables and skies.
+    #[arg(long, alias = "background_points", value_name = "N", default_value_t = 0, value_parser = background_points)]
     pub(crate) background_points: u32,
-    /// Where Gaussians reflect the light: all; auto, half as far from the middle of the scene as its cameras are; another
-    /// share of that distance; or a ball as X,Y,Z,RADIUS in the data set's world. What lies outside, such as a room
-    /// behind an object, has a colour of its own alone, so that the object's light need not explain it.
+    /// Where Gaussians reflect the light: all; auto, within half the cameras' distance; another share of it; or the ball
+    /// X,Y,Z,RADIUS.
     #[arg(long, value_name = "WHERE", default_value = "all", allow_hyphen_values = true)]
     pub(crate) foreground: Foreground,
-    /// Share of the run that looks at pictures of half their size, where a step costs less.
+    /// Share of the run with pictures of half their size, where a step costs less.
     #[arg(long, alias = "coarse_until", value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,
-    /// Degree of the spherical harmonics, 0 to 3.
-    #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
-    pub(crate) sh_degree: Option<u8>,
-    /// Who looks the light up: each Gaussian, as in the paper, or each pixel, for what was blended there (deferred).
+    /// Degree of the spherical harmonics, 0 to 3; -1 for the profile's, as in GaussianShader's command lines.
+    #[arg(long, alias = "sh_degree", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i8).range(-1..=3))]
+    #[serde(skip_serializing_if = "is_of_profile")]
+    pub(crate) sh_degree: Option<i8>,
+    /// Look up the light for each Gaussian, as in the paper, or for each pixel (deferred).
     #[arg(long, alias = "light_per", value_enum)]
     pub(crate) light_per: Option<LightPer>,
     /// Texels along an edge of the light's faces: a power of two, at least 16 (official: 64).
-    #[arg(long, alias = "light_resolution", alias = "brdf_env", value_name = "N")]
+    #[arg(long, alias = "light_resolution", alias = "brdf_env", value_name = "N", value_parser = count::<usize>)]
     pub(crate) light_resolution: Option<usize>,
 }
 
-/// What is minimised. Weights that are not given are the profile's.
+/// Weights of the losses; those that are not given are the profile's.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Losses")]
 pub(crate) struct Losses {
-    /// Weight of 1 − SSIM; that of |C − C_gt| becomes one minus it, unless given.
+    /// Weight of 1 − SSIM; that of |C − C_gt| becomes one minus it.
     #[arg(long, alias = "lambda_dssim", value_name = "X", value_parser = weight)]
     pub(crate) lambda_dssim: Option<f32>,
     /// Weight of |C − C_gt|.
@@ -323,18 +377,18 @@ pub(crate) struct Losses {
     /// Weight of the difference between coverage and the pictures' alpha.
     #[arg(long, alias = "lambda_coverage", value_name = "X", value_parser = weight)]
     pub(crate) lambda_coverage: Option<f32>,
-    /// Share of the run after which the loss on normals begins.
+    /// Share of the run before the loss on normals begins.
     #[arg(long, alias = "normal_from", value_name = "0..1", value_parser = share)]
     pub(crate) normal_from: Option<f32>,
-    /// Share of its weight that the loss on normals has at the end; it falls over the second half of the run.
+    /// Share of its weight that the loss on normals keeps at the end.
     #[arg(long, alias = "normal_last", value_name = "0..1", value_parser = share)]
     pub(crate) normal_last: Option<f32>,
-    /// Share of the run after which the residual colour is fitted.
+    /// Share of the run before the residual colour is fitted.
     #[arg(long, alias = "residual_from", value_name = "0..1", value_parser = share)]
     pub(crate) residual_from: Option<f32>,
 }
 
-/// What the paper's ablation leaves out.
+/// The paper's ablation.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Ablation")]
@@ -348,27 +402,27 @@ pub(crate) struct Ablate {
     /// Without the residual colour.
     #[arg(long, alias = "no_residual")]
     pub(crate) no_residual: bool,
-    /// Without the shortest axis: normals are free.
+    /// Without the shortest axis as normal: normals are free.
     #[arg(long, alias = "no_axis")]
     pub(crate) no_axis: bool,
 }
 
-/// How Gaussians are added and removed. What is not given is the profile's.
+/// Adding and removing Gaussians; the profile's settings where not given.
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Densification")]
 pub(crate) struct Densify {
     /// First step after which Gaussians are added and removed.
-    #[arg(long, alias = "densify_from_iter", value_name = "N")]
+    #[arg(long, alias = "densify_from_iter", value_name = "N", value_parser = count::<u32>)]
     pub(crate) densify_from_iter: Option<u32>,
-    /// Step from which they are not any more.
-    #[arg(long, alias = "densify_until_iter", value_name = "N")]
+    /// Step from which they no longer are.
+    #[arg(long, alias = "densify_until_iter", value_name = "N", value_parser = count::<u32>)]
     pub(crate) densify_until_iter: Option<u32>,
-    /// Steps between.
-    #[arg(long, alias = "densification_interval", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Steps between two densifications.
+    #[arg(long, alias = "densification_interval", value_name = "N", value_parser = positive::<u32>)]
     pub(crate) densification_interval: Option<u32>,
     /// Steps between two resets of all opacities; 0 for none.
-    #[arg(long, alias = "opacity_reset_interval", value_name = "N")]
+    #[arg(long, alias = "opacity_reset_interval", value_name = "N", value_parser = count::<u32>)]
     pub(crate) opacity_reset_interval: Option<u32>,
     /// Mean gradient on the screen from which a Gaussian is cloned or split.
     #[arg(long, alias = "densify_grad_threshold", value_name = "X", value_parser = weight)]
@@ -376,8 +430,8 @@ pub(crate) struct Densify {
     /// Size, as a share of the scene, above which it is split rather than cloned.
     #[arg(long, alias = "percent_dense", value_name = "X", value_parser = weight)]
     pub(crate) percent_dense: Option<f32>,
-    /// Never more Gaussians than this.
-    #[arg(long, alias = "max_gaussians", alias = "max-splats", value_name = "N")]
+    /// Most Gaussians.
+    #[arg(long, alias = "max_gaussians", alias = "max-splats", value_name = "N", value_parser = count::<usize>)]
     pub(crate) max_gaussians: Option<usize>,
 }
 
@@ -387,14 +441,14 @@ pub(crate) struct Densify {
 /// --cameras or --turntable say otherwise. Without -o pictures go to MODEL/test/ours_N/renders/00000.png and so on,
 /// with the true pictures in gt where the data set is still there; with -o to OUT/LAYER/00000.png.
 ///
-/// What the scene and the layers do not need is left out, which changes no bit of the pictures: harmonics and normal
-/// residuals that are zero, light that nothing reflects, layers that are not shown. specula info says what.
+/// Data that these pictures do not depend on is skipped, which changes no bit of them; specula info lists it.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula render out/chair
   specula render out/chair --layers rgb --verify-omissions
   specula render out/chair --layers rgb --max-error 0.01
+  specula render out/chair --layers rgb --max-error 0.01 --no-verify
   specula render out/chair --layers rgb --projection ray
   specula render out/chair --layers all -o pictures
   specula render scene.ply --turntable 36 --size 640,480 -o turn
@@ -408,79 +462,76 @@ pub(crate) struct Render {
     /// Folder for the pictures.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
-    /// What to show, as a list with commas.
+    /// Layers to show, as a list with commas.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
     pub(crate) layers: Vec<Layer>,
-    /// Another light, instead of the scene's own.
-    #[arg(long, value_name = "FILE.hdr|.exr")]
+    /// Another light, instead of the scene's: a lat-long map, .hdr or .exr (.png, .jpg and .webp end at white).
+    #[arg(long, value_name = "FILE")]
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
-    /// Render each view a second time with nothing left out and print the largest difference of a number, which is 0;
-    /// if it is not, the exit code is 1.
+    /// Render each view a second time with nothing skipped and print the largest difference, which is 0; else the exit
+    /// code is 1.
     #[arg(long, alias = "verify_omissions")]
     pub(crate) verify_omissions: bool,
-    /// Render with the cheapest setting whose colours are no further than E from exact ones: root of the mean square of
-    /// sRGB colours, where 1 is white. It is chosen by tiles of some views and verified on tiles of others against the
-    /// same in f64 with nothing cut off; how far it is off and what it saves is printed. On the processor.
+    /// Render with the cheapest setting whose colours are within E of exact ones (RMS of sRGB, 1 is white), on the CPU. Each
+    /// picture is compared with the most exact one, which is written where it is further off. docs/accuracy.md.
     #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
+    /// With --max-error, do not compare pictures with exact ones: as quick as the setting is, but a
+    /// view that it was not chosen by may be further off than E.
+    #[arg(long, alias = "no_verify", requires = "max_error")]
+    pub(crate) no_verify: bool,
 }
 
-/// From where, and how, a scene is looked at.
+/// Cameras and size of pictures.
 #[derive(Args, Debug)]
 pub(crate) struct Look {
     /// Cameras: a transforms.json, or the cameras.json of Gaussian-splatting tools.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["split", "turntable"])]
     pub(crate) cameras: Option<PathBuf>,
-    /// Which of the model's own cameras.
+    /// Cameras of the model: those of test views, of training views, or all.
     #[arg(long, value_enum, conflicts_with = "turntable")]
     pub(crate) split: Option<Split>,
-    /// So many cameras in a circle around the scene, and an animation; to and fro where the model's own cameras leave a
-    /// quarter of the circle or more out.
+    /// N cameras in a circle around the scene, and an animation; to and fro where the model's cameras cover less than three
+    /// quarters of the circle.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) turntable: Option<u32>,
-    /// Pixels of the pictures; by default those of the cameras. Nothing is stretched: a picture of another shape shows
-    /// more of the scene beside the view.
+    /// Width and height of the pictures; by default those of the cameras. Nothing is stretched: a picture of another
+    /// shape shows more of the scene beside the view.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
+    /// Behind the scene: a colour, or env, the light that it reflects; the training's background by default, else black.
+    #[arg(long, value_name = "black|white|R,G,B|env")]
+    pub(crate) background: Option<Backdrop>,
     #[command(flatten)]
     pub(crate) showing: Showing,
 }
 
-/// How a scene is read and shown.
+/// Reading and showing a scene.
 #[derive(Args, Debug)]
 pub(crate) struct Showing {
-    /// Behind the scene; that of the training by default, or else black.
-    #[arg(long, value_name = "black|white|R,G,B")]
-    pub(crate) background: Option<Background>,
-    /// How to read the attributes, where the scene does not say it or says it wrongly.
+    /// Profile to read the attributes by, where the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
-    /// What is above in the scene, instead of what the model says or its cameras tell: an axis of its world, such as z or
-    /// -y, or a direction.
+    /// The scene's up direction, instead of the model's: an axis such as z or -y, or a vector.
     #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<SceneUp>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
 }
 
-/// What renders a scene.
+/// The executor of renderings.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct MachineOptions {
-    /// What renders: a GPU if there is one (auto), the processor, or the adapter with NAME in its name; specula doctor
-    /// lists them.
+    /// A GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula doctor lists them.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
     pub(crate) executor: ExecutorChoice,
-    /// How it stores Gaussians and light: in full (f32), or as halves (f16), which take about half of a GPU's memory
-    /// and change colours by less than a step of 8 bits nearly everywhere. Means and scales are stored in full either
-    /// way, the arithmetic is the same, and the processor rounds as a GPU stores.
+    /// Numbers of Gaussians and light in memory: f16 takes about half of f32 (docs/performance.md).
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
-    /// How Gaussians become splats: affine, as they were trained; tangent, affine onto the unit sphere and then exactly
-    /// onto the screen; ray, the largest response along each pixel's ray; or ALPHA, ray for splats of which affine would
-    /// be off by more than this alpha, affine for the others. It matters at the edge of wide views and close to the eye.
-    /// What is not affine is rendered by the processor.
+    /// Projection of Gaussians: affine as in training, exact (ray, tangent; on the CPU), or exact where affine is off by
+    /// more than ALPHA (docs/accuracy.md).
     #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
     pub(crate) projection: Projection,
 }
@@ -499,26 +550,26 @@ impl MachineOptions {
     }
 }
 
-/// How a file of light is read.
+/// Reading a file of light.
 #[derive(Args, Debug)]
 pub(crate) struct EnvOptions {
-    /// What the upper edge of the file shows: what is above in the scene as its cameras tell, which is z in Blender's
-    /// data and where there are no cameras; or an axis of the world, Blender's z, or y as in the authors' files.
+    /// Direction of the file's upper edge: the scene's up, Blender's z, or y as in GaussianShader's files.
     #[arg(long, alias = "env_up", value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// Times two to this power.
+    /// Brightness of the light, in stops: 1 doubles it.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     pub(crate) exposure: f32,
 }
 
 /// Put a scene under another light.
 ///
-/// The light is a lat-long map of linear radiance, .hdr or .exr; what is no radiance in it is replaced, and counted.
-/// Pictures go to MODEL/relight/ENV/ours_N/renders, or to OUT/rgb, with a preview of the light beside them.
+/// The light is a lat-long map of linear radiance, .hdr or .exr; .png, .jpg and .webp are read too, with a warning, because
+/// nothing in them is brighter than white. NaN, infinite and negative numbers are replaced, and counted. Pictures go to MODEL/relight/ENV/ours_N/renders, or to OUT/rgb, with a preview of the light beside them.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula relight out/spheres --env sunset.hdr
+  specula relight out/spheres --env sunset.hdr --background env
   specula relight out/spheres --env sunset.hdr --exposure 1 --turntable 36 -o turn
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
 pub(crate) struct Relight {
@@ -526,7 +577,7 @@ pub(crate) struct Relight {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// The new light.
-    #[arg(long, value_name = "FILE.hdr|.exr")]
+    #[arg(long, value_name = "FILE")]
     pub(crate) env: PathBuf,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
@@ -535,7 +586,7 @@ pub(crate) struct Relight {
     /// Folder for the pictures.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
-    /// True pictures under the new light, named as the views; the relighting is measured against them.
+    /// True pictures under the new light, named as the views, to measure against.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) truth: Option<PathBuf>,
     /// Print the measures as JSON.
@@ -543,18 +594,16 @@ pub(crate) struct Relight {
     pub(crate) json: bool,
 }
 
-/// Measure a model on views that it was not fitted to: PSNR, SSIM, FLIP, and the normals' error where true normals are
-/// known.
+/// Measure a model on held-out views: PSNR, SSIM, FLIP, and the normals' error where true normals are known.
 ///
 /// PSNR, SSIM and FLIP are those of 8-bit pictures, image by image, then the mean. The normals' error is the mean angle
 /// in degrees over pixels whose true alpha exceeds one half. Where the data set has lights and true pictures under them
 /// (relight/NAME.hdr and relight/NAME/), relightings are measured too, as they are and with the best factor for each of
 /// red, green and blue.
 ///
-/// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under ours_N, or a longer name
-/// where something is not as in training, such as ours_N_f16, ours_N_ray, ours_N_r4 or ours_N_on-0,0,0: nothing takes the
-/// place of other measures. MODEL/test/ours_N/index.html shows every view beside its truth and its error, the worst
-/// first.
+/// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under ours_N, or, with other
+/// settings than in training, under a longer name such as ours_N_f16 or ours_N_r4. MODEL/test/ours_N/index.html shows every
+/// view beside its truth and its error, the worst first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -568,27 +617,25 @@ pub(crate) struct Eval {
     /// Folder of the data set; the one that the model was trained on by default.
     #[arg(long, short, alias = "source_path", value_name = "DATASET")]
     pub(crate) source_path: Option<PathBuf>,
-    /// Which views.
+    /// Views to measure.
     #[arg(long, value_enum, default_value_t = Split::Test)]
     pub(crate) split: Split,
     /// Make pictures 1, 2, 4 or 8 times smaller; as in training by default.
     #[arg(long, short, value_name = "1|2|4|8", value_parser = downscale)]
     pub(crate) resolution: Option<u32>,
-    /// Behind transparent pictures; that of the training by default.
+    /// Background of transparent pictures; the training's by default.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<Background>,
-    /// How to read the attributes, where the scene does not say it or says it wrongly.
+    /// Profile to read the attributes by, where the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
-    /// Measure PSNR once more after the affine map of colours that fits the truth best, picture by picture, as is done
-    /// without asking for models that were trained with --exposure: what is left of the error where nobody can know how a
-    /// photograph was exposed. It is fitted to the truth and no measure of what a model predicts.
+    /// Measure PSNR once more after the affine map of colours that fits each true picture best, as always for models trained
+    /// with --exposure. It is fitted to the truth, so no measure of a prediction.
     #[arg(long)]
     pub(crate) exposure: bool,
-    /// Measure LPIPS too, by the network in this ONNX file: two pictures go in, from 0 to 1, and their distance comes out.
-    /// scripts/lpips-onnx.py writes one; results.json says which it was. It takes far longer than everything else.
+    /// Measure LPIPS too, by the network in this file, which scripts/lpips-onnx.py writes; slow.
     #[arg(long, value_name = "FILE.onnx")]
     pub(crate) lpips: Option<PathBuf>,
     /// Folder for the page; MODEL/test/ours_N by default.
@@ -599,17 +646,17 @@ pub(crate) struct Eval {
     pub(crate) json: bool,
 }
 
-/// Print a table of what runs came to, as papers have them: quality, Gaussians, training time, size.
+/// Print a table of runs, as papers have them: quality, Gaussians, training time, size.
 ///
 /// It reads what training and eval wrote into each RUN (results.json, per_view.json, specula.json, config.toml,
-/// cameras.json) and computes nothing: what a run lacks is told with the command that measures it. Runs of one scene are
-/// rows of one table. Of several scenes there is a table for each quantity, with a column for each scene and their mean
+/// cameras.json) and computes nothing; for a measure that a run lacks it names the command. Runs of one scene are rows of one
+/// table. Of several scenes there is a table for each quantity, with a column for each scene and their mean
 /// where a row has all of them. Rows are called by their profile, and by the settings in which runs differ. The best of
 /// a column is bold.
 ///
-/// Runs of one scene that were measured otherwise (other test views, sizes, backgrounds, another network for LPIPS)
-/// are told, and none of that scene is bold. Size is that of the Gaussians and the light. Models of INRIA's and the
-/// authors' tools are read as far as they say the same.
+/// Unequal runs of one scene (other iterations, data sets, resolutions, numbers of training views; other test views,
+/// backgrounds, networks for LPIPS) get a warning, columns for what differs in training, and no bold. Size is that of the
+/// Gaussians and the light. Models of INRIA's and the authors' tools are read as far as they hold the same.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -620,7 +667,7 @@ pub(crate) struct Compare {
     /// Folders of models.
     #[arg(value_name = "RUN", required = true)]
     pub(crate) runs: Vec<PathBuf>,
-    /// How the table is written; by default as the file's ending says, or Markdown.
+    /// Format of the table; by default that of the file's ending, or Markdown.
     #[arg(long, value_enum)]
     pub(crate) format: Option<TableFormat>,
     /// File for the table, instead of stdout.
@@ -661,19 +708,21 @@ pub(crate) struct View {
     /// Folder of a model, or a PLY file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
-    /// Where the page is served; port 0 takes any that is free.
+    /// Address of the page; port 0 takes any that is free.
     #[arg(long, value_name = "[HOST:]PORT", default_value = crate::view::ADDRESS, value_parser = address)]
     pub(crate) listen: SocketAddr,
-    /// Ask who opens the page for this word; by default one that nobody guesses where the page is served to other
-    /// machines, and none on this one.
+    /// Password of the page; by default a random one where other machines can reach it, else none.
     #[arg(long, value_name = "WORD", value_parser = token)]
     pub(crate) token: Option<String>,
-    /// Lights to choose from, beside the scene's own.
-    #[arg(long, value_name = "FILE.hdr|.exr", num_args = 1..)]
+    /// Lights to choose from, beside the scene's: lat-long maps, .hdr or .exr.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
     pub(crate) env: Vec<PathBuf>,
-    /// What the upper edges of these files show: what is above in the scene, or an axis of the world.
+    /// Direction of these files' upper edges: the scene's up, or an axis of the world.
     #[arg(long, alias = "env_up", value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
+    /// Behind the scene; the training's background by default, else black.
+    #[arg(long, value_name = "black|white|R,G,B")]
+    pub(crate) background: Option<Background>,
     #[command(flatten)]
     pub(crate) showing: Showing,
 }
@@ -687,7 +736,7 @@ pub(crate) struct View {
 ///
 /// Other programs know no shading function. So colours of shaded Gaussians are baked into spherical harmonics, which
 /// look the same but for sharp reflections, and cannot be relit: --bake sh, the default, because the diffuse colour
-/// alone, --bake diffuse, lacks all that the light adds. The directions that count are those from which the cameras of
+/// alone, --bake diffuse, lacks all reflections. The directions that count are those from which the cameras of
 /// the training see a Gaussian. How far pictures of what was written are from specula's own is printed, in dB.
 ///
 /// Places and directions are those of the data set's world; nothing is turned or scaled, unless --upright asks for it.
@@ -704,20 +753,20 @@ pub(crate) struct Export {
     /// Folder of a model, or a PLY file.
     #[arg(value_name = "MODEL")]
     pub(crate) model: PathBuf,
-    /// What to write; the ending says how: .ply, .splat, .spz, .glb, .hdr, .exr, .ktx2, .obj.
+    /// Files to write; the ending is the format: .ply, .splat, .spz, .glb, .hdr, .exr, .ktx2, .obj.
     #[arg(long, short, value_name = "FILE", num_args = 1.., required = true)]
     pub(crate) output: Vec<PathBuf>,
-    /// What becomes of the shading of a shaded scene.
+    /// Colours of a shaded scene in other programs.
     #[arg(long, value_enum, default_value_t = BakeName::Sh)]
     pub(crate) bake: BakeName,
     /// Degree of the spherical harmonics, 0 to 3; 3 by default, or that of a plain scene.
     #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
     pub(crate) sh_degree: Option<u8>,
-    /// Leave out Gaussians whose opacity is below this; below 1/255, the default, nobody sees them.
+    /// Omit Gaussians whose opacity is below this; below 1/255, the default, they are invisible.
     #[arg(long, alias = "min_opacity", value_name = "0..1", default_value_t = specula_core::bin::ALPHA_MIN, value_parser = share)]
     pub(crate) min_opacity: f32,
-    /// Another light, instead of the scene's own.
-    #[arg(long, value_name = "FILE.hdr|.exr")]
+    /// Another light, instead of the scene's: a lat-long map, .hdr or .exr (.png, .jpg and .webp end at white).
+    #[arg(long, value_name = "FILE")]
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
@@ -727,18 +776,19 @@ pub(crate) struct Export {
     /// Voxels of a mesh along the longest edge of its volume.
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u16).range(8..=1024))]
     pub(crate) voxels: u16,
-    /// Axis that is above in files of light: that of the scene's world, or y, as engines have it.
+    /// Up axis of files of light: that of the scene's world, or y, as engines have it.
     #[arg(long, value_enum, default_value_t = Up::Z)]
     pub(crate) up: Up,
-    /// Put the scene upright: up along the axis that readers of the file take for it (-y in .ply and .splat, as viewers of
-    /// INRIA's files have it; +y in .spz, .glb and meshes; that of --up in light), its middle in the origin, its cameras
-    /// four units away from there in the median, the first of them in front. Harmonics are turned exactly; a .glb keeps its
-    /// numbers and is placed by its node.
+    /// Put the scene upright: up along the format's up axis (-y in .ply and .splat, +y in .spz, .glb and meshes, --up in
+    /// light), its middle at the origin, its cameras at a median distance of 4, the first of them in front.
     #[arg(long)]
     pub(crate) upright: bool,
-    /// Do not render, so do not say how far pictures of what is written are from specula's own.
+    /// Skip rendering and printing the error of the written files.
     #[arg(long, alias = "no_error")]
     pub(crate) no_error: bool,
+    /// Behind the scene where pictures are compared; the training's background by default, else black.
+    #[arg(long, value_name = "black|white|R,G,B")]
+    pub(crate) background: Option<Background>,
     #[command(flatten)]
     pub(crate) showing: Showing,
 }
@@ -768,9 +818,12 @@ Examples:
   specula prefilter sunset.hdr -o sunset.ktx2 --resolution 128 --roughness filament --previews
   specula prefilter out/chair -o chair.ktx2
 Schemes:
-  specula    a mip chain from a mirror to roughness 1, filtered exactly; the default
-  paper      the levels of the authors' code (0.08 to 0.5, then 1), filtered exactly
-  official   those levels with the weights of the authors' code, to compare with")]
+  specula    a mip chain from a mirror to roughness 1, from the light's integral; the default
+  paper      the levels of the authors' code (0.08 to 0.5, then 1), from the light's integral
+  official   those levels with the weights of the authors' code, to compare with
+Light far from a lobe's middle is taken in pieces that stand for many texels, so levels are close to the integral and
+not equal to it. Beside a sun of a single texel, 65 536 times as bright as the sky, the second level of a chain from 64
+texels on is up to 104 per cent off, the third 33, the fourth 9 and the last 3, which shows as blotches.")]
 pub(crate) struct Prefilter {
     /// A lat-long map, or the folder of a model.
     #[arg(value_name = "ENV")]
@@ -784,16 +837,16 @@ pub(crate) struct Prefilter {
     /// Levels, each half as wide as the one before; by default down to 4 texels, which measures best.
     #[arg(long, value_name = "N")]
     pub(crate) levels: Option<usize>,
-    /// Which roughness the levels have: level / last = ρ, as in glTF and Bevy, the default; or ρ (2 − ρ), as in Filament.
+    /// Roughness ρ of the levels: level / last = ρ, as in glTF and Bevy, the default; or ρ (2 − ρ), as in Filament.
     #[arg(long, value_enum)]
     pub(crate) roughness: Option<MipName>,
     /// Levels and weights.
     #[arg(long, value_enum, default_value_t = SchemeName::Specula)]
     pub(crate) scheme: SchemeName,
-    /// Axis of the cube that is above.
+    /// Up axis of the cube.
     #[arg(long, value_enum, default_value_t = Up::Y)]
     pub(crate) up: Up,
-    /// Times two to this power.
+    /// Brightness of the light, in stops: 1 doubles it.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     pub(crate) exposure: f32,
     /// A picture of each level beside it, lat-long: OUT.level0.png and so on.
@@ -804,7 +857,7 @@ pub(crate) struct Prefilter {
 /// Measure how far pictures of a scene are from exact ones, and what that saves: error against run time.
 ///
 /// Every knob is turned alone, all others at their most exact, and then all together: storage, the light's filter and
-/// resolution, harmonics, least alpha, least transmittance, extent of splats, who looks the light up, channels. Pictures
+/// resolution, harmonics, least alpha, least transmittance, extent of splats, light per pixel or Gaussian, channels. Pictures
 /// are compared with the same pipeline in f64 with nothing cut off. The cheapest settings for 30, 40, 50 and 60 dB go to
 /// stdout as a table; OUT/report.jsonl has every number, OUT/index.html plots and tables, with how scenes at the edges of
 /// what is valid fare. Everything runs on the processor.
@@ -829,16 +882,16 @@ pub(crate) struct Report {
     /// How often each setting is timed.
     #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub(crate) repeats: u32,
-    /// Leave out the scenes at the edges of what is valid, which are the same for every scene.
+    /// Skip the scenes at the limits of valid input, which are the same for every scene.
     #[arg(long, alias = "no_stability")]
     pub(crate) no_stability: bool,
 }
 
-/// Say what is in a model, a PLY file or a data set.
+/// Print the contents of a model, a PLY file or a data set.
 ///
-/// Of a scene it also says what pictures of its colours are rendered without, because the scene does not need it, and
-/// what that saves: bytes of a Gaussian that are read, numbers that a splat blends into a pixel, texels of light that
-/// are filtered. specula render --verify-omissions shows that no bit of a picture depends on it.
+/// For a scene it also prints the data that pictures of its colours skip because they do not depend on it, and the saving:
+/// bytes read of a Gaussian, numbers that a splat blends into a pixel, texels of light that are filtered. specula render
+/// --verify-omissions shows that no bit of a picture changes.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"
@@ -852,10 +905,10 @@ pub(crate) struct Info {
     pub(crate) json: bool,
 }
 
-/// Say what this machine can compute with: threads, vectors, adapters of wgpu and what they allow.
+/// List the hardware that specula can use: threads, vectors, GPUs and their limits.
 ///
-/// Of all adapters it says which one --executor auto uses, and why. A driver that computes on the processor, such as
-/// llvmpipe, is listed and can be asked for, but is never preferred to the CPU executor.
+/// It marks the adapter that --executor auto uses, with the reason. A driver that computes on the CPU, such as llvmpipe, is
+/// listed and can be named, but is never preferred to the CPU executor.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  specula doctor\n  specula render out/chair --executor gpu:llvmpipe")]
 pub(crate) struct Doctor {
@@ -905,9 +958,9 @@ pub(crate) enum LightPer {
 /// Which views of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Split {
-    /// Those that were fitted.
+    /// Training views.
     Train,
-    /// Those that were held out.
+    /// Held-out views.
     Test,
     /// All of them.
     All,
@@ -947,9 +1000,9 @@ pub(crate) enum StorageName {
 /// Levels of a light and their weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SchemeName {
-    /// A mip chain, filtered exactly.
+    /// A mip chain, from the light's integral.
     Specula,
-    /// The authors' levels, filtered exactly.
+    /// The authors' levels, from the light's integral.
     Paper,
     /// The authors' levels and weights.
     Official,
@@ -1010,6 +1063,27 @@ impl EnvUp {
     }
 }
 
+/// Whether nothing is asked for but the profile's own.
+fn is_of_profile(degree: &Option<i8>) -> bool {
+    degree.is_none_or(|degree| degree < 0)
+}
+
+/// A count of random points.
+fn random_points(text: &str) -> Result<u32, String> {
+    positive(text).and_then(few)
+}
+
+/// A count of points behind others.
+fn background_points(text: &str) -> Result<u32, String> {
+    count(text).and_then(few)
+}
+
+/// Not more points than any training begins with: drawing more takes minutes, and no machine trains them.
+fn few(number: u32) -> Result<u32, String> {
+    const MOST: u32 = 20_000_000;
+    if number <= MOST { Ok(number) } else { Err(format!("use {MOST} points at most")) }
+}
+
 /// A number as it is typed: TOML's are shorter.
 fn as_typed<S: Serializer>(number: &u64, out: S) -> Result<S::Ok, S::Error> {
     match i64::try_from(*number) {
@@ -1026,6 +1100,11 @@ fn downscale(text: &str) -> Result<u32, String> {
         "8" => Ok(8),
         _ => Err("use 1, 2, 4 or 8".into()),
     }
+}
+
+/// Of a training: with the authors' rule as well, for which 0 stands until a picture was seen.
+fn downscale_or_rule(text: &str) -> Result<u32, String> {
+    if text == "-1" { Ok(AT_MOST_1600) } else { downscale(text) }
 }
 
 fn finite(text: &str) -> Result<f32, String> {
@@ -1080,16 +1159,29 @@ fn cube_resolution(text: &str) -> Result<usize, String> {
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
-    const LARGEST: u32 = 16_384;
-    let number = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
+    let number = |part: &str| part.trim().parse().ok();
     let both = text.split_once([',', 'x']).and_then(|(width, height)| Some([number(width)?, number(height)?]));
-    both.ok_or_else(|| format!("use two numbers from 1 to {LARGEST}, such as 640,480"))
+    view_size(both.ok_or("use two numbers, such as 640,480")?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::CommandFactory;
+
+    #[test]
+    fn counts_are_typed_as_people_write_them_and_points_have_a_limit() {
+        let words = "specula train data -m out --iterations 7k --save-iterations 1e3,2_000 --random-points 20k";
+        let Command::Train(train) = Arguments::try_parse_from(words.split(' ')).unwrap().command else {
+            panic!("train")
+        };
+        assert_eq!((train.iterations, train.save_iterations), (7000, vec![1000, 2000]));
+        assert_eq!(train.start.random_points, Some(20_000));
+        for wrong in ["--random-points 500000000", "--iterations 0", "--iterations many", "--background-points 1e9"] {
+            let words = format!("specula train data -m out {wrong}");
+            assert!(Arguments::try_parse_from(words.split(' ')).is_err(), "{wrong} was taken");
+        }
+    }
 
     #[test]
     fn the_command_line_is_consistent() {
@@ -1100,6 +1192,14 @@ mod tests {
     fn the_fields_names_are_understood() {
         let words =
             "specula train -s data -m out --lambda_zero_one 0.001 --densify_grad_threshold 0.0004 --sh_degree 2";
+        let authors = "specula train -s data -m out --eval -w -r -1 --brdf_dim 0 --sh_degree -1 --brdf_env 512";
+        let Command::Train(train) = Arguments::try_parse_from(authors.split(' ')).unwrap().command else {
+            panic!("train")
+        };
+        assert_eq!((train.resolution, train.brdf_dim, train.start.sh_degree), (AT_MOST_1600, Some(0), Some(-1)));
+        assert_eq!(train.start.light_resolution, Some(512));
+        let eval = "specula eval out -r -1";
+        assert!(Arguments::try_parse_from(eval.split(' ')).is_err(), "a model has one size already");
         let Command::Train(train) = Arguments::try_parse_from(words.split(' ')).unwrap().command else {
             panic!("train")
         };

@@ -105,22 +105,18 @@ pub(crate) fn centre(bearings: &Bearings) -> Vec3 {
 pub(crate) fn words(bearings: &Bearings) -> String {
     let Bearings { up, told_by, cameras, rolled, error_degrees, .. } = bearings;
     let up = direction_words(*up);
-    let rolled = if *rolled > 0 {
-        format!(", {rolled} of whose pictures are on their side or upside down")
-    } else {
-        String::new()
-    };
+    let rolled = if *rolled > 0 { format!(", {rolled} of them on their side or upside down") } else { String::new() };
     match (told_by, error_degrees) {
-        (Told::Hand, _) => format!("up is {up}, as was said"),
+        (Told::Hand, _) => format!("up is {up}, as given"),
         (Told::Mean | Told::Nothing, _) | (_, None) => format!(
-            "up is taken to be {up}, for {cameras} cameras stand too much alike to tell; if it is not, say --scene-up X,Y,Z"
+            "up is taken to be {up}: {cameras} cameras are too alike to determine it; if it is wrong, set --scene-up X,Y,Z"
         ),
         (Told::Level, Some(error)) => format!(
-            "up is {up} within {error:.1}°, or the opposite: {cameras} cameras tell{rolled}; if it is the opposite, say \
+            "up is {up} within {error:.1}°, or the opposite, from {cameras} cameras{rolled}; if it is the opposite, set \
              --scene-up X,Y,Z"
         ),
         (Told::Upright | Told::Height, Some(error)) => {
-            format!("up is {up} within {error:.1}°: {cameras} cameras tell{rolled}")
+            format!("up is {up} within {error:.1}°, from {cameras} cameras{rolled}")
         }
     }
 }
@@ -162,7 +158,7 @@ mod tests {
             error_degrees: Some(0.31),
         };
         let said = words(&sure);
-        assert!(said.starts_with("up is +z within 0.3°: 77 cameras tell, 41 of whose"), "{said}");
+        assert!(said.starts_with("up is +z within 0.3°, from 77 cameras, 41 of them"), "{said}");
         let unsure = Bearings { up: [0.0, 0.6, 0.8], told_by: Told::Mean, cameras: 1, error_degrees: None, ..sure };
         assert!(words(&unsure).contains("(0.000, 0.600, 0.800)") && words(&unsure).contains("--scene-up"));
     }

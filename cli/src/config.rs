@@ -7,10 +7,9 @@ use crate::{
     preset::Preset,
 };
 use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
-use specula_io::{Error, checkpoint};
+use specula_io::{Error, budget::FACTS, checkpoint};
 use std::{
     ffi::OsString,
-    fs,
     path::{Path, PathBuf},
 };
 use toml::{Table, Value};
@@ -31,7 +30,9 @@ const FREE: [&str; 10] = [
     "scene-up",
 ];
 /// What says where settings are from is none itself.
-const NOT_IN_FILES: [&str; 4] = ["config", "overwrite", "preset", "resume"];
+const NOT_IN_FILES: [&str; 5] = ["config", "ignore_lock", "overwrite", "preset", "resume"];
+/// Options that open a port, or say who may use it: only the command line does that.
+const OF_PORTS: [&str; 4] = ["view", "view-until", "listen", "token"];
 /// What a file of settings is for.
 const NAME: &str = "config.toml";
 
@@ -75,6 +76,11 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
     let mut beneath = Vec::new();
     let mut in_file = Vec::new();
     for (key, value) in &table {
+        if OF_PORTS.contains(&key.as_str()) {
+            return Err(wrong(&format!(
+                "{key:?} says who may watch, which no file does; take it out, and type --view"
+            )));
+        }
         let arg = named(key).filter(|arg| !NOT_IN_FILES.contains(&arg.get_id().as_str()));
         let arg = arg.ok_or_else(|| wrong(&format!("{key:?} is no setting of specula train")))?;
         let word = word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
@@ -96,7 +102,8 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
 
 /// The settings in a file.
 fn read(path: &Path) -> Result<Table, Failure> {
-    let text = fs::read_to_string(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is no UTF-8"));
+    let text = String::from_utf8(FACTS.read(path)?).map_err(not_text)?;
     text.parse().map_err(|error: toml::de::Error| {
         Failure::Input(format!("cannot understand {path:?}: {}", first_line(&error, &text)))
     })
@@ -166,6 +173,7 @@ mod tests {
     use crate::background::Background;
     use clap::ValueEnum;
     use core::str::FromStr;
+    use std::fs;
 
     fn words(line: &str) -> Vec<OsString> {
         line.split(' ').map(OsString::from).collect()
@@ -188,9 +196,11 @@ mod tests {
     #[test]
     fn settings_come_back_from_their_file_and_the_command_line_counts_more() {
         let line = "specula train data -m out --profile paper --densify-grad-threshold 1.9e-4 --no-sparse -w \
-                    --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1";
+                    --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1 \
+                    --view --token abcd1234";
         let one = train_of(Arguments::parse_from(words(line)));
         let text = text_of(&one).expect("paths are UTF-8");
+        assert!(!text.contains("view") && !text.contains("abcd1234"), "who watches is asked anew: {text}");
         let (_folder, path) = config(&text);
 
         let again = train_of(
@@ -215,6 +225,9 @@ mod tests {
             ("seed = {}", "seed"),
             ("[losses]\nlambda-normal = 1", "losses"),
             ("preset = \"photos\"", "preset"),
+            ("view = \"0.0.0.0:7008\"", "type --view"),
+            ("token = \"abcd1234\"", "type --view"),
+            ("listen = \"0.0.0.0:7008\"", "type --view"),
         ] {
             let (_folder, path) = config(text);
             let refused = over(Some(&path), None, &words("specula train data -m out --config x")).map(train_of);
@@ -245,7 +258,8 @@ mod tests {
     fn every_preset_is_valid_and_told_in_the_help() {
         let command = Arguments::command();
         let train = command.find_subcommand("train").expect("it is there");
-        let help = train.clone().render_long_help().to_string();
+        let help = train.clone().render_help().to_string();
+        let (_, help) = help.split_once("Presets:").expect("the help lists them");
         for preset in Preset::value_variants() {
             let train = train_of(over(None, Some(*preset), &words("specula train data -m out")).expect("it is valid"));
             let text = text_of(&train).expect("paths are UTF-8");
@@ -257,9 +271,9 @@ mod tests {
             }
             let name = preset.to_possible_value().expect("none is hidden").get_name().to_owned();
             let iterations = train.iterations.to_string();
-            let (_, words) = help.split_once(&format!("- {name}:")).expect("the help names it");
-            let words = words.split("\n          - ").next().expect("there is a first part");
-            assert!(words.contains(&iterations), "the help says {words:?} of {name}, which takes {iterations}");
+            let (_, words) = help.split_once(&name).expect("the help names it");
+            let (words, _) = words.split_once(" iterations").expect("the help says how many");
+            assert!(words.ends_with(&iterations), "the help says {words:?} of {name}, which takes {iterations}");
         }
     }
 

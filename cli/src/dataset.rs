@@ -3,6 +3,7 @@
 use crate::{bearings, failure::Failure, fit::thousands, progress::Talk};
 use specula_core::camera::near_of;
 use specula_io::{
+    Error,
     bearings::Bearings,
     dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
     model_folder::ModelInfo,
@@ -32,7 +33,7 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
         work.done(done as u64, String::new);
     });
     work.finish();
-    let loaded = loaded?;
+    let loaded = loaded.map_err(|error| misplaced(folder, &error).unwrap_or_else(|| error.into()))?;
     talk.note(&summary(&loaded));
     loaded.notes.iter().for_each(|note| talk.note(note));
     let bearings = bearings_of(&loaded);
@@ -45,6 +46,33 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
     train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
     Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)), bearings })
+}
+
+/// Whether a folder looks like a data set.
+fn is_data_set(folder: &Path) -> bool {
+    const MARKS: [&str; 5] =
+        ["transforms_train.json", "transforms.json", "sparse/0", "sparse/cameras.bin", "sparse/cameras.txt"];
+    MARKS.iter().any(|mark| folder.join(mark).exists())
+}
+
+/// The refusal of a folder that is near a data set: a part of one, the folder above some, or a model.
+fn misplaced(folder: &Path, error: &Error) -> Option<Failure> {
+    if !matches!(error, Error::NoTransforms { .. } | Error::NoImages { .. }) {
+        return None;
+    }
+    let whole = std::path::absolute(folder).ok()?;
+    if let Some(meant) = whole.ancestors().skip(1).take(2).find(|above| is_data_set(above)) {
+        let words = format!("{folder:?} is a part of a data set; did you mean the folder above, {meant:?}?");
+        return Some(Failure::Input(words));
+    }
+    if folder.join("specula.json").is_file() {
+        let words =
+            format!("{folder:?} is a model, not a data set; to go on with its training, use -m {folder:?} --resume");
+        return Some(Failure::Input(words));
+    }
+    let within = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
+    let meant = within.filter(|path| is_data_set(path)).min()?;
+    Some(Failure::Input(format!("{folder:?} is no data set, but there is one in it; did you mean {meant:?}?")))
 }
 
 /// The options with which a training read its data set, for one that reads it again.

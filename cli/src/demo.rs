@@ -11,6 +11,7 @@ use crate::{
     failure::Failure,
     fit::{Start, Training, thousands},
     interrupt,
+    lock::Lock,
     machine::ExecutorChoice,
     output,
     progress::Talk,
@@ -56,6 +57,7 @@ struct Contestant {
 
 /// Unpacks, trains twice, measures, and makes pictures of everything.
 pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
+    let _lock = lock(args, talk)?;
     PROFILES.iter().try_for_each(|name| refuse_to_hide(args, name))?;
     let (data, points) = prepare(args)?;
     let mut contestants = Vec::new();
@@ -65,14 +67,15 @@ pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
     let table = table(&contestants);
     output::write_json(&args.output.join("results.json"), &results(&contestants))?;
     let [plain, ours] = contestants.try_into().expect("there are two of them");
-    sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
-    page::write(&args.output, &table, args.iterations)?;
+    let sheets = sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
+    page::write(&args.output, &table, args.iterations, &sheets)?;
     let page = args.output.join("index.html");
     output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
 pub(crate) fn train_shaded(args: &Demo, talk: Talk) -> Result<PathBuf, Failure> {
+    let _lock = lock(args, talk)?;
     refuse_to_hide(args, PROFILES[1])?;
     let (data, points) = prepare(args)?;
     let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points, talk)?;
@@ -90,9 +93,14 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     Err(Failure::Input(format!("{folder:?} holds a model that is not of a demo; name another folder with -o")))
 }
 
+/// Keeps other trainings out of the demo's folder, which it makes.
+fn lock(args: &Demo, talk: Talk) -> Result<Lock, Failure> {
+    output::make_folder(&args.output)?;
+    Lock::take(&args.output, "wait until it ends, or name another folder with -o", talk)
+}
+
 /// Unpacks the data, and draws the points.
 fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
-    output::make_folder(&args.output)?;
     let source = args.output.join("data");
     data::unpack(&source)?;
     let data = dataset::load(&source, &LoadOptions::default(), Talk { quiet: true })?;

@@ -4,6 +4,7 @@ mod lpips;
 mod page;
 mod relit;
 mod seen;
+pub(crate) mod trial;
 
 use crate::{
     args::{Eval, Split},

@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
         output::make_folder(folder.unwrap_or(Path::new(".")))?;
     }
     let stance = if args.upright { Some(stance(args, &opened)?) } else { None };
-    let background = background_of(&opened, args.showing.background);
+    let background = background_of(&opened, args.background);
     let exporter = Exporter { args, background, opened, stance, talk };
     let mut plains: BTreeMap<u8, Plain> = BTreeMap::new();
     let mut own = None;
@@ -276,7 +276,7 @@ impl Exporter<'_> {
             (false, ..) => String::new(),
             (true, BakeName::Sh, 0) => "light and shading became a colour".to_owned(),
             (true, BakeName::Sh, degree) => format!("light and shading became harmonics of degree {degree}"),
-            (true, BakeName::Diffuse, _) => "light and all that reflects it are left out".to_owned(),
+            (true, BakeName::Diffuse, _) => "the light and its reflections are omitted".to_owned(),
         };
         let of_kind = match kind {
             Kind::Ply => "",
@@ -287,7 +287,7 @@ impl Exporter<'_> {
         };
         let left_out = match self.scene().gaussians.count - plain.kept.len() {
             0 => String::new(),
-            count => format!("{} Gaussians that nobody sees are left out", thousands(count)),
+            count => format!("{} invisible Gaussians are omitted", thousands(count)),
         };
         let parts: Vec<&str> = [&baked, of_kind, &left_out].into_iter().filter(|part| !part.is_empty()).collect();
         if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }

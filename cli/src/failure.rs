@@ -61,11 +61,17 @@ impl From<GpuError> for Failure {
         match error {
             GpuError::Refused { .. } | GpuError::TargetSize { .. } => Self::Internal(error.to_string()),
             GpuError::OutOfMemory | GpuError::Lost { .. } | GpuError::TooLarge { .. } => {
-                Self::Device(error.to_string())
+                Self::Device(with_option(&error.to_string()))
             }
-            other => Self::Input(other.to_string()),
+            other => Self::Input(with_option(&other.to_string())),
         }
     }
+}
+
+/// A sentence of a library that advises to use the CPU, with the option that does it.
+#[cfg(feature = "gpu")]
+fn with_option(sentence: &str) -> String {
+    if sentence.ends_with(" the CPU") { format!("{sentence} with --executor cpu") } else { sentence.to_owned() }
 }
 
 impl<E> From<TrainError<E>> for Failure

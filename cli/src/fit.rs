@@ -151,8 +151,8 @@ impl<'a> Training<'a> {
     }
 
     /// Somebody watches from now on.
-    pub(crate) fn watched(self, live: Arc<Live>) -> Self {
-        Self { live: Some(live), ..self }
+    pub(crate) fn watch(&mut self, live: Arc<Live>) {
+        self.live = Some(live);
     }
 
     /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
@@ -259,7 +259,7 @@ impl<'a> Training<'a> {
     fn warn_of_nonfinite(&self, talk: Talk) {
         let count = self.trainer.nonfinite();
         if count > 0 {
-            talk.note(&format!("{count} gradients were not finite and were left out; the result may be worse for it"));
+            talk.note(&format!("{count} gradients were not finite and were skipped; the result may be worse for it"));
         }
     }
 

@@ -74,7 +74,7 @@ kept_as_typed!(Foreground);
 pub(crate) fn words(ball: &Ball) -> String {
     let [x, y, z] = ball.center;
     format!(
-        "what lies within {:.3} of ({x:.3}, {y:.3}, {z:.3}) reflects the light; what is behind has a colour of its own",
+        "Gaussians within {:.3} of ({x:.3}, {y:.3}, {z:.3}) reflect the light; the background does not",
         ball.radius
     )
 }

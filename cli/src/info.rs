@@ -63,8 +63,13 @@ impl Report {
     }
 
     fn add(&mut self, name: &'static str, words: String, value: Value) {
+        self.add_as(name, &name.replace(' ', "_"), words, value);
+    }
+
+    /// The same with another key in JSON.
+    fn add_as(&mut self, name: &'static str, key: &str, words: String, value: Value) {
         self.lines.push((name, words));
-        self.json.insert(name.replace(' ', "_"), value);
+        self.json.insert(key.to_owned(), value);
     }
 
     fn text(&self) -> String {
@@ -96,7 +101,7 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     add_ranges(&mut report, &scene.gaussians);
     add_light(&mut report, scene);
     let census = Census::of(&scene.gaussians, None);
-    let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are left out"));
+    let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
     report.add("not finite", words, census.nonfinite().into());
     add_plan(&mut report, scene);
     Ok(report)
@@ -137,7 +142,7 @@ impl Range {
 
     fn words(self) -> String {
         let [least, median, most] = self.0;
-        format!("{} … {}, half below {}", number(least), number(most), number(median))
+        format!("{} … {}, median {}", number(least), number(most), number(median))
     }
 
     fn json(self) -> Value {
@@ -198,7 +203,7 @@ fn add_plan(report: &mut Report, scene: &Scene) {
     let layout = scene.gaussians.layout;
     let left_out = left_out(&plan, layout);
     let words = if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") };
-    report.add("left out", words, json!(left_out));
+    report.add_as("skipped", "left_out", words, json!(left_out));
 
     let [read, read_in_full] = [plan.rules, plan.full].map(|rules| size_of::<f32>() * rules.numbers_read(layout));
     let words = format!("{read} of {read_in_full} bytes of each Gaussian");

@@ -1,4 +1,4 @@
-//! Ctrl-C: the first asks for an orderly end, the second ends at once.
+//! Ctrl-C: the first asks for an orderly end, the second ends at once. And the signal of a file that is too large.
 
 use crate::failure::Failure;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -16,6 +16,13 @@ pub(crate) fn watch() -> Result<(), Failure> {
         }
     };
     ctrlc::set_handler(asked).map_err(|error| Failure::Internal(format!("cannot listen for Ctrl-C: {error}")))
+}
+
+/// Lets a write beyond the limit on the size of files (`ulimit -f`) fail as it does on a full disk, instead of ending the
+/// program in the middle of a file. Where the signal cannot be caught, it does what it always did.
+pub(crate) fn survive_limits_of_files() {
+    #[cfg(unix)]
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
 }
 
 /// Whether an end was asked for.

@@ -107,8 +107,7 @@ impl Tour {
             (Some(count), own) => around(&own.unwrap_or_default(), count),
             (None, Some(own)) => Self::of_split(look.split, own, opened),
             (None, None) if look.split.is_some() => Err(Failure::Input(
-                "the scene has no cameras of its own to take --split from; name some with --cameras, or use --turntable"
-                    .into(),
+                "the scene has no cameras for --split; name some with --cameras, or use --turntable".into(),
             )),
             (None, None) => around(&[], ORBIT),
         }

@@ -197,12 +197,22 @@ pub(crate) fn train(
     talk: Talk,
 ) -> Result<(Box<dyn Run>, bool), Failure> {
     if let Some(device) = device::choose(choice, talk)? {
+        talk.note(&format!("training on {}", device.words()));
         match device.train(settings.clone(), views, start) {
             Err(failure) if failure.is_of_device() => talk.note(&format!("{failure}; the processor takes over")),
             run => return Ok((run?, true)),
         }
     }
+    talk.note(&format!("training on the CPU, {} threads", rayon::current_num_threads()));
     Ok((Box::new(begin(CpuExecutor::new(), settings, views, start)?), false))
+}
+
+/// Whether there is what was asked for by its name: known before anything is loaded.
+pub(crate) fn check(choice: &ExecutorChoice, talk: Talk) -> Result<(), Failure> {
+    match choice {
+        ExecutorChoice::Gpu(_) => device::choose(choice, talk).map(drop),
+        ExecutorChoice::Auto | ExecutorChoice::Cpu => Ok(()),
+    }
 }
 
 /// A run from its start on an executor.
@@ -274,6 +284,15 @@ pub(crate) mod device {
     }
 
     impl Device {
+        /// The adapter, in words.
+        pub(super) fn words(&self) -> String {
+            let name = &self.0.info().name;
+            match self.0.is_software() {
+                true => format!("{name}, a driver that computes on the CPU; --executor cpu is faster"),
+                false => format!("the GPU {name}"),
+            }
+        }
+
         /// Gaussians on the device, which rounds what it stores itself.
         pub(super) fn load(
             self,
@@ -321,6 +340,10 @@ mod device {
     }
 
     impl Device {
+        pub(super) fn words(&self) -> String {
+            match *self {}
+        }
+
         pub(super) fn load(
             self,
             _gaussians: &Gaussians<Vec<f32>>,

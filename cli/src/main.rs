@@ -16,8 +16,10 @@ mod failure;
 mod fit;
 mod foreground;
 mod fuse;
+mod help;
 mod info;
 mod interrupt;
+mod lock;
 mod look;
 mod machine;
 mod output;
@@ -44,7 +46,7 @@ use args::{Arguments, Command};
 use clap::{Parser, error::ErrorKind};
 use failure::Failure;
 use progress::Talk;
-use std::process::ExitCode;
+use std::{ffi::OsString, process::ExitCode};
 
 /// Frames and gradients come and go at every step; this allocator keeps their pages.
 #[global_allocator]
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
+    interrupt::survive_limits_of_files();
     // A panic has told of itself already.
     match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
@@ -73,6 +76,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
     let talk = Talk { quiet: arguments.quiet };
+    arguments.command.executor().map_or(Ok(()), |choice| machine::check(choice, talk))?;
     match &arguments.command {
         Command::Demo(args) => demo::run(args, talk),
         Command::Train(args) => train::run(args, talk),
@@ -86,20 +90,28 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Report(args) => report::run(args, talk),
         Command::Info(args) => info::run(args, talk),
         Command::Doctor(args) => doctor::run(args),
+        Command::TryNetwork(args) => eval::trial::run(args),
     }
 }
 
 /// Help goes to stdout; what is wrong with the arguments is one sentence, like any other error.
 fn explain(error: &clap::Error) -> ExitCode {
-    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
-        // Nobody may be there to read it, which is no error.
-        let _ = error.print();
-        return ExitCode::SUCCESS;
+    let words: Vec<OsString> = std::env::args_os().collect();
+    match error.kind() {
+        ErrorKind::DisplayHelp => help::print(&words),
+        ErrorKind::DisplayVersion => {
+            // Nobody may be there to read it, which is no error.
+            let _ = error.print();
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            eprint!("{error}");
+            return ExitCode::from(2);
+        }
+        _ => {
+            let command = help::command_of(&words).map_or(String::new(), |name| format!("{name} "));
+            eprintln!("specula: {}; see specula {command}--help", failure::sentence_of(error));
+            return ExitCode::from(2);
+        }
     }
-    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        eprint!("{error}");
-        return ExitCode::from(2);
-    }
-    eprintln!("specula: {}; see specula --help", failure::sentence_of(error));
-    ExitCode::from(2)
+    ExitCode::SUCCESS
 }

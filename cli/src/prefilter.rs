@@ -150,7 +150,7 @@ fn levels(args: &Prefilter, resolution: usize) -> Result<Levels, Failure> {
         return match (args.levels, args.roughness) {
             (None, None) => Ok(Levels::new(PrefilterScheme::Official, resolution)),
             _ => Err(Failure::Input(format!(
-                "--scheme {scheme} has its own levels; leave --levels and --roughness out, or use --scheme specula"
+                "--scheme {scheme} has its own levels; omit --levels and --roughness, or use --scheme specula"
             ))),
         };
     }

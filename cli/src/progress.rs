@@ -1,7 +1,7 @@
 //! Talk on stderr: notes, and how far long work has come. A bar on a terminal, else a line every few seconds.
 
-use core::{cell::Cell, time::Duration};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use core::{cell::Cell, fmt::Write, time::Duration};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::{
     io::{IsTerminal, stderr},
     sync::Mutex,
@@ -30,22 +30,52 @@ impl Talk {
         let is_terminal = stderr().is_terminal();
         let target =
             if is_terminal && !self.quiet { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let bar = ProgressBar::with_draw_target(Some(steps), target).with_style(style());
+        let bar = ProgressBar::with_draw_target(Some(steps), target).with_style(style(Begin::now(0)));
         bar.set_prefix(what.to_owned());
         let lines = (!is_terminal && !self.quiet).then(|| Mutex::new(Cell::new(Instant::now())));
-        Work { bar, lines, talk: self }
+        Work { bar, begin: Begin::now(0), lines, talk: self }
     }
 }
 
-fn style() -> ProgressStyle {
-    let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {elapsed} < {eta}";
-    ProgressStyle::with_template(template).expect("the template is valid").progress_chars("━━─")
+fn style(begin: Begin) -> ProgressStyle {
+    let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {elapsed} < {left}";
+    let left = move |state: &ProgressState, out: &mut dyn Write| {
+        // A bar that cannot say it says nothing.
+        let left = begin.left(state.pos(), state.len().unwrap_or(0));
+        let _ = write!(out, "{:#}", HumanDuration(Duration::from_secs(left.as_secs())));
+    };
+    let style = ProgressStyle::with_template(template).expect("the template is valid").with_key("left", left);
+    style.progress_chars("━━─")
+}
+
+/// When, and after how many steps, this program began.
+#[derive(Clone, Copy, Debug)]
+struct Begin {
+    steps: u64,
+    time: Instant,
+}
+
+impl Begin {
+    fn now(steps: u64) -> Self {
+        Self { steps, time: Instant::now() }
+    }
+
+    fn left(self, done: u64, all: u64) -> Duration {
+        time_left(done.saturating_sub(self.steps), all.saturating_sub(done), self.time.elapsed())
+    }
+}
+
+/// What so many steps more take, if each takes as long as these have in the mean; none where nothing is known.
+fn time_left(taken: u64, more: u64, elapsed: Duration) -> Duration {
+    let seconds = elapsed.as_secs_f64() * more as f64 / taken.max(1) as f64;
+    if taken == 0 { Duration::ZERO } else { Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX) }
 }
 
 /// Work that is being done.
 #[derive(Debug)]
 pub(crate) struct Work {
     bar: ProgressBar,
+    begin: Begin,
     /// When the last line was written, where there is no bar.
     lines: Option<Mutex<Cell<Instant>>>,
     talk: Talk,
@@ -67,11 +97,15 @@ impl Work {
         }
     }
 
-    /// So many steps are behind it already, and took so many seconds.
+    /// So many steps are behind it already, and took so many seconds. Clocks of some systems begin when the machine starts;
+    /// what began before that is shown as if it began now.
     pub(crate) fn gone_on(self, steps: u64, seconds: f64) -> Self {
-        let bar = self.bar.with_elapsed(Duration::from_secs_f64(seconds.max(0.0))).with_position(steps);
-        bar.reset_eta();
-        Self { bar, ..self }
+        let elapsed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+        let since = Instant::now().checked_sub(elapsed);
+        let bar = self.bar.with_elapsed(since.map_or(Duration::ZERO, |_| elapsed)).with_position(steps);
+        let begin = Begin::now(steps);
+        bar.set_style(style(begin));
+        Self { bar, begin, ..self }
     }
 
     /// So many steps there are, as it turns out.
@@ -91,8 +125,34 @@ impl Work {
 
     fn line(&self, message: &str) {
         let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
-        let left = self.bar.eta().as_secs();
+        let left = self.begin.left(done, all).as_secs();
         let gap = if message.is_empty() { "" } else { ", " };
         eprintln!("specula: {} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_counts_from_the_step_that_was_gone_on_from() {
+        let ten = Duration::from_secs(10);
+        assert_eq!(time_left(100, 900, ten), Duration::from_secs(90));
+        assert_eq!(time_left(0, 900, ten), Duration::ZERO, "nothing is known yet");
+        assert_eq!(time_left(100, 0, ten), Duration::ZERO);
+        let begin = Begin { steps: 5000, time: Instant::now() - ten };
+        let left = begin.left(5100, 6000).as_secs();
+        assert!((90..120).contains(&left), "{left} s for 900 steps, where 100 took 10 s");
+        let work = Talk { quiet: true }.work("training", 6000).gone_on(5000, 1000.0);
+        assert_eq!(work.begin.steps, 5000, "steps of an earlier program took none of this one's time");
+    }
+
+    #[test]
+    fn work_goes_on_whatever_the_clock_says_of_its_beginning() {
+        for seconds in [0.0, 3600.0, 3.2e9, 1e20, f64::INFINITY, f64::NAN, -1.0] {
+            let work = Talk { quiet: true }.work("training", 10).gone_on(4, seconds);
+            assert_eq!(work.bar.position(), 4, "{seconds}");
+        }
     }
 }

@@ -2,14 +2,15 @@
 
 use crate::{
     args::Relight,
+    background::Backdrop,
     bearings,
     failure::Failure,
     look::Tour,
     output,
     pictures::Layer,
     progress::Talk,
-    render::{Job, Place},
-    scene::{self, background_of, relight},
+    render::{Job, Place, behind},
+    scene::{self, relight},
     truth::{Truths, fit_and_measure},
 };
 use glam::Vec3;
@@ -25,18 +26,23 @@ const PREVIEW: [usize; 2] = [512, 256];
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
+    if args.truth.is_some() && args.look.background == Some(Backdrop::Environment) {
+        return Err(Failure::Input(
+            "true pictures are compared over a colour; use --truth without --background env".into(),
+        ));
+    }
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
     let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
-    relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
+    let map = relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
     let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
     let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"), tour.other_size)?;
     output::make_folder(&place.folder)?;
     write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
 
-    let background = background_of(&opened, args.look.showing.background);
-    let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place };
+    let behind = behind(&args.look, &tour, &opened, Some((map, args.env_options.env_up.stand(above))))?;
+    let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place, behind: &behind };
     let mut pairs = Vec::new();
     job.run(opened, talk, |index, image| {
         pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
@@ -45,7 +51,7 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     if truths.is_none() {
         return output::say(&place.folder.display().to_string());
     }
-    let measured = fit_and_measure(&pairs, background);
+    let measured = fit_and_measure(&pairs, behind.color());
     if args.json {
         return output::say_json(&measured.for_programs(pairs.len()));
     }

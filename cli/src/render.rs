@@ -2,7 +2,7 @@
 
 use crate::{
     args::{Look, MachineOptions, Render},
-    background::Background,
+    background::{Backdrop, Behind},
     bearings, dataset,
     failure::Failure,
     look::Tour,
@@ -14,11 +14,18 @@ use crate::{
     relay::relay,
     relight::write_light,
     scene::{self, Renderer, background_of, note_oddities, relight},
-    within,
+    within::within,
 };
+use core::ops::RangeInclusive;
 use rayon::prelude::*;
-use specula_core::{camera::Camera, plan::Channels, scene::Image, shade::ShadingForm};
+use specula_core::{
+    camera::Camera,
+    plan::Channels,
+    scene::{Environment, Image, RadianceActivation},
+    shade::ShadingForm,
+};
 use specula_io::{
+    latlong::{self, LatLong, Stand},
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
@@ -35,8 +42,9 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let tour = Tour::choose(&args.look, &opened)?;
     note_oddities(&opened, talk);
     let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
+    let mut map = None;
     if let Some(env) = &args.env {
-        relight(&mut opened.scene, env, &args.env_options, above, talk)?;
+        map = Some(relight(&mut opened.scene, env, &args.env_options, above, talk)?);
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
         talk.note("the scene has no light, so nothing specular is shown; name one with --env");
     }
@@ -47,10 +55,10 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
     }
 
-    let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place };
+    let behind = behind(&args.look, &tour, &opened, map.zip(Some(args.env_options.env_up.stand(above))))?;
+    let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place, behind: &behind };
     let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
-    let background = background_of(&opened, args.look.showing.background);
-    job.write_truths(&truths, background)?;
+    job.write_truths(&truths)?;
     let mut verification = match args.verify_omissions {
         true => {
             Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine, talk)?)
@@ -58,14 +66,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         false => None,
     };
     if let Some(error) = args.max_error {
-        if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
-            return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
-        }
-        let (cameras, channels) = (tour.cameras.iter().map(|(_, camera)| *camera).collect(), Layer::channels(&layers));
-        let (renderer, certificate) = within::renderer(&opened.scene, cameras, background, channels, error, talk)?;
-        job.run_with(renderer, opened.scene.shading_model.shading.form, background, talk, |_, _| Ok(()))?;
-        output::say(&place.folder.display().to_string())?;
-        return output::say(&certificate);
+        return render_within(error, args, opened, &job, talk);
     }
     job.run(opened, talk, |index, image| match &mut verification {
         Some(verification) => verification.compare(&tour.cameras[index].1, image),
@@ -73,6 +74,47 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     })?;
     output::say(&place.folder.display().to_string())?;
     verification.map_or(Ok(()), Verification::report)
+}
+
+/// What is asked to be behind the scene: a colour, the light of a file as it stands, or else the scene's own.
+pub(crate) fn behind(
+    look: &Look,
+    tour: &Tour,
+    opened: &OpenedModel,
+    map: Option<(LatLong, Stand)>,
+) -> Result<Behind, Failure> {
+    let own = || opened.scene.light.clone().filter(|_| opened.scene.gaussians.layout.is_shaded());
+    match (look.background, map) {
+        (Some(Backdrop::Environment), Some((map, stand))) => Ok(Behind::Light(finest(&map, stand, tour))),
+        (Some(Backdrop::Environment), None) => own().map(Behind::Light).ok_or_else(|| {
+            Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
+        }),
+        (asked, _) => Ok(Behind::Color(background_of(opened, asked.and_then(Backdrop::color)))),
+    }
+}
+
+/// A map as a cube whose texels are about as wide as a pixel of the cameras, unless the map's are wider.
+fn finest(map: &LatLong, stand: Stand, tour: &Tour) -> Environment<Vec<f32>> {
+    const RESOLUTIONS: RangeInclusive<usize> = 64..=1024;
+    let sharpest = tour.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
+    let needed = (2.0 * sharpest) as usize;
+    let resolution = needed.min(map.width / 2).clamp(*RESOLUTIONS.start(), *RESOLUTIONS.end()).next_power_of_two();
+    let values = latlong::to_cube(map, resolution, stand);
+    Environment { resolution, activation: RadianceActivation::Identity, values }
+}
+
+/// Renders what was asked for within an error.
+fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>, talk: Talk) -> Result<(), Failure> {
+    if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
+        return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
+    }
+    let cameras = job.tour.cameras.iter().map(|(_, camera)| *camera).collect();
+    let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify, talk)?;
+    let renderer = Renderer::of_machine(within.machine(), &opened.scene, Layer::channels(job.layers));
+    job.run_with(renderer, opened.scene.shading_model.shading.form, talk, |_, _| Ok(()))?;
+    output::say(&job.place.folder.display().to_string())?;
+    output::say(within.certificate())?;
+    output::say(&within.report(talk))
 }
 
 /// Whether what the plan leaves out is missed anywhere.
@@ -156,6 +198,7 @@ pub(crate) struct Job<'a> {
     pub(crate) tour: &'a Tour,
     pub(crate) layers: &'a [Layer],
     pub(crate) place: &'a Place,
+    pub(crate) behind: &'a Behind,
 }
 
 impl Job<'_> {
@@ -166,10 +209,9 @@ impl Job<'_> {
         talk: Talk,
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
-        let background = background_of(&opened, self.look.showing.background);
         let form = opened.scene.shading_model.shading.form;
         let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine, talk)?;
-        self.run_with(renderer, form, background, talk, each)
+        self.run_with(renderer, form, talk, each)
     }
 
     /// The same with a renderer of one's own.
@@ -177,7 +219,6 @@ impl Job<'_> {
         &self,
         mut renderer: Renderer,
         form: ShadingForm,
-        background: Background,
         talk: Talk,
         mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
@@ -188,7 +229,7 @@ impl Job<'_> {
             Ok(image)
         };
         let finish = |index, image: Image<Vec<f32>>| {
-            let colors = self.write(index, &image, form, background)?;
+            let colors = self.write(index, &image, form)?;
             Ok(colors.filter(|_| self.tour.is_turntable))
         };
         let frames = relay(self.tour.cameras.len(), &work, make, finish)?;
@@ -201,16 +242,13 @@ impl Job<'_> {
     }
 
     /// Writes the layers of a view; returns its colours, if they are among them.
-    fn write(
-        &self,
-        index: usize,
-        image: &Image<Vec<f32>>,
-        form: ShadingForm,
-        background: Background,
-    ) -> Result<Option<RgbImage>, Failure> {
+    fn write(&self, index: usize, image: &Image<Vec<f32>>, form: ShadingForm) -> Result<Option<RgbImage>, Failure> {
         let mut colors = None;
         for layer in self.layers {
-            let picture = layer.picture(image, form, background);
+            let picture = match layer {
+                Layer::Rgb => self.behind.picture(image, &self.tour.cameras[index].1),
+                other => other.picture(image, form, self.behind.color()),
+            };
             picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
             if *layer == Layer::Rgb {
                 colors = Some(picture);
@@ -220,7 +258,7 @@ impl Job<'_> {
     }
 
     /// Writes the true pictures of the views, where they are known and of the same size.
-    fn write_truths(&self, views: &[View], background: Background) -> Result<(), Failure> {
+    fn write_truths(&self, views: &[View]) -> Result<(), Failure> {
         let pairs = self.tour.cameras.par_iter().zip(views).enumerate();
         pairs.try_for_each(|(index, ((name, camera), view))| {
             let size = [camera.width, camera.height];
@@ -228,21 +266,16 @@ impl Job<'_> {
                 return Ok(());
             }
             let path = self.place.folder.join("gt").join(picture_name(index));
-            Ok(picture::write(&path, &truth(view, background))?)
+            Ok(picture::write(&path, &self.behind.truth(view))?)
         })
     }
-}
-
-/// A photograph over a background.
-pub(crate) fn truth(view: &View, background: Background) -> RgbImage {
-    picture::rgb(view.camera.width as usize, view.camera.height as usize, &view.over(background.0))
 }
 
 /// The photographs of a tour's views, if the data set of the training is still there.
 fn true_views(opened: &OpenedModel, tour: &Tour, talk: Talk) -> Vec<View> {
     let (Some(info), Some(split)) = (&opened.info, tour.split) else { return Vec::new() };
     views_of(info, split.has_test(), split.has_train(), talk).unwrap_or_else(|failure| {
-        talk.note(&format!("the true pictures are left out: {failure}"));
+        talk.note(&format!("without true pictures: {failure}"));
         Vec::new()
     })
 }

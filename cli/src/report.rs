@@ -16,8 +16,7 @@ use crate::{
 };
 use core::sync::atomic::{AtomicU64, Ordering};
 use specula_accuracy::{
-    budget::errors_of,
-    error::Errors,
+    error::{Errors, errors_of},
     off_axis::{OffAxis, off_axis},
     reference::{Exact, Reference},
     setting::{KNOBS, Setting, Tried, is_possible, random_setting, together},

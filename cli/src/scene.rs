@@ -5,12 +5,13 @@ use crate::{
     background::Background,
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
+    output,
     progress::{Talk, Work},
     quality::{FITTED, Measured},
     relay::relay,
 };
 use glam::Vec3;
-use specula_accuracy::{setting::Setting, subject::Subject};
+use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
     census::{Census, Fate},
@@ -19,6 +20,7 @@ use specula_core::{
     scene::{Environment, Image},
 };
 use specula_io::{
+    Error,
     latlong::{self, LatLong},
     model_folder::{self, Model},
 };
@@ -27,7 +29,7 @@ use specula_train::{
     evaluate::{fitted_psnr, measure_view, rules_to_measure},
     view::View,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// From this resolution on one has to wait for the prefilter.
 pub(crate) const SLOW_RESOLUTION: usize = 256;
@@ -35,7 +37,7 @@ pub(crate) const SLOW_RESOLUTION: usize = 256;
 /// Opens the folder of a model, or a PLY file, under the shading model that it names, or that of a
 /// profile.
 pub(crate) fn open(path: &Path, profile: Option<ProfileName>) -> Result<OpenedModel, Failure> {
-    let model = model_folder::open(path)?;
+    let model = open_model(path)?;
     let shading_model = shading_model_of(&model, profile)?;
     Ok(OpenedModel::under(path, model, shading_model))
 }
@@ -69,6 +71,32 @@ pub(crate) fn note_oddities(opened: &OpenedModel, talk: Talk) {
 /// Background that was asked for, else that of the training, else black.
 pub(crate) fn background_of(opened: &OpenedModel, asked: Option<Background>) -> Background {
     asked.unwrap_or(Background(opened.background()))
+}
+
+/// Opens a model; what is none is refused with what to open instead, where that can be told.
+fn open_model(path: &Path) -> Result<Model, Failure> {
+    const EXPORTS: [&str; 4] = ["splat", "spz", "glb", "obj"];
+    if output::ending(path).is_some_and(|ending| EXPORTS.contains(&ending.as_str())) && path.is_file() {
+        return Err(Failure::Input(format!(
+            "{path:?} is of a format that specula writes for other programs and does not read; open the folder of the model \
+             or the .ply file that it was made from"
+        )));
+    }
+    model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
+        (Error::NoModel { .. }, [first, others @ ..]) => {
+            let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
+            Failure::Input(format!("{path:?} is no model, but holds some; open {first:?}{also}"))
+        }
+        _ => error.into(),
+    })
+}
+
+/// The models in a folder, by name.
+fn models_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut models: Vec<PathBuf> = entries.filter(|path| model_folder::latest_iteration(path).is_ok()).collect();
+    models.sort();
+    models
 }
 
 /// Number of Gaussians that are not finite, by reason; none if all are finite.
@@ -138,13 +166,9 @@ impl Renderer {
         Self::with_rules(scene, full, options, talk)
     }
 
-    /// Renders on the processor as a setting says; the scene's light and reading are those of the setting already.
-    pub(crate) fn within(scene: Scene, setting: &Setting, channels: Channels) -> Result<Self, Failure> {
-        let scene = scene.rounded(setting.storage);
-        let Plan { rules, .. } = scene.plan(channels);
-        let rules = RenderRules { sh_degree: rules.sh_degree.min(setting.sh_degree), ..rules };
-        let light = scene.light.clone().filter(|_| rules.is_lit && scene.gaussians.layout.is_shaded());
-        Ok(Self { machine: machine::load_within(scene, light, &rules, setting.limits, setting.storage)?, rules })
+    /// Renders a scene on a machine that has its own ways with it.
+    pub(crate) fn of_machine(machine: Box<dyn Machine>, scene: &Scene, channels: Channels) -> Self {
+        Self { machine, rules: scene.plan(channels).rules }
     }
 
     /// Filters the light, if it is looked up.
@@ -207,6 +231,23 @@ pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<LatLong
             cleaned.negative
         ));
     }
+    note_doubts(path, &map, talk)?;
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     Ok(map)
+}
+
+/// Says why a picture may be no light, where it is read as one.
+fn note_doubts(path: &Path, map: &LatLong, talk: Talk) -> Result<(), Failure> {
+    if !latlong::holds_radiance(path)? {
+        talk.note(&format!(
+            "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
+        ));
+    }
+    if map.width != 2 * map.height {
+        talk.note(&format!(
+            "{path:?} has {} × {} pixels, and is stretched to 2:1, as a lat-long map is; is it one?",
+            map.width, map.height
+        ));
+    }
+    Ok(())
 }

@@ -31,15 +31,15 @@ pub(crate) fn shading_model_of(profile: &Profile) -> ShadingModel {
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     put(&mut profile.coarse_until, args.coarse_until);
-    if let Some(degree) = args.sh_degree {
+    // -1 is the profile's own.
+    if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
         let is_shaded = profile.layout.is_shaded();
         profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };
     }
     if let Some(light_per) = args.light_per {
         if profile.light.is_none() || profile.shading.form == ShadingForm::Official {
             return Err(Failure::Input(format!(
-                "--profile {} has no choice of who looks the light up; leave --light-per out, or use --profile specula \
-                 or paper",
+                "--profile {} looks up the light in one way alone; omit --light-per, or use --profile specula or paper",
                 profile.name
             )));
         }
@@ -58,7 +58,7 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
         }
         match &mut profile.light {
             Some(light) => light.resolution = resolution,
-            None => return Err(Failure::Input("--profile 3dgs has no light; leave --light-resolution out".into())),
+            None => return Err(Failure::Input("--profile 3dgs has no light; omit --light-resolution".into())),
         }
     }
     Ok(())

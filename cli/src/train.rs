@@ -1,7 +1,7 @@
 //! `specula train`: from pictures to a model.
 
 use crate::{
-    args::{MachineOptions, Photographs, Train},
+    args::{AT_MOST_1600, MachineOptions, Photographs, Train},
     background::Background,
     bearings,
     checkpoint::{self, Checkpoints},
@@ -9,14 +9,17 @@ use crate::{
     dataset::{self, Dataset},
     failure::Failure,
     fit::{Outcome, Start, Training, thousands},
-    foreground, interrupt, output,
+    foreground, interrupt,
+    lock::Lock,
+    output,
     progress::{Talk, Work},
     quality::{self, Measured},
     scene::Renderer,
     settings,
-    view::{self, Shown, Source, live::Live},
-    within,
+    view::{self, Shown, Source, Watching, live::Live},
+    within::{Within, within},
 };
+use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, plan::Channels};
 use specula_io::{
@@ -43,8 +46,12 @@ const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
 pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
-    refuse_to_hide(args)?;
+    note_unneeded(args, talk);
+    let args = &settled(args, talk)?;
     let mut profile = settings::profile_of(args, args.iterations)?;
+    // A folder that is not there yet is made, and locked, when everything else is known to be in order.
+    let lock = if args.model_path.is_dir() { Some(lock(args, talk)?) } else { None };
+    refuse_to_hide(args)?;
     let mut data = load(args, talk)?;
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.bearings.as_ref());
@@ -57,7 +64,9 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let facts = checkpoint::facts_of(&settings, config::text_of(args)?, &data.train);
     let saved = if args.again.resume { Some(saved(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
-    let checkpoints = make_folder(args, &settings.profile, &data, &points, facts, saved.as_ref(), talk)?;
+    output::make_folder(&args.model_path)?;
+    let _lock = lock.map_or_else(|| self::lock(args, talk), Ok)?;
+    let checkpoints = fill_folder(args, &settings.profile, &data, &points, facts, saved.as_ref(), talk)?;
 
     let reload = || {
         let mut data = load(args, QUIET)?;
@@ -69,9 +78,10 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     let looked_from = cameras_of(&data);
-    if args.watch.view.is_some() {
-        training = watched(args, training, &data, background, talk)?;
-    }
+    let watching = match args.watch.view {
+        Some(address) => Some(watch(args, address, &mut training, &data, background, talk)?),
+        None => None,
+    };
     let names: Vec<String> = data.train.iter().map(|view| view.name.clone()).collect();
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
@@ -80,7 +90,9 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let views = Views { names, test: &data.test, looked_from, background };
     let outcome =
         training.run("training", talk, &pauses, |training, work| pause(args, training, &info, &views, work))?;
-    finish(args, &mut training, info, outcome, &views, talk)
+    finish(args, &mut training, info, outcome, &views, talk)?;
+    let result = || Ok((training.scene()?, training.iteration()));
+    watching.map_or(Ok(()), |watching| watching.stay(result, talk))
 }
 
 /// Refuses a folder that holds another training, whose model would be mistaken for this one's.
@@ -104,6 +116,38 @@ fn trained_words(folder: &Path) -> Result<String, Failure> {
         (Ok(iteration), profile) => format!("a model{iteration}{}", profile.unwrap_or_default()),
         (Err(_), _) => "a training that was interrupted".to_owned(),
     })
+}
+
+/// Says which of the authors' options change nothing here.
+fn note_unneeded(args: &Train, talk: Talk) {
+    if args.brdf_dim.is_some() {
+        talk.note(
+            "--brdf_dim is ignored: a profile has its own harmonics for the residual colour; --sh-degree N sets them",
+        );
+    }
+    if args.start.sh_degree.is_some_and(|degree| degree < 0) {
+        talk.note("--sh_degree -1 is ignored: a profile has its own harmonics; --sh-degree 0 to 3 sets them");
+    }
+}
+
+/// The same with the authors' rule for sizes, `-r -1`, as the number that comes closest to it.
+fn settled(args: &Train, talk: Talk) -> Result<Train, Failure> {
+    const WIDEST: u32 = 1600;
+    let mut settled = args.clone();
+    if args.resolution == AT_MOST_1600 {
+        settled.resolution = 1;
+        let first = io::dataset::load_one(args.source()?, &options_of(&settled), false, 0)?;
+        let width = first.map_or(0, |view| view.image.width);
+        if width > WIDEST {
+            settled.resolution = [2, 4, 8].into_iter().find(|factor| width / factor <= WIDEST).unwrap_or(8);
+            let (factor, width_here) = (settled.resolution, width / settled.resolution);
+            talk.note(&format!(
+                "-r -1 is -r {factor} for pictures that are {width} pixels wide, which makes them {width_here} wide; the \
+                 authors' programs make them {WIDEST}"
+            ));
+        }
+    }
+    Ok(settled)
 }
 
 /// What a training had come to when it was put aside.
@@ -146,8 +190,15 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
     Ok(Saved { seconds: then.seconds, snapshot: checkpoint::snapshot_of(saved) })
 }
 
-/// Makes the folder of the model, with what is known before the first step.
-fn make_folder(
+/// Keeps other trainings out of the folder of the model.
+fn lock(args: &Train, talk: Talk) -> Result<Lock, Failure> {
+    const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
+    let folder = &args.model_path;
+    if args.again.ignore_lock { Lock::take_anyway(folder, talk) } else { Lock::take(folder, REMEDY, talk) }
+}
+
+/// Writes into the folder of the model what is known before the first step.
+fn fill_folder(
     args: &Train,
     profile: &Profile,
     data: &Dataset,
@@ -157,8 +208,6 @@ fn make_folder(
     talk: Talk,
 ) -> Result<Checkpoints, Failure> {
     let folder = &args.model_path;
-    output::make_folder(folder)?;
-    model_folder::remove_unfinished(folder);
     if args.again.overwrite {
         model_folder::remove_training(folder)?;
     }
@@ -193,8 +242,8 @@ fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold photographs out \
-             with --test-every, or leave --eval out"
+            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold out photographs \
+             with --test-every, or omit --eval"
         )));
     }
     Ok(data)
@@ -269,14 +318,15 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
 }
 
-/// The training with a page that shows it.
-fn watched<'a>(
+/// Shows the training on a page.
+fn watch(
     args: &Train,
-    mut training: Training<'a>,
+    address: SocketAddr,
+    training: &mut Training<'_>,
     data: &Dataset,
     background: Background,
     talk: Talk,
-) -> Result<Training<'a>, Failure> {
+) -> Result<Watching, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
     let source = args.source()?.to_owned();
     let scene = training.scene()?;
@@ -288,10 +338,11 @@ fn watched<'a>(
         held_out: data.test.len(),
         source: Some(Source { folder: source, options: options_of(args) }),
         background,
-        live: Some(live.clone()),
+        live: None,
     };
-    view::watch(args, shown, talk)?;
-    Ok(training.watched(live))
+    let watching = view::watch(args, address, shown, live.clone(), talk)?;
+    training.watch(live);
+    Ok(watching)
 }
 
 /// What is done at a step in between.
@@ -365,7 +416,7 @@ fn finish(
     save(args, training, &scene, &info, views)?;
     let place = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
-        let model = args.model_path.display();
+        let model = shell_word(&args.model_path);
         let goes_on = format!("; specula train -m {model} --resume goes on");
         return Err(Failure::Interrupted(format!(
             "interrupted after iteration {iteration}, which is saved in {place:?}{}",
@@ -373,40 +424,58 @@ fn finish(
         )));
     }
     talk.note(&format!("saved {place:?}"));
-    let within = certified(args, &scene, views, info, talk)?;
+    let within = certified(args, &scene, views, talk)?;
+    if let Some(within) = &within {
+        save_certificate(args, &mut info, within.certificate().to_owned())?;
+    }
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
-        return output::say(&facts);
+        output::say(&facts)?;
+        talk.note(&next(args, scene.light.is_some()));
+        return Ok(());
     }
-    let mut renderer = match within {
-        Some(renderer) => renderer,
+    let is_lit = scene.light.is_some();
+    let mut renderer = match &within {
+        Some(within) => Renderer::of_machine(within.machine(), &scene, Channels::Training),
         None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?,
     };
     let test = views.test;
     let work = talk.work("measuring", test.len() as u64);
     let measured = renderer.measure(test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
+    if let Some(within) = &within {
+        let report = within.report(talk);
+        output::say(&report)?;
+        save_certificate(args, &mut info, format!("{}; {report}", within.certificate()))?;
+    }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
-    output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))
+    output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))?;
+    talk.note(&next(args, is_lit));
+    Ok(())
+}
+
+/// Commands that go on from a trained model.
+fn next(args: &Train, is_lit: bool) -> String {
+    let model = shell_word(&args.model_path);
+    let relight = if is_lit { format!(", specula relight {model} --env LIGHT.hdr") } else { String::new() };
+    format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
+}
+
+/// A path as a shell takes it for one word.
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./\\:".contains(letter);
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 /// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
-fn certified(
-    args: &Train,
-    scene: &Scene,
-    views: &Views<'_>,
-    mut info: ModelInfo,
-    talk: Talk,
-) -> Result<Option<Renderer>, Failure> {
+fn certified(args: &Train, scene: &Scene, views: &Views<'_>, talk: Talk) -> Result<Option<Within>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    let cameras = views.looked_from.clone();
-    match within::renderer(scene, cameras, views.background, Channels::Training, error, talk) {
-        Ok((renderer, certificate)) => {
-            output::say(&certificate)?;
-            info.rest.insert("certificate".into(), certificate.into());
-            model_folder::save_info(&args.model_path, &info)?;
-            Ok(Some(renderer))
+    match within(scene, views.looked_from.clone(), views.background, error, true, talk) {
+        Ok(within) => {
+            output::say(within.certificate())?;
+            Ok(Some(within))
         }
         Err(Failure::Input(why)) => {
             talk.note(&why);
@@ -414,6 +483,12 @@ fn certified(
         }
         Err(failure) => Err(failure),
     }
+}
+
+/// Writes the certificate of a model.
+fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> Result<(), Failure> {
+    info.rest.insert("certificate".into(), certificate.into());
+    Ok(model_folder::save_info(&args.model_path, info)?)
 }
 
 /// Writes how good the scene is, and after what time.

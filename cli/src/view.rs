@@ -3,6 +3,8 @@
 //! each other.
 
 mod album;
+mod announce;
+mod connections;
 mod guard;
 mod lights;
 pub(crate) mod live;
@@ -10,9 +12,10 @@ mod queue;
 mod request;
 mod server;
 mod studio;
+mod upload;
 
 use crate::{
-    args::{MachineOptions, Train, View},
+    args::{MachineOptions, Train, View, ViewUntil},
     background::Background,
     bearings, dataset,
     failure::Failure,
@@ -45,11 +48,14 @@ use tokio::{net::TcpListener, runtime::Runtime};
 /// Where the page is served if nothing else is said.
 pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 
+/// Threads that pack pictures and read lights.
+const BLOCKING_THREADS: usize = 4;
+
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.showing.profile)?;
     note_oddities(&opened, talk);
-    let background = background_of(&opened, args.showing.background);
+    let background = background_of(&opened, args.background);
     let name = name_of(&args.scene);
     let shown = Shown {
         name,
@@ -69,10 +75,7 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     }
     interrupt::watch()?;
     announce(&listener, &site)?;
-    talk.note(match args.listen.ip().is_unspecified() {
-        true => "open it in a browser, with this machine's name or address in place of the zeros; Ctrl-C ends it",
-        false => "open it in a browser; Ctrl-C ends it",
-    });
+    talk.note("open it in a browser; Ctrl-C ends it");
     runtime.block_on(server::serve(listener, site))
 }
 
@@ -109,7 +112,8 @@ struct Stage {
 impl Stage {
     /// Takes the address first, so that nothing is rendered in vain, and starts the thread that renders.
     fn new(shown: Shown, place: &Place, machine: MachineOptions, talk: Talk) -> Result<Self, Failure> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING_THREADS).build();
         let runtime = runtime.map_err(|error| Failure::Internal(format!("cannot serve: {error}")))?;
         let listener = runtime.block_on(server::listen(place.address))?;
         let guard = Guard::new(place.address.ip(), place.token.as_deref())?;
@@ -134,7 +138,16 @@ impl Stage {
         let studio = Studio::new(scene, lights.clone(), album, background, start.near, machine, talk)?;
         let queue = Arc::new(Queue::new());
         spawn_renderer(studio, queue.clone(), live.clone());
-        let site = Arc::new(Site { guard, queue, lights: lights.clone(), facts, live, talk });
+        let site = Arc::new(Site {
+            guard,
+            queue,
+            lights: lights.clone(),
+            facts,
+            live,
+            uploads: Site::one_upload(),
+            sending: Site::room_for_sending(),
+            talk,
+        });
         Ok(Self { site, lights, runtime, listener })
     }
 }
@@ -175,23 +188,55 @@ fn spawn_renderer(mut studio: Studio, queue: Arc<Queue<Job>>, live: Option<Arc<L
 /// Says where the page is.
 fn announce(listener: &TcpListener, site: &Site) -> Result<(), Failure> {
     let address = listener.local_addr().map_err(|error| Failure::Internal(format!("no address: {error}")))?;
-    let token = site.guard.token().map_or(String::new(), |token| format!("#token={token}"));
-    output::say(&format!("http://{address}/{token}"))
+    announce::announce(address, site.guard.token(), site.talk)
 }
 
-/// Shows a training while it goes on, in threads of their own.
-pub(crate) fn watch(args: &Train, shown: Shown, talk: Talk) -> Result<(), Failure> {
-    let Some(address) = args.watch.view else { return Ok(()) };
+/// The page of a training, in threads of its own.
+#[derive(Debug)]
+pub(crate) struct Watching {
+    live: Arc<Live>,
+    server: JoinHandle<()>,
+    stays: bool,
+}
+
+impl Watching {
+    /// Shows the scene that a training came to until Ctrl-C, where that is wished for.
+    pub(crate) fn stay(
+        self,
+        result: impl FnOnce() -> Result<(Scene, u32), Failure>,
+        talk: Talk,
+    ) -> Result<(), Failure> {
+        if !self.stays {
+            return Ok(());
+        }
+        let (scene, iteration) = result()?;
+        self.live.finish(scene, iteration);
+        talk.note("the training is finished, and the page stays; Ctrl-C ends it");
+        let _ = self.server.join();
+        Ok(())
+    }
+}
+
+/// Shows a training while it goes on.
+pub(crate) fn watch(
+    args: &Train,
+    address: SocketAddr,
+    shown: Shown,
+    live: Arc<Live>,
+    talk: Talk,
+) -> Result<Watching, Failure> {
     let place = Place { address, token: args.watch.token.clone() };
     let machine = MachineOptions::in_full(&args.executor);
+    let shown = Shown { live: Some(live.clone()), ..shown };
     let Stage { site, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
     announce(&listener, &site)?;
-    thread::spawn(move || {
+    let server = thread::spawn(move || {
         if let Err(failure) = runtime.block_on(server::serve(listener, site)) {
             talk.note(&format!("{failure}; the training goes on unwatched"));
         }
     });
-    Ok(())
+    let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);
+    Ok(Watching { live, server, stays: until == ViewUntil::CtrlC })
 }
 
 /// What a file or a folder is called.

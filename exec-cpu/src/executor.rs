@@ -67,7 +67,7 @@ pub enum CpuError {
     },
     /// A buffer of another length than the numbers that are read into it.
     #[error(transparent)]
-    BufferLength(#[from] BufferLength),
+    BufferLength(BufferLength),
 }
 
 /// Runs the stages on the threads of rayon's current pool.
@@ -159,13 +159,13 @@ impl Renderer for CpuExecutor {
     }
 
     fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
-        BufferLength::check(array.len(), values)?;
+        BufferLength::check(array.len(), values).map_err(CpuError::BufferLength)?;
         values.copy_from_slice(array);
         Ok(())
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
-        BufferLength::check(frame.len_of_values(), values)?;
+        BufferLength::check(frame.len_of_values(), values).map_err(CpuError::BufferLength)?;
         frame.read(values);
         Ok(())
     }

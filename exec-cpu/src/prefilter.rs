@@ -68,6 +68,14 @@ impl Light {
         };
         (0..FACE_COUNT * resolution * resolution).flat_map(|index| texel(index).into_iter().take(3)).collect()
     }
+    /// Puts texels that were filtered elsewhere into a level: with the apron, in the order of
+    /// [`specula_core::cubemap::padded_index`].
+    pub fn put_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
+        let first = self.offsets()[level];
+        for (own, [red, green, blue]) in self.texels[first..].iter_mut().zip(texels) {
+            *own = [red, green, blue, 0.0];
+        }
+    }
     /// The gradient of this light from that of its texels.
     pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {
         let mut texels = self.texels.clone();

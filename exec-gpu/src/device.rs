@@ -78,7 +78,7 @@ pub enum GpuError {
     },
     /// A buffer of another length than the numbers that are read into it.
     #[error(transparent)]
-    BufferLength(#[from] BufferLength),
+    BufferLength(BufferLength),
     /// A light's resolution cannot be filtered.
     #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
     LightResolution {

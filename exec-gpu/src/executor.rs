@@ -97,12 +97,12 @@ impl Renderer for GpuExecutor {
     }
 
     fn download(&mut self, array: &Pieces, values: &mut [f32]) -> Result<(), GpuError> {
-        BufferLength::check(array.len(), values)?;
+        BufferLength::check(array.len(), values).map_err(GpuError::BufferLength)?;
         self.machine.download_pieces(array, values)
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
-        BufferLength::check(frame.len_of_values(), values)?;
+        BufferLength::check(frame.len_of_values(), values).map_err(GpuError::BufferLength)?;
         read(&mut self.machine, frame, values)
     }
 

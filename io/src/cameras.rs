@@ -1,6 +1,7 @@
 //! Lists of cameras: `cameras.json` as Gaussian-splatting tools write it, and `transforms.json` to render along.
 
 use crate::{
+    budget::{LIST, view_size},
     error::{Error, Result},
     json,
     transforms::{Frame, Transforms},
@@ -8,7 +9,7 @@ use crate::{
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 use specula_core::{camera::Camera, project::NEAR};
-use std::{fs, path::Path};
+use std::path::Path;
 
 /// A camera and its name.
 pub type NamedCamera = (String, Camera);
@@ -36,7 +37,7 @@ struct Entry {
 ///
 /// `default_size` (width, height) is for transforms that neither state a size nor have their images beside them.
 pub fn read_cameras(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
-    let bytes = fs::read(path).map_err(Error::reading(path))?;
+    let bytes = LIST.read(path)?;
     let first = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start().first();
     if first == Some(&b'[') { read(path) } else { load_transforms(path, default_size) }
 }
@@ -47,22 +48,25 @@ pub fn read_cameras(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCame
 pub fn load_transforms(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
     let transforms = Transforms::read(path)?;
     let named = |frame: &Frame| {
-        let [width, height] = size_of(&transforms, frame).unwrap_or(default_size);
+        let size = size_of(&transforms, frame)?.unwrap_or(default_size);
+        let size = view_size(size.map(u64::from));
+        let [width, height] = size.map_err(|what| transforms.refuse(frame, format!("has {what}; correct w and h")))?;
         Ok((frame.name(), transforms.camera(frame, width, height)?))
     };
     transforms.frames.iter().filter(|frame| !frame.is_macos_shadow()).map(named).collect()
 }
 
-fn size_of(transforms: &Transforms, frame: &Frame) -> Option<[u32; 2]> {
-    transforms.stated_size(frame).or_else(|| {
+fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
+    let of_image = || {
         let image = transforms.image_of(frame).ok()?;
         image::image_dimensions(image).ok().map(|(width, height)| [width, height])
-    })
+    };
+    Ok(transforms.stated_size(frame)?.or_else(of_image))
 }
 
 /// Reads `cameras.json`.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
-    let entries: Vec<Entry> = json::read(path)?;
+    let entries: Vec<Entry> = json::read(path, &LIST)?;
     if entries.is_empty() {
         return Err(Error::NoFrames { path: path.to_owned() });
     }
@@ -94,8 +98,10 @@ impl Entry {
     }
 
     fn check(self, path: &Path) -> Result<NamedCamera> {
-        if let Some(what) = self.fault() {
-            return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what: what.into() });
+        let size = view_size([self.width, self.height].map(u64::from));
+        let of_size = size.err().map(|what| format!("has {what}; correct width and height"));
+        if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
+            return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what });
         }
         let [centre_x, centre_y] = centre(self.width, self.height);
         let camera = Camera {
@@ -115,9 +121,7 @@ impl Entry {
         let excess = rotation * rotation.transpose() - Mat3::IDENTITY;
         let is_rotation =
             excess.to_cols_array().iter().all(|number| number.abs() <= 1e-3) && rotation.determinant() > 0.0;
-        if self.width == 0 || self.height == 0 {
-            Some("has no size; width and height must be at least 1")
-        } else if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
+        if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
             Some("has an impossible focal length; fx and fy must be above 0")
         } else if !self.position.iter().all(|number| number.is_finite()) {
             Some("has a position that is not finite")

@@ -13,6 +13,7 @@
 //! All numbers are little-endian. No memory is asked for before the size of the file says that it can be filled.
 
 use crate::{
+    budget::{CHECKPOINT_HEADER_MAX, SCENE},
     error::{Error, Result},
     whole_file,
 };
@@ -41,8 +42,10 @@ const FORMAT: u32 = 1;
 const KEY: &str = "specula";
 /// Bytes that say how long the header is.
 const LENGTH_SIZE: u64 = 8;
-/// The longest header that is read: a thousand times what is written.
-const HEADER_MAX: u64 = 1 << 22;
+/// A training takes no longer than this: a hundred years of seconds.
+const SECONDS_MAX: f64 = 3.2e9;
+/// Gradients that a training may have left out; so many more can be counted.
+const NONFINITE_MAX: usize = usize::MAX >> 1;
 /// Numbers turned into bytes at once.
 const PIECE: usize = 1 << 16;
 
@@ -90,6 +93,24 @@ pub struct Facts {
     pub views: usize,
     /// A sum over names, cameras and pixels, which tells one data set from another.
     pub pictures: String,
+}
+
+impl Facts {
+    /// Numbers that no training comes to.
+    fn fault(&self) -> Option<String> {
+        let Self { iteration, iterations, seconds, psnr, nonfinite, .. } = self;
+        if iteration > iterations {
+            Some(format!("it is of iteration {iteration} of {iterations}"))
+        } else if !(0.0..=SECONDS_MAX).contains(seconds) {
+            Some(format!("its training took {seconds} seconds"))
+        } else if !psnr.is_none_or(f64::is_finite) {
+            Some("its PSNR is not finite".to_owned())
+        } else if *nonfinite > NONFINITE_MAX {
+            Some(format!("it left {nonfinite} gradients out"))
+        } else {
+            None
+        }
+    }
 }
 
 /// What the header says beside the tensors.
@@ -227,6 +248,9 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
     let Header { facts, gaussians: count, is_shaded, sh_degree, light, exposures, .. } = reader.header()?;
+    if let Some(fault) = facts.fault() {
+        return Err(reader.refuse("the header", fault));
+    }
     if sh_degree.is_some_and(|degree| degree > 3) {
         return Err(reader.refuse("the header", "harmonics have a degree from 0 to 3"));
     }
@@ -273,7 +297,7 @@ impl Reader {
         let mut length = [0; LENGTH_SIZE as usize];
         file.read_exact(&mut length).map_err(|_| refuse(&format_args!("the file has {size} bytes")))?;
         let length = u64::from_le_bytes(length);
-        if length > size.saturating_sub(LENGTH_SIZE).min(HEADER_MAX) {
+        if length > size.saturating_sub(LENGTH_SIZE).min(CHECKPOINT_HEADER_MAX) {
             return Err(refuse(&format_args!("it would take {length} of {size} bytes")));
         }
         let mut header = vec![0; length as usize];
@@ -315,7 +339,13 @@ impl Reader {
             return Err(self.refuse(&format!("tensor {name:?}"), cause));
         }
         let bits: Vec<u32> = self.words(name, &info)?;
-        Ok(bits.into_iter().map(f32::from_bits).collect())
+        let numbers: Vec<f32> = bits.into_iter().map(f32::from_bits).collect();
+        let broken = numbers.iter().filter(|number| !number.is_finite()).count();
+        if broken > 0 {
+            let cause = format!("{broken} of its {} numbers are NaN or infinite", numbers.len());
+            return Err(self.refuse(&format!("tensor {name:?}"), cause));
+        }
+        Ok(numbers)
     }
 
     fn moments(&mut self, [mean, square]: [&str; 2], shape: &[usize]) -> Result<Moments<Vec<f32>>> {
@@ -359,6 +389,7 @@ impl Reader {
     /// The numbers of a tensor, which lies in the file as its header was checked against it.
     fn words(&mut self, name: &str, info: &TensorInfo) -> Result<Vec<u32>> {
         let (start, end) = info.data_offsets;
+        SCENE.ask(&self.path, 0, format!("its tensor {name:?}"), (end - start) as u64)?;
         let mut words = vec![0_u32; (end - start) / size_of::<u32>()];
         let found = self.file.seek(SeekFrom::Start(self.start + start as u64));
         let read = found.and_then(|_| self.file.read_exact(bytemuck::cast_slice_mut(&mut words)));

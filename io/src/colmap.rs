@@ -6,6 +6,7 @@ mod binary;
 mod text;
 
 use crate::{
+    budget::EDGE_MAX,
     dataset::{Listing, LoadOptions},
     error::{Error, Result},
     lens::{Distortion, Lens},
@@ -22,8 +23,6 @@ use std::{
 
 /// Folders of a data set in which a reconstruction may be; COLMAP numbers those that it could not join.
 const PLACES: [&str; 5] = ["sparse", "", "colmap/sparse", "colmap", "distorted/sparse"];
-/// Sizes and counts of pixels beyond this are not believed.
-const SIZE_MAX: u64 = 1 << 16;
 
 /// Where a reconstruction is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -187,7 +186,7 @@ fn note_several(folder: &Path, model: &Model, notes: &mut Vec<String>) {
         numbered(place).into_iter().filter_map(|folder| Model::in_folder(&folder)).filter(|other| other != model);
     let names: Vec<String> = others.map(|other| format!("{:?}", other.folder)).collect();
     if !names.is_empty() {
-        notes.push(format!("{:?} is the largest model; left out is {}", model.folder, names.join(", ")));
+        notes.push(format!("{:?} is the largest model; skipped: {}", model.folder, names.join(", ")));
     }
 }
 
@@ -225,9 +224,9 @@ impl Image {
 impl Camera {
     /// A camera that can be, or what is wrong with it.
     fn checked(self) -> core::result::Result<Self, String> {
-        if !(1..=SIZE_MAX).contains(&self.width) || !(1..=SIZE_MAX).contains(&self.height) {
+        if ![self.width, self.height].iter().all(|size| (1..=u64::from(EDGE_MAX)).contains(size)) {
             return Err(format!(
-                "has pictures of {} by {} pixels; 1 to {SIZE_MAX} are possible",
+                "has pictures of {} by {} pixels; 1 to {EDGE_MAX} are possible",
                 self.width, self.height
             ));
         }
@@ -301,7 +300,7 @@ pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<Poin
     }
     let left_out = points.len() - cloud.positions.len();
     if left_out > 0 {
-        notes.push(format!("left out {left_out} points of {path:?} that are not finite"));
+        notes.push(format!("skipped {left_out} points of {path:?} that are not finite"));
     }
     Ok(cloud)
 }

@@ -35,13 +35,32 @@ pub enum Error {
     },
     /// More bytes than the format can count.
     #[error(
-        "{path:?} would have {len} bytes, and the format ends at 4 GiB; leave Gaussians out with --min-opacity, or harmonics with --sh-degree"
+        "{path:?} would have {len} bytes, and the format ends at 4 GiB; omit Gaussians with --min-opacity, or harmonics with --sh-degree"
     )]
     TooLong {
         /// The file.
         path: PathBuf,
         /// Its bytes.
         len: usize,
+    },
+    /// A file for which more memory would be needed than its kind may take.
+    #[error(
+        "cannot read {path:?}: {what} would take {} MiB, and {} MiB is the most for {kind}; {remedy}",
+        wanted.div_ceil(1 << 20), most >> 20
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The part of it that is too large.
+        what: String,
+        /// Bytes that it would take.
+        wanted: u64,
+        /// The kind of file.
+        kind: &'static str,
+        /// Bytes that such a file may take.
+        most: u64,
+        /// Advice.
+        remedy: &'static str,
     },
     /// The folder of a data set is not there.
     #[error(

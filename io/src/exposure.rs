@@ -9,6 +9,7 @@
 //! last column. The mean of all is the identity.
 
 use crate::{
+    budget::LIST,
     error::{Error, Result},
     json,
 };
@@ -47,7 +48,7 @@ fn free_name(taken: &Exposures, name: &str) -> String {
 /// The exposures of a model; none where its training took all photographs for equally exposed.
 pub fn read(folder: &Path) -> Result<Option<Exposures>> {
     let path = place(folder);
-    if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
+    if path.is_file() { json::read(&path, &LIST).map(Some) } else { Ok(None) }
 }
 
 /// Removes those of an earlier training, if there are any.

@@ -4,13 +4,21 @@
 //! size. That is sharper than the mean over an area. So a picture is decoded at twice the size that is asked for, and the
 //! mean over areas does the rest: what remains of the difference is less than a step of 8 bits.
 
-use crate::pixels::limits_of;
+use crate::{
+    budget::{JPEG_SCANS_MAX, PICTURE},
+    error::{Error, Result},
+    pixels::len_of,
+};
 use image::{DynamicImage, GrayImage, RgbImage, metadata::Orientation};
 use jpeg_decoder::{Decoder, PixelFormat};
-use std::{fs::File, io::BufReader, path::Path};
+use std::{
+    fs::File,
+    io::{BufReader, Read},
+    path::Path,
+};
 
-/// Bytes for each pixel at most, while a picture is decoded: a coefficient of two bytes for each of three colours.
-const BYTES: u64 = 6;
+/// Bytes for each pixel at most, while a picture is decoded: a coefficient of two bytes for each of four colours.
+const BYTES: u64 = 8;
 /// Pixels along an edge of a block: what is thinner is decoded in full.
 const BLOCK: u32 = 8;
 
@@ -30,7 +38,7 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
         decoder.exif_data().and_then(Orientation::from_exif_chunk).is_none_or(|turn| turn == Orientation::NoTransforms);
     let is_thin = size.iter().any(|size| *size < BLOCK * downscale);
     let bytes = BYTES * u64::from(size[0]) * u64::from(size[1]);
-    if !is_upright || is_thin || limits_of(path).ok()?.max_alloc.is_some_and(|most| bytes > most) {
+    if !is_upright || is_thin || refuse_many_scans(path).is_err() || bytes > PICTURE.of(len_of(path).ok()?) {
         return None;
     }
     let smaller = size.map(|size| size.div_ceil(side));
@@ -43,6 +51,27 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
         PixelFormat::L16 | PixelFormat::CMYK32 => return None,
     };
     Some((image, size))
+}
+
+/// Refuses a picture whose decoding would take for ever: a few bytes are a scan of all of its blocks.
+///
+/// # Errors
+///
+/// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] of them.
+pub(crate) fn refuse_many_scans(path: &Path) -> Result<()> {
+    /// What begins a scan; within one, a byte of ones is followed by zero.
+    const START: [u8; 2] = [0xff, 0xda];
+    let (mut scans, mut last) = (0, 0);
+    for byte in BufReader::new(File::open(path).map_err(Error::reading(path))?).bytes() {
+        let byte = byte.map_err(Error::reading(path))?;
+        scans += usize::from([last, byte] == START);
+        last = byte;
+    }
+    if scans <= JPEG_SCANS_MAX {
+        return Ok(());
+    }
+    let cause = format!("it has {scans} scans, and {JPEG_SCANS_MAX} is the most that is decoded");
+    Err(Error::Image { path: path.to_owned(), cause })
 }
 
 #[cfg(test)]

@@ -1,20 +1,18 @@
 //! JSON files, with errors that name the file, the line and the column.
 
 use crate::{
+    budget::Budget,
     error::{Error, Result},
     whole_file,
 };
 use serde::{Serialize, de::DeserializeOwned};
-use std::{fs, path::Path};
+use std::path::Path;
 
-/// Reads a value from a file.
-pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    parse(path, &fs::read(path).map_err(Error::reading(path))?)
-}
-
-/// Reads a value from the bytes of a file; a byte order mark, which some editors write, is skipped.
-pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+/// Reads a value from a file of which no more is read than the budget says; a byte order mark, which some editors write,
+/// is skipped.
+pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<T> {
+    let bytes = budget.read(path)?;
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     serde_json::from_slice(bytes).map_err(Error::json(path))
 }
 

@@ -3,12 +3,12 @@
 use crate::{
     cube::Cube,
     error::{Error, Result},
-    pixels::{decode, limits_of, with_pixels},
+    pixels::{Future, ask_for, decode, with_pixels},
     whole_file,
 };
 use core::f64::consts::PI;
 use glam::{DQuat, DVec3};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Rgb, codecs};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Rgb, codecs};
 use rayon::prelude::*;
 use specula_core::cubemap;
 use std::{
@@ -26,6 +26,9 @@ const LARGEST_RGBE: f32 = 1e38;
 const OVERSAMPLING: f64 = 4.0;
 /// More samples than this along a line of one texel would take minutes and change nothing.
 const SAMPLES_MAX: usize = 64;
+
+/// Three numbers for each pixel.
+const RADIANCE: Future = Future { converted: 12, later: 12 };
 
 /// A lat-long (equirectangular) map of linear radiance.
 #[derive(Clone, Debug, PartialEq)]
@@ -182,6 +185,32 @@ pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
     Ok((LatLong { width, height, rgb }, cleaned))
 }
 
+/// Whether a file is of a format that holds radiance, Radiance's or OpenEXR: others end at white, in 8 or 16 bits.
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read.
+pub fn holds_radiance(path: &Path) -> Result<bool> {
+    const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+    let start = start_of(path)?;
+    Ok(is_radiance(&start) || start == OPENEXR)
+}
+
+/// The size of a map, in pixels across and down, as its header says it: nothing is decoded.
+///
+/// # Errors
+///
+/// Where the file cannot be read, or its header is of no format that [`read`] knows.
+pub fn size(path: &Path) -> Result<[u32; 2]> {
+    let reader = || Ok(BufReader::new(File::open(path).map_err(Error::reading(path))?));
+    let (width, height) = if is_radiance(&start_of(path)?) {
+        codecs::hdr::HdrDecoder::new_nonstrict(reader()?).map_err(Error::decoding(path))?.dimensions()
+    } else {
+        let format = ImageReader::new(reader()?).with_guessed_format().map_err(Error::reading(path))?;
+        format.into_dimensions().map_err(Error::decoding(path))?
+    };
+    Ok([width, height])
+}
+
 /// Writes `.hdr` (RGBE, about 1 % a step) or `.exr` (lossless).
 pub fn write(path: &Path, map: &LatLong) -> Result<()> {
     assert_eq!(map.rgb.len(), 3 * map.width * map.height, "a pixel has three numbers");
@@ -237,6 +266,12 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
         }
     });
     LatLong { width, height, rgb }
+}
+
+/// The radiance of a cube map along directions of any length but 0, bilinear between the centres of texels.
+pub fn along(values: &[f32], resolution: usize, directions: &[[f64; 3]]) -> Vec<[f32; 3]> {
+    let cube = Cube::new(values, resolution);
+    directions.par_iter().map(|direction| cube.sample(*direction)).collect()
 }
 
 /// A cube map of a world with +z above as one with +y above: what comes from (x, y, z) comes from (x, z, −y), as tools
@@ -310,7 +345,7 @@ fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f
 }
 
 fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
-    let image = if is_radiance(path)? { decode_radiance(path)? } else { decode(path)? };
+    let image = if is_radiance(&start_of(path)?) { decode_radiance(path)? } else { decode(path, RADIANCE)? };
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut rgb = floats(image);
@@ -321,17 +356,22 @@ fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
 }
 
 /// Whether a file begins as Radiance's do: `#?RADIANCE`, or `#?RGBE` from other tools, which `image` would refuse.
-fn is_radiance(path: &Path) -> Result<bool> {
+fn is_radiance(start: &[u8]) -> bool {
+    start.starts_with(b"#?")
+}
+
+/// The first four bytes of a file, or all if there are fewer.
+fn start_of(path: &Path) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     let file = File::open(path).map_err(Error::reading(path))?;
-    file.take(2).read_to_end(&mut start).map_err(Error::reading(path))?;
-    Ok(start == b"#?")
+    file.take(4).read_to_end(&mut start).map_err(Error::reading(path))?;
+    Ok(start)
 }
 
 fn decode_radiance(path: &Path) -> Result<DynamicImage> {
     let file = File::open(path).map_err(Error::reading(path))?;
     let decoder = codecs::hdr::HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(Error::decoding(path))?;
-    limits_of(path)?.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
+    ask_for(path, &decoder, Some(ImageFormat::Hdr), RADIANCE)?;
     with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 

@@ -13,6 +13,7 @@
 //! * [`model_folder`]: the output of a training, as the field's tools expect it
 //! * [`exposure`]: how the photographs of a training were exposed
 //! * [`checkpoint`]: a training put aside, so that it can go on
+//! * [`budget`]: how much memory a file may ask for, and how large a picture may be
 //!
 //! ```
 //! use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};
@@ -33,6 +34,7 @@
 
 pub mod bearings;
 mod blender;
+pub mod budget;
 pub mod cameras;
 pub mod checkpoint;
 mod colmap;

@@ -15,6 +15,7 @@
 
 use crate::{
     bearings::Bearings,
+    budget::FACTS,
     cameras::{self, NamedCamera},
     checkpoint,
     error::{Error, Result},
@@ -128,7 +129,9 @@ pub fn save_inputs(
 
 /// Removes what a program that was killed had half written; a folder that is not there has nothing of the kind.
 pub fn remove_unfinished(folder: &Path) {
-    whole_file::remove_unfinished(folder);
+    // point_cloud/iteration_N is the deepest that is written to.
+    const LEVELS: usize = 2;
+    whole_file::remove_unfinished(folder, LEVELS);
 }
 
 /// Writes a model at an iteration, which becomes the newest. Earlier iterations stay.
@@ -311,7 +314,7 @@ fn put(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
 
 /// What a file says of each method; nothing where there is none.
 fn read_all(path: &Path) -> Result<Map<String, Value>> {
-    if path.is_file() { json::read(path) } else { Ok(Map::new()) }
+    if path.is_file() { json::read(path, &FACTS) } else { Ok(Map::new()) }
 }
 
 /// Newest iteration of a model: the last that its training saved, or the highest in the folder where
@@ -401,7 +404,7 @@ fn iteration_of(folder: &Path) -> Option<u32> {
 /// A file that cannot be read.
 pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     let path = folder.join(INFO);
-    if path.is_file() { json::read(&path).map(Some) } else { Ok(None) }
+    if path.is_file() { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
 }
 
 /// The light, and whether it is another than was saved.

@@ -38,7 +38,7 @@ fn posed(transforms: &Transforms, frame: &Frame, shared: &Path) -> Result<Posed>
         image: within(shared, &frame.file_path),
         mask: frame.mask_path.as_ref().map(|mask| transforms.folder().join(mask.trim_start_matches("./"))),
         pose: transforms.pose(frame)?,
-        measured_size: transforms.stated_size(frame),
+        measured_size: transforms.stated_size(frame)?,
         lens: Box::new(transforms.lens(frame)),
     })
 }
@@ -52,7 +52,7 @@ fn leave_out_unnamed(transforms: &mut Transforms, notes: &mut Vec<String>) {
     transforms.frames.retain(|frame| named.contains(&frame.file_path));
     let left_out = all - transforms.frames.len();
     if left_out > 0 {
-        notes.push(format!("left out {left_out} frames that are not named for training or testing"));
+        notes.push(format!("skipped {left_out} frames that are not named for training or testing"));
     }
 }
 

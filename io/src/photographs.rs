@@ -125,7 +125,7 @@ fn note_missing(notes: &mut Vec<String>, missing: &[PathBuf], folders: &Folders)
         let more = if missing.len() > NAMES_MAX { ", …" } else { "" };
         let count = missing.len();
         notes.push(format!(
-            "left out {count} cameras without an image in {:?}: {}{more}",
+            "skipped {count} cameras without an image in {:?}: {}{more}",
             folders.images,
             names.join(", ")
         ));

@@ -1,6 +1,7 @@
 //! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
 use crate::{
+    budget::{PICTURE, PICTURE_NOTES_MAX},
     error::{Error, Result},
     jpeg,
 };
@@ -10,10 +11,23 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metada
 use specula_core::color::{UNKNOWN, is_unknown};
 use std::{fs, path::Path};
 
-/// A picture may take so many bytes of memory, however small its file.
-const MEMORY_MIN: u64 = 256 << 20;
-/// A larger one has to come from a file of so manieth of its size: what packs best packs a thousand bytes into one.
-const PACKED_MAX: u64 = 2000;
+/// A picture's future, in bytes of each of its pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Future {
+    /// Bytes that a pixel is turned into, while those that were decoded are there.
+    pub(crate) converted: u64,
+    /// Bytes at most of all that is made of it later, when those are gone.
+    pub(crate) later: u64,
+}
+
+/// Red, green, blue and alpha; then sums of five numbers for every fourth of them, where it becomes half as large.
+const PHOTOGRAPH: Future = Future { converted: 4, later: 10 };
+/// Grey and alpha, then whether it counts.
+const MASK: Future = Future { converted: 2, later: 3 };
+/// As a photograph; then three numbers and whether there are any, beside sums of four at another size.
+const NORMALS: Future = Future { converted: 4, later: 4 + 13 + NORMALS_RESIZED };
+/// Bytes of each pixel of normals that take another size: sums of four numbers, and what becomes of them.
+pub(crate) const NORMALS_RESIZED: u64 = 16 + 13;
 
 /// A photograph as it was stored: eight bits a channel, sRGB, straight alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,7 +66,7 @@ impl OpenedPixels {
 impl Pixels {
     /// Decodes an image of any format and depth; without an alpha channel it is opaque. EXIF data are not looked at.
     pub fn read(path: &Path) -> Result<Self> {
-        Ok(Self::of(decode(path)?))
+        Ok(Self::of(decode(path, PHOTOGRAPH)?))
     }
 
     /// Decodes an image as its camera has it. `fits` says whether a picture of some size has the camera's shape, as far
@@ -64,7 +78,7 @@ impl Pixels {
         if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
             return Ok(OpenedPixels { pixels: Self::of(image), size, is_turned: false });
         }
-        let (mut image, orientation) = decode_with_orientation(path)?;
+        let (mut image, orientation) = decode_with_orientation(path, PHOTOGRAPH)?;
         let size = [image.width(), image.height()];
         let turned = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
         let is_turned = orientation != Orientation::NoTransforms
@@ -170,7 +184,7 @@ impl Mask {
     /// Decodes a mask: what is white and opaque counts, what is black or transparent does not; one half is the limit.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         const HALF: u32 = 128 * 255;
-        let image = decode(path)?.into_luma_alpha8();
+        let image = decode(path, MASK)?.into_luma_alpha8();
         let (width, height) = image.dimensions();
         let counts = image.as_raw().chunks_exact(2).map(|pixel| u32::from(pixel[0]) * u32::from(pixel[1]) >= HALF);
         Ok(Self { width, height, counts: counts.collect() })
@@ -206,7 +220,7 @@ pub struct Normals {
 impl Normals {
     /// Decodes a normal map: n = 2 RGB / 255 − 1, made unit, where alpha is at least one half.
     pub fn read(path: &Path) -> Result<Self> {
-        let image = decode(path)?.into_rgba8();
+        let image = decode(path, NORMALS)?.into_rgba8();
         let (width, height) = image.dimensions();
         let sums = image.as_raw().chunks_exact(4).map(|pixel| {
             let normal = Vec3::new(pixel[0].into(), pixel[1].into(), pixel[2].into()) * (2.0 / 255.0) - Vec3::ONE;
@@ -238,35 +252,81 @@ impl Normals {
 }
 
 /// Decodes an image by its content, or else by its name, and refuses one without pixels.
-pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
-    decode_with_orientation(path).map(|(image, _)| image)
+pub(crate) fn decode(path: &Path, future: Future) -> Result<DynamicImage> {
+    decode_with_orientation(path, future).map(|(image, _)| image)
 }
 
 /// The same, with how its EXIF data say that it should be turned.
-fn decode_with_orientation(path: &Path) -> Result<(DynamicImage, Orientation)> {
+fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage, Orientation)> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
     let format = reader.format();
-    let mut limits = limits_of(path)?;
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
     let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
-    // What is decoded counts as well.
-    limits.reserve(decoder.total_bytes()).map_err(Error::decoding(path))?;
-    limits.reserve(largest_block(path, format)).map_err(Error::decoding(path))?;
+    limits.max_alloc = Some(PICTURE.of(len_of(path)?));
+    let taken = ask_for(path, &decoder, format, future)?;
+    limits.reserve(taken).map_err(Error::decoding(path))?;
     decoder.set_limits(limits).map_err(Error::decoding(path))?;
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let image = DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?;
     Ok((with_pixels(path, image)?, orientation))
 }
 
-/// Bytes of the largest block of an OpenEXR file: a tile may be far larger than the picture, and is made room for as its
-/// header has it. Other formats have none, and a header that cannot be read is left to the decoder.
-fn largest_block(path: &Path, format: Option<ImageFormat>) -> u64 {
-    if format != Some(ImageFormat::OpenExr) {
-        return 0;
+/// Asks for what a picture takes while it is decoded, converted and made smaller; the bytes that are decoded.
+pub(crate) fn ask_for(
+    path: &Path,
+    decoder: &impl ImageDecoder,
+    format: Option<ImageFormat>,
+    future: Future,
+) -> Result<u64> {
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    let stored = u64::from(decoder.color_type().bytes_per_pixel());
+    // A picture that is turned is there twice.
+    let beside = working_bytes(format, stored).max(future.converted).max(stored);
+    let most = (stored + beside).max(future.later);
+    let blocks = if format == Some(ImageFormat::OpenExr) { blocks_of(path)? } else { 0 };
+    let wanted = pixels.saturating_mul(most).saturating_add(blocks);
+    PICTURE.ask(path, len_of(path)?, format!("a picture of {width} by {height} pixels"), wanted)?;
+    if format == Some(ImageFormat::Jpeg) {
+        jpeg::refuse_many_scans(path)?;
     }
+    Ok(decoder.total_bytes())
+}
+
+/// Bytes that a decoder holds for each pixel besides what it gives back.
+fn working_bytes(format: Option<ImageFormat>, stored: u64) -> u64 {
+    match format {
+        // Coefficients of four colours.
+        Some(ImageFormat::Jpeg) => 8,
+        // The frame, and what it is put over.
+        Some(ImageFormat::WebP | ImageFormat::Gif) => 8,
+        // The same once more.
+        Some(ImageFormat::OpenExr) => stored,
+        _ => 0,
+    }
+}
+
+/// Bytes of the blocks of an OpenEXR file that are there at once, and of the places of all. A block may be far larger than
+/// the picture, and so may be all of them, which are looked through whatever is shown of them. A header that cannot be read
+/// is left to the decoder.
+fn blocks_of(path: &Path) -> Result<u64> {
+    /// As it is stored and as it is unpacked, on two threads.
+    const AT_ONCE: u64 = 4;
+    /// Bytes of a place, in the file and as it is sorted.
+    const PLACE: u64 = 16;
     let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
-    headers.iter().map(bytes_of_block).max().unwrap_or(0)
+    let mut most = 0;
+    for header in &headers {
+        let size = header.layer_size;
+        let bytes = (size.area() as u64).saturating_mul(header.channels.bytes_per_pixel as u64);
+        PICTURE.ask(path, len_of(path)?, format!("a layer of {} by {} pixels", size.0, size.1), bytes)?;
+        let places = (header.chunk_count as u64).saturating_mul(PLACE);
+        most = most.max(bytes_of_block(header).saturating_mul(AT_ONCE).saturating_add(places));
+    }
+    Ok(most)
 }
 
 fn bytes_of_block(header: &exr::meta::header::Header) -> u64 {
@@ -282,12 +342,9 @@ fn swaps_sides(orientation: Orientation) -> bool {
     matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
-/// Memory that a picture may take, so that a broken header does not ask for more than its file could ever fill.
-pub(crate) fn limits_of(path: &Path) -> Result<Limits> {
-    let size = fs::metadata(path).map_err(Error::reading(path))?.len();
-    let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(size.saturating_mul(PACKED_MAX).max(MEMORY_MIN));
-    Ok(limits)
+/// Length of a file in bytes.
+pub(crate) fn len_of(path: &Path) -> Result<u64> {
+    Ok(fs::metadata(path).map_err(Error::reading(path))?.len())
 }
 
 pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicImage> {

@@ -1,10 +1,11 @@
 //! One photograph before it is opened: its file, where it was taken from, and through what.
 
 use crate::{
+    budget::PICTURE,
     dataset::View,
     error::{Error, Result},
     lens::{Distortion, Lens},
-    pixels::{Mask, Normals, Pixels},
+    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels, len_of},
 };
 use glam::{DMat3, DVec3};
 use specula_core::{camera::Camera, project::NEAR};
@@ -82,8 +83,7 @@ impl Shot {
         let is_undistorted = lens.distortion != Distortion::None;
         let image = if is_undistorted { lens.undistorted(&image) } else { image };
 
-        let normal = self.normal.as_deref().map(Normals::read).transpose()?;
-        let normal = normal.map(|normal| normal.fitted(width, height));
+        let normal = self.normal.as_deref().map(|path| normals_at(path, [width, height])).transpose()?;
         let unknown = image.unknown_count();
         let view = View { name: self.name.clone(), camera: camera_of(&self.pose, &lens), image, normal };
         Ok(Opened { view, is_undistorted, is_turned, unknown })
@@ -107,10 +107,15 @@ impl Shot {
     }
 }
 
-impl Normals {
-    fn fitted(self, width: u32, height: u32) -> Self {
-        if [self.width, self.height] == [width, height] { self } else { self.resized(width, height) }
+/// True normals at the size of their picture.
+fn normals_at(path: &Path, [width, height]: [u32; 2]) -> Result<Normals> {
+    let normals = Normals::read(path)?;
+    if [normals.width, normals.height] == [width, height] {
+        return Ok(normals);
     }
+    let wanted = u64::from(width) * u64::from(height) * NORMALS_RESIZED;
+    PICTURE.ask(path, len_of(path)?, format!("its normals at {width} by {height} pixels"), wanted)?;
+    Ok(normals.resized(width, height))
 }
 
 fn rounded_quotient(size: u32, downscale: u32) -> u32 {

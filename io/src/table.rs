@@ -1,6 +1,9 @@
 //! The vertices of a PLY file as numbers, whatever types and byte order the file has.
 
-use crate::error::{Error, Result};
+use crate::{
+    budget::{PLY_HEADER_MAX, PLY_LINE_MAX, SCENE},
+    error::{Error, Result},
+};
 use core::fmt::Display;
 use ply_rs_bw::{
     parser::{Parser, Reader},
@@ -9,16 +12,21 @@ use ply_rs_bw::{
 use specula_core::scene::BLOCK;
 use std::{
     fs::File,
-    io::{BufRead, BufReader, ErrorKind, Read},
+    io::{BufRead, BufReader, ErrorKind, Read, Seek},
     path::{Path, PathBuf},
 };
+
+/// The element that is read.
+const VERTEX: &str = "vertex";
 
 /// A PLY file whose header has been read and whose vertices come next.
 pub(crate) struct Table {
     path: PathBuf,
     encoding: Encoding,
     vertex: ElementDef,
-    reader: Reader<BufReader<File>>,
+    reader: BufReader<File>,
+    /// Length of the file, in bytes.
+    len: u64,
     /// Comment lines of the header, without the word `comment`.
     pub(crate) comments: Vec<String>,
 }
@@ -66,17 +74,96 @@ impl Table {
     /// Opens a file and reads up to its first vertex.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(Error::reading(path))?;
-        let mut reader = Reader::new(BufReader::with_capacity(1 << 20, file));
-        let parser = Parser::<DefaultElement>::new();
-        let refuse = |cause: &dyn Display| Error::PlyHeader { path: path.to_owned(), cause: first_line(cause) };
-
-        let header = parser.read_header(&mut reader).map_err(|error| refuse(&error))?;
+        let len = file.metadata().map_err(Error::reading(path))?.len();
+        let mut reader = BufReader::with_capacity(1 << 20, file);
+        let header = read_header(path, &mut reader)?;
         refuse_compressed(path, &header)?;
         let vertex = vertex_of(path, &header)?.clone();
-        for element in header.elements.values().take_while(|element| element.name != vertex.name) {
-            parser.read_payload_for_element(&mut reader, element, &header).map_err(|error| refuse(&error))?;
+        let mut table =
+            Self { path: path.to_owned(), encoding: header.encoding, vertex, reader, len, comments: header.comments };
+        for element in header.elements.values().take_while(|element| element.name != VERTEX) {
+            table.skip(element)?;
         }
-        Ok(Self { path: path.to_owned(), encoding: header.encoding, vertex, reader, comments: header.comments })
+        Ok(table)
+    }
+
+    /// Passes by an element; of what it holds nothing is kept, and one without properties holds nothing, however many of
+    /// it there are.
+    fn skip(&mut self, element: &ElementDef) -> Result<()> {
+        if element.properties.is_empty() {
+            return Ok(());
+        }
+        if self.encoding == Encoding::Ascii {
+            let mut line = String::new();
+            return (0..element.count).try_for_each(|row| self.next_line(&mut line, element, row));
+        }
+        let sizes = element.properties.values().map(|property| match &property.data_type {
+            PropertyType::Scalar(scalar) => Some(size_of_scalar(scalar) as u64),
+            PropertyType::List(..) => None,
+        });
+        match sizes.sum::<Option<u64>>() {
+            Some(size) => self.skip_bytes(element, size.saturating_mul(element.count as u64)),
+            None => self.skip_lists(element),
+        }
+    }
+
+    /// Passes by the numbers and lists of an element, one after the other.
+    fn skip_lists(&mut self, element: &ElementDef) -> Result<()> {
+        for _ in 0..element.count {
+            for property in element.properties.values() {
+                let size = match &property.data_type {
+                    PropertyType::Scalar(scalar) => size_of_scalar(scalar) as u64,
+                    PropertyType::List(index, item) => {
+                        let count = self.list_len(element, index)?;
+                        count.saturating_mul(size_of_scalar(item) as u64)
+                    }
+                };
+                self.skip_bytes(element, size)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The number in front of a list.
+    fn list_len(&mut self, element: &ElementDef, index: &ScalarType) -> Result<u64> {
+        let mut bytes = [0; size_of::<u64>()];
+        let bytes = &mut bytes[..size_of_scalar(index)];
+        self.reader.read_exact(bytes).map_err(|_| self.unfilled(element))?;
+        if self.encoding == Encoding::BinaryBigEndian {
+            bytes.reverse();
+        }
+        let is_count = match index {
+            ScalarType::Float | ScalarType::Double => false,
+            ScalarType::Char | ScalarType::Short | ScalarType::Int => bytes.last().is_none_or(|last| *last < 0x80),
+            ScalarType::UChar | ScalarType::UShort | ScalarType::UInt => true,
+        };
+        let len = bytes.iter().rev().fold(0, |len, byte| len << 8 | u64::from(*byte));
+        if is_count { Ok(len) } else { Err(self.broken(format!("a list of its {:?} has no length", element.name))) }
+    }
+
+    fn skip_bytes(&mut self, element: &ElementDef, size: u64) -> Result<()> {
+        // Within the buffer, a step is checked by the next read; beyond it, by the file's length.
+        if size > self.reader.buffer().len() as u64 && size > self.left()? {
+            return Err(self.unfilled(element));
+        }
+        self.reader.seek_relative(size as i64).map_err(Error::reading(&self.path))
+    }
+
+    /// Bytes from here to the end of the file.
+    fn left(&mut self) -> Result<u64> {
+        let position = self.reader.stream_position().map_err(Error::reading(&self.path))?;
+        Ok(self.len.saturating_sub(position))
+    }
+
+    fn unfilled(&self, element: &ElementDef) -> Error {
+        let (ElementDef { name, count, .. }, len) = (element, self.len);
+        self.broken(format!(
+            "its header promises {count} times {name:?}, more than its {len} bytes hold; copy it again"
+        ))
+    }
+
+    fn broken(&self, cause: String) -> Error {
+        Error::PlyHeader { path: self.path.clone(), cause }
     }
 
     /// How many vertices the header promises.
@@ -108,35 +195,35 @@ impl Table {
         if let Some(name) = names.iter().find(|name| !self.has(name)) {
             return Err(Error::MissingProperty { path: self.path, property: name.clone(), layout });
         }
-        self.refuse_an_impossible_count()?;
-        let len = self.count().next_multiple_of(BLOCK) * names.len();
-        let mut columns = Columns { names: names.to_vec(), count: self.count(), values: vec![0.0; len] };
+        let (cells, row_size) = self.cells()?;
+        self.refuse_an_impossible_count(row_size, names.len())?;
+        let mut columns = Columns { names: names.to_vec(), count: self.count(), values: Vec::new() };
         match self.encoding {
-            Encoding::Ascii => self.read_text(&mut columns)?,
-            _ => self.read_binary(&mut columns)?,
+            Encoding::Ascii => self.read_text(&mut columns, cells.len())?,
+            _ => self.read_binary(&mut columns, &cells, row_size)?,
         }
         columns.refuse_non_finite(&self.path)?;
         Ok(columns)
     }
 
-    /// Keeps a broken header from asking for more memory than the file could ever fill.
-    fn refuse_an_impossible_count(&self) -> Result<()> {
-        let size = self.reader.get_ref().get_ref().metadata().map_err(Error::reading(&self.path))?.len();
-        let bytes_at_least = match self.encoding {
-            Encoding::Ascii => 2,
-            _ => 1,
-        };
-        if (self.count() as u64).saturating_mul(bytes_at_least) <= size {
-            return Ok(());
+    /// Keeps a header from asking for more than the file holds, and a file for more than a scene may take.
+    fn refuse_an_impossible_count(&mut self, row_size: usize, columns: usize) -> Result<()> {
+        let (count, left, len) = (self.count() as u64, self.left()?, self.len);
+        let least = if self.encoding == Encoding::Ascii { 2 } else { 1 };
+        if count.saturating_mul(least) > len {
+            let cause = format!("its header promises {count} vertices, more than {len} bytes can hold");
+            return Err(self.broken(cause));
         }
-        Err(Error::PlyHeader {
-            path: self.path.clone(),
-            cause: format!("its header promises {} vertices, more than {size} bytes can hold", self.count()),
-        })
+        if self.encoding != Encoding::Ascii && count.saturating_mul(row_size as u64) > left {
+            return Err(self.cut_short((left / row_size as u64) as usize));
+        }
+        let wanted = count.saturating_mul((columns * size_of::<f32>()) as u64);
+        let what = format!("its {count} vertices in {} MiB", len >> 20);
+        SCENE.ask(&self.path, len, what, wanted)
     }
 
-    fn read_binary(&mut self, columns: &mut Columns) -> Result<()> {
-        let (cells, row_size) = self.cells()?;
+    fn read_binary(&mut self, columns: &mut Columns, cells: &[Cell], row_size: usize) -> Result<()> {
+        columns.values = vec![0.0; self.count().next_multiple_of(BLOCK) * columns.names.len()];
         let wanted: Vec<Cell> = columns.names.iter().map(|name| cells[self.index(name)].clone()).collect();
         let big_endian = self.encoding == Encoding::BinaryBigEndian;
 
@@ -156,7 +243,7 @@ impl Table {
     fn fill(&mut self, rows: &mut [u8], first: usize, row_size: usize) -> Result<()> {
         let mut filled = 0;
         while filled < rows.len() {
-            match self.reader.get_mut().read(&mut rows[filled..]) {
+            match self.reader.read(&mut rows[filled..]) {
                 Ok(0) => return Err(self.cut_short(first + filled / row_size)),
                 Ok(more) => filled += more,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -189,15 +276,19 @@ impl Table {
         Ok((cells, offset))
     }
 
-    fn read_text(&mut self, columns: &mut Columns) -> Result<()> {
-        let (cells, _) = self.cells()?;
+    /// Room is made block after block as lines come, for their number says little about how many words they have.
+    fn read_text(&mut self, columns: &mut Columns, words_in_row: usize) -> Result<()> {
         let places: Vec<usize> = columns.names.iter().map(|name| self.index(name)).collect();
+        let vertex = self.vertex.clone();
         let mut line = String::new();
         for row in 0..self.count() {
-            self.next_line(&mut line, row)?;
-            let words: Vec<&str> = line.split_ascii_whitespace().collect();
-            if words.len() < cells.len() {
+            self.next_line(&mut line, &vertex, row)?;
+            let words: Vec<&str> = line.split_ascii_whitespace().take(words_in_row).collect();
+            if words.len() < words_in_row {
                 return Err(self.cut_short(row));
+            }
+            if row.is_multiple_of(BLOCK) {
+                columns.values.resize(columns.values.len() + BLOCK * places.len(), 0.0);
             }
             for (k, place) in places.iter().enumerate() {
                 let number = self.number(words[*place], row, &columns.names[k])?;
@@ -208,13 +299,18 @@ impl Table {
         Ok(())
     }
 
-    /// The next line that is not blank.
-    fn next_line(&mut self, line: &mut String, index: usize) -> Result<()> {
+    /// The next line that is not blank, for a row of an element.
+    fn next_line(&mut self, line: &mut String, element: &ElementDef, row: usize) -> Result<()> {
         loop {
             line.clear();
-            let size = self.reader.get_mut().read_line(line).map_err(Error::reading(&self.path))?;
+            let mut reader = self.reader.by_ref().take(PLY_LINE_MAX);
+            let size = reader.read_line(line).map_err(Error::reading(&self.path))? as u64;
             if size == 0 {
-                return Err(self.cut_short(index));
+                let is_vertex = element.name == VERTEX;
+                return Err(if is_vertex { self.cut_short(row) } else { self.unfilled(element) });
+            }
+            if size == PLY_LINE_MAX {
+                return Err(self.broken(format!("a line of its {:?} has more than {size} bytes", element.name)));
             }
             if !line.trim_ascii().is_empty() {
                 return Ok(());
@@ -266,8 +362,20 @@ fn size_of_scalar(scalar: &ScalarType) -> usize {
     }
 }
 
+/// Reads the header, of which there may be only so much.
+fn read_header(path: &Path, reader: &mut BufReader<File>) -> Result<Header> {
+    let mut reader = Reader::new(reader.take(PLY_HEADER_MAX));
+    let read = Parser::<DefaultElement>::new().read_header(&mut reader);
+    let is_too_long = reader.get_ref().limit() == 0;
+    read.map_err(|error| {
+        let too_long = || format!("its header has more than {PLY_HEADER_MAX} bytes");
+        let cause = if is_too_long { too_long() } else { first_line(&error) };
+        Error::PlyHeader { path: path.to_owned(), cause }
+    })
+}
+
 fn vertex_of<'a>(path: &Path, header: &'a Header) -> Result<&'a ElementDef> {
-    header.elements.get("vertex").ok_or_else(|| Error::NoVertices { path: path.to_owned() })
+    header.elements.get(VERTEX).ok_or_else(|| Error::NoVertices { path: path.to_owned() })
 }
 
 /// PlayCanvas packs position, rotation, scale and colour of a Gaussian into four integers.

@@ -2,6 +2,7 @@
 //! instant-ngp and nerfstudio, whose page on data conventions says what the keys mean.
 
 use crate::{
+    budget::{EDGE_MAX, LIST},
     error::{Error, Result},
     json,
     lens::{Distortion, Lens},
@@ -131,10 +132,13 @@ impl Intrinsics {
         Ok(Distortion::Polynomial { radial: [k1, k2, k3, 0.0, 0.0, 0.0], tangential }.simplified())
     }
 
-    /// The size that is stated.
-    fn stated_size(&self) -> Option<[u32; 2]> {
-        let whole = |size: f64| (size >= 1.0 && size <= f64::from(u16::MAX)).then_some(size as u32);
-        Some([whole(self.w?)?, whole(self.h?)?])
+    /// The size that is stated, or what is wrong with it.
+    fn stated_size(&self) -> core::result::Result<Option<[u32; 2]>, String> {
+        let (Some(width), Some(height)) = (self.w, self.h) else { return Ok(None) };
+        if [width, height].iter().all(|size| (1.0..=f64::from(EDGE_MAX)).contains(size)) {
+            return Ok(Some([width as u32, height as u32]));
+        }
+        Err(format!("has pictures of {width} by {height} pixels; correct w and h, from 1 to {EDGE_MAX}"))
     }
 
     /// The lens of an image of this size, or what is wrong with it.
@@ -181,7 +185,7 @@ impl Intrinsics {
 impl Transforms {
     /// Reads and checks a file; frames that macOS made for its own use (`._r_0`) stay in the list.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let File { intrinsics, frames, rest } = json::read(path)?;
+        let File { intrinsics, frames, rest } = json::read(path, &LIST)?;
         if frames.is_empty() {
             return Err(Error::NoFrames { path: path.to_owned() });
         }
@@ -224,8 +228,8 @@ impl Transforms {
     }
 
     /// The size that the file states for a frame.
-    pub(crate) fn stated_size(&self, frame: &Frame) -> Option<[u32; 2]> {
-        frame.intrinsics.or(&self.intrinsics).stated_size()
+    pub(crate) fn stated_size(&self, frame: &Frame) -> Result<Option<[u32; 2]>> {
+        frame.intrinsics.or(&self.intrinsics).stated_size().map_err(|what| self.refuse(frame, what))
     }
 
     /// The folder that paths are relative to.
@@ -238,7 +242,7 @@ impl Transforms {
         &self.path
     }
 
-    fn refuse(&self, frame: &Frame, what: String) -> Error {
+    pub(crate) fn refuse(&self, frame: &Frame, what: String) -> Error {
         Error::Frame { path: self.path.clone(), frame: frame.file_path.clone(), what }
     }
 }

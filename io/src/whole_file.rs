@@ -45,13 +45,16 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Removes files of a folder that were being written when their program was killed. What cannot be removed stays: it
-/// is in nobody's way but for its size.
-pub(crate) fn remove_unfinished(folder: &Path) {
+/// Removes files of a folder, and of folders in it down to so many levels, that were being written when their program was
+/// killed. What cannot be removed stays: it is in nobody's way but for its size.
+pub(crate) fn remove_unfinished(folder: &Path, levels: usize) {
     let Ok(entries) = fs::read_dir(folder) else { return };
-    let is_unfinished = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(UNFINISHED);
-    for entry in entries.flatten().filter(is_unfinished) {
-        let _ = fs::remove_file(entry.path());
+    for entry in entries.flatten() {
+        if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
+            let _ = fs::remove_file(entry.path());
+        } else if levels > 0 && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            remove_unfinished(&entry.path(), levels - 1);
+        }
     }
 }
 
@@ -96,11 +99,15 @@ mod tests {
     #[test]
     fn what_a_killed_program_left_is_removed_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = temporary(folder.path()).unwrap().keep().unwrap();
+        let deep = folder.path().join("point_cloud/iteration_7");
+        fs::create_dir_all(&deep).unwrap();
+        let left = [folder.path(), &deep].map(|folder| temporary(folder).unwrap().keep().unwrap().1);
         write_bytes(&folder.path().join("a.txt"), b"").unwrap();
-        assert!(kept.1.is_file(), "a program that is killed leaves its file");
-        remove_unfinished(folder.path());
-        assert!(!kept.1.is_file() && folder.path().join("a.txt").is_file(), "the wrong file is gone");
+        assert!(left.iter().all(|path| path.is_file()), "a program that is killed leaves its file");
+        remove_unfinished(folder.path(), 1);
+        assert_eq!([&left[0], &left[1]].map(|path| path.is_file()), [false, true], "one is deeper than was asked for");
+        remove_unfinished(folder.path(), 2);
+        assert!(!left[1].is_file() && folder.path().join("a.txt").is_file(), "the wrong file is gone");
     }
 
     #[test]

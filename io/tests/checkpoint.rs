@@ -17,9 +17,13 @@ use tempfile::TempDir;
 const COUNT: usize = 19;
 const RESOLUTION: usize = 2;
 
-/// Numbers of any bits, NaN among them: what is read is compared bit by bit.
+/// Finite numbers of any bits: what is read is compared bit by bit.
 fn numbers(stream: u64, len: usize) -> Vec<f32> {
-    (0..len as u64).map(|k| f32::from_bits(random::bits(1, stream, k) as u32)).collect()
+    /// Without it no exponent is the largest.
+    const HIGHEST_BIT_OF_EXPONENT: u32 = 1 << 30;
+    let bits = |k| random::bits(1, stream, k) as u32;
+    let number = |k| Some(f32::from_bits(bits(k))).filter(|number| number.is_finite());
+    (0..len as u64).map(|k| number(k).unwrap_or(f32::from_bits(bits(k) & !HIGHEST_BIT_OF_EXPONENT))).collect()
 }
 
 /// Of three photographs.
@@ -42,7 +46,14 @@ fn example(layout: Layout) -> Checkpoint {
         light,
         exposures: Some((exposures(13), Moments { mean: exposures(14), square: exposures(15) })),
         order: vec![3, 0, 7],
-        facts: Facts { iteration: 40, psnr: Some(21.0 / 0.7), seconds: 0.1 + 0.2, seed: u64::MAX, ..Facts::default() },
+        facts: Facts {
+            iteration: 40,
+            iterations: 40,
+            psnr: Some(21.0 / 0.7),
+            seconds: 0.1 + 0.2,
+            seed: u64::MAX,
+            ..Facts::default()
+        },
     }
 }
 
@@ -222,6 +233,40 @@ fn tensors_that_are_missing_or_odd_are_named() {
             header[name]["shape"] = json!([1, len]);
         });
         spoilt.refuses(&flat, &[&format!("{name:?}"), "shape"]);
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_counted_by_tensor() {
+    let mut written = example(Layout::shaded(Some(1)));
+    let folder = tempfile::tempdir().unwrap();
+    let light = &mut written.light.as_mut().unwrap().1;
+    light.square[..3].copy_from_slice(&[f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+    checkpoint::write(folder.path(), &written).unwrap();
+    let sentence = checkpoint::read(folder.path()).unwrap_err().to_string();
+    for word in ["checkpoint.safetensors", "\"light.square\"", "3 of its 72 numbers are NaN or infinite", "--resume"] {
+        assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
+    }
+}
+
+#[test]
+fn facts_that_no_training_comes_to_are_refused() {
+    let spoilt = Spoilt::new();
+    let facts = json!({"program": "", "iteration": 40, "iterations": 40, "seconds": 1.0, "psnr": null, "nonfinite": 0,
+        "seed": 0, "config": "", "settings": "", "views": 3, "pictures": ""});
+    let with = |key: &str, value: Value| {
+        let mut facts = facts.clone();
+        facts[key] = value;
+        spoilt.with_ours("facts", facts)
+    };
+    assert!(spoilt.read(&with("seconds", json!(3e9))).is_ok());
+    for (key, value, word) in [
+        ("seconds", json!(1e20), "100000000000000000000 seconds"),
+        ("seconds", json!(-0.5), "-0.5 seconds"),
+        ("iteration", json!(41), "iteration 41 of 40"),
+        ("nonfinite", json!(u64::MAX), "gradients"),
+    ] {
+        spoilt.refuses(&with(key, value), &["the header", word]);
     }
 }
 

@@ -255,7 +255,7 @@ fn missing_images_are_left_out_and_noted() {
     fs::remove_file(folder.path().join("images/b.png")).unwrap();
     let data = load(folder.path()).unwrap();
     assert_eq!((names(&data.test), names(&data.train)), (vec!["a"], vec!["c"]));
-    assert_says(&data.notes.join("\n"), &["left out 1 cameras", "\"b.png\""]);
+    assert_says(&data.notes.join("\n"), &["skipped 1 cameras", "\"b.png\""]);
 }
 
 #[test]
@@ -352,7 +352,7 @@ fn points_that_are_not_finite_are_left_out() {
     fs::write(&path, fs::read_to_string(&path).unwrap().replacen("0.5", "1e300", 1)).unwrap();
     let data = load(folder.path()).unwrap();
     assert_eq!(data.points.unwrap().positions.len(), 1);
-    assert_says(&data.notes.join("\n"), &["left out 1 points"]);
+    assert_says(&data.notes.join("\n"), &["skipped 1 points"]);
 }
 
 #[test]
@@ -396,7 +396,7 @@ fn nerfstudio_names_what_is_held_out() {
     let folder = nerfstudio(json!({ "train_filenames": ["images/a.png"], "test_filenames": ["images/c.png"] }));
     let data = load(folder.path()).unwrap();
     assert_eq!((names(&data.test), names(&data.train)), (vec!["c"], vec!["a"]));
-    assert_says(&data.notes.join("\n"), &["left out 1 frames"]);
+    assert_says(&data.notes.join("\n"), &["skipped 1 frames"]);
 }
 
 #[test]

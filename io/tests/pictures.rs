@@ -2,10 +2,15 @@
 
 use image::{AnimationDecoder, ImageReader, Rgb, RgbImage, codecs};
 use specula_io::{
-    latlong::LatLong,
+    latlong::{self, LatLong},
     picture::{self, Panel},
+    pixels::Pixels,
 };
-use std::{fs::File, io::BufReader, path::Path};
+use std::{
+    fs::File,
+    io::{BufReader, Write},
+    path::Path,
+};
 
 fn pixels(path: &Path) -> Vec<u8> {
     ImageReader::open(path).unwrap().decode().unwrap().into_rgba8().into_raw()
@@ -125,4 +130,68 @@ fn pictures_are_packed_in_memory_exactly_or_nearly() {
     assert!(badly.len() < well.len(), "less quality takes less room");
     let nearly = image::load_from_memory(&well).unwrap().to_rgb8();
     assert!(nearly.iter().zip(image.iter()).all(|(a, b)| a.abs_diff(*b) < 12), "JPEG loses little");
+}
+
+/// A PNG of which there is only the header.
+fn put_header(path: &Path, width: u32, height: u32, color: png::ColorType, depth: png::BitDepth) {
+    let mut encoder = png::Encoder::new(File::create(path).unwrap(), width, height);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    drop(encoder.write_header().unwrap());
+}
+
+#[test]
+fn what_a_picture_becomes_counts_and_not_what_it_is() {
+    use png::{BitDepth::*, ColorType::*};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    // Bytes of a pixel: 10 of a grey one that becomes a photograph, 24 of one that becomes light.
+    for (width, height, color, depth, is_granted) in [
+        (20_000, 20_000, Grayscale, Eight, false),
+        (20_000, 20_000, Grayscale, One, false),
+        (9000, 9000, Grayscale, Eight, true),
+        (9000, 9000, Rgba, Sixteen, false),
+        (6000, 6000, Rgba, Sixteen, true),
+    ] {
+        put_header(&path, width, height, color, depth);
+        let refusals = [Pixels::read(&path).map(drop), latlong::read(&path).map(drop)];
+        let sentence = refusals[0].as_ref().unwrap_err().to_string();
+        assert_eq!(!sentence.contains("896 MiB is the most"), is_granted, "{sentence}");
+        let sentence = refusals[1].as_ref().unwrap_err().to_string();
+        assert_eq!(sentence.contains("896 MiB is the most"), width > 6000, "{sentence}");
+        assert!(sentence.contains("a.png"), "{sentence}");
+    }
+}
+
+/// A progressive JPEG without anything but scans.
+#[test]
+fn a_jpeg_of_many_scans_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.jpg");
+    let frame = [0xff, 0xc2, 0, 11, 8, 31, 64, 31, 64, 1, 1, 0x11, 0];
+    let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 1, 63, 0];
+    for (scans, is_refused) in [(100, false), (101, true)] {
+        std::fs::write(&path, [&[0xff, 0xd8][..], &frame, &scan.repeat(scans), &[0xff, 0xd9]].concat()).unwrap();
+        let sentence = Pixels::read(&path).map(drop).unwrap_err().to_string();
+        assert_eq!(sentence.contains("it has 101 scans"), is_refused, "{sentence}");
+    }
+}
+
+/// A profile of colours that unpacks to far more than its picture is left alone, and the picture is read.
+#[test]
+fn profiles_are_not_unpacked_without_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    picture::write_gray(&path, 2, 1, &[0.2, 1.0]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    (0..128).for_each(|_| packed.write_all(&vec![0; 1 << 20]).unwrap());
+    let inside = [b"iCCPn\0\0", &packed.finish().unwrap()[..]].concat();
+    let mut sum = flate2::Crc::new();
+    sum.update(&inside);
+    let len = (inside.len() - 4) as u32;
+    let chunk = [&len.to_be_bytes()[..], &inside, &sum.sum().to_be_bytes()].concat();
+    // Behind the header of a PNG, which has 33 bytes.
+    std::fs::write(&path, [&bytes[..33], &chunk, &bytes[33..]].concat()).unwrap();
+    assert_eq!(Pixels::read(&path).unwrap().rgba, [51, 51, 51, 255, 255, 255, 255, 255]);
 }

@@ -292,6 +292,68 @@ fn elements_before_the_vertices_are_skipped() {
     assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]]);
 }
 
+/// A point behind other elements, in binary.
+fn behind(elements: &str, bytes: &[u8]) -> Vec<u8> {
+    let xyz = "property float x\nproperty float y\nproperty float z\n";
+    let header = format!("ply\nformat binary_little_endian 1.0\n{elements}element vertex 1\n{xyz}end_header\n");
+    [header.as_bytes(), bytes, &[1.0_f32, 2.0, 3.0].map(f32::to_le_bytes).concat()].concat()
+}
+
+#[test]
+fn elements_are_skipped_without_being_kept() {
+    let lists = "element face 3\nproperty uchar kind\nproperty list ushort short near\n";
+    for (elements, bytes) in [
+        ("", &[][..]),
+        // Nothing stands in a file for what has no properties.
+        ("element junk 1000000000\n", &[]),
+        ("element junk 18446744073709551615\n", &[]),
+        ("element camera 2\nproperty double a\nproperty uchar b\n", &[7; 18]),
+        (lists, &[9, 0, 0, 9, 2, 0, 1, 1, 1, 1, 9, 1, 0, 5, 5]),
+    ] {
+        let (_folder, path) = put(behind(elements, bytes));
+        assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]], "{elements}");
+    }
+    let (_folder, path) = put("ply\nformat ascii 1.0\nelement junk 1000000000\nelement vertex 1\nproperty float x\n\
+         property float y\nproperty float z\nend_header\n1 2 3\n");
+    assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]]);
+}
+
+#[test]
+fn elements_that_the_file_does_not_hold_are_refused() {
+    for (elements, word) in [
+        ("element face 1000000000\nproperty list uchar int near\n", "\"face\""),
+        ("element face 1\nproperty list uint double near\n", "\"face\""),
+        ("element face 1\nproperty list char int near\n", "no length"),
+        ("element face 1\nproperty list float int near\n", "no length"),
+        ("element camera 18446744073709551615\nproperty double a\nproperty double b\n", "\"camera\""),
+    ] {
+        let (_folder, path) = put(behind(elements, &[0xff; 8]));
+        assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", word]);
+    }
+}
+
+/// Holes take no room on a disk, so that a few bytes are a file of any length.
+#[test]
+fn a_file_that_is_longer_than_a_scene_may_be_is_refused_by_its_size() {
+    let (_folder, path) =
+        put("ply\nformat binary_little_endian 1.0\nelement vertex 5000000000\nproperty float x\nproperty float y\n\
+         property float z\nend_header\n");
+    fs::File::options().write(true).open(&path).unwrap().set_len(60 << 30).unwrap();
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "61440 MiB", "8192 MiB", "divide it"]);
+}
+
+#[test]
+fn headers_and_lines_have_an_end() {
+    let long = "0".repeat(2 << 20);
+    let (_folder, path) = put(format!("ply\ncomment {long}\n"));
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "1048576 bytes"]);
+    let (_folder, path) = put(format!(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
+         {long} 2 3\n"
+    ));
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "1048576 bytes"]);
+}
+
 #[test]
 fn points_survive_a_round_trip() {
     let folder = tempfile::tempdir().unwrap();

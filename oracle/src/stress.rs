@@ -109,6 +109,107 @@ impl Case {
     }
 }
 
+/// A scene whose error a sample misjudges easily, and the views in which it is looked at.
+#[derive(Clone, Debug)]
+pub struct Tour {
+    /// What is hard about it.
+    pub name: &'static str,
+    /// The Gaussians, all of [`LAYOUT`]; there is no light.
+    pub cloud: Cloud,
+    /// From where they are seen.
+    pub cameras: Vec<Camera>,
+    /// Behind the Gaussians, sRGB.
+    pub background: [f32; 3],
+}
+
+/// Scenes in which what is cut off hides: much of it is faint, wide, thin or deep, and lies
+/// elsewhere in every view. `views` views of each.
+pub fn tours(views: usize) -> Vec<Tour> {
+    let tour = |name: &'static str, cloud: Cloud, camera: &dyn Fn(f32) -> Camera| {
+        let cameras = (0..views).map(|k| camera((k as f32 + 0.5) / views as f32)).collect();
+        Tour { name, cloud, cameras, background: [0.2, 0.5, 0.8] }
+    };
+    let front = |share: f32| arc(share, Vec3::ZERO, [160, 112]);
+    let large = |share: f32| arc(share, Vec3::ZERO, [288, 192]);
+    let far_away = Vec3::new(1e5, -1e5, 1e5);
+    vec![
+        tour("haze below the least alpha beside solid splats", haze_beside_solids(), &large),
+        tour("wide faint splats", wide_and_faint(), &front),
+        tour("10 000 layers", stacked(), &|share| arc(share, Vec3::ZERO, [48, 40])),
+        tour("needles at all angles", needles(), &front),
+        tour("a world 100 000 units away", moved(&random_cloud(300, LAYOUT, 51), far_away), &|share| {
+            arc(share, far_away, [96, 64])
+        }),
+        tour("the eye inside of a cloud", around_the_eye(), &|share| {
+            let (sin, cos) = (share * core::f32::consts::TAU).sin_cos();
+            let eye = 0.3 * Vec3::new(cos, sin, 0.2);
+            Camera::look_at(eye, 4.0 * eye, Vec3::Z, 0.9, 96, 64)
+        }),
+    ]
+}
+
+/// A view from an arc of 80 degrees before a place.
+fn arc(share: f32, place: Vec3, [width, height]: [u32; 2]) -> Camera {
+    let (sin, cos) = ((share - 0.5) * 80.0_f32.to_radians()).sin_cos();
+    let from = place + Vec3::new(3.2 * sin, -3.2 * cos, 0.6 * (share - 0.5));
+    Camera::look_at(from, place, Vec3::Z, 0.7, width, height)
+}
+
+/// Left: a haze whose every splat is far below 1/255, and that covers some hundredths all the same.
+/// Right: solid splats, in which other cuts show more.
+fn haze_beside_solids() -> Cloud {
+    const HAZE: usize = 200;
+    changed(HAZE + 250, 50, |cloud, k| {
+        let (width, side) = if k < HAZE { (0.35, -0.65) } else { (0.1, 0.65) };
+        cloud.set(k, MEAN, [side + draw(k, 0, -0.6, 0.6), draw(k, 1, -0.6, 0.6), draw(k, 2, -0.6, 0.6)]);
+        cloud.set(k, LOG_SCALE, [0, 1, 2].map(|axis| (width * draw(k, 3 + axis, 0.6, 1.4)).ln()));
+        cloud.set(k, OPACITY, [if k < HAZE { -8.0 } else { 2.0 }]);
+    })
+}
+
+/// Splats as wide as the picture, of which much lies beyond two standard deviations.
+fn wide_and_faint() -> Cloud {
+    changed(400, 52, |cloud, k| {
+        cloud.set(k, LOG_SCALE, [0, 1, 2].map(|axis| draw(k, axis, 0.15, 0.5).ln()));
+        cloud.set(k, OPACITY, [draw(k, 3, -4.5, -3.0)]);
+    })
+}
+
+/// Thin layers one behind the other, each of a colour of its own.
+fn stacked() -> Cloud {
+    changed(10_000, 53, |cloud, k| {
+        cloud.set(k, MEAN, [draw(k, 0, -0.3, 0.3), draw(k, 1, -1.0, 1.0), draw(k, 2, -0.3, 0.3)]);
+        cloud.set(k, LOG_SCALE, [0.6_f32.ln(), 0.01_f32.ln(), 0.6_f32.ln()]);
+        cloud.set(k, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        cloud.set(k, OPACITY, [draw(k, 3, -9.0, -4.0)]);
+    })
+}
+
+/// Long, thin splats, many of which are much narrower than a pixel.
+fn needles() -> Cloud {
+    changed(500, 54, |cloud, k| {
+        cloud.set(k, LOG_SCALE, [draw(k, 0, 0.3, 1.5).ln(), draw(k, 1, -9.0, -4.0), draw(k, 2, -9.0, -4.0)]);
+    })
+}
+
+/// A cloud through which the eye moves.
+fn around_the_eye() -> Cloud {
+    changed(400, 55, |cloud, k| {
+        cloud.set(k, MEAN, [0, 1, 2].map(|axis| draw(k, axis, -1.5, 1.5)));
+        cloud.set(k, OPACITY, [draw(k, 3, -5.0, 2.0)]);
+    })
+}
+
+/// The same Gaussians elsewhere.
+fn moved(cloud: &Cloud, by: Vec3) -> Cloud {
+    let mut cloud = cloud.clone();
+    for gaussian in 0..cloud.count {
+        let mean = Vec3::from_array(cloud.get(gaussian, MEAN)) + by;
+        cloud.set(gaussian, MEAN, mean.to_array());
+    }
+    cloud
+}
+
 /// Every case.
 pub fn every_case() -> Vec<Case> {
     [shapes(), opacities(), places(), orders(), surfaces(), lights(), pictures()].concat()

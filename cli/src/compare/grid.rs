@@ -1,6 +1,6 @@
 //! Tables of runs, with the best of each column, and what speaks against reading them as such.
 
-use super::run::Run;
+use super::run::{GIVEN, Run};
 use crate::{
     fit::thousands,
     quality::{FITTED, LPIPS, MAE, MEASURES, Measure},
@@ -19,6 +19,8 @@ pub(super) enum Quantity {
     Relit {
         is_scaled: bool,
     },
+    /// What a run was given; a column where runs of one scene were given different ones.
+    Given(usize),
     Gaussians,
     Seconds,
     Size,
@@ -26,7 +28,7 @@ pub(super) enum Quantity {
 
 impl Quantity {
     /// All of them, as tables order them.
-    pub(super) const ALL: [Self; 11] = [
+    pub(super) const ALL: [Self; 14] = [
         Self::Measure(0),
         Self::Measure(1),
         Self::Measure(2),
@@ -35,6 +37,9 @@ impl Quantity {
         Self::Measure(5),
         Self::Relit { is_scaled: false },
         Self::Relit { is_scaled: true },
+        Self::Given(0),
+        Self::Given(1),
+        Self::Given(2),
         Self::Gaussians,
         Self::Seconds,
         Self::Size,
@@ -44,6 +49,7 @@ impl Quantity {
         match self {
             Self::Measure(index) => run.measured[index],
             Self::Relit { is_scaled } => run.relit[usize::from(is_scaled)],
+            Self::Given(index) => run.given[index],
             Self::Gaussians => run.gaussians,
             Self::Seconds => run.seconds,
             Self::Size => run.size,
@@ -56,12 +62,25 @@ impl Quantity {
             Self::Measure(index) => Some(MEASURES[index]),
             Self::Relit { is_scaled: false } => Some(Measure { words: "relit PSNR", ..MEASURES[0] }),
             Self::Relit { is_scaled: true } => Some(Measure { words: "relit PSNR, scaled", ..MEASURES[0] }),
-            Self::Gaussians | Self::Seconds | Self::Size => None,
+            Self::Given(_) | Self::Gaussians | Self::Seconds | Self::Size => None,
         }
+    }
+
+    /// Whether a table shows it.
+    fn is_shown(self, runs: &[Run]) -> bool {
+        let is_known = runs.iter().any(|run| self.of(run).is_some());
+        let is_unequal = || runs.iter().any(|run| self.differs(first_of(&run.scene, runs), run));
+        is_known && (!matches!(self, Self::Given(_)) || is_unequal())
+    }
+
+    /// Whether two runs say of it, and not the same.
+    fn differs(self, one: Option<&Run>, other: &Run) -> bool {
+        matches!([one.and_then(|one| self.of(one)), self.of(other)], [Some(a), Some(b)] if a != b)
     }
 
     fn head(self) -> Head {
         let (words, unit) = match self {
+            Self::Given(index) => (GIVEN[index].words, ""),
             Self::Gaussians => ("Gaussians", ""),
             Self::Seconds => ("training", "s"),
             Self::Size => ("size", "MB"),
@@ -95,7 +114,7 @@ impl Quantity {
         };
         let lacking = runs.iter().filter(|run| self.of(run).is_none() && can_have(run) && can_be_had(run));
         let option = match self {
-            Self::Measure(LPIPS) => " --lpips FILE.safetensors",
+            Self::Measure(LPIPS) => " --lpips FILE.onnx",
             Self::Measure(FITTED) => " --exposure",
             _ => "",
         };
@@ -143,7 +162,7 @@ pub(super) struct Block {
 /// A table of all quantities of a scene; or for each quantity one of all scenes.
 pub(super) fn blocks(runs: &[Run], labels: &[String]) -> Vec<Block> {
     let scenes = first_of_each(runs.iter().map(|run| run.scene.as_str()));
-    let known = || Quantity::ALL.into_iter().filter(|quantity| runs.iter().any(|run| quantity.of(run).is_some()));
+    let known = || Quantity::ALL.into_iter().filter(|quantity| quantity.is_shown(runs));
     match scenes.as_slice() {
         [scene] => vec![of_scene(scene, &known().collect::<Vec<_>>(), runs, labels)],
         scenes => known().map(|quantity| of_quantity(quantity, scenes, runs, labels)).collect(),
@@ -207,6 +226,22 @@ fn mark_best(rows: &mut [(String, Vec<Option<Cell>>)], column: usize, quantity: 
     }
 }
 
+/// The first run of a scene.
+fn first_of<'a>(scene: &str, runs: &'a [Run]) -> Option<&'a Run> {
+    runs.iter().find(|run| run.scene == scene)
+}
+
+/// In what two trainings are unequal, in words for each.
+fn training_differences(one: &Run, other: &Run) -> Vec<[String; 2]> {
+    let unequal = GIVEN.iter().enumerate().filter(|(index, _)| Quantity::Given(*index).differs(Some(one), other));
+    let given = unequal.map(|(index, given)| {
+        [one, other].map(|run| run.given[index].map_or_else(String::new, |number| (given.sentence)(number as usize)))
+    });
+    let sources = [one, other].map(|run| run.source.clone());
+    let is_other_source = sources.iter().all(|source| !source.is_empty()) && sources[0] != sources[1];
+    given.chain(is_other_source.then(|| sources.map(|source| format!("on {source}")))).collect()
+}
+
 /// Why runs of one scene are not comparable: one sentence for each that differs from the first.
 pub(super) fn doubts(runs: &[Run]) -> Vec<String> {
     let scenes = first_of_each(runs.iter().map(|run| run.scene.as_str()));
@@ -216,12 +251,16 @@ pub(super) fn doubts(runs: &[Run]) -> Vec<String> {
 fn doubts_of(scene: &str, runs: &[Run]) -> Vec<String> {
     let mut own = runs.iter().filter(|run| run.scene == scene && run.measured.iter().any(Option::is_some));
     let Some(first) = own.next() else { return Vec::new() };
-    let sentence = |run: &Run| {
-        let [one, other] = difference(first, run)?;
-        let [first, second] = [first, run].map(|run| run.folder.display());
-        Some(format!("not comparable: {first} was measured {one}, and {second} {other}"))
+    let sentences = |run: &Run| {
+        let folders = [first, run].map(|run| run.folder.display());
+        let sentence = |verb: &str, [one, other]: [String; 2]| {
+            format!("not comparable: {} was {verb} {one}, and {} {other}", folders[0], folders[1])
+        };
+        let trained = training_differences(first, run).into_iter().map(|words| sentence("trained", words));
+        let measured = difference(first, run).map(|words| sentence("measured", words));
+        trained.chain(measured).collect::<Vec<String>>()
     };
-    own.filter_map(sentence).collect()
+    own.flat_map(sentences).collect()
 }
 
 /// The first thing that two runs were measured by otherwise.

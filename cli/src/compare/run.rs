@@ -6,20 +6,35 @@ use crate::{
 };
 use serde_json::{Map, Value};
 use specula_io::{
-    Error,
+    budget::FACTS,
     cameras::{self, NamedCamera},
     model_folder,
 };
 use std::{
     fs,
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
 
 /// Bytes of a megabyte.
 const MEGABYTE: f64 = 1e6;
-/// No header of a PLY file has more lines.
+/// No header of a PLY file has more lines, or more bytes.
 const HEADER_LINES: usize = 1000;
+const HEADER_LEN: u64 = 1 << 20;
+
+/// What trainings may be given unequally: the head of its column, and how a sentence says it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Given {
+    pub(super) words: &'static str,
+    pub(super) sentence: fn(usize) -> String,
+}
+
+/// In the order of [`Run::given`].
+pub(super) const GIVEN: [Given; 3] = [
+    Given { words: "iterations", sentence: |count| format!("for {count} iterations") },
+    Given { words: "downscale", sentence: |factor| format!("with -r {factor}") },
+    Given { words: "training views", sentence: |count| format!("on {count} pictures") },
+];
 
 /// A trained model and how good it is.
 #[derive(Debug)]
@@ -27,6 +42,10 @@ pub(super) struct Run {
     pub(super) folder: PathBuf,
     /// The last part of the data set's path.
     pub(super) scene: String,
+    /// The data set's path; empty if it does not say.
+    pub(super) source: String,
+    /// What it was given to train with, each of [`GIVEN`].
+    pub(super) given: [Option<f64>; GIVEN.len()],
     /// Its profile, or the name of its folder if another program trained it.
     pub(super) profile: String,
     pub(super) measured: Values,
@@ -68,10 +87,15 @@ impl Run {
         let on_the_way = timeline.get(&method).and_then(|own| own.get("seconds")?.as_f64());
         let at_the_end = info.as_ref().filter(|info| info.iterations == iteration).and(rest("seconds"));
         let source = info.as_ref().map(|info| info.source_path.clone()).or_else(|| source_of_others(folder));
+        let source = source.unwrap_or_default();
+        let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
+        let training_views = rest("train_views").and_then(Value::as_f64);
         let background = rest("background").and_then(|channels| serde_json::from_value(channels.clone()).ok());
         Ok(Self {
             folder: folder.to_owned(),
-            scene: last_part(Path::new(&source.unwrap_or_default())).unwrap_or_else(|| "scene".into()),
+            scene: last_part(Path::new(&source)).unwrap_or_else(|| "scene".into()),
+            source,
+            given: [Some(iteration.into()), downscale, training_views],
             profile: info.as_ref().map_or_else(|| last_part(folder).unwrap_or_default(), |info| info.profile.clone()),
             measured: MEASURES.map(|measure| number(measure.name)),
             is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
@@ -93,7 +117,7 @@ fn read_json(path: &Path) -> Result<Map<String, Value>, Failure> {
     if !path.is_file() {
         return Ok(Map::new());
     }
-    let bytes = fs::read(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+    let bytes = FACTS.read(path)?;
     serde_json::from_slice(&bytes).map_err(|error| Failure::Input(format!("cannot understand {path:?}: {error}")))
 }
 
@@ -125,7 +149,8 @@ fn last_part(path: &Path) -> Option<String> {
 
 /// How many Gaussians a PLY file has, by its header.
 fn count_in(path: &Path) -> Option<f64> {
-    let lines = BufReader::new(fs::File::open(path).ok()?).lines().take(HEADER_LINES);
+    let file = fs::File::open(path).ok()?.take(HEADER_LEN);
+    let lines = BufReader::new(file).lines().take(HEADER_LINES);
     let mut header = lines.map_while(Result::ok).take_while(|line| line.trim() != "end_header");
     header.find_map(|line| line.strip_prefix("element vertex ")?.trim().parse().ok())
 }

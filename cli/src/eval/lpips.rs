@@ -1,14 +1,12 @@
 //! LPIPS of a model's views, by a network from a file.
 
+use super::trial::try_network;
 use crate::{background::Background, failure::Failure, progress::Talk, scene::Renderer};
 use specula_accuracy::lpips::{Network, Unfit};
 use specula_core::{metrics::quantize, scene::Image};
-use specula_io::Error;
+use specula_io::budget::NETWORK;
 use specula_train::{evaluate::Pair, view::View};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 /// A network and where it is from.
 #[derive(Debug)]
@@ -20,8 +18,15 @@ pub(super) struct Judge {
 }
 
 impl Judge {
+    /// Reads a network that was tried in another process first.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        let bytes = fs::read(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?;
+        try_network(path)?;
+        Self::trusted(path)
+    }
+
+    /// Reads a network in this process.
+    pub(super) fn trusted(path: &Path) -> Result<Self, Failure> {
+        let bytes = NETWORK.read(path)?;
         let network = Network::from_bytes(bytes).map_err(|error| {
             Failure::Input(format!("{path:?} holds no network for LPIPS: {error}; scripts/lpips-onnx.py writes one"))
         })?;

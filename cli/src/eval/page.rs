@@ -85,7 +85,7 @@ fn page(findings: &Findings, order: &[usize]) -> String {
     let views: String = shown.map(|index| article(*index, &findings.views[*index], &ranges)).collect();
     let left_out = match order.len().saturating_sub(SHOWN) {
         0 => String::new(),
-        count => format!("<p>{count} better views are left out here.</p>\n"),
+        count => format!("<p>{count} better views are not shown here.</p>\n"),
     };
     format!(
         "<!doctype html>
@@ -280,6 +280,6 @@ mod tests {
         let kept = std::fs::read_dir(folder.path().join(PICTURES)).expect("it was made").count();
         assert_eq!(kept, 3 * SHOWN);
         let text = std::fs::read_to_string(at(folder.path())).expect("it was written");
-        assert!(text.contains("5 better views are left out") && text.matches("<article").count() == SHOWN);
+        assert!(text.contains("5 better views are not shown") && text.matches("<article").count() == SHOWN);
     }
 }

@@ -165,7 +165,7 @@ fn front_rows(findings: &Findings) -> Vec<[String; 5]> {
             Difference(setting, &findings.usual).to_string(),
         ]
     };
-    let heads = ["rms", "PSNR", "largest", "ms", "turned from the usual"].map(str::to_owned);
+    let heads = ["rms", "PSNR", "largest", "ms", "changed from the default"].map(str::to_owned);
     core::iter::once(heads).chain(pareto(&points).into_iter().map(row)).collect()
 }
 

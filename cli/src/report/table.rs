@@ -6,7 +6,7 @@ use specula_accuracy::{front::cheapest, setting::Difference, trial::STAGES};
 /// Errors that one asks for, in dB.
 pub(super) const ASKED: [f64; 4] = [30.0, 40.0, 50.0, 60.0];
 const HEADS: [&str; 8] =
-    ["at least", "PSNR", "largest", "FLIP", "ms", "of the usual", "pairs", "turned from the usual"];
+    ["at least", "PSNR", "largest", "FLIP", "ms", "of the usual", "pairs", "changed from the default"];
 
 /// Rows of the table: heads first.
 pub(super) fn rows(findings: &Findings) -> Vec<[String; 8]> {

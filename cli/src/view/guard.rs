@@ -1,11 +1,18 @@
 //! Who may ask: on this machine whoever opens the page itself, from elsewhere whoever has the token.
 
 use crate::failure::Failure;
-use axum::http::{HeaderMap, Uri, header};
-use core::net::IpAddr;
+use axum::http::{
+    HeaderMap, Uri, header,
+    uri::{Authority, Port},
+};
+use core::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+use subtle::ConstantTimeEq;
 
 /// The header with the token.
 const TOKEN: &str = "x-specula-token";
+/// The header in which browsers say which site asks, and what it says of the page itself and of an address that was typed.
+const FETCH_SITE: &str = "sec-fetch-site";
+const OWN_SITES: [&[u8]; 2] = [b"same-origin", b"none"];
 /// Bytes of a token that nobody guesses.
 const TOKEN_LEN: usize = 16;
 
@@ -54,22 +61,23 @@ impl Guard {
 
     /// Whether a request is to be answered; `is_page` are those that hold nothing of the scene.
     pub(super) fn check(&self, headers: &HeaderMap, is_page: bool) -> Result<(), Denied> {
-        let host = text(headers, header::HOST.as_str());
-        if self.token.is_none() && !host.is_some_and(is_loopback_name) {
+        let host = text(headers, header::HOST.as_str()).and_then(authority);
+        if self.token.is_none() && !host.as_ref().is_some_and(is_of_loopback) {
             return Err(Denied::Host);
         }
-        let is_from_elsewhere = text(headers, "sec-fetch-site") == Some("cross-site");
-        if text(headers, header::ORIGIN.as_str()).is_some_and(|origin| !is_of(origin, host)) {
+        if text(headers, header::ORIGIN.as_str()).is_some_and(|origin| !is_of(origin, host.as_ref())) {
             return Err(Denied::Origin);
         }
         if is_page {
             return Ok(());
         }
-        if is_from_elsewhere {
+        if headers.get(FETCH_SITE).is_some_and(|site| !OWN_SITES.contains(&site.as_bytes())) {
             return Err(Denied::Origin);
         }
         match &self.token {
-            Some(token) if !text(headers, TOKEN).is_some_and(|given| is_same(token, given)) => Err(Denied::Token),
+            Some(token) if !headers.get(TOKEN).is_some_and(|given| is_same(token, given.as_bytes())) => {
+                Err(Denied::Token)
+            }
             _ => Ok(()),
         }
     }
@@ -79,25 +87,38 @@ fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// Names under which a machine reaches itself, with or without a port.
-fn is_loopback_name(host: &str) -> bool {
-    let name = match host.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or_default(),
-        None => host.split(':').next().unwrap_or_default(),
+/// A host and perhaps a port, and nothing else.
+fn authority(text: &str) -> Option<Authority> {
+    let authority: Authority = text.parse().ok()?;
+    let rest = text.strip_prefix(authority.host())?;
+    let port = authority.port();
+    let is_whole = match rest.strip_prefix(':') {
+        Some(digits) => port.as_ref().map(Port::as_str) == Some(digits),
+        None => rest.is_empty(),
     };
-    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|address: IpAddr| address.is_loopback())
+    is_whole.then_some(authority)
+}
+
+/// Whether a host is a name by which a machine reaches itself.
+fn is_of_loopback(host: &Authority) -> bool {
+    let host = host.host();
+    match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
+        Some(address) => address.parse().is_ok_and(|address: Ipv6Addr| address.is_loopback()),
+        None => {
+            host.eq_ignore_ascii_case("localhost") || host.parse().is_ok_and(|address: Ipv4Addr| address.is_loopback())
+        }
+    }
 }
 
 /// Whether an origin such as `http://localhost:7008` is of a host.
-fn is_of(origin: &str, host: Option<&str>) -> bool {
-    let authority = origin.parse::<Uri>().ok().and_then(|origin| origin.authority().map(ToString::to_string));
-    authority.is_some() && authority.as_deref() == host
+fn is_of(origin: &str, host: Option<&Authority>) -> bool {
+    let origin = origin.parse::<Uri>().ok().filter(|origin| origin.scheme().is_some());
+    origin.is_some_and(|origin| origin.authority().is_some() && origin.authority() == host)
 }
 
-/// Whether two words are the same, in a time that does not tell how much of them is.
-fn is_same(one: &str, other: &str) -> bool {
-    let differences = one.bytes().zip(other.bytes()).fold(0, |all, (a, b)| all | (a ^ b));
-    one.len() == other.len() && differences == 0
+/// Whether a word is the token, in a time that does not tell how much of it is.
+fn is_same(token: &str, given: &[u8]) -> bool {
+    token.as_bytes().ct_eq(given).into()
 }
 
 fn random_token() -> Result<String, Failure> {
@@ -111,8 +132,8 @@ fn random_token() -> Result<String, Failure> {
 mod tests {
     use super::*;
 
-    const LOOPBACK: IpAddr = IpAddr::V4(core::net::Ipv4Addr::LOCALHOST);
-    const ANYWHERE: IpAddr = IpAddr::V4(core::net::Ipv4Addr::UNSPECIFIED);
+    const LOOPBACK: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+    const ANYWHERE: IpAddr = IpAddr::V4(Ipv4Addr::UNSPECIFIED);
 
     fn headers(pairs: &[(&'static str, &str)]) -> HeaderMap {
         pairs.iter().map(|(name, word)| (name.parse().unwrap(), word.parse().unwrap())).collect()
@@ -124,7 +145,25 @@ mod tests {
         for host in ["localhost", "localhost:7008", "LOCALHOST:1", "127.0.0.1:7008", "[::1]:7008", "127.1.2.3"] {
             assert_eq!(guard.check(&headers(&[("host", host)]), false), Ok(()), "{host}");
         }
-        for host in ["evil.example", "evil.example:7008", "192.168.0.2:7008", "localhost.evil.example", "[::2]", ""] {
+        for host in [
+            "evil.example",
+            "evil.example:7008",
+            "192.168.0.2:7008",
+            "localhost.evil.example",
+            "[::1].evil.example",
+            "[::1].evil.example:7008",
+            "[::1]7008",
+            "[localhost]",
+            "localhost:evil.com",
+            "localhost:",
+            "localhost:99999",
+            "localhost:7008:7008",
+            "localhost:7008/x",
+            "evil.example@localhost",
+            "::1",
+            "[::2]",
+            "",
+        ] {
             for is_page in [false, true] {
                 assert_eq!(guard.check(&headers(&[("host", host)]), is_page), Err(Denied::Host), "{host}");
             }
@@ -137,11 +176,20 @@ mod tests {
         let guard = Guard::new(LOOPBACK, None).unwrap();
         let from = |origin| headers(&[("host", "localhost:7008"), ("origin", origin)]);
         assert_eq!(guard.check(&from("http://localhost:7008"), false), Ok(()));
-        for origin in ["http://evil.example", "http://localhost:80", "null"] {
+        for origin in ["http://evil.example", "http://localhost:80", "null", "localhost:7008"] {
             assert_eq!(guard.check(&from(origin), false), Err(Denied::Origin), "{origin}");
         }
-        let linked = headers(&[("host", "localhost"), ("sec-fetch-site", "cross-site")]);
-        assert_eq!((guard.check(&linked, true), guard.check(&linked, false)), (Ok(()), Err(Denied::Origin)));
+        for (site, expected) in [
+            ("same-origin", Ok(())),
+            ("none", Ok(())),
+            ("same-site", Err(Denied::Origin)),
+            ("cross-site", Err(Denied::Origin)),
+            ("", Err(Denied::Origin)),
+        ] {
+            let asked = headers(&[("host", "localhost"), ("sec-fetch-site", site)]);
+            assert_eq!(guard.check(&asked, false), expected, "{site}");
+            assert_eq!(guard.check(&asked, true), Ok(()), "a link from {site} opens the page");
+        }
     }
 
     #[test]
@@ -152,8 +200,15 @@ mod tests {
         assert_ne!(token, Guard::new(ANYWHERE, None).unwrap().token().unwrap(), "every server has its own");
         let with = |token: &str| headers(&[("host", "192.168.0.2:7008"), (TOKEN, token)]);
         assert_eq!(guard.check(&with(&token), false), Ok(()));
-        for wrong in ["", "x", &token[1..], &token.replace(|_| true, "0"), &format!("{token}0")] {
+        for wrong in
+            ["", "x", &token[1..], &token[..token.len() - 1], &token.replace(|_| true, "x"), &format!("{token}0")]
+        {
             assert_eq!(guard.check(&with(wrong), false), Err(Denied::Token), "{wrong}");
+        }
+        for place in 0..token.len() {
+            let mut wrong = token.clone();
+            wrong.replace_range(place..=place, "x");
+            assert_eq!(guard.check(&with(&wrong), false), Err(Denied::Token), "every letter counts, as the {place}th");
         }
         assert_eq!(guard.check(&headers(&[("host", "192.168.0.2")]), true), Ok(()), "the page holds no secret");
     }

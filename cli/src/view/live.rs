@@ -39,6 +39,7 @@ pub(crate) struct Live {
 
 #[derive(Debug)]
 struct State {
+    is_finished: bool,
     is_paused: bool,
     /// Steps to take although it is paused.
     steps: u32,
@@ -88,6 +89,7 @@ impl Live {
     /// A training of so many iterations, whose scene is shown as it is at this one.
     pub(crate) fn new(iterations: u32, iteration: u32) -> Self {
         let state = State {
+            is_finished: false,
             is_paused: false,
             steps: 0,
             is_scene_wanted: false,
@@ -128,6 +130,12 @@ impl Live {
         state.scene = Some((scene, iteration));
         state.given = (iteration, Instant::now());
         state.is_scene_wanted = false;
+    }
+
+    /// The training has come to its end, with this scene.
+    pub(super) fn finish(&self, scene: Scene, iteration: u32) {
+        self.give(scene, iteration);
+        self.change(|state| (state.is_finished, state.is_paused) = (true, false));
     }
 
     /// How far the training has come.
@@ -177,6 +185,7 @@ impl Live {
             "seconds": state.now.seconds,
             "psnr": state.now.psnr,
             "gaussians": state.now.gaussians,
+            "finished": state.is_finished,
             "paused": state.is_paused && state.steps == 0,
             "curve": {
                 "iteration": column(&|point| point.iteration.into()),

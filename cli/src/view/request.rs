@@ -23,6 +23,8 @@ pub(super) struct Ask {
     pub(super) size: [u32; 2],
     pub(super) show: Show,
     pub(super) light: LightAsk,
+    /// Whether the light is behind the scene, instead of a colour.
+    pub(super) has_backdrop: bool,
 }
 
 /// From where.
@@ -47,12 +49,14 @@ pub(super) struct Pose {
 }
 
 /// What of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Show {
     /// A layer of the picture.
     Layer(Layer),
     /// How far the nearest view that the scene knows is from its photograph.
     Error,
+    /// The place that is seen at a point of the picture, in shares of its width and height.
+    Point([f32; 2]),
 }
 
 /// The name of [`Show::Error`].
@@ -84,7 +88,21 @@ pub(super) struct Words(pub(super) HashMap<String, String>);
 impl Words {
     /// The picture that is asked for.
     pub(super) fn ask(&self) -> Result<Ask, String> {
-        Ok(Ask { from: self.from()?, size: self.size()?, show: self.show()?, light: self.light()? })
+        let has_backdrop = match self.0.get("backdrop").map(String::as_str) {
+            None => false,
+            Some("env") => true,
+            Some(_) => return Err("backdrop is env, or left out".into()),
+        };
+        Ok(Ask { from: self.from()?, size: self.size()?, show: self.show()?, light: self.light()?, has_backdrop })
+    }
+
+    /// The place that is asked for.
+    pub(super) fn point(&self) -> Result<Ask, String> {
+        let at = self.numbers::<f32, 2>("at")?;
+        if !at.iter().all(|share| (0.0..=1.0).contains(share)) {
+            return Err("at is two numbers from 0 to 1".into());
+        }
+        Ok(Ask { show: Show::Point(at), ..self.ask()? })
     }
 
     /// How it is packed.
@@ -238,11 +256,13 @@ mod tests {
             ("stops=NaN", "stops"),
             ("light=-1", "light"),
             ("view=x", "view"),
+            ("backdrop=red", "backdrop"),
         ];
         for (more, word) in cases {
             let sentence = with(more).ask().unwrap_err();
             assert!(sentence.contains(word), "{more}: {sentence}");
         }
+        assert!(with("at=0.5,1.5").point().unwrap_err().contains("at"));
         for (more, word) in [("format=gif", "format"), ("format=jpeg&quality=0", "quality")] {
             assert!(with(more).packing().unwrap_err().contains(word), "{more}");
         }

@@ -1,43 +1,66 @@
 //! What is served: the page, facts about the scene, pictures, lights.
 
 use super::{
+    connections::{Connections, Place},
     guard::{Denied, Guard},
     lights::Lights,
     live::Live,
     queue::{Queue, Refused},
     request::{Ask, Packing, Words},
     studio::Shot,
+    upload,
 };
-use crate::{args::EnvUp, failure::Failure, interrupt, output, progress::Talk};
+use crate::{failure::Failure, interrupt, progress::Talk};
 use axum::{
     Router,
     body::Bytes,
-    extract::{DefaultBodyLimit, Query, Request, State, rejection::BytesRejection},
+    extract::{Query, Request, State},
     http::{HeaderMap, HeaderValue, StatusCode, header},
     middleware::{self, Next},
     response::{IntoResponse, Response},
     routing::get,
 };
-use clap::ValueEnum;
 use core::{net::SocketAddr, time::Duration};
+use hyper::{
+    body::Incoming,
+    server::conn::http1,
+    service::{Service, service_fn},
+};
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
 use serde_json::{Value, json};
 use specula_io::picture;
-use std::{collections::HashMap, io::Write, path::Path, sync::Arc};
-use tokio::{net::TcpListener, sync::oneshot, task::spawn_blocking};
+use std::{collections::HashMap, io, sync::Arc};
+use tokio::{
+    net::{TcpListener, TcpStream},
+    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
+    task::spawn_blocking,
+};
 
-/// Bytes of a light that comes in, at most.
-const LIGHT_MAX: usize = 64 << 20;
 /// How often it is looked whether an end was asked for.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Within this time a connection says what it asks for, from its start or its last answer on.
+const PATIENCE_FOR_HEADERS: Duration = Duration::from_secs(15);
+/// Bytes of the headers of a request, at most.
+const HEADERS_MAX: usize = 16 << 10;
+/// A pause when the system has no descriptor or memory for another connection.
+const PAUSE: Duration = Duration::from_millis(500);
+/// KiB of pictures that are being sent, at most.
+const SENDING_MAX: usize = 256 << 10;
+/// Seconds after which a client that is refused for now asks again.
+const RETRY_AFTER: HeaderValue = HeaderValue::from_static("1");
 /// Quality of the preview of a light.
 const PREVIEW_QUALITY: u8 = 85;
 /// The page asks for nothing from outside, and nothing may show it inside of itself.
 const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'";
 
 /// The files of the page: name, kind, text.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 10] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("/address.js", SCRIPT, include_str!("page/address.js")),
     ("/main.js", SCRIPT, include_str!("page/main.js")),
     ("/camera.js", SCRIPT, include_str!("page/camera.js")),
     ("/controls.js", SCRIPT, include_str!("page/controls.js")),
@@ -65,18 +88,42 @@ pub(super) struct Site {
     pub(super) facts: Value,
     /// The training that is watched.
     pub(super) live: Option<Arc<Live>>,
+    /// The turn of the light that is being read.
+    pub(super) uploads: Arc<Semaphore>,
+    /// Room for pictures that are being sent, in KiB.
+    pub(super) sending: Arc<Semaphore>,
     pub(super) talk: Talk,
+}
+
+impl Site {
+    /// One light is read at a time.
+    pub(super) fn one_upload() -> Arc<Semaphore> {
+        Arc::new(Semaphore::new(1))
+    }
+
+    /// Room for all pictures that are being sent.
+    pub(super) fn room_for_sending() -> Arc<Semaphore> {
+        Arc::new(Semaphore::new(SENDING_MAX))
+    }
 }
 
 /// Why a request is not answered as it was meant.
 #[derive(Debug)]
-struct Refusal(StatusCode, String);
+pub(super) struct Refusal(pub(super) StatusCode, pub(super) String);
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        (self.0, self.1).into_response()
+        let mut response = (self.0, self.1).into_response();
+        if self.0 == StatusCode::SERVICE_UNAVAILABLE {
+            response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER);
+        }
+        response
     }
 }
+
+/// Says of an answer that whoever asked was allowed to.
+#[derive(Clone, Copy, Debug)]
+struct Granted;
 
 impl From<Failure> for Refusal {
     fn from(failure: Failure) -> Self {
@@ -88,7 +135,7 @@ impl From<Failure> for Refusal {
     }
 }
 
-fn bad(sentence: String) -> Refusal {
+pub(super) fn bad(sentence: String) -> Refusal {
     Refusal(StatusCode::BAD_REQUEST, sentence)
 }
 
@@ -103,41 +150,79 @@ pub(super) async fn listen(address: SocketAddr) -> Result<TcpListener, Failure> 
 
 /// Serves until an end is asked for.
 pub(super) async fn serve(listener: TcpListener, site: Arc<Site>) -> Result<(), Failure> {
-    let server = tokio::spawn(async move { axum::serve(listener, router(site)).await });
+    let connections = Arc::new(Connections::new());
+    let server = tokio::spawn(accept(listener, connections.clone(), router(site)));
     while !interrupt::is_requested() && !server.is_finished() {
+        connections.close_stale();
         tokio::time::sleep(PATIENCE).await;
     }
     if !server.is_finished() {
         server.abort();
         return Ok(());
     }
-    match server.await {
-        Ok(Ok(())) => Ok(()),
-        Ok(Err(error)) => Err(Failure::Internal(format!("the server ended: {error}"))),
-        Err(error) => Err(Failure::Internal(format!("the server ended: {error}"))),
+    server.await.map_err(|error| Failure::Internal(format!("the server ended: {error}")))
+}
+
+/// Takes connections for ever.
+async fn accept(listener: TcpListener, connections: Arc<Connections>, router: Router) {
+    loop {
+        let (stream, peer) = match listener.accept().await {
+            Ok(connection) => connection,
+            Err(error) if is_of_connection(&error) => continue,
+            Err(_) => {
+                tokio::time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let Some(place) = connections.place(peer.ip()).await else { continue };
+        let place = Arc::new(place);
+        place.belongs_to(tokio::spawn(converse(stream, place.clone(), router.clone())).abort_handle());
     }
+}
+
+/// Whether an error is of a connection that went away, and not of the system.
+fn is_of_connection(error: &io::Error) -> bool {
+    use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
+    matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
+}
+
+/// Answers the requests of a connection. Its place is free only when its descriptor is: that is dropped first.
+async fn converse(stream: TcpStream, place: Arc<Place>, router: Router) {
+    let answers = TowerToHyperService::new(router);
+    let service = service_fn(|request: hyper::Request<Incoming>| {
+        place.begin();
+        let answer = answers.call(request);
+        let place = &place;
+        async move {
+            let answer = answer.await;
+            place.end(answer.as_ref().is_ok_and(|answer| answer.extensions().get::<Granted>().is_some()));
+            answer
+        }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(PATIENCE_FOR_HEADERS).max_buf_size(HEADERS_MAX);
+    // A connection that breaks has nobody who could be told.
+    let _ = http.serve_connection(TokioIo::new(stream), service).await;
 }
 
 fn router(site: Arc<Site>) -> Router {
     let mut router = Router::new()
         .route("/scene", get(scene))
         .route("/frame", get(frame))
-        .route("/light", get(preview).post(add_light))
+        .route("/point", get(point))
+        .route("/light", get(preview).post(upload::add_light))
         .route("/training", get(training).post(steer));
     for (name, kind, text) in FILES {
         router = router.route(name, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
     }
-    router
-        .layer(DefaultBodyLimit::max(LIGHT_MAX))
-        .layer(middleware::from_fn_with_state(site.clone(), guarded))
-        .with_state(site)
+    router.layer(middleware::from_fn_with_state(site.clone(), guarded)).with_state(site)
 }
 
 /// Checks who asks, and says what the page may do.
 async fn guarded(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     let is_page = FILES.iter().any(|(name, ..)| *name == request.uri().path());
     let mut response = match site.guard.check(request.headers(), is_page) {
-        Ok(()) => next.run(request).await,
+        Ok(()) => granted(next.run(request).await, is_page),
         Err(denied @ Denied::Token) => Refusal(StatusCode::UNAUTHORIZED, denied.sentence().into()).into_response(),
         Err(denied) => Refusal(StatusCode::FORBIDDEN, denied.sentence().into()).into_response(),
     };
@@ -149,6 +234,13 @@ async fn guarded(State(site): State<Arc<Site>>, request: Request, next: Next) ->
     response
 }
 
+fn granted(mut response: Response, is_page: bool) -> Response {
+    if !is_page {
+        response.extensions_mut().insert(Granted);
+    }
+    response
+}
+
 type Named = Query<HashMap<String, String>>;
 
 async fn scene(State(site): State<Arc<Site>>) -> Response {
@@ -156,10 +248,11 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
     facts["lights"] =
         site.lights.labels().into_iter().map(|label| json!({"id": label.id, "name": label.name})).collect();
     facts["live"] = site.live.is_some().into();
+    facts["reading"] = (site.uploads.available_permits() == 0).into();
     json_of(&facts)
 }
 
-fn json_of(value: &Value) -> Response {
+pub(super) fn json_of(value: &Value) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }
 
@@ -167,14 +260,49 @@ async fn frame(State(site): State<Arc<Site>>, Query(words): Named) -> Result<Res
     let words = Words(words);
     let (ask, packing, client) = (words.ask(), words.packing(), words.client());
     let (ask, packing, client) = (ask.map_err(bad)?, packing.map_err(bad)?, client.map_err(bad)?);
+    let shot = shot(&site, client, ask).await?;
+    let iteration = site.live.as_ref().map(|live| live.iteration_shown());
+    let packed = spawn_blocking(move || packed(&shot, packing, iteration)).await;
+    let (headers, bytes) = packed.map_err(|error| Refusal(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    Ok((headers, sent(bytes, &site.sending)?).into_response())
+}
+
+/// The place that is seen at a point of a picture.
+async fn point(State(site): State<Arc<Site>>, Query(words): Named) -> Result<Response, Refusal> {
+    let words = Words(words);
+    let (ask, client) = (words.point().map_err(bad)?, words.client().map_err(bad)?);
+    Ok(json_of(&json!({"point": shot(&site, client, ask).await?.point})))
+}
+
+/// Waits until a picture is made.
+async fn shot(site: &Site, client: u64, ask: Ask) -> Result<Shot, Refusal> {
     let (reply, answer) = oneshot::channel();
     site.queue.push(client, Job { ask, reply }).map_err(refused)?;
     // Who is overtaken by a later request of the same client has asked for nothing any more.
     let overtaken = || Refusal(StatusCode::CONFLICT, "the same client has asked for another picture since".into());
-    let shot = answer.await.map_err(|_| overtaken())??;
-    let iteration = site.live.as_ref().map(|live| live.iteration_shown());
-    let packed = spawn_blocking(move || packed(&shot, packing, iteration)).await;
-    packed.map_err(|error| Refusal(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
+    Ok(answer.await.map_err(|_| overtaken())??)
+}
+
+/// A picture on its way, which takes room until the last byte of it was sent.
+struct Sent {
+    bytes: Vec<u8>,
+    _room: OwnedSemaphorePermit,
+}
+
+impl AsRef<[u8]> for Sent {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// The bytes of a picture, where there is room for them beside all others that are being sent.
+fn sent(bytes: Vec<u8>, room: &Arc<Semaphore>) -> Result<Bytes, Refusal> {
+    let size = u32::try_from(bytes.len().div_ceil(1 << 10)).unwrap_or(u32::MAX);
+    let room = room.clone().try_acquire_many_owned(size).map_err(|_| {
+        let sentence = "too many pictures are on their way; ask again in a moment";
+        Refusal(StatusCode::SERVICE_UNAVAILABLE, sentence.into())
+    })?;
+    Ok(Bytes::from_owner(Sent { bytes, _room: room }))
 }
 
 fn refused(refused: Refused) -> Refusal {
@@ -186,7 +314,7 @@ fn refused(refused: Refused) -> Refusal {
 }
 
 /// A picture as it is sent, with what is known about it.
-fn packed(shot: &Shot, packing: Packing, iteration: Option<u32>) -> Response {
+fn packed(shot: &Shot, packing: Packing, iteration: Option<u32>) -> (HeaderMap, Vec<u8>) {
     let start = std::time::Instant::now();
     let (kind, bytes) = match packing {
         Packing::Png => ("image/png", picture::to_png(&shot.picture)),
@@ -210,7 +338,7 @@ fn packed(shot: &Shot, packing: Packing, iteration: Option<u32>) -> Response {
     if let Some(iteration) = iteration {
         tell("x-iteration", iteration.to_string());
     }
-    (headers, bytes).into_response()
+    (headers, bytes)
 }
 
 /// A light as a small picture.
@@ -221,48 +349,6 @@ async fn preview(State(site): State<Arc<Site>>, Query(words): Named) -> Result<R
     let map = map.ok_or_else(|| Refusal(StatusCode::NOT_FOUND, "there is no such light".into()))?;
     let bytes = picture::to_jpeg(&picture::tone_map_latlong(&map), PREVIEW_QUALITY);
     Ok(([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response())
-}
-
-/// Takes a light that was dropped onto the page.
-async fn add_light(
-    State(site): State<Arc<Site>>,
-    Query(words): Named,
-    body: Result<Bytes, BytesRejection>,
-) -> Result<Response, Refusal> {
-    let body = body.map_err(|_| {
-        let sentence = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
-        Refusal(StatusCode::PAYLOAD_TOO_LARGE, sentence)
-    })?;
-    if site.facts["shaded"] != true {
-        return Err(bad("the scene is plain Gaussian splatting, whose colours hold their light for ever".into()));
-    }
-    let name = words.get("name").cloned().unwrap_or_default();
-    let up = words.get("up").map_or(Ok(EnvUp::Scene), |word| EnvUp::from_str(word, false));
-    let up = up.map_err(|_| bad("up is scene, y or z".into()))?;
-    let added = spawn_blocking(move || add(&site, &name, up, &body)).await;
-    added.map_err(|error| Refusal(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?
-}
-
-/// Readers take files, which they also bound by: so the bytes become one for a moment.
-fn add(site: &Site, name: &str, up: EnvUp, bytes: &[u8]) -> Result<Response, Refusal> {
-    let file_name = Path::new(name);
-    let ending = output::ending(file_name).unwrap_or_default();
-    if !["hdr", "exr"].contains(&ending.as_str()) {
-        return Err(bad(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")));
-    }
-    let stem = file_name.file_stem().unwrap_or_default().to_string_lossy();
-    let written = tempfile::Builder::new().suffix(&format!(".{ending}")).tempfile().and_then(|mut file| {
-        file.write_all(bytes)?;
-        Ok(file)
-    });
-    let file = written.map_err(|error| {
-        Refusal(StatusCode::INTERNAL_SERVER_ERROR, format!("there is no room for the light: {error}"))
-    })?;
-    let label = site.lights.add(file.path(), &stem, up, site.talk).map_err(|failure| {
-        // The name that was dropped says more than that of the file in between.
-        bad(failure.to_string().replace(&format!("{:?}", file.path()), &format!("{name:?}")))
-    })?;
-    Ok(json_of(&json!({"id": label.id, "name": label.name})))
 }
 
 /// How far the training has come.

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     args::MachineOptions,
-    background::Background,
+    background::{Background, Behind},
     failure::Failure,
     machine::{self, Machine},
     pictures::Layer,
@@ -18,7 +18,7 @@ use specula_core::{
     camera::Camera,
     executor::RenderRules,
     metrics::psnr,
-    plan::{Channels, Needs},
+    plan::{Channels, Needs, channel},
     scene::{Image, Layout},
 };
 use specula_io::picture::{self, RgbImage};
@@ -42,6 +42,8 @@ pub(super) struct Shot {
     pub(super) view: Option<String>,
     /// How close it is to the photograph, where they were compared.
     pub(super) psnr: Option<f64>,
+    /// The place that is seen at the point that was asked for.
+    pub(super) point: Option<[f32; 3]>,
     pub(super) time: Duration,
 }
 
@@ -116,9 +118,20 @@ impl Studio {
         let name = view.map(|index| self.album.name(index).to_owned());
         let (picture, psnr) = match (ask.show, view) {
             (Show::Error, Some(index)) => self.compare(&image, index, &camera)?,
+            (Show::Layer(Layer::Rgb), _) if ask.has_backdrop => (self.over_light(&image, &camera, ask.light)?, None),
             _ => (layer.picture(&image, self.shading_model.shading.form, self.background), None),
         };
-        Ok(Shot { picture, view: name, psnr, time: start.elapsed() })
+        let point = match ask.show {
+            Show::Point(at) => place_at(&image, &camera, at),
+            _ => None,
+        };
+        Ok(Shot { picture, view: name, psnr, point, time: start.elapsed() })
+    }
+
+    /// The colours of a view over the light, as it is asked for; over the background where the scene has none.
+    fn over_light(&self, image: &Image<Vec<f32>>, camera: &Camera, ask: LightAsk) -> Result<RgbImage, Failure> {
+        let light = self.lights.get(ask).ok_or_else(|| no_light(ask.id))?.filter(|_| self.layout.is_shaded());
+        Ok(light.map_or(Behind::Color(self.background), Behind::Light).picture(image, camera))
     }
 
     /// From where, and which view that is.
@@ -140,6 +153,7 @@ impl Studio {
         match show {
             Show::Error if !self.album.has_photographs() => Err(no_photographs()),
             Show::Error => Ok(Layer::Rgb),
+            Show::Point(_) => Ok(Layer::Depth),
             Show::Layer(layer) if layer.is_of_shading() && !self.layout.is_shaded() => {
                 Err(Failure::Input(format!("the scene is plain Gaussian splatting, which has no {}", layer.name())))
             }
@@ -213,6 +227,19 @@ fn fitted(camera: Camera, [width, height]: [u32; 2]) -> Camera {
     let scale = f64::min(f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
     let [width, height] = [camera.width, camera.height].map(|edge| (f64::from(edge) * scale).round().max(1.0) as u32);
     camera.resized(width, height)
+}
+
+/// The place in the world that is seen at a point of a picture; none where there is little.
+fn place_at(image: &Image<Vec<f32>>, camera: &Camera, at: [f32; 2]) -> Option<[f32; 3]> {
+    const COVERED: f32 = 0.5;
+    let size = [camera.width, camera.height].map(|edge| edge as f32);
+    let [column, row] = [0, 1].map(|k| ((at[k] * size[k]) as usize).min(size[k] as usize - 1));
+    let pixel = row * camera.width as usize + column;
+    let coverage = 1.0 - image.plane(image.channels - 1)[pixel];
+    let depth = image.plane(channel::DEPTH)[pixel] / coverage;
+    let ray = camera.ray_in_camera(column as f32 + 0.5, row as f32 + 0.5);
+    let place = camera.position + camera.camera_from_world.transpose() * (ray * depth);
+    (coverage > COVERED && place.is_finite()).then(|| place.to_array())
 }
 
 fn looking(pose: &Pose, [width, height]: [u32; 2]) -> Camera {

@@ -134,7 +134,32 @@ fn impossible_settings() {
 #[test]
 fn no_command_and_a_wrong_one() {
     refuses(specula_with(&["trian", "data"]), &["trian"]);
-    refuses(specula_with(&["train"]), &["--model-path"]);
+    refuses(specula_with(&["train"]), &["--model-path", "see specula train --help"]);
+    refuses(
+        specula_with(&["train", "data", "-m", "out", "--iteration", "7"]),
+        &["--iterations", "see specula train --help"],
+    );
+    refuses(specula_with(&["--loud"]), &["see specula --help"]);
+}
+
+#[test]
+fn a_part_of_a_data_set() {
+    let tiny = Tiny::new();
+    for part in ["train", "sparse/0"] {
+        fs::create_dir_all(tiny.file(part)).unwrap();
+        let mut command = specula();
+        command.arg("train").arg(tiny.file(part)).arg("-m").arg(tiny.path("model"));
+        refuses(command, &["part of a data set", "did you mean the folder above", "data"]);
+    }
+    let mut command = specula();
+    command.arg("train").arg(tiny.path(".")).arg("-m").arg(tiny.path("model"));
+    refuses(command, &["no data set", "did you mean", "data"]);
+    let model = tiny.path("models/one");
+    fs::create_dir_all(&model).unwrap();
+    fs::write(model.join("specula.json"), "{}").unwrap();
+    let mut command = specula();
+    command.arg("train").arg(&model).arg("-m").arg(tiny.path("model"));
+    refuses(command, &["is a model", "--resume"]);
 }
 
 fn specula_with(words: &[&str]) -> Command {
@@ -225,6 +250,12 @@ fn light_that_is_no_radiance_is_cleaned_and_counted() {
         let stderr = String::from_utf8(output.stderr).unwrap();
         assert!(stderr.contains(word) && stderr.contains("env.exr"), "{stderr}");
     }
+    let collage = tiny.path("collage.png");
+    image::RgbImage::from_pixel(8, 6, image::Rgb([90, 120, 200])).save(&collage).unwrap();
+    let mut command = specula();
+    command.arg("relight").arg(&model).arg("--env").arg(&collage).arg("-o").arg(tiny.path("out"));
+    let stderr = String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("no radiance above 1") && stderr.contains("8 × 6 pixels"), "{stderr}");
     let mut command = specula();
     command.arg("relight").arg(&model).arg("--env").arg(tiny.path("night.hdr")).arg("-o").arg(tiny.path("night"));
     refuses(command, &["night.hdr"]);
@@ -247,8 +278,146 @@ fn an_executor_that_there_is_not() {
     let mut command = renders(&model, &tiny.path("out"));
     // Where there is no such folder, Mesa says so.
     command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
-    refuses(command, &["abacus", "adapter", "use the CPU"]);
+    refuses(command, &["abacus", "adapter", "--executor cpu"]);
+    // Before anything is read.
+    let mut command = specula();
+    command.arg("train").arg(tiny.path("nowhere")).arg("-m").arg(tiny.path("other"));
+    command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
+    refuses(command, &["abacus", "--executor cpu"]);
     let mut command = renders(&model, &tiny.path("out"));
     command.args(["--executor", "cuda"]);
     refuses(command, &["--executor", "auto, cpu, gpu"]);
+}
+
+#[test]
+fn cameras_of_pictures_that_cannot_be() {
+    let tiny = Tiny::new();
+    let (scene, list, out) = (tiny.path("scene.ply"), tiny.path("list.json"), tiny.path("out"));
+    write_gaussians(&scene, 0.5, "");
+    let entry = |width: u64, height: u64| {
+        format!(
+            "[{{\"id\": 0, \"img_name\": \"wide\", \"width\": {width}, \"height\": {height}, \"position\": [0, 0, 4], \
+             \"rotation\": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], \"fy\": 9, \"fx\": 9}}]"
+        )
+    };
+    let frame = |width: u64, height: u64| {
+        format!(
+            "{{\"w\": {width}, \"h\": {height}, \"fl_x\": 9, \"frames\": [{{\"file_path\": \"wide\", \
+             \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}}]}}"
+        )
+    };
+    for [width, height] in [[1_000_000_000, 1_000_000_000], [100_000, 100_000], [65_536, 65_536], [0, 8]] {
+        for text in [entry(width, height), frame(width, height)] {
+            fs::write(&list, text).unwrap();
+            let mut command = renders(&scene, &out);
+            command.arg("--cameras").arg(&list);
+            refuses(command, &["list.json", "wide", &format!("{width} by {height} pixels")]);
+        }
+        let mut command = specula();
+        command.arg("render").arg(&scene).arg("-o").arg(&out).arg("--size").arg(format!("{width},{height}"));
+        refuses(command, &["--size", &format!("{width} by {height} pixels")]);
+    }
+    assert!(!out.exists(), "a folder was made for pictures that cannot be");
+}
+
+/// An image beside a list says how large its view is, where the list does not.
+#[test]
+fn a_camera_of_an_image_that_is_larger_than_any() {
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.path("scene.ply"), tiny.path("out"));
+    write_gaussians(&scene, 0.5, "");
+    let image = tiny.file("test/r_0.png");
+    let mut bytes = fs::read(&image).unwrap();
+    bytes[16..24].copy_from_slice(&[0, 1, 0x86, 0xa0, 0, 1, 0x86, 0xa0]);
+    fs::write(&image, with_right_sums(&bytes)).unwrap();
+    let mut command = renders(&scene, &out);
+    command.arg("--cameras").arg(tiny.file("transforms_test.json"));
+    refuses(command, &["transforms_test.json", "100000 by 100000 pixels"]);
+}
+
+/// A PNG whose header was changed, with the sum that belongs to it.
+fn with_right_sums(bytes: &[u8]) -> Vec<u8> {
+    let mut sum = crc32fast::Hasher::new();
+    sum.update(&bytes[12..29]);
+    [&bytes[..29], &sum.finalize().to_be_bytes(), &bytes[33..]].concat()
+}
+
+#[test]
+fn a_file_with_holes_that_is_longer_than_any_scene() {
+    let tiny = Tiny::new();
+    let scene = tiny.path("scene.ply");
+    write_gaussians(&scene, 0.5, "");
+    edit_bytes(&scene, b"vertex 1\n", b"vertex 900000000\n");
+    fs::File::options().write(true).open(&scene).unwrap().set_len(60 << 30).unwrap();
+    refuses(renders(&scene, &tiny.path("out")), &["scene.ply", "900000000 vertices", "61440 MiB", "8192 MiB"]);
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).arg("--points").arg(&scene);
+    refuses(command, &["scene.ply", "8192 MiB"]);
+}
+
+/// Puts other bytes in the place of some.
+fn edit_bytes(path: &Path, from: &[u8], to: &[u8]) {
+    let bytes = fs::read(path).unwrap();
+    let start = bytes.windows(from.len()).position(|window| window == from).unwrap();
+    fs::write(path, [&bytes[..start], to, &bytes[start + from.len()..]].concat()).unwrap();
+}
+
+#[test]
+fn elements_of_nothing_are_passed_by() {
+    let tiny = Tiny::new();
+    let scene = tiny.path("scene.ply");
+    write_gaussians(&scene, 0.5, "");
+    edit_bytes(&scene, b"element vertex", b"element junk 1000000000\nelement vertex");
+    renders(&scene, &tiny.path("out")).assert().success();
+}
+
+#[test]
+fn networks_that_would_be_read_for_ever() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let file = tiny.path("network.onnx");
+    for bytes in [&[0xff; 64][..], &[0x3a, 0x7f, 0x0a], &[&[0x32][..], &[0xff; 9], &[1]].concat()] {
+        fs::write(&file, bytes).unwrap();
+        let mut command = specula();
+        command.arg("eval").arg(&model).arg("--lpips").arg(&file).arg("--quiet");
+        refuses(command, &["network.onnx", "no ONNX model", "lpips-onnx.py"]);
+    }
+}
+
+/// A graph of two inputs, one output and these nodes.
+fn network_of(nodes: &[Vec<u8>]) -> Vec<u8> {
+    let values = [(0x5a, "one"), (0x5a, "other"), (0x62, "distance")].map(|(tag, name)| field(tag, &text(0x0a, name)));
+    let graph = [nodes.concat(), values.concat()].concat();
+    [&[0x08, 8][..], &field(0x42, &[0x10, 17]), &field(0x3a, &graph)].concat()
+}
+
+/// A field of ONNX with a length: its tag, its length, what is in it.
+fn field(tag: u8, inside: &[u8]) -> Vec<u8> {
+    let len = inside.len();
+    let len = if len < 0x80 { vec![len as u8] } else { vec![len as u8 | 0x80, (len >> 7) as u8] };
+    [&[tag][..], &len, inside].concat()
+}
+
+fn text(tag: u8, text: &str) -> Vec<u8> {
+    field(tag, text.as_bytes())
+}
+
+/// Numbers by the billion that nothing in the file holds.
+#[test]
+fn networks_that_ask_for_more_memory_than_there_is() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let file = tiny.path("network.onnx");
+    for exponent in [33, 40] {
+        // The shape as a constant, then what fills it.
+        let number = (1_u64 << exponent).to_le_bytes();
+        let tensor = [&[0x08, 1, 0x10, 7][..], &field(0x4a, &number)].concat();
+        let value = [text(0x0a, "value"), field(0x2a, &tensor), vec![0xa0, 0x01, 4]].concat();
+        let constant = [text(0x12, "shape"), text(0x22, "Constant"), field(0x2a, &value)].concat();
+        let fill = [text(0x0a, "shape"), text(0x12, "distance"), text(0x22, "ConstantOfShape")].concat();
+        fs::write(&file, network_of(&[field(0x0a, &constant), field(0x0a, &fill)])).unwrap();
+        let mut command = specula();
+        command.arg("eval").arg(&model).arg("--lpips").arg(&file).arg("--quiet");
+        refuses(command, &["network.onnx", "holds no network for LPIPS"]);
+    }
 }

@@ -18,6 +18,9 @@ struct Said {
     size: u32,
     background: [f32; 3],
     config: &'static str,
+    iterations: u32,
+    /// The folder of the data set's folder.
+    data: &'static str,
 }
 
 const SAID: Said = Said {
@@ -28,6 +31,8 @@ const SAID: Said = Said {
     size: 400,
     background: [1.0; 3],
     config: "",
+    iterations: 7000,
+    data: "/data",
 };
 
 impl Runs {
@@ -37,7 +42,7 @@ impl Runs {
 
     fn add(&self, said: &Said) -> PathBuf {
         let folder = self.0.path().join(said.name);
-        let place = folder.join("point_cloud/iteration_7000");
+        let place = folder.join(format!("point_cloud/iteration_{}", said.iterations));
         fs::create_dir_all(&place).unwrap();
         let ply =
             format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\nend_header\n", 1200 + said.name.len());
@@ -46,7 +51,8 @@ impl Runs {
         write(
             "specula.json",
             json!({
-                "profile": said.profile, "shading": if said.profile == "3dgs" { "radiance" } else { "deferred" }, "iterations": 7000, "source_path": format!("/data/{}", said.scene),
+                "profile": said.profile, "shading": if said.profile == "3dgs" { "radiance" } else { "deferred" }, "iterations": said.iterations,
+                "source_path": format!("{}/{}", said.data, said.scene), "train_views": 1,
                 "seconds": 100.0 + said.name.len() as f64, "test_views": 2, "background": said.background,
             }),
         );
@@ -61,12 +67,19 @@ impl Runs {
         if !said.measures.is_null() {
             // An earlier iteration and another setting, which do not count.
             let worse = json!({"PSNR": 10.0});
-            write("results.json", json!({"ours_7000": said.measures, "ours_500": worse, "ours_7000_f16": worse}));
+            write(
+                "results.json",
+                json!({method(said.iterations): said.measures, "ours_500": worse, "ours_7000_f16": worse}),
+            );
             let views = json!({"PSNR": {"00000.png": 30.0, "00001.png": 31.0}});
-            write("per_view.json", json!({"ours_7000": views}));
+            write("per_view.json", json!({method(said.iterations): views}));
         }
         folder
     }
+}
+
+fn method(iterations: u32) -> String {
+    format!("ours_{iterations}")
 }
 
 /// What is printed, and what is said beside it.
@@ -211,4 +224,37 @@ fn runs_that_were_measured_otherwise_are_not_held_against_one_another() {
     let fewer = runs.add(&Said { name: "fewer", profile: "3dgs", measures: measures(), ..SAID });
     fs::write(fewer.join("per_view.json"), json!({"ours_7000": {"PSNR": {"00000.png": 30.0}}}).to_string()).unwrap();
     assert!(compared(&[one, fewer], &[]).0.contains("on 2 views, and "));
+}
+
+#[test]
+fn unequal_trainings_say_so_and_none_is_bold() {
+    let runs = Runs::new();
+    let one = runs.add(&Said { name: "one", iterations: 2000, measures: json!({"PSNR": 30.0}), ..SAID });
+    let measures = json!({"PSNR": 28.0});
+    let short = runs.add(&Said { name: "short", profile: "3dgs", iterations: 1000, measures, ..SAID });
+    let (table, said) = compared(&[one.clone(), short.clone()], &[]);
+    let expected = "\
+| chair | PSNR dB ↑ | iterations | Gaussians | training s | size MB |
+| --- | ---: | ---: | ---: | ---: | ---: |
+| specula | 30.00 | 2 000 | 1 203 | 103 | 2.0 |
+| 3dgs | 28.00 | 1 000 | 1 205 | 105 | 2.0 |
+";
+    assert!(table.starts_with(expected), "{table}");
+    let words = format!(
+        "not comparable: {} was trained for 2000 iterations, and {} for 1000 iterations",
+        one.display(),
+        short.display()
+    );
+    assert!(table.contains(&words) && said.contains(&words), "{table}{said}");
+    let (csv, said) = compared(&[one.clone(), short.clone()], &["--format", "csv"]);
+    assert!(csv.contains("chair,PSNR dB,iterations,") && csv.contains("specula,30,2000,"), "{csv}");
+    assert!(said.contains(&words), "{said}");
+    let (latex, _) = compared(&[one.clone(), short], &["--format", "latex"]);
+    assert!(latex.contains(&words) && !latex.contains("textbf"), "{latex}");
+
+    let measures = json!({"PSNR": 31.0});
+    let other = runs.add(&Said { name: "other", profile: "3dgs", iterations: 2000, data: "/old", measures, ..SAID });
+    let (table, _) = compared(&[one, other], &[]);
+    assert!(table.contains("trained on /data/chair, and ") && table.contains("on /old/chair"), "{table}");
+    assert!(!table.contains("**") && !table.contains("iterations"), "{table}");
 }

@@ -208,7 +208,7 @@ fn what_is_left_out_is_said_and_not_missed() {
         let [read, all] = ["bytes", "in_full"].map(|key| info["reads"][key].as_u64().unwrap());
         assert!(read <= all, "{profile}: {read} of {all} bytes");
         let text = printed(specula().arg("info").arg(&model));
-        assert!(text.contains("\n  left out         ") && text.contains("numbers for each pixel of a splat"), "{text}");
+        assert!(text.contains("\n  skipped          ") && text.contains("numbers for each pixel of a splat"), "{text}");
 
         for layers in ["rgb", "normal", "all"] {
             let mut command = specula();
@@ -301,4 +301,74 @@ fn ctrl_c_saves_what_there_is() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let iteration = last.split("iteration ").nth(1).unwrap().split(',').next().unwrap().to_owned();
     assert!(tiny.path(&format!("model/point_cloud/iteration_{iteration}/point_cloud.ply")).is_file(), "{last}");
+}
+
+#[test]
+fn a_training_says_where_it_computes_and_what_comes_next() {
+    let tiny = Tiny::new();
+    let talk = train(&tiny, "my model").args(["--executor", "cpu", "--threads", "2"]).assert().success();
+    let talk = String::from_utf8(talk.get_output().stderr.clone()).unwrap();
+    assert!(talk.contains("training on the CPU, 2 threads\n"), "{talk}");
+    let last = talk.lines().last().unwrap();
+    let model = tiny.path("my model");
+    assert!(last.starts_with(&format!("specula: next: specula view '{}', ", model.display())), "{last}");
+    assert!(last.contains("specula relight"), "a shaded scene can be put under another light: {last}");
+}
+
+#[test]
+fn the_authors_own_command_line_is_understood() {
+    let tiny = Tiny::new();
+    let wide = image::RgbImage::from_pixel(2000, 20, image::Rgb([90, 80, 70]));
+    wide.save(tiny.file("train/r_0.png")).unwrap();
+    let mut command = specula();
+    command.arg("train").arg("-s").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args(["-w", "-r", "-1"]);
+    command.args([
+        "--brdf_dim",
+        "0",
+        "--sh_degree",
+        "-1",
+        "--brdf_env",
+        "16",
+        "--iterations",
+        "1",
+        "--random-points",
+        "9",
+    ]);
+    let talk = String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap();
+    for words in ["-r -1 is -r 2", "1000 wide", "--brdf_dim is ignored", "--sh_degree -1 is ignored"] {
+        assert!(talk.contains(words), "{words:?} is not in: {talk}");
+    }
+    let config = fs::read_to_string(tiny.path("model/config.toml")).unwrap();
+    assert!(config.contains("resolution = 2") && !config.contains("sh-degree"), "{config}");
+    specula().arg("train").arg("-m").arg(tiny.path("model")).args(["--resume", "--iterations", "2"]).assert().success();
+}
+
+#[test]
+fn the_light_is_seen_behind_the_scene() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").arg("--eval").assert().success();
+    let (model, env) = (tiny.path("model"), tiny.path("env.exr"));
+    let rgb = [0.0, 0.5, 0.0].repeat(8 * 4);
+    latlong::write(&env, &LatLong { width: 8, height: 4, rgb }).unwrap();
+    let shown = |words: &[&str], out: &str| {
+        let mut command = specula();
+        command.arg(words[0]).arg(&model).args(&words[1..]).arg("-o").arg(tiny.path(out)).assert().success();
+        image::open(tiny.path(out).join("rgb/00000.png")).unwrap().into_rgb8()
+    };
+    let path = env.to_str().unwrap();
+    // The corner shows nothing else; half of white's radiance is 188 in sRGB.
+    for words in [["relight", "--background", "env", "--env", path], ["render", "--background", "env", "--env", path]] {
+        assert_eq!(shown(&words, "env").get_pixel(0, 0).0, [0, 188, 0], "{words:?}");
+    }
+    assert_eq!(shown(&["relight", "--background", "0,0,1", "--env", path], "blue").get_pixel(0, 0).0, [0, 0, 255]);
+    shown(&["render", "--background", "env", "--turntable", "2", "--size", "16,16"], "turn");
+    let mut command = specula();
+    command
+        .arg("relight")
+        .arg(&model)
+        .args(["--env", path, "--background", "env", "--truth"])
+        .arg(tiny.path("turn/rgb"));
+    assert!(
+        String::from_utf8(command.assert().code(2).get_output().stderr.clone()).unwrap().contains("--background env")
+    );
 }

@@ -1,6 +1,7 @@
 //! The library beside the program: the same pictures, to the last bit.
 
-use crate::tiny::{SIZE, Tiny, specula, train};
+use crate::tiny::{SIZE, Tiny, specula};
+use assert_cmd::assert::Assert;
 use image::RgbImage;
 use serde_json::Value;
 use specula_core::{executor::BufferLength, plan::Channels};
@@ -8,12 +9,19 @@ use specula_cpu::{CpuError, CpuExecutor};
 use specula_scene::OpenedModel;
 use std::{fs, path::Path};
 
+/// Short training on the CPU with held-out views, whose light any profile can filter.
+fn trained(tiny: &Tiny, model: &str, iterations: u32, words: &[&str]) -> Assert {
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model)).args(["--eval", "--executor", "cpu"]);
+    command.args(["--iterations", &iterations.to_string(), "--random-points", "200"]).args(words).assert()
+}
+
 #[test]
 fn a_model_opened_by_the_library_is_drawn_as_the_program_draws_it() {
     let tiny = Tiny::new();
     for profile in ["specula", "paper", "official", "3dgs"] {
         let folder = tiny.path(profile);
-        train(&tiny, profile).args(["--profile", profile, "--eval"]).assert().success();
+        trained(&tiny, profile, 30, &["--profile", profile]).success();
         specula().arg("render").arg(&folder).args(["--executor", "cpu"]).assert().success();
 
         let model = OpenedModel::open(&folder).unwrap();
@@ -34,23 +42,16 @@ fn a_model_opened_by_the_library_is_drawn_as_the_program_draws_it() {
 fn a_training_is_not_hidden_by_another_in_its_folder() {
     let tiny = Tiny::new();
     let model = tiny.path("model");
-    let trained = |profile: &str, iterations: &str, words: &[&str]| {
-        let mut training = train(&tiny, "model");
-        training
-            .args(["--profile", profile, "--iterations", iterations, "--eval", "--executor", "cpu"])
-            .args(words)
-            .assert()
-    };
-    trained("specula", "30", &[]).success();
+    trained(&tiny, "model", 30, &[]).success();
     specula().arg("render").arg(&model).assert().success();
     let before = fs::read(model.join("results.json")).unwrap();
-    let refusal = trained("3dgs", "20", &[]).code(2).get_output().stderr.clone();
+    let refusal = trained(&tiny, "model", 20, &["--profile", "3dgs"]).code(2).get_output().stderr.clone();
     let refusal = String::from_utf8(refusal).unwrap();
     assert!(refusal.contains("a model of 30 iterations with profile specula"), "{refusal}");
     assert!(["--resume", "--overwrite", "-m"].iter().all(|remedy| refusal.contains(remedy)), "{refusal}");
     assert_eq!(fs::read(model.join("results.json")).unwrap(), before, "a refusal changes nothing");
 
-    trained("3dgs", "20", &["--overwrite"]).success();
+    trained(&tiny, "model", 20, &["--profile", "3dgs", "--overwrite"]).success();
     let info = specula().arg("info").arg(&model).arg("--json").output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
     assert_eq!([&info["iteration"], &info["profile"]], [&Value::from(20), &Value::from("3dgs")], "{info}");
@@ -70,7 +71,7 @@ fn middle(path: &Path, width: u32) -> RgbImage {
 #[test]
 fn a_picture_of_another_shape_is_not_stretched_and_lies_in_a_folder_of_its_own() {
     let tiny = Tiny::new();
-    train(&tiny, "model").args(["--eval", "--quiet"]).assert().success();
+    trained(&tiny, "model", 30, &[]).success();
     let model = tiny.path("model");
     specula().arg("render").arg(&model).assert().success();
     let usual = model.join("test/ours_30/renders/00000.png");
@@ -88,7 +89,7 @@ fn a_picture_of_another_shape_is_not_stretched_and_lies_in_a_folder_of_its_own()
 fn a_buffer_that_is_too_short_for_a_frame_is_refused() {
     use specula_core::{executor::Renderer, pipeline::render};
     let tiny = Tiny::new();
-    train(&tiny, "model").assert().success();
+    trained(&tiny, "model", 3, &[]).success();
     let model = OpenedModel::open(&tiny.path("model")).unwrap();
     let mut exec = CpuExecutor::new();
     let gaussians = exec.upload_gaussians(&model.scene.gaussians).unwrap();

@@ -122,7 +122,7 @@ fn what_cannot_be_filtered_is_refused_in_one_sentence() {
         ("sky.ktx2", &["--resolution", "48"], "power of two"),
         ("sky.ktx2", &["--resolution", "16", "--levels", "7"], "--levels with 2 to 5"),
         ("sky.ktx2", &["--resolution", "32", "--scheme", "official"], "--resolution 64"),
-        ("sky.ktx2", &["--scheme", "paper", "--levels", "4"], "leave --levels"),
+        ("sky.ktx2", &["--scheme", "paper", "--levels", "4"], "omit --levels"),
     ];
     for (name, words, expected) in cases {
         let mut command = specula();

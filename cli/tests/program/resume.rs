@@ -99,6 +99,31 @@ mod killed {
     }
 
     #[test]
+    fn a_folder_belongs_to_one_training_until_that_ends() {
+        let tiny = Tiny::new();
+        let mut first = Command::new(cargo_bin!("specula"));
+        first.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args(["--executor", "cpu"]);
+        let mut first = first.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let lock = tiny.path("model/training.lock");
+        while !fs::read_to_string(&lock).is_ok_and(|text| text.ends_with("}\n")) {
+            assert_eq!(first.try_wait().unwrap(), None, "the training ended");
+            thread::sleep(Duration::from_millis(5));
+        }
+        let sentence = refusal(&mut train(&tiny, "model"));
+        for word in [&format!("process {} on ", first.id()), "another training", "--ignore-lock", "-m"] {
+            assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
+        }
+        let talk = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
+        assert!(String::from_utf8(talk).unwrap().contains("all the same"));
+
+        let unfinished = tiny.path("model/point_cloud/.unfinished-x");
+        fs::write(&unfinished, "half").unwrap();
+        end(first, "-KILL", 0);
+        train(&tiny, "model").assert().success();
+        assert!(!unfinished.exists() && fs::read(&lock).unwrap().is_empty(), "nothing is left of it");
+    }
+
+    #[test]
     fn a_training_that_is_killed_goes_on_to_the_same_bits() {
         ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)]);
     }
@@ -197,4 +222,88 @@ fn another_executor_goes_on() {
     resumed(&tiny, "model").args(["--executor", "gpu", "--iterations", "32"]).assert().success();
     resumed(&tiny, "model").args(["--executor", "cpu", "--iterations", "34"]).assert().success();
     assert!(gaussians_at(&tiny.path("model"), 34).is_file(), "the processor ends what the device went on with");
+}
+
+/// The checkpoint with another word in its header, as the length of the header says it.
+fn reworded(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let (len, rest) = bytes.split_at(8);
+    let (header, tensors) = rest.split_at(u64::from_le_bytes(len.try_into().unwrap()) as usize);
+    let text = core::str::from_utf8(header).unwrap();
+    let start = text.find(from).unwrap_or_else(|| panic!("{from} is not in {text}")) + from.len();
+    let end = start + text[start..].find([',', '}']).unwrap();
+    let text = [&text[..start], to, &text[end..]].concat();
+    [&(text.len() as u64).to_le_bytes()[..], text.as_bytes(), tensors].concat()
+}
+
+#[test]
+fn numbers_that_no_training_comes_to_are_refused() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").assert().success();
+    let place = checkpoint::place(&tiny.path("model"));
+    let before = fs::read(&place).unwrap();
+    for (name, number) in [
+        ("seconds", "1e20"),
+        ("seconds", "-1"),
+        ("seconds", "1e999"),
+        ("seconds", "null"),
+        ("psnr", "1e999"),
+        ("nonfinite", "18446744073709551615"),
+        ("iteration", "4294967295"),
+        ("iteration", "-1"),
+        ("iterations", "0"),
+        ("iterations", "4294967295"),
+        ("views", "18446744073709551615"),
+        ("gaussians", "18446744073709551615"),
+        ("gaussians", "0"),
+        ("sh_degree", "200"),
+        ("resolution", "4294967296"),
+        ("exposures", "18446744073709551615"),
+        ("format", "4294967295"),
+    ] {
+        // The header is JSON within a text of JSON.
+        fs::write(&place, reworded(&before, &format!("\\\"{name}\\\":"), number)).unwrap();
+        let sentence = refusal(resumed(&tiny, "model").arg("--quiet"));
+        assert!(sentence.contains("checkpoint.safetensors"), "{name} = {number}: {sentence}");
+        assert_eq!(sentence.lines().count(), 1, "{name} = {number}: one sentence is expected: {sentence}");
+    }
+}
+
+#[test]
+fn a_checkpoint_with_numbers_that_are_none_is_refused_by_tensor_and_count() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").assert().success();
+    let place = checkpoint::place(&tiny.path("model"));
+    let before = fs::read(&place).unwrap();
+    let data = 8 + u64::from_le_bytes(before[..8].try_into().unwrap()) as usize;
+    for (number, count) in [(f32::NAN, 50), (f32::INFINITY, 1)] {
+        let mut bytes = before.clone();
+        (0..count).for_each(|k| bytes[data + 16 * k..][..4].copy_from_slice(&number.to_le_bytes()));
+        fs::write(&place, bytes).unwrap();
+        let sentence = refusal(resumed(&tiny, "model").args(["--iterations", "40", "--quiet"]));
+        let words = ["\"gaussians\"", &format!("{count} of its"), "checkpoint.safetensors", "start without --resume"];
+        words.iter().for_each(|word| assert!(sentence.contains(word), "{word:?} is not in: {sentence}"));
+    }
+}
+
+/// Where files may only be so large (`ulimit -f`), a checkpoint that would be larger is told, and the one before stays.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_before() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").assert().success();
+    let place = checkpoint::place(&tiny.path("model"));
+    let before = fs::read(&place).unwrap();
+    // Shells count in 512 bytes, or in twice as many.
+    let blocks = (before.len() / 2048).to_string();
+    let mut shell = assert_cmd::Command::new("sh");
+    shell.args(["-c", "ulimit -f $0; exec \"$@\"", &blocks]).arg(cargo_bin!("specula"));
+    shell.arg("train").arg("-m").arg(tiny.path("model")).args(["--resume", "--iterations", "40"]);
+    let sentence = refusal(&mut shell);
+    assert!(sentence.contains("checkpoint.safetensors") && sentence.contains("File too large"), "{sentence}");
+    assert!(sentence.contains("goes on without this checkpoint"), "{sentence}");
+    assert!(fs::read(&place).unwrap() == before, "the earlier checkpoint is another");
+    let names =
+        fs::read_dir(tiny.path("model")).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let left: Vec<String> = names.filter(|name| name.starts_with('.')).collect();
+    assert!(left.is_empty(), "{left:?} stayed behind");
 }

@@ -1,17 +1,50 @@
 //! The program as a server, and requests as plain as they come.
 
 use assert_cmd::cargo::cargo_bin;
+use core::time::Duration;
 use serde_json::Value;
 use std::{
     io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
+    net::{Shutdown, TcpStream},
     path::Path,
-    process::{Child, Command, Stdio},
+    process::{Child, ChildStdout, Command, Stdio},
 };
+
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The same command, in a process that may open no more descriptors than this.
+#[cfg(unix)]
+pub(crate) fn with_descriptors(command: &Command, limit: usize) -> Command {
+    let mut limited = Command::new("sh");
+    limited.args(["-c", &format!("ulimit -n {limit}; exec \"$@\""), "sh"]);
+    limited.arg(command.get_program()).args(command.get_args());
+    limited
+}
+
+/// Connections that keep a server busy: unfinished headers, nothing at all, slow bodies, garbage, headers without end, and
+/// some of which one half is closed.
+pub(crate) fn crowd(port: u16, count: usize) -> Vec<TcpStream> {
+    let long = format!("GET / HTTP/1.1\r\nhost: localhost\r\nx: {}", "x".repeat(100_000));
+    let slow = "POST /light?name=a.hdr HTTP/1.1\r\nhost: localhost\r\ncontent-length: 1000000\r\n\r\n#?RADIANCE";
+    let words = ["GET / HTTP/1.1\r\nhost: loc", "", slow, "\x01\x02\x03\r\n\r\n", &long, "GET /frame"];
+    let connect = |index: usize| {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        // A server that refuses to listen is none the worse for it.
+        let _ = stream.write_all(words[index % words.len()].as_bytes());
+        if index % words.len() == words.len() - 1 {
+            let _ = stream.shutdown(Shutdown::Write);
+        }
+        stream
+    };
+    (0..count).map(connect).collect()
+}
 
 /// A server that ends when it is dropped.
 pub(crate) struct Site {
     child: Child,
+    /// Stays open: what is written later has to go somewhere.
+    _output: BufReader<ChildStdout>,
     /// As it was printed, with what is behind the `#`.
     pub(crate) url: String,
     pub(crate) port: u16,
@@ -32,11 +65,12 @@ impl Site {
     pub(crate) fn started(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut url = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        let mut output = BufReader::new(child.stdout.take().unwrap());
+        output.read_line(&mut url).unwrap();
         let url = url.trim().to_owned();
         let port = url.trim_start_matches("http://").split([':', '/']).nth(1).and_then(|port| port.parse().ok());
         let port = port.unwrap_or_else(|| panic!("{url:?} is no address"));
-        Self { child, url, port }
+        Self { child, _output: output, url, port }
     }
 
     /// Waits until it ends by itself.
@@ -97,6 +131,7 @@ impl Answer {
 /// A connection with a request on it.
 pub(crate) fn sent(port: u16, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> TcpStream {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let host = headers.iter().find(|(name, _)| *name == "host").map_or("localhost", |(_, host)| host);
     let mut head = format!("{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\n");
     for (name, word) in headers.iter().filter(|(name, _)| *name != "host") {

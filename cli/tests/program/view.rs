@@ -1,7 +1,7 @@
 //! The page of `specula view`: what is served, to whom, and what a real browser makes of it.
 
 use crate::browser::{Browser, Page};
-use crate::site::{Answer, Site, request, sent};
+use crate::site::{Answer, Site, crowd, request, sent, with_descriptors};
 use crate::tiny::{Tiny, specula, train};
 use assert_cmd::cargo::cargo_bin;
 use core::time::Duration;
@@ -13,6 +13,8 @@ use specula_io::{
 };
 use std::{
     fs,
+    io::{Read, Write},
+    net::TcpStream,
     path::{Path, PathBuf},
     process::Command,
     thread,
@@ -114,9 +116,11 @@ fn bad_requests_are_refused_in_a_sentence() {
         let text = answer.text();
         assert!(answer.status == 400 && text.contains(word) && text.lines().count() == 1, "{path}: {answer:?}");
     }
+    assert_eq!(site.get("/point?view=0&size=32,32&at=2,0").status, 400);
     assert_eq!(site.get("/nothing").status, 404);
     assert_eq!(site.get("/training").status, 404, "nothing is trained");
-    let uploads: [(&str, &[u8], &str); 4] = [
+    let uploads: [(&str, &[u8], &str); 5] = [
+        ("/light?name=sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 60000\n", "60000 × 30000"),
         ("/light?name=sky.png", b"", ".hdr or .exr"),
         ("/light?name=sky.hdr", b"no light", "sky.hdr"),
         ("/light?name=../../sky.exr", b"no light", "sky.exr"),
@@ -133,14 +137,45 @@ fn bad_requests_are_refused_in_a_sentence() {
 }
 
 #[test]
+fn a_light_is_behind_the_scene_where_that_is_asked_for() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    assert_eq!(site.post("/light?name=sky.hdr", &sky(&tiny)).status, 200);
+    let shown = |words: &str| site.get(&format!("/frame?{POSE}&light=1{words}")).picture();
+    // The edge of the picture is beside the scene.
+    let corner = |picture: &RgbImage| picture.get_pixel(0, 0).0;
+    let (plain, behind) = (shown(""), shown("&backdrop=env"));
+    assert!(corner(&plain).iter().all(|channel| *channel > 250), "the background: {:?}", corner(&plain));
+    assert!(corner(&behind).iter().any(|channel| *channel < 240), "the light: {:?}", corner(&behind));
+    assert!(corner(&shown("&backdrop=env&turn=180")) != corner(&behind), "it turns with the light");
+    assert_eq!(shown("&backdrop=env&layer=normal"), shown("&layer=normal"), "behind colours alone");
+    assert_eq!(site.get(&format!("/frame?{POSE}&backdrop=x")).status, 400);
+}
+
+#[test]
+fn a_point_of_a_picture_is_a_place_of_the_scene() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    let point = |at: &str| site.get(&format!("/point?{POSE}&at={at}")).json()["point"].clone();
+    let middle: Vec<f64> = point("0.5,0.5").as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    let distance = middle.iter().map(|x| x * x).sum::<f64>().sqrt();
+    assert!(distance < 1.3 && middle[0] > 0.0, "on the near side of the ball: {middle:?}");
+    assert_eq!(point("0,0"), json!(null), "beside it there is nothing");
+}
+
+#[test]
 fn who_may_not_ask_is_not_answered() {
     let tiny = Tiny::new();
     let model = trained(&tiny);
     let here = Site::of(&model, &["--quiet"]);
     let page = here.get("/");
     assert!(page.status == 200 && page.head.contains("default-src 'self'"), "{}", page.head);
-    for headers in [[("host", "evil.example")], [("origin", "http://evil.example")], [("sec-fetch-site", "cross-site")]]
-    {
+    for headers in [
+        [("host", "evil.example")],
+        [("origin", "http://evil.example")],
+        [("sec-fetch-site", "same-site")],
+        [("host", "[::1].evil.example")],
+    ] {
         assert_eq!(here.get_as("/scene", &headers).status, 403, "{headers:?}");
     }
     let posted = request(here.port, "POST", "/light?name=a.hdr", &[("origin", "http://evil.example")], b"x");
@@ -198,8 +233,8 @@ fn it_ends_when_it_is_asked_to() {
     let tiny = Tiny::new();
     let site = Site::of(&trained(&tiny), &["--quiet"]);
     // A connection that is kept open holds nothing up.
-    let _open = std::net::TcpStream::connect(("127.0.0.1", site.port)).unwrap();
-    Command::new("kill").args(["-INT", &site.id().to_string()]).status().unwrap();
+    let _open = TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+    interrupt(&site);
     let start = Instant::now();
     assert_eq!(site.ended(), Some(0));
     assert!(start.elapsed() < Duration::from_secs(5), "it took {:?}", start.elapsed());
@@ -214,6 +249,25 @@ fn an_address_that_is_taken_is_said() {
     let output = specula().arg("view").arg(&model).args(["--listen", &address]).output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(2) && said.contains(&address) && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn what_is_no_scene_is_refused_with_what_to_open() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let refused = |path: &Path| {
+        let output = specula().arg("view").arg(path).args(["--listen", "0"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let said = refused(model.parent().unwrap());
+    assert!(said.contains(&format!("open {model:?}")), "{said}");
+    for name in ["scene.splat", "scene.spz"] {
+        let export = tiny.path(name);
+        fs::write(&export, [0xff; 64]).unwrap();
+        let said = refused(&export);
+        assert!(said.contains(name) && said.contains("the .ply file that it was made from"), "{said}");
+    }
 }
 
 #[test]
@@ -300,6 +354,105 @@ fn a_training_that_is_watched_comes_to_the_same_bits() {
     assert!(learned(&tiny.path("alone")) == learned(&tiny.path("watched")), "the models differ");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_finished_training_is_shown_until_it_is_asked_to_end() {
+    let tiny = Tiny::new();
+    let mut command = training(&tiny, "watched");
+    command.args(["--view", "0", "--view-until", "ctrl-c", "--quiet"]);
+    let site = Site::started(command);
+    let start = Instant::now();
+    let report = loop {
+        let report = site.get("/training").json();
+        if report["finished"] == true {
+            break report;
+        }
+        assert!(start.elapsed() < Duration::from_secs(60), "{report}");
+        thread::sleep(Duration::from_millis(50));
+    };
+    assert_eq!((&report["iteration"], &report["paused"]), (&json!(STEPS), &json!(false)));
+    let model = tiny.path("watched");
+    assert!(gaussians_at(&model, STEPS).is_file(), "the model is saved first");
+    let expected = rendered(&tiny, &model, &["--layers", "rgb"], "rgb/00000.png");
+    assert_eq!(site.get("/frame?view=0&size=32,32").picture(), expected, "what is shown is what was saved");
+    interrupt(&site);
+    assert_eq!(site.ended(), Some(0));
+}
+
+#[cfg(unix)]
+fn interrupt(site: &Site) {
+    Command::new("kill").args(["-INT", &site.id().to_string()]).status().unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_training_that_is_watched_by_a_crowd_comes_to_the_same_bits() {
+    let tiny = Tiny::new();
+    assert!(training(&tiny, "alone").arg("--quiet").status().unwrap().success());
+
+    let mut command = training(&tiny, "watched");
+    command.args(["--view", "0", "--checkpoint-every", "50", "--quiet"]);
+    let site = Site::started(with_descriptors(&command, 256));
+    assert_eq!(site.post("/training?do=pause", &[]).status, 200);
+    let _crowd = crowd(site.port, 400);
+    assert_eq!(site.post("/training?do=go", &[]).status, 200, "somebody else is served");
+    assert_eq!(site.ended(), Some(0), "it comes to its end");
+    assert!(learned(&tiny.path("alone")) == learned(&tiny.path("watched")), "the models differ");
+    assert!(tiny.path("watched/checkpoint.safetensors").is_file(), "it is put aside");
+}
+
+#[cfg(unix)]
+#[test]
+fn idle_connections_do_not_shut_others_out() {
+    let tiny = Tiny::new();
+    let mut command = Command::new(cargo_bin!("specula"));
+    command.arg("view").arg(trained(&tiny)).args(["--executor", "cpu", "--listen", "0", "--quiet"]);
+    let site = Site::started(with_descriptors(&command, 256));
+    let first = site.get(&format!("/frame?{POSE}")).body;
+    let _crowd = crowd(site.port, 400);
+    assert!(site.get(&format!("/frame?{POSE}")).body == first, "it still answers");
+}
+
+#[test]
+fn one_light_is_read_at_a_time() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    let sky = sky(&tiny);
+    let mut first = TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+    let head = format!("POST /light?name=sky.hdr HTTP/1.1\r\nhost: localhost\r\ncontent-length: {}\r\n\r\n", sky.len());
+    first.write_all(head.as_bytes()).unwrap();
+    // The first has its turn once the server asks for the body.
+    let start = Instant::now();
+    let refused = loop {
+        let answer = site.post("/light?name=sky.hdr", &sky);
+        assert!(start.elapsed() < Duration::from_secs(20), "{answer:?}");
+        if answer.status != 200 {
+            break answer;
+        }
+    };
+    assert!(refused.status == 503 && refused.text().contains("another light"), "{}", refused.text());
+    assert!(refused.head.to_lowercase().contains("retry-after: "), "{}", refused.head);
+    first.write_all(&sky).unwrap();
+    let mut answer = [0; 12];
+    first.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 200", "the first is read");
+    drop(first);
+    assert_eq!(site.post("/light?name=sky.hdr", &sky).status, 200, "and then the next");
+}
+
+#[test]
+fn the_body_of_a_stranger_is_not_read() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet", "--token", "abcd1234"]);
+    let mut stream = TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+    stream
+        .write_all(b"POST /light?name=sky.hdr HTTP/1.1\r\nhost: localhost\r\ncontent-length: 60000000\r\n\r\n")
+        .unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 401"), "{answer}");
+}
+
 /// Pixels along an edge of the window in which the browser shows the page.
 const WINDOW: u32 = 320;
 /// Whether a whole picture is shown, and nothing is on the way.
@@ -355,6 +508,7 @@ fn a_browser_shows_turns_and_relights_the_scene() {
     two_clients_do_not_disturb_each_other(&browser, &page, &site);
     a_phone_shows_it(&browser, &site);
     nothing_is_asked_for_from_outside(&page, &site);
+    the_address_says_what_is_shown(&browser, &page, &first);
     the_token_is_needed_and_found(&browser, &model);
 }
 
@@ -490,6 +644,11 @@ fn a_phone_shows_it(browser: &Browser, site: &Site) {
     page.swipe([120.0, 400.0], [220.0, 440.0]);
     page.wait("document.getElementById('views').value === ''");
     assert!(share_that_differs(&before, &shown(&page)) > 0.01, "a finger turns it");
+    page.resize([844, 390], true);
+    page.eval("document.getElementById('show-panel').click()");
+    page.wait("document.getElementById('picture').clientHeight === innerHeight");
+    let edge = "document.getElementById('panel').getBoundingClientRect().left - document.getElementById('picture').clientWidth";
+    assert!(page.eval(edge).as_f64().unwrap() >= 0.0, "on its side the panel is beside the picture");
     page.close();
 }
 
@@ -501,9 +660,26 @@ fn nothing_is_asked_for_from_outside(page: &Page<'_>, site: &Site) {
     assert!(!names.is_empty() && names.iter().all(|name| is_own(&name)), "{names:?}");
 }
 
+fn the_address_says_what_is_shown(browser: &Browser, page: &Page<'_>, first: &RgbImage) {
+    page.drag([120.0, 160.0], [180.0, 200.0]);
+    page.press("2");
+    let turned = shown(page);
+    page.wait("location.hash.includes('eye=') && location.hash.includes('layer=normal')");
+    let copied = page.eval("location.href");
+    let other = browser.open(copied.as_str().unwrap(), [WINDOW; 2]);
+    assert!(is_same(&shown(&other), &turned), "whoever opens it sees the same");
+    other.close();
+    page.press("1");
+    page.press("u");
+    assert!(is_same(&shown(page), first), "a drag is taken back");
+}
+
 fn the_token_is_needed_and_found(browser: &Browser, model: &Path) {
     let site = Site::of(model, &["--quiet", "--token", "abcd1234"]);
     let page = browser.open(&site.url, [WINDOW; 2]);
+    page.wait(STILL);
+    assert_eq!(page.eval("location.href.includes('abcd1234')"), false, "a copied address does not hold it");
+    page.eval("location.reload()");
     page.wait(STILL);
     let without = browser.open(site.url.split('#').next().unwrap(), [WINDOW; 2]);
     without.wait("document.getElementById('message')?.textContent.includes('token') === true");

@@ -1,7 +1,10 @@
 //! COLMAP's binary files: counts, identifiers and numbers in little endian, one record after the other.
 
 use super::{Camera, Image, KINDS, Point, refuse, unknown_model};
-use crate::error::{Error, Result};
+use crate::{
+    budget::SCENE,
+    error::{Error, Result},
+};
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},
@@ -48,6 +51,8 @@ impl<'a> Records<'a> {
 
     /// Reads all records.
     fn all<T>(mut self, mut read: impl FnMut(&mut Self) -> Result<T>) -> Result<Vec<T>> {
+        let wanted = self.count.saturating_mul(size_of::<T>() as u64);
+        SCENE.ask(self.path, self.left, format!("its {} {}s", self.count, self.what), wanted)?;
         let mut all = Vec::with_capacity(self.count as usize);
         for index in 0..self.count {
             self.index = index;

@@ -1,16 +1,16 @@
 //! COLMAP's text files: a record a line, of an image two, words apart by spaces; lines that begin with # say nothing.
 
 use super::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
-use crate::error::{Error, Result};
+use crate::{
+    budget::COLMAP_LINE_MAX,
+    error::{Error, Result},
+};
 use core::str::FromStr;
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},
     path::Path,
 };
-
-/// The longest line that is believed: places of points in one image.
-const LINE_MAX: u64 = 1 << 28;
 
 /// The lines of a file.
 struct Lines<'a> {
@@ -31,7 +31,7 @@ impl<'a> Lines<'a> {
     fn next(&mut self) -> Result<bool> {
         self.line.clear();
         self.number += 1;
-        let mut reader = self.reader.by_ref().take(LINE_MAX);
+        let mut reader = self.reader.by_ref().take(COLMAP_LINE_MAX);
         let read = reader.read_until(b'\n', &mut self.line).map_err(Error::reading(self.path))?;
         Ok(read > 0)
     }

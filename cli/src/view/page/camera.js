@@ -1,5 +1,7 @@
 // Where one looks from: an eye, a direction, what is above; and how it moves.
 
+import { numbers } from "./address.js";
+
 export const add = (a, b) => a.map((x, k) => x + b[k]);
 export const sub = (a, b) => a.map((x, k) => x - b[k]);
 export const scale = (a, s) => a.map((x) => x * s);
@@ -14,6 +16,11 @@ export function turned(v, axis, radians) {
   return add(add(scale(v, cos), scale(cross(axis, v), sin)), scale(axis, dot(axis, v) * (1 - cos)));
 }
 
+/** How far away and how close one may come, in shares of the distance between the start and the middle of the scene. */
+const FARTHEST = 4;
+const CLOSEST = 1e-3;
+/** Steps back that are remembered. */
+const STEPS_BACK = 50;
 /** How close to straight up and down one may look, in radians. */
 const POLE = 0.03;
 const degrees = (radians) => (radians * 180) / Math.PI;
@@ -33,6 +40,9 @@ export class Camera {
   constructor(scene) {
     this.scene = scene;
     this.mode = "orbit";
+    this.before = [];
+    const { eye } = scene.first === null ? scene.start : scene.views[scene.first];
+    this.reach = Math.max(length(sub(scene.centre, eye)), 1e-6);
     this.reset();
   }
 
@@ -54,7 +64,7 @@ export class Camera {
     this.view = view;
     // What one turns about is on the optical axis, as far away as the middle of the scene.
     const to = sub(this.scene.centre, eye);
-    this.distance = Math.max(dot(to, this.look), 0.1 * length(to), 1e-6);
+    this.distance = Math.max(dot(to, this.look), 0.1 * length(to), CLOSEST * this.reach);
   }
 
   /** Stands elsewhere. */
@@ -65,8 +75,61 @@ export class Camera {
 
   /** What holds the pose, to be kept. */
   kept() {
-    const { eye, look, up, angle, view } = this;
-    return { eye: [...eye], look: [...look], up: [...up], angle, view };
+    const { eye, look, up, angle, view, distance } = this;
+    return { eye: [...eye], look: [...look], up: [...up], angle, view, distance };
+  }
+
+  /** Remembers the pose, before it is changed. */
+  remember() {
+    this.before.push(this.kept());
+    if (this.before.length > STEPS_BACK) this.before.shift();
+  }
+
+  /** Back to the pose that was remembered last; false where there is none. */
+  undo() {
+    const { eye, look, up, angle, view, distance } = this.before.pop() ?? {};
+    if (eye === undefined) return false;
+    this.pose(eye, look, up, angle);
+    [this.view, this.distance] = [view, distance];
+    return true;
+  }
+
+  /** Turns to a place, and about it from now on. */
+  focus(point) {
+    const to = sub(point, this.eye);
+    if (length(to) < CLOSEST * this.reach) return;
+    const right = this.right;
+    this.look = unit(to);
+    this.distance = length(to);
+    const up = cross(right, this.look);
+    this.up = length(up) > POLE ? unit(up) : this.up;
+    this.level();
+    this.view = null;
+  }
+
+  /** The words that hold it, for the address. */
+  state() {
+    if (this.view !== null) return { view: this.view };
+    const list = (v) => v.map((x) => +x.toPrecision(6)).join(",");
+    const { eye, look, up, angle, distance, mode } = this;
+    const words = { eye: list(eye), look: list(look), up: list(up), angle: +angle.toPrecision(5) };
+    return { ...words, distance: +distance.toPrecision(6), ...(mode === "fly" ? { mode } : {}) };
+  }
+
+  /** Takes what such words hold; leaves what they do not. */
+  restore({ view, eye, look, up, angle, distance, mode }) {
+    if (mode === "fly") this.mode = mode;
+    if (view !== undefined && this.scene.views[view]) return this.showView(Number(view));
+    const [at, ahead, above] = [eye, look, up].map((text) => numbers(text, 3));
+    const [field, far] = [angle, distance].map(Number);
+    if (!at || !ahead || !above || !(field >= 2 && field <= 150) || !(length(cross(ahead, above)) > 1e-6)) return;
+    this.pose(at, ahead, above, field);
+    this.distance = this.within(far || this.reach);
+  }
+
+  /** A distance as far as one may go. */
+  within(distance) {
+    return Math.min(Math.max(distance, CLOSEST * this.reach), FARTHEST * this.reach);
   }
 
   get right() {
@@ -103,7 +166,7 @@ export class Camera {
   /** Comes closer to the target, or goes away from it. */
   zoom(factor) {
     const target = add(this.eye, scale(this.look, this.distance));
-    this.distance = Math.max(this.distance * factor, 1e-6);
+    this.distance = this.within(this.distance * factor);
     this.eye = sub(target, scale(this.look, this.distance));
     this.view = null;
   }

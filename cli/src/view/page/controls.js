@@ -9,12 +9,21 @@ const STEP = 0.05;
 const SPEED = 0.8;
 const TURN = 1.4;
 
+/** Milliseconds of rest between two turns of the wheel. */
+const REST = 500;
+
 const HELD = new Set(["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"]);
 
 export class Controls {
-  /** `moved` is told of every change, `keys` are what is done at a key that moves nothing. */
-  constructor(canvas, camera, moved, keys) {
-    Object.assign(this, { canvas, camera, moved, keys });
+  /**
+   * `moved` is told of every change, `keys` are what is done at a key that moves nothing, and `focus` is told of double
+   * clicks, in shares of the picture.
+   */
+  constructor(canvas, camera, moved, keys, focus) {
+    Object.assign(this, { canvas, camera, moved, keys, wheeledAt: 0 });
+    canvas.addEventListener("dblclick", (event) => {
+      focus([event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight]);
+    });
     this.pointers = new Map();
     this.held = new Set();
     canvas.addEventListener("pointerdown", (event) => this.down(event));
@@ -34,6 +43,7 @@ export class Controls {
   down(event) {
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
+    if (this.pointers.size === 0) this.isFresh = true;
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
     this.isPanning = event.button !== 0 || event.shiftKey;
     this.canvas.classList.add("held");
@@ -50,6 +60,9 @@ export class Controls {
     const now = [event.clientX, event.clientY];
     const [across, down] = [0, 1].map((k) => (now[k] - before[k]) / this.edge);
     if (across === 0 && down === 0) return;
+    // A drag is one step that can be taken back.
+    if (this.isFresh) this.camera.remember();
+    this.isFresh = false;
     if (this.pointers.size === 2) this.pinch(event.pointerId, before, now);
     else if (this.isPanning) this.camera.pan(across, down);
     // What is under the finger follows it.
@@ -69,6 +82,9 @@ export class Controls {
 
   wheel(event) {
     event.preventDefault();
+    // So is what the wheel does without a rest.
+    if (event.timeStamp - this.wheeledAt > REST) this.camera.remember();
+    this.wheeledAt = event.timeStamp;
     const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 300 : 1;
     const amount = Math.max(-240, Math.min(240, event.deltaY * lines));
     if (this.camera.mode === "orbit") this.camera.zoom(Math.exp(0.0015 * amount));
@@ -82,7 +98,7 @@ export class Controls {
     const key = event.key.toLowerCase();
     if (HELD.has(key) && !event.target.closest("input")) {
       event.preventDefault();
-      if (this.held.size === 0) this.run();
+      if (this.held.size === 0) this.run(this.camera.remember());
       this.held.add(key);
     } else if (key === "+" || key === "=") this.step(() => this.camera.zoom(1 - STEP));
     else if (key === "-") this.step(() => this.camera.zoom(1 + STEP));
@@ -93,6 +109,7 @@ export class Controls {
   }
 
   step(change) {
+    this.camera.remember();
     change();
     this.moved();
   }

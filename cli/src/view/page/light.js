@@ -1,7 +1,12 @@
 // Which light the scene is under, turned and made brighter; new ones are opened, or dropped onto the page.
 
+/** How often it is tried to send a light, and milliseconds in between. */
+const ATTEMPTS = 120;
+const WAIT = 1000;
+
 export class Light {
-  constructor(server, changed, say) {
+  /** `asked` are the words of the address. */
+  constructor(server, asked, changed, say) {
     Object.assign(this, { server, changed, say, id: 0, turn: 0, stops: 0 });
     const element = (id) => document.getElementById(id);
     [this.choice, this.panorama, this.file] = ["lights", "panorama", "light-file"].map(element);
@@ -15,13 +20,35 @@ export class Light {
     this.stopsInput.addEventListener("input", () => this.set({ stops: Number(this.stopsInput.value) }));
     this.takeDrags();
     this.takeDrops();
-    if (server.scene.shaded && server.scene.lights.length > 0) this.choose(server.scene.lights[0].id);
+    this.backdrop = element("backdrop");
+    this.backdrop.addEventListener("change", () => this.changed());
+    if (server.scene.shaded && server.scene.lights.length > 0) this.restore(asked);
+  }
+
+  /** Takes what the address holds. */
+  restore({ light, turn, stops, backdrop }) {
+    const { lights } = this.server.scene;
+    this.backdrop.checked = backdrop === "env";
+    this.set({ turn: Number(turn) || 0, stops: Number(stops) || 0 });
+    this.choose(lights.some(({ id }) => id === Number(light)) ? Number(light) : lights[0].id);
+  }
+
+  /** The words that hold it, for the address. */
+  state() {
+    const words = { light: this.id, turn: this.turn, stops: this.stops };
+    const kept = Object.fromEntries(Object.entries(words).filter(([, word]) => word !== 0));
+    return this.backdrop.checked ? { ...kept, backdrop: "env" } : kept;
+  }
+
+  toggleBackdrop() {
+    this.backdrop.checked = !this.backdrop.checked;
+    this.changed();
   }
 
   /** The words of a query. */
   words() {
     const { id: light, turn, stops } = this;
-    return { light, turn, stops };
+    return { light, turn, stops, ...(this.backdrop.checked ? { backdrop: "env" } : {}) };
   }
 
   offer({ id, name }) {
@@ -91,13 +118,28 @@ export class Light {
     });
   }
 
+  /** Sends a file when the server reads no other one, and says that it waits. */
+  async send(file, words) {
+    for (let attempt = 1; ; attempt++) {
+      // A server that refuses so much may close the connection before its answer is read, so it is asked first.
+      const { reading } = await (await this.server.get("scene", {})).json();
+      try {
+        if (!reading) return await this.server.post("light", words, file);
+      } catch (error) {
+        if (error.isFinal || attempt === ATTEMPTS) throw error;
+      }
+      this.say(`another light is being read; ${file.name} waits for its turn`, "note");
+      await new Promise((resume) => setTimeout(resume, WAIT));
+    }
+  }
+
   /** Sends files to the server, and shows the scene under the last of them. */
   async bring(files) {
     for (const file of files) {
       this.say(`reading ${file.name} …`, "note");
       try {
         const up = document.getElementById("y-up").checked ? "y" : "scene";
-        const response = await this.server.post("light", { name: file.name, up }, file);
+        const response = await this.send(file, { name: file.name, up });
         const light = await response.json();
         this.offer(light);
         this.choose(light.id);

@@ -1,9 +1,10 @@
 // Puts the page together.
 
+import { Address, asked, token } from "./address.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { Light } from "./light.js";
-import { Path } from "./path.js";
+import { Path, save } from "./path.js";
 import { Stream } from "./stream.js";
 import { Training } from "./training.js";
 
@@ -11,7 +12,7 @@ const element = (id) => document.getElementById(id);
 
 /** Speaks to the server; what it refuses becomes an error with its sentence. */
 const server = {
-  token: new URLSearchParams(location.hash.slice(1)).get("token") ?? "",
+  token,
   client: crypto.getRandomValues(new Uint32Array(1))[0] + 1,
   scene: null,
 
@@ -38,6 +39,8 @@ const server = {
   },
 };
 
+/** Pixels along the longer edge of the picture in which a place is looked for. */
+const FOCUS_EDGE = 640;
 /** How long a sentence stays, in milliseconds. */
 const READING_TIME = 8000;
 
@@ -59,6 +62,7 @@ async function start() {
 
   const canvas = element("picture");
   const camera = new Camera(scene);
+  camera.restore(asked);
   let layer = "rgb";
   let light = null;
   const words = () => ({ layer, ...(light ? light.words() : {}) });
@@ -67,25 +71,36 @@ async function start() {
     if (element("message").className === "of-pictures") say("");
     tell(facts, layer);
   };
+  stream.hasGround = () => layer === "rgb" && !words().backdrop;
   stream.onerror = (error) => say(error.message, "of-pictures");
+  const address = new Address(() => ({ ...camera.state(), ...(light ? light.state() : {}), ...(layer === "rgb" ? {} : { layer }) }));
   const moved = () => {
     follow(camera);
+    address.changed();
     stream.change();
   };
   const jumped = () => {
     follow(camera);
+    address.changed();
     stream.change(false);
+  };
+  /** Makes a change of the camera that can be taken back. */
+  const jump = (change) => {
+    camera.remember();
+    change();
+    jumped();
   };
 
   const showLayer = (name) => {
     if (!scene.layers.includes(name)) return;
     layer = name;
     for (const chip of element("layers").children) chip.setAttribute("aria-checked", chip.dataset.layer === name);
+    address.changed();
     stream.change(false);
   };
   offerLayers(scene.layers, showLayer);
-  offerViews(scene.views, (index) => jumped(camera.showView(index)));
-  light = new Light(server, () => stream.change(), say);
+  offerViews(scene.views, (index) => jump(() => camera.showView(index)));
+  light = new Light(server, asked, () => stream.change(address.changed()), say);
   const path = new Path(camera, server, words, moved, say);
   const training = new Training(server, stream, light, say);
 
@@ -98,30 +113,65 @@ async function start() {
   };
   const toggleMode = () => {
     camera.mode = camera.mode === "orbit" ? "fly" : "orbit";
-    element("mode").textContent = camera.mode === "orbit" ? "Orbit" : "Fly";
+    follow(camera);
+    address.changed();
   };
-  const home = () => jumped(camera.reset());
-  const step = (by) => scene.views.length > 0 && jumped(camera.showView((camera.view ?? (by > 0 ? -1 : 0)) + by));
+  const home = () => jump(() => camera.reset());
+  const undo = () => camera.undo() && jumped();
+  const step = (by) => scene.views.length > 0 && jump(() => camera.showView((camera.view ?? (by > 0 ? -1 : 0)) + by));
   const help = () => element("help").showModal();
-  const acts = { mode: toggleMode, home, previous: () => step(-1), next: () => step(1) };
+  const savePicture = () => savePictureOf(server, scene, camera, stream, words()).catch((error) => say(error.message));
+  const acts = { mode: toggleMode, home, undo, previous: () => step(-1), next: () => step(1) };
   acts["show-panel"] = togglePanel;
   acts["show-help"] = help;
+  acts["full-screen"] = toggleFullScreen;
+  acts["save-picture"] = savePicture;
   for (const [id, act] of Object.entries(acts)) element(id).addEventListener("click", act);
+  element("full-screen").hidden = !document.fullscreenEnabled;
+  element("angle").addEventListener("pointerdown", () => camera.remember());
   element("angle").addEventListener("input", () => moved(camera.setAngle(Number(element("angle").value))));
 
-  const keys = { f: toggleMode, r: home, n: acts.next, p: acts.previous, h: togglePanel, "?": help };
+  const keys = { f: toggleMode, r: home, u: undo, n: acts.next, p: acts.previous, h: togglePanel, "?": help };
   Object.assign(keys, { k: () => path.add(), " ": () => path.play(), t: () => training.toggle() });
-  Object.assign(keys, { x: () => showLayer("error") });
+  Object.assign(keys, { x: () => showLayer("error"), v: toggleFullScreen, i: savePicture, b: () => light.toggleBackdrop() });
   Object.assign(keys, { "[": () => light.set({ turn: light.turn - 5 }), "]": () => light.set({ turn: light.turn + 5 }) });
   Object.assign(keys, { ",": () => light.set({ stops: light.stops - 0.25 }), ".": () => light.set({ stops: light.stops + 0.25 }) });
   for (let digit = 0; digit < 10; digit++) keys[digit] = () => showLayer(scene.layers[(digit + 9) % 10]);
-  new Controls(canvas, camera, moved, keys);
+  const focus = async (at) => {
+    const place = stream.inPicture(at)?.map((share) => share.toFixed(4)).join(",");
+    if (!place) return;
+    const size = stream.wholeSize();
+    const small = size.map((edge) => Math.max(1, Math.round(edge * Math.min(1, FOCUS_EDGE / Math.max(...size)))));
+    try {
+      const words = { ...camera.words(small), size: small.join(","), at: place, client: 0 };
+      const { point } = await (await server.get("point", words)).json();
+      if (point) jump(() => camera.focus(point));
+    } catch (error) {
+      say(error.message);
+    }
+  };
+  new Controls(canvas, camera, moved, keys, focus);
 
   // Where there is little room the picture comes first.
   if (window.matchMedia("(max-width: 640px), (max-height: 480px)").matches) togglePanel();
   new ResizeObserver(() => stream.change(false)).observe(canvas);
-  showLayer("rgb");
+  showLayer(scene.layers.includes(asked.layer) ? asked.layer : "rgb");
   follow(camera);
+}
+
+function toggleFullScreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else if (document.fullscreenEnabled) document.documentElement.requestFullscreen();
+}
+
+/** Saves what is shown, exactly, at the size of a view of the data set, or else of the window. */
+async function savePictureOf(server, scene, camera, stream, words) {
+  const size = scene.views[camera.view ?? 0]?.size ?? stream.wholeSize();
+  const fit = Math.min(1, Math.sqrt(scene.pixels_max / (size[0] * size[1])), 4096 / Math.max(...size));
+  const fitting = size.map((edge) => Math.max(1, Math.floor(edge * fit)));
+  const query = { ...words, ...camera.words(fitting), size: fitting.join(","), format: "png", client: 0 };
+  const response = await server.get("frame", query);
+  save(await response.blob(), `${scene.name}-${words.layer}.png`);
 }
 
 /** One button for each layer. */
@@ -152,6 +202,8 @@ function follow(camera) {
   element("views").value = camera.view ?? "";
   element("angle").value = camera.angle;
   element("angle-told").value = `${Math.round(camera.angle)}°`;
+  element("mode").textContent = camera.mode === "orbit" ? "Orbit" : "Fly";
+  element("undo").disabled = camera.before.length === 0;
 }
 
 /** What is known about the picture that is shown. */

@@ -139,7 +139,8 @@ export class Path {
 
 const name = (index) => String(index).padStart(5, "0");
 
-function save(blob, name) {
+/** Has the browser save a file. */
+export function save(blob, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
   link.download = name;

@@ -20,6 +20,7 @@ export class Stream {
     this.isSlow = /2g|3g/.test(navigator.connection?.effectiveType ?? "");
     this.changedAt = 0;
     this.isWanted = false;
+    this.hasGround = () => true;
     this.flight = null;
     this.shown = 0;
     this.pace = null;
@@ -116,11 +117,21 @@ export class Stream {
     const fit = Math.min(width / picture.width, height / picture.height);
     const [w, h] = [picture.width * fit, picture.height * fit].map(Math.round);
     const [x, y] = [Math.floor((width - w) / 2), Math.floor((height - h) / 2)];
-    context.fillStyle = `rgb(${this.server.scene.background.map((c) => Math.round(255 * c)).join()})`;
+    // Beside a layer, or the light, nothing is as bright as a background may be.
+    const ground = this.hasGround() ? this.server.scene.background : [0, 0, 0];
+    this.place = { x: x / width, y: y / height, w: w / width, h: h / height };
+    context.fillStyle = `rgb(${ground.map((c) => Math.round(255 * c)).join()})`;
     if (w < width || h < height) context.fillRect(0, 0, width, height);
     context.imageSmoothingEnabled = w !== picture.width;
     context.imageSmoothingQuality = "high";
     context.drawImage(picture, x, y, w, h);
+  }
+
+  /** A point of the canvas as one of the picture in it, both in shares of their edges; none beside it. */
+  inPicture([across, down]) {
+    const { x, y, w, h } = this.place ?? { x: 0, y: 0, w: 1, h: 1 };
+    const at = [(across - x) / w, (down - y) / h];
+    return at.every((share) => share >= 0 && share <= 1) ? at : null;
   }
 
   tell(response, facts) {

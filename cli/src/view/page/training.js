@@ -9,6 +9,7 @@ export class Training {
     Object.assign(this, { server, stream, light, say, lightSeen: 0 });
     const element = (id) => document.getElementById(id);
     [this.section, this.progress, this.curve, this.button] = ["training", "progress", "curve", "pause"].map(element);
+    this.steering = element("steering");
     if (!server.scene.live) return;
     this.section.hidden = false;
     this.button.addEventListener("click", () => this.toggle());
@@ -19,7 +20,7 @@ export class Training {
   }
 
   toggle() {
-    if (this.server.scene.live) this.steer({ do: this.isPaused ? "go" : "pause" });
+    if (this.server.scene.live && !this.steering.hidden) this.steer({ do: this.isPaused ? "go" : "pause" });
   }
 
   async steer(words) {
@@ -34,23 +35,29 @@ export class Training {
     try {
       this.show(await (await this.server.get("training", {})).json());
     } catch {
-      this.progress.textContent = "The training has ended; specula view shows what it came to.";
+      this.steering.hidden = true;
+      this.progress.textContent = "The training has ended, or was ended; specula view shows what it came to.";
     }
-    setTimeout(() => this.look(), PATIENCE);
+    if (!this.isShown) setTimeout(() => this.look(), PATIENCE);
   }
 
   show(report) {
-    const { iteration, iterations, seconds, psnr, gaussians, paused, curve } = report;
+    const { iteration, iterations, seconds, psnr, gaussians, finished, paused, curve } = report;
     this.isPaused = paused;
+    this.steering.hidden = finished;
     this.button.textContent = paused ? "Go on" : "Pause";
     this.button.classList.toggle("on", paused);
     const quality = psnr === null ? "" : `, PSNR ${psnr.toFixed(2)} dB`;
+    const head = finished ? "Training finished: " : "";
     this.progress.textContent =
-      `${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
+      `${head}${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
     this.progress.dataset.iteration = iteration;
     this.draw(curve, iterations);
     // A picture that is on its way is waited for, however long it takes; it may still show an earlier step.
-    if (Number(this.stream.iteration) === iteration || !this.stream.isIdle) return;
+    const isLatest = Number(this.stream.iteration) === iteration;
+    this.isShown = finished && isLatest && this.stream.isIdle;
+    if (this.isShown && this.server.scene.shaded) this.light.look();
+    if (isLatest || !this.stream.isIdle) return;
     this.stream.change(false);
     const now = performance.now();
     if (now - this.lightSeen < PATIENCE_FOR_LIGHT || !this.server.scene.shaded) return;

@@ -1,0 +1,223 @@
+//! Pictures within an error, each compared with the most exact one that `f32` has.
+
+use crate::{
+    budget::{Certificate, Refusal, apart, cheapest_within, root_mean_square},
+    reference::{Exact, Reference},
+    setting::Setting,
+    subject::Subject,
+    trial::{Taken, Trial},
+};
+use specula_core::{camera::Camera, plan::Channels, scene::Image};
+use specula_cpu::CpuError;
+use specula_train::evaluate::over_background;
+
+/// A subject whose pictures are within an error.
+#[derive(Debug)]
+pub struct Verified {
+    trial: Trial<'static>,
+    chosen: Setting,
+    exact: Setting,
+    background: [f32; 3],
+    /// How far pictures may be from the most exact ones.
+    allowed: f64,
+    /// Whether they are compared.
+    compares: bool,
+    tally: Tally,
+}
+
+/// What came of comparing pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Pictures that were made.
+    pub pictures: usize,
+    /// Those that were beyond the error under the setting that was chosen, and are the most exact
+    /// ones instead.
+    pub replaced: usize,
+    /// How far the others are from the most exact ones at most.
+    pub kept: f64,
+    /// How far those that were replaced had been at most.
+    pub beyond: f64,
+    /// What the setting's pictures cost, and all pictures that were made.
+    pub cost: [f64; 2],
+    /// The same in milliseconds.
+    pub milliseconds: [f64; 2],
+}
+
+impl Verified {
+    /// A subject under the setting of a certificate. Where nothing is compared, every picture is
+    /// that of the setting.
+    ///
+    /// # Errors
+    ///
+    /// If the processor cannot filter the light.
+    pub fn new(
+        subject: Subject,
+        reference: &Reference,
+        certificate: &Certificate,
+        compares: bool,
+    ) -> Result<Self, CpuError> {
+        let (exact, background) = (Setting::exact(&subject), subject.background);
+        let trial = Trial::under(subject, reference)?;
+        let (chosen, allowed) = (certificate.setting, certificate.allowed());
+        // The most exact picture needs no comparison with itself.
+        let compares = compares && chosen != exact;
+        Ok(Self { trial, chosen, exact, background, allowed, compares, tally: Tally::default() })
+    }
+
+    /// A view: the channels, then transmittance. That of the setting where it is within the error
+    /// of the most exact one, and else the latter, which is there by then: a setting between the
+    /// two would cost more and be less exact.
+    ///
+    /// # Errors
+    ///
+    /// If the processor cannot render.
+    pub fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, CpuError> {
+        let own = self.take(self.chosen, camera, channels, 0)?;
+        self.tally.pictures += 1;
+        if !self.compares {
+            return Ok(own.image);
+        }
+        let exact = self.take(self.exact, camera, channels, 1)?;
+        let apart = apart(&own.image, &over_background(&exact.image, self.background), self.background);
+        if apart <= self.allowed {
+            self.tally.kept = self.tally.kept.max(apart);
+            return Ok(own.image);
+        }
+        self.tally.replaced += 1;
+        self.tally.beyond = self.tally.beyond.max(apart);
+        Ok(exact.image)
+    }
+
+    /// What came of the pictures so far.
+    pub fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// Whether pictures are compared; they are not where they are the most exact ones themselves.
+    pub fn compares(&self) -> bool {
+        self.compares
+    }
+
+    /// Whether pictures are the most exact ones.
+    pub fn is_exact(&self) -> bool {
+        self.chosen == self.exact
+    }
+
+    fn take(&mut self, setting: Setting, camera: &Camera, channels: Channels, first: usize) -> Result<Taken, CpuError> {
+        let taken = self.trial.view(&Setting { channels, ..setting }, camera)?;
+        for k in first..2 {
+            self.tally.cost[k] += taken.work.cost();
+            self.tally.milliseconds[k] += taken.milliseconds();
+        }
+        Ok(taken)
+    }
+}
+
+/// How far pictures within an error are from exact ones, as shares of that error: under the setting
+/// alone, and verified.
+///
+/// # Errors
+///
+/// If there is no setting, or the processor cannot render.
+pub fn shares(
+    subject: &Subject,
+    reference: &Reference,
+    views: &[(Camera, Exact)],
+    error: f64,
+) -> Result<[Vec<f64>; 2], Refusal> {
+    let certificate = cheapest_within(subject, reference, error)?;
+    let of = |compares: bool| {
+        let mut verified = Verified::new(subject.clone(), reference, &certificate, compares)?;
+        let share = |(camera, exact): &(Camera, Exact)| {
+            let own = over_background(&verified.view(camera, Channels::Color)?, subject.background);
+            let differences = own.iter().zip(&exact.colors.values).map(|(own, exact)| f64::from(*own) - exact);
+            Ok(root_mean_square(differences) / error)
+        };
+        views.iter().map(share).collect::<Result<Vec<_>, CpuError>>()
+    };
+    Ok([of(false)?, of(true)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::{prefilter::PrefilterScheme, shade::ShadingRules};
+    use specula_oracle::stress::{Tour, tours};
+
+    fn subject(tour: Tour) -> Subject {
+        Subject {
+            gaussians: tour.cloud,
+            light: None,
+            shading: ShadingRules::PAPER,
+            scheme: PrefilterScheme::Exact,
+            cameras: tour.cameras,
+            background: tour.background,
+        }
+    }
+
+    /// How many pictures of a tour there are within some errors, and how many of them are beyond:
+    /// under the setting alone, and verified. Truth is the independent renderer, sorted by the
+    /// depth of means as the model is.
+    fn beyond(tour: Tour, errors: &[f64]) -> (usize, [usize; 2]) {
+        let (name, subject) = (tour.name, subject(tour));
+        let reference = Reference::new(&subject);
+        let truth = |camera: &Camera| (*camera, reference.independent_view(&subject, camera));
+        let views: Vec<_> = subject.cameras.iter().map(truth).collect();
+        let mut counts = (0, [0; 2]);
+        for error in errors {
+            let shares = shares(&subject, &reference, &views, *error).expect("f32 is close enough");
+            let worst = shares.each_ref().map(|shares| shares.iter().copied().fold(0.0, f64::max));
+            println!("{name}: {error:e}: at most {:.3} of it unverified, {:.3} verified", worst[0], worst[1]);
+            counts.0 += views.len();
+            (0..2).for_each(|k| counts.1[k] += shares[k].iter().filter(|share| **share > 1.0).count());
+        }
+        counts
+    }
+
+    #[test]
+    fn pictures_of_hidden_haze_and_of_wide_splats_are_within_their_error() {
+        for tour in tours(2).into_iter().take(2) {
+            let (pictures, [_, verified]) = beyond(tour, &[1e-2]);
+            assert_eq!((pictures, verified), (2, 0));
+        }
+    }
+
+    /// Some minutes: `cargo test --release -p specula-accuracy --lib every_tour -- --ignored
+    /// --nocapture`.
+    #[test]
+    #[ignore = "takes minutes"]
+    fn pictures_of_every_tour_are_within_their_error() {
+        let mut all = (0, [0; 2]);
+        for tour in tours(16) {
+            let (pictures, beyond) = beyond(tour, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
+            all = (all.0 + pictures, [all.1[0] + beyond[0], all.1[1] + beyond[1]]);
+        }
+        println!("of {} pictures {} are beyond unverified, {} verified", all.0, all.1[0], all.1[1]);
+        assert!(all.0 >= 480 && all.1[1] == 0, "{all:?}");
+    }
+
+    #[test]
+    fn a_picture_that_is_further_off_is_the_most_exact_one() {
+        let tour = tours(2).swap_remove(0);
+        let camera = tour.cameras[0];
+        let subject = subject(tour);
+        let reference = Reference::new(&subject);
+        let certificate = cheapest_within(&subject, &reference, 1e-2).expect("f32 is close enough");
+        let [wrong, exact] = [Setting::usual(&subject), Setting::exact(&subject)];
+        let certificate = Certificate { setting: wrong, asked: 1e-4, ..certificate };
+        let view = |certificate: Certificate, compares: bool| {
+            let mut verified =
+                Verified::new(subject.clone(), &reference, &certificate, compares).expect("there is no light");
+            (verified.view(&camera, Channels::Color).expect("it renders"), verified.tally())
+        };
+        let (shown, tally) = view(certificate, true);
+        let (most_exact, of_exact) = view(Certificate { setting: exact, ..certificate }, true);
+        assert_eq!(shown.values, most_exact.values, "the usual setting leaves the haze out");
+        assert_eq!((tally.pictures, tally.replaced, of_exact.replaced), (1, 1, 0));
+        assert!(tally.beyond > 1e-4 && tally.cost[1] > tally.cost[0], "{tally:?}");
+        assert_eq!(of_exact.cost[0], of_exact.cost[1], "what is most exact is not compared with itself");
+
+        let (unverified, tally) = view(certificate, false);
+        assert!(unverified.values != most_exact.values && tally.replaced == 0, "it is the setting's own");
+    }
+}

@@ -1,0 +1,121 @@
+//! Help as it is printed: a screen with -h, every option in groups with --help.
+
+use crate::args::Arguments;
+use clap::{Command, CommandFactory};
+use std::{
+    ffi::OsString,
+    io::{IsTerminal, Write, stdout},
+};
+
+/// Options of `specula train` that most trainings are fine with; -h lists them alone.
+const FIRST: [&str; 16] = [
+    "dataset",
+    "model_path",
+    "profile",
+    "iterations",
+    "resolution",
+    "eval",
+    "background",
+    "executor",
+    "preset",
+    "view",
+    "resume",
+    "overwrite",
+    "config",
+    "quiet",
+    "threads",
+    "help",
+];
+/// What -h says below these.
+const MORE: &str = "\
+Examples:
+  specula train data/chair -m out/chair --eval -r 2 --iterations 7k
+  specula train data/garden -m out/garden --eval -r 4
+  specula train -m out/chair --resume
+All options, profiles, presets and more examples: specula train --help";
+
+/// Prints the help that these words of a command line ask for.
+pub(crate) fn print(words: &[OsString]) {
+    let name = command_of(words);
+    let is_in_full = words.iter().any(|word| word == "--help" || word == "help");
+    let mut help = if is_in_full { in_full(name.as_deref()) } else { first(name.as_deref()) };
+    let help = help.render_help();
+    // Nobody may be there to read it, which is no error.
+    let _ = if stdout().is_terminal() { write!(stdout(), "{}", help.ansi()) } else { write!(stdout(), "{help}") };
+}
+
+/// The name of the command among the words, if there is one.
+pub(crate) fn command_of(words: &[OsString]) -> Option<String> {
+    let command = Arguments::command();
+    let mut names = words.iter().skip(1).filter_map(|word| word.to_str());
+    names.find(|word| command.get_subcommands().any(|one| one.get_name() == *word)).map(str::to_owned)
+}
+
+fn named(name: Option<&str>) -> Command {
+    let mut command = Arguments::command();
+    // Only so do options of all commands belong to each.
+    command.build();
+    match name {
+        Some(name) => command.find_subcommand(name).expect("it is one of them").clone(),
+        None => command,
+    }
+}
+
+/// Everything, an option in a few lines.
+pub(crate) fn in_full(name: Option<&str>) -> Command {
+    let command = named(name);
+    let about = command.get_long_about().or(command.get_about()).cloned().unwrap_or_default();
+    // Where -h is as long, nothing else is to be said.
+    let is_shorter = name == Some("train");
+    let help = if is_shorter { "Print this; -h prints the most used options" } else { "Print this" };
+    command.about(about).mut_arg("help", |arg| arg.help(help))
+}
+
+/// What fits a screen.
+pub(crate) fn first(name: Option<&str>) -> Command {
+    let command = named(name);
+    if name != Some("train") {
+        return command;
+    }
+    let command = command.mut_args(|arg| {
+        let is_first = FIRST.contains(&arg.get_id().as_str());
+        arg.hide(!is_first).help_heading(None)
+    });
+    command.after_help(MORE).mut_arg("help", |arg| arg.help("Print this; --help prints all options"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Vec<OsString> {
+        line.split(' ').map(OsString::from).collect()
+    }
+
+    #[test]
+    fn the_first_help_of_a_training_fits_a_screen_and_the_other_has_every_option() {
+        let [first, full] = [first, in_full].map(|help| help(Some("train")).render_help().to_string());
+        assert!(first.lines().count() <= 45, "-h has {} lines:\n{first}", first.lines().count());
+        assert!(full.lines().count() <= 200, "--help has {} lines:\n{full}", full.lines().count());
+        let train = named(Some("train"));
+        for arg in train.get_arguments() {
+            let Some(long) = arg.get_long().filter(|_| !arg.is_hide_set()) else { continue };
+            assert!(full.contains(&format!("--{long}")), "--{long} is missing:\n{full}");
+        }
+        for name in FIRST {
+            assert!(train.get_arguments().any(|arg| arg.get_id() == name), "{name} is no option");
+        }
+    }
+
+    #[test]
+    fn the_command_is_found_among_the_words() {
+        for (line, name) in [
+            ("specula --help", None),
+            ("specula -q --threads 2 train --help", Some("train")),
+            ("specula help render", Some("render")),
+            ("specula trian", None),
+        ] {
+            assert_eq!(command_of(&words(line)).as_deref(), name, "{line}");
+        }
+    }
+}

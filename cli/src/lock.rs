@@ -1,0 +1,155 @@
+//! One training for one folder: a lock that ends with the program that holds it.
+
+use crate::{failure::Failure, progress::Talk};
+use core::time::Duration;
+use serde::{Deserialize, Serialize};
+use specula_io::{Error, model_folder};
+use std::{
+    fs::{self, File, OpenOptions, TryLockError},
+    io::{self, Write},
+    path::{Path, PathBuf},
+    time::SystemTime,
+};
+
+/// The file that is locked. It stays when the lock ends, and is empty then.
+const NAME: &str = "training.lock";
+
+/// The right to write into a folder, for as long as it lives. The operating system ends it with its program, however that
+/// ends.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    folder: PathBuf,
+    /// None where another training may be writing as well.
+    file: Option<File>,
+}
+
+/// The program that holds a lock, as its file says it.
+#[derive(Debug, Deserialize, PartialEq, Serialize)]
+struct Holder {
+    pid: u32,
+    host: String,
+    /// UTC, as in RFC 3339.
+    started: String,
+    command: String,
+}
+
+impl Lock {
+    /// Locks a folder that is there. Where it is locked already, the failure says by whom, and then what to do.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where another program holds the lock, [`Failure::File`] where the folder takes no files.
+    pub(crate) fn take(folder: &Path, remedy: &str, talk: Talk) -> Result<Self, Failure> {
+        match locked(folder)? {
+            Ok(file) => Ok(Self::held(folder, file)),
+            Err(TryLockError::WouldBlock) => Err(Failure::Input(format!("{}; {remedy}", words(folder)))),
+            Err(TryLockError::Error(cause)) => {
+                talk.note(&format!(
+                    "the file system of {folder:?} has no locks ({cause}), so nothing keeps a second training out of it"
+                ));
+                Ok(Self { folder: folder.to_owned(), file: None })
+            }
+        }
+    }
+
+    /// The same, but where the folder is locked already that is only told.
+    ///
+    /// # Errors
+    /// [`Failure::File`] where the folder takes no files.
+    pub(crate) fn take_anyway(folder: &Path, talk: Talk) -> Result<Self, Failure> {
+        if let Ok(file) = locked(folder)? {
+            return Ok(Self::held(folder, file));
+        }
+        talk.note(&format!("{}; it is written to all the same", words(folder)));
+        Ok(Self { folder: folder.to_owned(), file: None })
+    }
+
+    fn held(folder: &Path, mut file: File) -> Self {
+        // Who holds it is a help, not the lock.
+        let _ = sign(&mut file);
+        model_folder::remove_unfinished(folder);
+        Self { folder: folder.to_owned(), file: Some(file) }
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        if let Some(file) = &self.file {
+            model_folder::remove_unfinished(&self.folder);
+            let _ = file.set_len(0);
+        }
+    }
+}
+
+/// The file of a folder, locked; or why it is not.
+fn locked(folder: &Path) -> Result<Result<File, TryLockError>, Failure> {
+    let path = folder.join(NAME);
+    let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+    let file = opened.map_err(|cause| Error::Write { path, cause })?;
+    Ok(file.try_lock().map(|()| file))
+}
+
+/// Writes who this is.
+fn sign(file: &mut File) -> io::Result<()> {
+    let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let holder = Holder {
+        pid: std::process::id(),
+        host: host(),
+        started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+        command: words.join(" "),
+    };
+    file.set_len(0)?;
+    writeln!(file, "{:#}", serde_json::to_value(holder)?)?;
+    file.sync_data()
+}
+
+/// The name of this machine, as far as the system tells it without being called.
+fn host() -> String {
+    let file = fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned());
+    let variable = |name: &str| std::env::var(name);
+    file.ok().or_else(|| variable("HOSTNAME").or_else(|_| variable("COMPUTERNAME")).ok()).unwrap_or("a machine".into())
+}
+
+/// Who holds the lock of a folder.
+fn words(folder: &Path) -> String {
+    let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
+    let who = match serde_json::from_str(&text) {
+        Ok(Holder { pid, host, started, command }) => {
+            let since = humantime::parse_rfc3339(&started).ok().and_then(|start| start.elapsed().ok());
+            let since = since.map_or(String::new(), |since| {
+                let whole = humantime::format_duration(Duration::from_secs(since.as_secs()));
+                format!(", started {whole} ago")
+            });
+            format!("process {pid} on {host}{since}: {command}")
+        }
+        Err(_) => "unknown which".to_owned(),
+    };
+    format!("another training is writing to {folder:?} ({who})")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUIET: Talk = Talk { quiet: true };
+
+    #[test]
+    fn a_folder_has_one_lock_and_says_who_holds_it() {
+        let folder = tempfile::tempdir().expect("there is room");
+        let unfinished = folder.path().join(".unfinished-x");
+        fs::write(&unfinished, "half").expect("there is room");
+        let lock = Lock::take(folder.path(), "wait", QUIET).expect("nobody holds it");
+        assert!(!unfinished.exists(), "what is not finished is swept when a training starts");
+        let refused = Lock::take(folder.path(), "wait", QUIET).expect_err("it is held");
+        let sentence = refused.to_string();
+        let pid = format!("process {} on ", std::process::id());
+        assert!(sentence.contains(&pid) && sentence.ends_with("; wait") && refused.exit_code() == 2, "{sentence}");
+        fs::write(&unfinished, "half").expect("there is room");
+        drop(Lock::take_anyway(folder.path(), QUIET).expect("it is taken anyway"));
+        assert!(unfinished.exists(), "another training may be writing it");
+
+        drop(lock);
+        assert!(!unfinished.exists(), "and when it ends");
+        assert_eq!(fs::read_to_string(folder.path().join(NAME)).expect("it stays"), "", "nobody holds it");
+        drop(Lock::take(folder.path(), "wait", QUIET).expect("nobody holds it any more"));
+    }
+}
