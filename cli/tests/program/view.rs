@@ -509,6 +509,7 @@ fn a_browser_shows_turns_and_relights_the_scene() {
     a_phone_shows_it(&browser, &site);
     nothing_is_asked_for_from_outside(&page, &site);
     the_address_says_what_is_shown(&browser, &page, &first);
+    a_change_while_a_picture_is_unpacked_is_waited_for(&page, &first);
     the_token_is_needed_and_found(&browser, &model);
 }
 
@@ -672,6 +673,30 @@ fn the_address_says_what_is_shown(browser: &Browser, page: &Page<'_>, first: &Rg
     page.press("1");
     page.press("u");
     assert!(is_same(&shown(page), first), "a drag is taken back");
+}
+
+fn a_change_while_a_picture_is_unpacked_is_waited_for(page: &Page<'_>, first: &RgbImage) {
+    page.drag([120.0, 160.0], [180.0, 200.0]);
+    shown(page);
+    // The first picture that comes is out of date as soon as it is unpacked, and the next one takes its time.
+    page.eval(
+        "(() => {
+          const unpack = window.createImageBitmap;
+          const press = new KeyboardEvent('keydown', { key: 'u', bubbles: true });
+          window.createImageBitmap = async (blob) => {
+            window.createImageBitmap = async (next) => {
+              window.createImageBitmap = unpack;
+              await new Promise((resume) => setTimeout(resume, 500));
+              return unpack(next);
+            };
+            const picture = await unpack(blob);
+            document.body.dispatchEvent(press);
+            return picture;
+          };
+        })()",
+    );
+    page.press("1");
+    assert!(is_same(&shown(page), first), "what is out of date does not count as shown");
 }
 
 fn the_token_is_needed_and_found(browser: &Browser, model: &Path) {

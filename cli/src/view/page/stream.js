@@ -143,7 +143,9 @@ export class Stream {
     for (const name of ["view", "psnr", "iteration"]) facts[name] = response.headers.get(`x-${name}`);
     this.iteration = facts.iteration;
     this.shown += 1;
-    Object.assign(this.canvas.dataset, { shown: this.shown, still: facts.isStill, share: this.share.toFixed(2) });
+    // Something may have changed while it was unpacked, when nothing can be aborted any more.
+    const still = facts.isStill && !this.isWanted;
+    Object.assign(this.canvas.dataset, { shown: this.shown, still, share: this.share.toFixed(2) });
     this.onshown(facts);
   }
 }
