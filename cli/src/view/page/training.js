@@ -3,10 +3,12 @@
 /** Between two looks, in milliseconds, and between two at the light. */
 const PATIENCE = 700;
 const PATIENCE_FOR_LIGHT = 5000;
+/** Looks in vain, one after the other, until a training counts as ended. */
+const FAILURES = 3;
 
 export class Training {
   constructor(server, stream, light, say) {
-    Object.assign(this, { server, stream, light, say, lightSeen: 0 });
+    Object.assign(this, { server, stream, light, say, lightSeen: 0, failures: 0 });
     const element = (id) => document.getElementById(id);
     [this.section, this.progress, this.curve, this.button] = ["training", "progress", "curve", "pause"].map(element);
     this.steering = element("steering");
@@ -34,7 +36,11 @@ export class Training {
   async look() {
     try {
       this.show(await (await this.server.get("training", {})).json());
+      this.failures = 0;
     } catch {
+      this.failures += 1;
+    }
+    if (this.failures >= FAILURES) {
       this.steering.hidden = true;
       this.progress.textContent = "The training has ended, or was ended; specula view shows what it came to.";
     }
