@@ -186,7 +186,7 @@ impl<'a> Training<'a> {
         work: &Work,
         pause: &mut impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        self.show()?;
+        self.show(work)?;
         if interrupt::is_requested() {
             return Ok(());
         }
@@ -206,15 +206,17 @@ impl<'a> Training<'a> {
     }
 
     /// Shows the scene to who watches, if it is asked for, and waits while the training is paused.
-    fn show(&mut self) -> Result<(), Failure> {
+    fn show(&mut self, work: &Work) -> Result<(), Failure> {
         let Some(live) = self.live.clone() else { return Ok(()) };
         while let Some(wish) = live.wish() {
+            live.news().into_iter().for_each(|news| work.note(news));
             match wish {
                 Wish::Scene => live.give(self.scene()?, self.iteration()),
                 Wish::Patience if interrupt::is_requested() => break,
                 Wish::Patience => live.wait(),
             }
         }
+        live.news().into_iter().for_each(|news| work.note(news));
         Ok(())
     }
 

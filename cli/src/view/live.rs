@@ -41,6 +41,8 @@ pub(crate) struct Live {
 struct State {
     is_finished: bool,
     is_paused: bool,
+    /// What was told of that.
+    is_told_paused: bool,
     /// Steps to take although it is paused.
     steps: u32,
     is_scene_wanted: bool,
@@ -91,6 +93,7 @@ impl Live {
         let state = State {
             is_finished: false,
             is_paused: false,
+            is_told_paused: false,
             steps: 0,
             is_scene_wanted: false,
             scene: None,
@@ -117,6 +120,16 @@ impl Live {
             return None;
         }
         Some(Wish::Patience)
+    }
+
+    /// A sentence where the page has paused the training since the last one, or has it go on.
+    pub(crate) fn news(&self) -> Option<&'static str> {
+        let mut state = self.lock();
+        if state.is_told_paused == state.is_paused {
+            return None;
+        }
+        state.is_told_paused = state.is_paused;
+        Some(if state.is_paused { "paused from the page; it goes on from there" } else { "goes on" })
     }
 
     /// Waits for another wish, for a moment.
@@ -219,6 +232,18 @@ mod tests {
         assert_eq!([live.wish(), live.wish(), live.wish()], [None, None, Some(Wish::Patience)]);
         live.go();
         assert_eq!(live.wish(), None);
+    }
+
+    #[test]
+    fn a_pause_is_told_once_and_so_is_its_end() {
+        let live = Live::new(10, 0);
+        assert_eq!(live.news(), None);
+        live.pause();
+        assert_eq!([live.news(), live.news()], [Some("paused from the page; it goes on from there"), None]);
+        live.step(2);
+        assert_eq!(live.news(), None, "single steps are no end of a pause");
+        live.go();
+        assert_eq!([live.news(), live.news()], [Some("goes on"), None]);
     }
 
     #[test]
