@@ -24,9 +24,11 @@ use tokio::{
 const LIGHT_MAX: usize = 64 << 20;
 /// Pixels of a light, at most: 400 MB when they are decoded.
 const PIXELS_MAX: u64 = 1 << 25;
-/// How long nothing may come of a light, and how long all of it may take.
+/// How long nothing may come of a light.
 const PATIENCE: Duration = Duration::from_secs(10);
-const PATIENCE_FOR_ALL: Duration = Duration::from_secs(300);
+/// A light may take this long, and as long as its bytes take at the least rate.
+const PATIENCE_FOR_ALL: Duration = Duration::from_secs(20);
+const BYTES_PER_SECOND_MIN: f64 = 262_144.0;
 
 /// A light that was announced.
 #[derive(Debug)]
@@ -83,18 +85,23 @@ fn too_large() -> Refusal {
     Refusal(StatusCode::PAYLOAD_TOO_LARGE, sentence)
 }
 
+/// How long so many bytes may take to come.
+fn time_for(bytes: usize) -> Duration {
+    PATIENCE_FOR_ALL + Duration::from_secs_f64(bytes as f64 / BYTES_PER_SECOND_MIN)
+}
+
 /// The bytes of a light, written to a file as they come: readers take files, and bound what they read by their size.
 async fn received(mut body: Body, ending: &str) -> Result<NamedTempFile, Refusal> {
     let no_room = |error: std::io::Error| {
         Refusal(StatusCode::INTERNAL_SERVER_ERROR, format!("there is no room for the light: {error}"))
     };
     let too_slow = |_| Refusal(StatusCode::REQUEST_TIMEOUT, "the light comes too slowly; send it again".into());
-    let end = Instant::now() + PATIENCE_FOR_ALL;
+    let start = Instant::now();
     let mut file = tempfile::Builder::new().suffix(&format!(".{ending}")).tempfile().map_err(no_room)?;
     let mut length = 0;
-    while let Some(frame) =
-        timeout_at(end, timeout(PATIENCE, body.frame())).await.and_then(|frame| frame).map_err(too_slow)?
-    {
+    loop {
+        let frame = timeout_at(start + time_for(length), timeout(PATIENCE, body.frame())).await;
+        let Some(frame) = frame.and_then(|frame| frame).map_err(too_slow)? else { return Ok(file) };
         let frame = frame.map_err(|error| bad(format!("the light did not come whole: {error}")))?;
         let Ok(bytes) = frame.into_data() else { continue };
         length += bytes.len();
@@ -103,7 +110,6 @@ async fn received(mut body: Body, ending: &str) -> Result<NamedTempFile, Refusal
         }
         file.write_all(&bytes).map_err(no_room)?;
     }
-    Ok(file)
 }
 
 fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile) -> Result<Response, Refusal> {
@@ -118,4 +124,15 @@ fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile
     }
     let label = site.lights.add(file.path(), &stem, *up, site.talk).map_err(named)?;
     Ok(json_of(&json!({"id": label.id, "name": label.name})))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_light_has_to_come_at_a_least_rate() {
+        let seconds = [0, 1 << 10, 1 << 20, LIGHT_MAX].map(|bytes| time_for(bytes).as_secs_f64());
+        assert_eq!(seconds, [20.0, 20.003_906_25, 24.0, 276.0]);
+    }
 }
