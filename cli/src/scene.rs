@@ -221,9 +221,17 @@ impl Renderer {
 
 /// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.
 pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<LatLong, Failure> {
+    let (map, notes) = read_env_with_notes(path, exposure)?;
+    notes.iter().for_each(|note| talk.note(note));
+    Ok(map)
+}
+
+/// The same, with sentences about it instead of talk.
+pub(crate) fn read_env_with_notes(path: &Path, exposure: f32) -> Result<(LatLong, Vec<String>), Failure> {
     let (mut map, cleaned) = latlong::read(path)?;
+    let mut notes = Vec::new();
     if cleaned.total() > 0 {
-        talk.note(&format!(
+        notes.push(format!(
             "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
             cleaned.total(),
             cleaned.nan,
@@ -231,23 +239,24 @@ pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<LatLong
             cleaned.negative
         ));
     }
-    note_doubts(path, &map, talk)?;
+    notes.extend(doubts(path, &map)?);
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
-    Ok(map)
+    Ok((map, notes))
 }
 
-/// Says why a picture may be no light, where it is read as one.
-fn note_doubts(path: &Path, map: &LatLong, talk: Talk) -> Result<(), Failure> {
+/// Sentences about why a picture may be no light, where it is read as one.
+fn doubts(path: &Path, map: &LatLong) -> Result<Vec<String>, Failure> {
+    let mut doubts = Vec::new();
     if !latlong::holds_radiance(path)? {
-        talk.note(&format!(
+        doubts.push(format!(
             "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
         ));
     }
     if map.width != 2 * map.height {
-        talk.note(&format!(
+        doubts.push(format!(
             "{path:?} has {} × {} pixels, and is stretched to 2:1, as a lat-long map is; is it one?",
             map.width, map.height
         ));
     }
-    Ok(())
+    Ok(doubts)
 }

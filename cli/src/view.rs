@@ -71,7 +71,8 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let machine = args.showing.machine.clone();
     let Stage { site, lights, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
     for env in &args.env {
-        lights.add(env, &name_of(env), args.env_up, talk)?;
+        let (_, notes) = lights.add(env, &name_of(env), args.env_up)?;
+        notes.iter().for_each(|note| talk.note(note));
     }
     interrupt::watch()?;
     announce(&listener, &site)?;

@@ -1,7 +1,7 @@
 //! Lights that a scene can be put under: its own, and those that were named or dropped onto the page.
 
 use super::request::LightAsk;
-use crate::{args::EnvUp, failure::Failure, progress::Talk, scene::read_env};
+use crate::{args::EnvUp, failure::Failure, scene::read_env_with_notes};
 use glam::Vec3;
 use specula_core::scene::{Environment, RadianceActivation};
 use specula_io::latlong::{self, LatLong, Stand};
@@ -61,9 +61,9 @@ impl Lights {
         self.lock().own = own.map(Arc::new);
     }
 
-    /// Reads a lat-long map, and keeps it.
-    pub(super) fn add(&self, file: &Path, name: &str, up: EnvUp, talk: Talk) -> Result<Label, Failure> {
-        let map = read_env(file, 0.0, talk)?;
+    /// Reads a lat-long map, and keeps it; sentences about what is odd in it.
+    pub(super) fn add(&self, file: &Path, name: &str, up: EnvUp) -> Result<(Label, Vec<String>), Failure> {
+        let (map, notes) = read_env_with_notes(file, 0.0)?;
         let values = latlong::to_cube(&map, self.resolution, up.stand(self.up));
         let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
         let mut shelf = self.lock();
@@ -73,7 +73,7 @@ impl Lights {
             shelf.others.remove(0);
         }
         shelf.others.push((label.clone(), Arc::new(cube)));
-        Ok(label)
+        Ok((label, notes))
     }
 
     /// All that there are, the scene's own first.
@@ -125,7 +125,6 @@ mod tests {
     use super::*;
     use specula_io::latlong::UpAxis;
 
-    const QUIET: Talk = Talk { quiet: true };
     const OWN_LIGHT: LightAsk = LightAsk { id: OWN, turn: 0.0, stops: 0.0 };
 
     fn grey() -> Cube {
@@ -149,7 +148,7 @@ mod tests {
         latlong::write(&file, &LatLong { width, height, rgb }).unwrap();
         for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
             let lights = Lights::new(None, 16, above);
-            let id = lights.add(&file, "sky", EnvUp::Scene, QUIET).unwrap().id;
+            let id = lights.add(&file, "sky", EnvUp::Scene).unwrap().0.id;
             let ask = LightAsk { id, ..OWN_LIGHT };
             let cube = lights.get(ask).unwrap().unwrap();
             let sees = |direction: Vec3| {
@@ -175,7 +174,7 @@ mod tests {
         latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
         let lights = Lights::new(Some(grey()), 16, Vec3::Z);
         for _ in 0..=LIGHTS_MAX {
-            lights.add(&file, "sky", EnvUp::Z, QUIET).unwrap();
+            lights.add(&file, "sky", EnvUp::Z).unwrap();
         }
         let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
         assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, OWN, 2));

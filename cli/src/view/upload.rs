@@ -115,15 +115,17 @@ async fn received(mut body: Body, ending: &str) -> Result<NamedTempFile, Refusal
 fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile) -> Result<Response, Refusal> {
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
     // The name that was dropped says more than that of the file in between.
-    let named =
-        |failure: Failure| bad(failure.to_string().replace(&format!("{:?}", file.path()), &format!("{name:?}")));
+    let renamed = |sentence: &str| sentence.replace(&format!("{:?}", file.path()), &format!("{name:?}"));
+    let named = |failure: Failure| bad(renamed(&failure.to_string()));
     let size = latlong::size(file.path()).map_err(|error| named(error.into()))?;
     if size.into_iter().map(u64::from).product::<u64>() > PIXELS_MAX {
         let [width, height] = size;
         return Err(bad(format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most")));
     }
-    let label = site.lights.add(file.path(), &stem, *up, site.talk).map_err(named)?;
-    Ok(json_of(&json!({"id": label.id, "name": label.name})))
+    let (label, notes) = site.lights.add(file.path(), &stem, *up).map_err(named)?;
+    let notes: Vec<String> = notes.iter().map(|note| renamed(note)).collect();
+    notes.iter().for_each(|note| site.talk.note(note));
+    Ok(json_of(&json!({"id": label.id, "name": label.name, "notes": notes})))
 }
 
 #[cfg(test)]

@@ -198,7 +198,7 @@ fn clients_look_at_what_they_like_and_go_when_they_like() {
     let model = trained(&tiny);
     let site = Site::of(&model, &["--quiet"]);
     let added = site.post("/light?name=sky.hdr", &sky(&tiny)).json();
-    assert_eq!(added, json!({"id": 1, "name": "sky"}));
+    assert_eq!(added, json!({"id": 1, "name": "sky", "notes": []}));
     let paths = ["", "&light=1", "&light=1&turn=90", "&light=1&stops=2", "&layer=normal"]
         .map(|more| format!("/frame?view=0&size=32,32{more}"));
     let alone: Vec<Vec<u8>> = paths.iter().map(|path| site.get(path).body).collect();
@@ -503,6 +503,7 @@ fn a_browser_shows_turns_and_relights_the_scene() {
 
     dragging_turns_it(&page, &first);
     dropping_a_light_changes_it(&page, &first, &sky(&tiny));
+    a_light_with_odd_numbers_is_told_of(&page, &odd(&tiny));
     layers_are_chosen_by_key(&page, &tiny, &model);
     a_path_is_saved(&page);
     two_clients_do_not_disturb_each_other(&browser, &page, &site);
@@ -530,14 +531,7 @@ fn dragging_turns_it(page: &Page<'_>, first: &RgbImage) {
 }
 
 fn dropping_a_light_changes_it(page: &Page<'_>, first: &RgbImage, sky: &[u8]) {
-    let drop = format!(
-        "(() => {{
-          const files = new DataTransfer();
-          files.items.add(new File([new Uint8Array({sky:?})], 'sky.hdr'));
-          window.dispatchEvent(new DragEvent('drop', {{ dataTransfer: files, bubbles: true, cancelable: true }}));
-        }})()"
-    );
-    page.eval(&drop);
+    page.eval(&dropped(sky, "sky.hdr"));
     page.wait("document.getElementById('lights').value === '1'");
     let relit = shown(page);
     assert!(share_that_differs(first, &relit) > 0.02, "a light that is dropped lights the scene");
@@ -552,8 +546,44 @@ fn dropping_a_light_changes_it(page: &Page<'_>, first: &RgbImage, sky: &[u8]) {
     }
     assert!(is_same(&shown(page), first), "and there is a way back");
 
-    page.eval(&drop.replace("'sky.hdr'", "'sky.txt'"));
+    page.eval(&dropped(sky, "sky.txt"));
     page.wait("document.getElementById('message').textContent.includes('.hdr or .exr')");
+}
+
+/// A light as large as no lat-long map is, with numbers that are no radiance.
+fn odd(tiny: &Tiny) -> Vec<u8> {
+    let path = tiny.path("odd.exr");
+    let mut rgb = vec![2.0; 3 * 16 * 4];
+    rgb[..4].copy_from_slice(&[f32::NAN, f32::INFINITY, -1.0, -2.0]);
+    latlong::write(&path, &LatLong { width: 16, height: 4, rgb }).unwrap();
+    fs::read(path).unwrap()
+}
+
+#[test]
+fn what_is_odd_about_a_light_is_said_of_the_name_that_was_dropped() {
+    let tiny = Tiny::new();
+    let site = Site::of(&trained(&tiny), &["--quiet"]);
+    let notes = site.post("/light?name=odd.exr", &odd(&tiny)).json()["notes"].clone();
+    let notes: Vec<&str> = notes.as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
+    assert_eq!(notes[0], "4 numbers in \"odd.exr\" are no radiance and were replaced: 1 NaN, 1 infinite, 2 negative");
+    assert!(notes.len() == 2 && notes[1].starts_with("\"odd.exr\" has 16 × 4 pixels"), "{notes:?}");
+}
+
+fn a_light_with_odd_numbers_is_told_of(page: &Page<'_>, odd: &[u8]) {
+    page.eval(&dropped(odd, "odd.exr"));
+    page.wait("document.getElementById('message').textContent.includes('4 numbers in \"odd.exr\" are no radiance')");
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
+}
+
+/// A script that drops a file onto the page.
+fn dropped(file: &[u8], name: &str) -> String {
+    format!(
+        "(() => {{
+          const files = new DataTransfer();
+          files.items.add(new File([new Uint8Array({file:?})], '{name}'));
+          window.dispatchEvent(new DragEvent('drop', {{ dataTransfer: files, bubbles: true, cancelable: true }}));
+        }})()"
+    )
 }
 
 fn layers_are_chosen_by_key(page: &Page<'_>, tiny: &Tiny, model: &Path) {

@@ -135,6 +135,7 @@ export class Light {
 
   /** Sends files to the server, and shows the scene under the last of them. */
   async bring(files) {
+    const sentences = [];
     for (const file of files) {
       this.say(`reading ${file.name} …`, "note");
       try {
@@ -143,11 +144,12 @@ export class Light {
         const light = await response.json();
         this.offer(light);
         this.choose(light.id);
-        this.say("");
+        sentences.push(...light.notes);
       } catch (error) {
-        this.say(error.message);
+        sentences.push(error.message);
       }
     }
+    this.say(sentences.join("; "));
     this.file.value = "";
   }
 }
