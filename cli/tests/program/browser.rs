@@ -153,6 +153,18 @@ impl Page<'_> {
         }
     }
 
+    /// Acts, and waits until the page has heard of the event that comes last of it.
+    fn until_heard(&self, event: &str, act: impl FnOnce()) {
+        self.eval(&format!(
+            "(() => {{
+              window.isHeard = false;
+              window.addEventListener('{event}', () => (window.isHeard = true), {{ once: true, capture: true }});
+            }})()"
+        ));
+        act();
+        self.wait("window.isHeard");
+    }
+
     /// Presses, moves and releases the mouse.
     pub(crate) fn drag(&self, from: [f64; 2], to: [f64; 2]) {
         const STEPS: u32 = 6;
@@ -160,12 +172,14 @@ impl Page<'_> {
             let event = json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1});
             self.call("Input.dispatchMouseEvent", event);
         };
-        mouse("mousePressed", from, 1);
-        for step in 1..=STEPS {
-            let share = f64::from(step) / f64::from(STEPS);
-            mouse("mouseMoved", [0, 1].map(|k| from[k] + share * (to[k] - from[k])), 1);
-        }
-        mouse("mouseReleased", to, 0);
+        self.until_heard("pointerup", || {
+            mouse("mousePressed", from, 1);
+            for step in 1..=STEPS {
+                let share = f64::from(step) / f64::from(STEPS);
+                mouse("mouseMoved", [0, 1].map(|k| from[k] + share * (to[k] - from[k])), 1);
+            }
+            mouse("mouseReleased", to, 0);
+        });
     }
 
     /// A finger that goes from one place to another.
@@ -180,12 +194,13 @@ impl Page<'_> {
 
     /// Presses a key that is a character.
     pub(crate) fn press(&self, key: &str) {
-        for kind in ["keyDown", "keyUp"] {
-            self.call(
-                "Input.dispatchKeyEvent",
-                json!({"type": kind, "key": key, "text": if kind == "keyDown" { key } else { "" }}),
-            );
-        }
+        let stroke = |kind: &str, text: &str| {
+            self.call("Input.dispatchKeyEvent", json!({"type": kind, "key": key, "text": text}));
+        };
+        self.until_heard("keyup", || {
+            stroke("keyDown", key);
+            stroke("keyUp", "");
+        });
     }
 
     /// Closes it, whatever it waits for.
