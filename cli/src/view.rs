@@ -43,6 +43,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 use studio::Studio;
+use tempfile::TempDir;
 use tokio::{net::TcpListener, runtime::Runtime};
 
 /// Where the page is served if nothing else is said.
@@ -69,7 +70,7 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     };
     let place = Place { address: args.listen, token: args.token.clone() };
     let machine = args.showing.machine.clone();
-    let Stage { site, lights, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
+    let Stage { site, lights, runtime, listener, arrivals: _arrivals } = Stage::new(shown, &place, machine, talk)?;
     for env in &args.env {
         let (_, notes) = lights.add(env, &name_of(env), args.env_up)?;
         notes.iter().for_each(|note| talk.note(note));
@@ -108,6 +109,8 @@ struct Stage {
     lights: Arc<Lights>,
     runtime: Runtime,
     listener: TcpListener,
+    /// Where lights are while they come in; removed with all that is in it when it is dropped.
+    arrivals: TempDir,
 }
 
 impl Stage {
@@ -118,6 +121,8 @@ impl Stage {
         let runtime = runtime.map_err(|error| Failure::Internal(format!("cannot serve: {error}")))?;
         let listener = runtime.block_on(server::listen(place.address))?;
         let guard = Guard::new(place.address.ip(), place.token.as_deref())?;
+        let arrivals = tempfile::tempdir()
+            .map_err(|error| Failure::Internal(format!("cannot make a folder for lights that come in: {error}")))?;
 
         let Shown { name, scene, known, held_out, bearings, source, background, live } = shown;
         let Surroundings { known, first, start, centre, up } = Surroundings::of(&bearings, known);
@@ -146,10 +151,11 @@ impl Stage {
             facts,
             live,
             uploads: Site::one_upload(),
+            arrivals: arrivals.path().to_owned(),
             sending: Site::room_for_sending(),
             talk,
         });
-        Ok(Self { site, lights, runtime, listener })
+        Ok(Self { site, lights, runtime, listener, arrivals })
     }
 }
 
@@ -198,6 +204,7 @@ pub(crate) struct Watching {
     live: Arc<Live>,
     server: JoinHandle<()>,
     stays: bool,
+    _arrivals: TempDir,
 }
 
 impl Watching {
@@ -229,7 +236,7 @@ pub(crate) fn watch(
     let place = Place { address, token: args.watch.token.clone() };
     let machine = MachineOptions::in_full(&args.executor);
     let shown = Shown { live: Some(live.clone()), ..shown };
-    let Stage { site, runtime, listener, .. } = Stage::new(shown, &place, machine, talk)?;
+    let Stage { site, runtime, listener, arrivals, .. } = Stage::new(shown, &place, machine, talk)?;
     announce(&listener, &site)?;
     let server = thread::spawn(move || {
         if let Err(failure) = runtime.block_on(server::serve(listener, site)) {
@@ -237,7 +244,7 @@ pub(crate) fn watch(
         }
     });
     let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);
-    Ok(Watching { live, server, stays: until == ViewUntil::CtrlC })
+    Ok(Watching { live, server, stays: until == ViewUntil::CtrlC, _arrivals: arrivals })
 }
 
 /// What a file or a folder is called.

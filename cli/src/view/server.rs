@@ -32,7 +32,7 @@ use hyper_util::{
 };
 use serde_json::{Value, json};
 use specula_io::picture;
-use std::{collections::HashMap, io, sync::Arc};
+use std::{collections::HashMap, io, path::PathBuf, sync::Arc};
 use tokio::{
     net::{TcpListener, TcpStream},
     sync::{OwnedSemaphorePermit, Semaphore, oneshot},
@@ -90,6 +90,8 @@ pub(super) struct Site {
     pub(super) live: Option<Arc<Live>>,
     /// The turn of the light that is being read.
     pub(super) uploads: Arc<Semaphore>,
+    /// The folder in which lights are while they come in.
+    pub(super) arrivals: PathBuf,
     /// Room for pictures that are being sent, in KiB.
     pub(super) sending: Arc<Semaphore>,
     pub(super) talk: Talk,

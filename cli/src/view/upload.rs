@@ -67,7 +67,7 @@ pub(super) async fn add_light(
     let turn = site.uploads.clone().try_acquire_owned().map_err(|_| {
         Refusal(StatusCode::SERVICE_UNAVAILABLE, "another light is being read; send this one in a moment".into())
     })?;
-    let file = received(request.into_body(), &announced.ending).await?;
+    let file = received(request.into_body(), &announced.ending, &site.arrivals).await?;
     let added = spawn_blocking(move || {
         let added = add(&site, &announced, &file);
         drop(turn);
@@ -91,13 +91,13 @@ fn time_for(bytes: usize) -> Duration {
 }
 
 /// The bytes of a light, written to a file as they come: readers take files, and bound what they read by their size.
-async fn received(mut body: Body, ending: &str) -> Result<NamedTempFile, Refusal> {
+async fn received(mut body: Body, ending: &str, folder: &Path) -> Result<NamedTempFile, Refusal> {
     let no_room = |error: std::io::Error| {
         Refusal(StatusCode::INTERNAL_SERVER_ERROR, format!("there is no room for the light: {error}"))
     };
     let too_slow = |_| Refusal(StatusCode::REQUEST_TIMEOUT, "the light comes too slowly; send it again".into());
     let start = Instant::now();
-    let mut file = tempfile::Builder::new().suffix(&format!(".{ending}")).tempfile().map_err(no_room)?;
+    let mut file = tempfile::Builder::new().suffix(&format!(".{ending}")).tempfile_in(folder).map_err(no_room)?;
     let mut length = 0;
     loop {
         let frame = timeout_at(start + time_for(length), timeout(PATIENCE, body.frame())).await;

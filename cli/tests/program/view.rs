@@ -440,6 +440,39 @@ fn one_light_is_read_at_a_time() {
     assert_eq!(site.post("/light?name=sky.hdr", &sky).status, 200, "and then the next");
 }
 
+#[cfg(unix)]
+#[test]
+fn nothing_of_a_light_that_comes_at_the_end_is_left() {
+    let tiny = Tiny::new();
+    let mut view = Command::new(cargo_bin!("specula"));
+    view.arg("view").arg(trained(&tiny)).args(["--executor", "cpu", "--listen", "0", "--quiet"]);
+    let mut watched = training(&tiny, "watched");
+    watched.args(["--view", "0", "--quiet"]);
+    for (mut command, name) in [(view, "view"), (watched, "train")] {
+        let temporary = tiny.path(name);
+        fs::create_dir(&temporary).unwrap();
+        command.env("TMPDIR", &temporary);
+        let site = Site::started(command);
+        if name == "train" {
+            assert_eq!(site.post("/training?do=pause", &[]).status, 200);
+        }
+        let mut slow = TcpStream::connect(("127.0.0.1", site.port)).unwrap();
+        slow.write_all(b"POST /light?name=sky.hdr HTTP/1.1\r\nhost: localhost\r\ncontent-length: 60\r\n\r\n#?")
+            .unwrap();
+        let start = Instant::now();
+        while site.get("/scene").json()["reading"] != true {
+            assert!(start.elapsed() < Duration::from_secs(20), "the light is not read");
+        }
+        if name == "train" {
+            site.post("/training?do=go", &[]);
+        } else {
+            interrupt(&site);
+        }
+        assert_eq!(site.ended(), Some(0), "{name}");
+        assert_eq!(fs::read_dir(&temporary).unwrap().count(), 0, "{name} leaves nothing");
+    }
+}
+
 #[test]
 fn the_body_of_a_stranger_is_not_read() {
     let tiny = Tiny::new();
