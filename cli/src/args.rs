@@ -85,6 +85,9 @@ pub(crate) enum Command {
 pub(crate) struct TryNetwork {
     /// Its file.
     pub(crate) network: PathBuf,
+    /// Width and height of pictures that it is tried on.
+    #[arg(long, num_args = 2)]
+    pub(crate) size: Vec<u32>,
 }
 
 impl Command {
@@ -199,7 +202,7 @@ pub(crate) struct Train {
     pub(crate) executor: ExecutorChoice,
     /// Look for the cheapest setting whose pictures are within E of exact ones (RMS, 1 is white), measure with it, each
     /// picture verified, and write its certificate into specula.json; docs/accuracy.md.
-    #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero)]
+    #[arg(long, alias = "max_error", value_name = "E", value_parser = error_bound)]
     pub(crate) max_error: Option<f64>,
     /// Accepted for GaussianShader's command lines; the residual colour's harmonics are --sh-degree here.
     #[arg(long, alias = "brdf_dim", value_name = "N", hide = true, allow_negative_numbers = true, value_parser = clap::value_parser!(i32).range(-1..=3))]
@@ -476,7 +479,7 @@ pub(crate) struct Render {
     pub(crate) verify_omissions: bool,
     /// Render with the cheapest setting whose colours are within E of exact ones (RMS of sRGB, 1 is white), on the CPU. Each
     /// picture is compared with the most exact one, which is written where it is further off. docs/accuracy.md.
-    #[arg(long, alias = "max_error", value_name = "E", value_parser = above_zero, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
+    #[arg(long, alias = "max_error", value_name = "E", value_parser = error_bound, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
     /// With --max-error, do not compare pictures with exact ones: as quick as the setting is, but a
     /// view that it was not chosen by may be further off than E.
@@ -1145,6 +1148,11 @@ fn projection(text: &str) -> Result<Projection, String> {
 fn above_zero(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| "use a number".to_owned())?;
     if number > 0.0 && number.is_finite() { Ok(number) } else { Err("use a number above zero".into()) }
+}
+
+fn error_bound(text: &str) -> Result<f64, String> {
+    let number = above_zero(text)?;
+    if number < 1.0 { Ok(number) } else { Err("use a number below 1, which is white; 5/255 is 0.02".into()) }
 }
 
 fn share(text: &str) -> Result<f32, String> {

@@ -8,10 +8,11 @@ pub(crate) mod trial;
 
 use crate::{
     args::{Eval, Split},
-    background::Background,
+    background::{Backdrop, Background},
     dataset,
     failure::Failure,
     output,
+    place::differences,
     progress::Talk,
     quality::{self, FITTED, LPIPS, Measured},
     scene::{self, Renderer, background_of, note_oddities},
@@ -19,11 +20,14 @@ use crate::{
 use relit::Relit;
 use seen::Seen;
 use serde_json::{Map, Value};
-use specula_core::{pack::Storage, perspective::Projection, plan::Channels};
+use specula_core::plan::Channels;
 use specula_io::{dataset::LoadOptions, model_folder};
 use specula_scene::OpenedModel;
 use specula_train::{evaluate::fitted_psnr, view::View};
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 /// Measures, prints, and writes down what belongs into the model's folder.
 pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
@@ -34,7 +38,9 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);
     let place = opened.folder.clone().zip(method.clone());
-    let network = args.lpips.as_deref().map(lpips::Judge::read).transpose()?;
+    let sizes = views.iter().map(|view| [view.camera.width, view.camera.height]);
+    let largest = sizes.max_by_key(|[width, height]| u64::from(*width) * u64::from(*height)).unwrap_or_default();
+    let network = args.lpips.as_deref().map(|path| lpips::Judge::read(path, largest)).transpose()?;
     let folder = page_of(args, place.as_ref());
     if let Some(folder) = &folder {
         output::make_folder(folder)?;
@@ -125,26 +131,20 @@ impl Findings {
 /// What the results are filed under: `ours_N`, and everything in which they are not those of `specula eval MODEL`.
 fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     let mut words = vec![model_folder::method_of(opened.iteration?)];
-    if args.machine.storage() != Storage::F32 {
-        words.push("f16".into());
-    }
-    match args.machine.projection {
-        Projection::Affine => {}
-        Projection::Tangent => words.push("tangent".into()),
-        Projection::Ray => words.push("ray".into()),
-        Projection::Within(alpha) => words.push(format!("within-{alpha}")),
-    }
     let usual = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
-    if let Some(resolution) = args.resolution.filter(|resolution| *resolution != usual) {
-        words.push(format!("r{resolution}"));
-    }
-    if background_of(opened, args.background) != background_of(opened, None) {
-        words.push(format!("on-{}", background_of(opened, args.background)));
-    }
-    if let Some(profile) = args.profile.filter(|_| !opened.is_read_as_saved) {
-        words.push(format!("as-{}", profile.name()));
-    }
+    words.extend(args.resolution.filter(|resolution| *resolution != usual).map(|resolution| format!("r{resolution}")));
+    words.extend(differences(opened, &args.machine, args.background.map(Backdrop::Color), args.profile));
+    words.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
+        let name = fs::canonicalize(source).unwrap_or_else(|_| source.to_owned());
+        format!("of-{}", name.file_name().unwrap_or_default().to_string_lossy())
+    }));
     Some(words.join("_"))
+}
+
+/// Whether a data set is another than that of the training; one that was moved is the same.
+fn is_other_source(source: &Path, opened: &OpenedModel) -> bool {
+    let trained_on = opened.info.as_ref().and_then(|info| fs::canonicalize(&info.source_path).ok());
+    trained_on.is_some_and(|trained_on| fs::canonicalize(source).is_ok_and(|source| source != trained_on))
 }
 
 /// Where the page goes: where it was asked for, else beside the pictures of `specula render`.

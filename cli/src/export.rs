@@ -9,7 +9,9 @@ use crate::{
     fit::thousands,
     fuse,
     look::{Tour, evenly, own_cameras},
-    output, prefilter,
+    output,
+    place::light_differences,
+    prefilter,
     progress::Talk,
     scene::{self, Renderer, background_of, note_oddities, relight},
     upright::{Axes, Upright},
@@ -49,10 +51,28 @@ const ROWS: usize = 2;
 /// The degree of what is baked, unless another is asked for.
 const DEGREE: u8 = 3;
 
+/// Refuses to write over a file that the model is read from.
+fn refuse_own_file(output: &Path, model: &Path, folder: Option<&Path>) -> Result<(), Failure> {
+    let Ok(output) = output.canonicalize() else { return Ok(()) };
+    let own = |name: &str| folder.and_then(|folder| folder.join(name).canonicalize().ok());
+    let is_read = model.canonicalize().is_ok_and(|model| model == output);
+    let is_of_model = ["point_cloud", "light", "brdf_mlp", "input.ply"]
+        .into_iter()
+        .any(|name| own(name).is_some_and(|own| output.starts_with(own)));
+    if is_read || is_of_model {
+        return Err(Failure::Input(format!("{output:?} is a file of the model itself; name another with -o")));
+    }
+    Ok(())
+}
+
 /// Writes what was asked for.
 pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
+    if args.env.is_none() && !light_differences(&args.env_options).is_empty() {
+        return Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()));
+    }
     let mut opened = scene::open(&args.model, args.showing.profile)?;
+    args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
     note_oddities(&opened, talk);
     if let Some(env) = &args.env {
         let above = bearings::up(&bearings::of(&opened, args.showing.scene_up)?);

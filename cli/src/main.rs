@@ -25,6 +25,7 @@ mod machine;
 mod output;
 mod page;
 mod pictures;
+mod place;
 mod prefilter;
 mod preset;
 mod progress;

@@ -1,15 +1,16 @@
 //! `specula relight`: a scene under another light, and how close that comes to the truth.
 
 use crate::{
-    args::Relight,
+    args::{Look, Relight},
     background::Backdrop,
     bearings,
     failure::Failure,
     look::Tour,
     output,
     pictures::Layer,
+    place::{Place, differences, light_differences, stem},
     progress::Talk,
-    render::{Job, Place, behind},
+    render::{Job, behind},
     scene::{self, relight},
     truth::{Truths, fit_and_measure},
 };
@@ -36,9 +37,12 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
     let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
     let map = relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
-    let name = args.env.file_stem().unwrap_or_default().to_string_lossy();
-    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{name}"), tour.other_size)?;
+    let Look { background, showing, .. } = &args.look;
+    let mut words = differences(&opened, &showing.machine, *background, showing.profile);
+    words.extend(light_differences(&args.env_options));
+    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{}", stem(&args.env)), &tour, &words)?;
     output::make_folder(&place.folder)?;
+    place.claim(&tour, true)?;
     write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
 
     let behind = behind(&args.look, &tour, &opened, Some((map, args.env_options.env_up.stand(above))))?;

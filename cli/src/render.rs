@@ -9,6 +9,7 @@ use crate::{
     machine::ExecutorChoice,
     output,
     pictures::Layer,
+    place::{Place, differences, light_differences, stem},
     progress::Talk,
     quality::picture_name,
     relay::relay,
@@ -31,13 +32,14 @@ use specula_io::{
 };
 use specula_scene::{OpenedModel, Scene};
 use specula_train::{evaluate::largest_difference, view::View};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Each frame of an animation, in milliseconds.
 const FRAME_MS: u16 = 60;
 
 /// Renders what was asked for.
 pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
+    refuse_contradictions(args)?;
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     note_oddities(&opened, talk);
@@ -49,8 +51,9 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
         talk.note("the scene has no light, so nothing specular is shown; name one with --env");
     }
     let layers = layers_of(&args.layers, &opened, talk);
-    let place = Place::of(&opened, args.output.as_deref(), tour.name, tour.other_size)?;
+    let place = Place::of(&opened, args.output.as_deref(), tour.name, &tour, &words_of(args, &opened))?;
     output::make_folder(&place.folder)?;
+    place.claim(&tour, args.env.is_some())?;
     if layers.contains(&Layer::Light) {
         write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
     }
@@ -74,6 +77,27 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     })?;
     output::say(&place.folder.display().to_string())?;
     verification.map_or(Ok(()), Verification::report)
+}
+
+/// Refuses options that would change nothing, or promise what is not kept.
+fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
+    if args.env.is_none() && !light_differences(&args.env_options).is_empty() {
+        return Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()));
+    }
+    if args.max_error.is_some() && Layer::expanded(&args.layers) != [Layer::Rgb] {
+        return Err(Failure::Input("--max-error is of colours; use it with --layers rgb".into()));
+    }
+    Ok(())
+}
+
+/// Words for everything in which the pictures differ from those of `specula render MODEL`.
+fn words_of(args: &Render, opened: &OpenedModel) -> Vec<String> {
+    let Look { background, showing, .. } = &args.look;
+    let mut words = differences(opened, &showing.machine, *background, showing.profile);
+    words.extend(args.env.as_deref().map(|env| format!("env-{}", stem(env))));
+    words.extend(light_differences(&args.env_options));
+    words.extend(args.max_error.map(|error| format!("error-{error}")));
+    words
 }
 
 /// What is asked to be behind the scene: a colour, the light of a file as it stands, or else the scene's own.
@@ -157,38 +181,6 @@ fn layers_of(asked: &[Layer], opened: &OpenedModel, talk: Talk) -> Vec<Layer> {
         layers.retain(|layer| !layer.is_of_shading());
     }
     layers
-}
-
-/// Where pictures go.
-#[derive(Debug)]
-pub(crate) struct Place {
-    pub(crate) folder: PathBuf,
-    /// The folder of colours: `renders` to the field's tools, `rgb` where the user chose the place.
-    rgb: &'static str,
-}
-
-impl Place {
-    /// Folder that was asked for, or `MODEL/<what>/ours_N`; `ours_N_WxH` for pictures of another size
-    /// than the views, which are not to be mistaken for those beside the ground truth.
-    pub(crate) fn of(
-        opened: &OpenedModel,
-        asked: Option<&Path>,
-        what: &str,
-        other_size: Option<[u32; 2]>,
-    ) -> Result<Self, Failure> {
-        let suffix = other_size.map_or(String::new(), |[width, height]| format!("_{width}x{height}"));
-        match (asked, &opened.folder, opened.iteration) {
-            (Some(folder), _, _) => Ok(Self { folder: folder.to_owned(), rgb: "rgb" }),
-            (None, Some(model), Some(iteration)) => {
-                Ok(Self { folder: model.join(what).join(format!("ours_{iteration}{suffix}")), rgb: "renders" })
-            }
-            _ => Err(Failure::Input("a PLY file has no folder for pictures; name one with -o".into())),
-        }
-    }
-
-    fn of_layer(&self, layer: Layer) -> PathBuf {
-        self.folder.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
-    }
 }
 
 /// Pictures to be made.

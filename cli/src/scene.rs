@@ -239,9 +239,21 @@ pub(crate) fn read_env_with_notes(path: &Path, exposure: f32) -> Result<(LatLong
             cleaned.negative
         ));
     }
+    refuse_cube(path, &map)?;
     notes.extend(doubts(path, &map)?);
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     Ok((map, notes))
+}
+
+/// Refuses six faces in a column, as specula saves the light of a model.
+fn refuse_cube(path: &Path, map: &LatLong) -> Result<(), Failure> {
+    if map.height != 6 * map.width {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "{path:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr, or what \
+         specula export MODEL -o light.exr writes"
+    )))
 }
 
 /// Sentences about why a picture may be no light, where it is read as one.

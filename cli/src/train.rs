@@ -163,7 +163,9 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
     let then = &saved.facts;
     let refuse = |what: String| {
         let place = io::checkpoint::place(&args.model_path);
-        Err(Failure::Input(format!("the checkpoint {place:?} {what}, or start without --resume")))
+        Err(Failure::Input(format!(
+            "the checkpoint {place:?} {what}, or start anew with --overwrite in place of --resume"
+        )))
     };
     if let Some(what) = config::contradiction(&facts.config, &then.config) {
         return refuse(format!("is of a training with {what}; leave the option as it was"));

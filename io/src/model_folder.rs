@@ -46,6 +46,8 @@ const INFO: &str = "specula.json";
 const RESULTS: &str = "results.json";
 /// Each measure of each view, by method.
 const PER_VIEW: &str = "per_view.json";
+/// The measure by which pictures are told from others.
+const SAME: &str = "PSNR";
 /// How far a training had come at some iterations.
 const TIMELINE: &str = "timeline.json";
 
@@ -138,9 +140,9 @@ pub fn remove_unfinished(folder: &Path) {
 ///
 /// # Errors
 ///
-/// A file that cannot be written, or a `specula.json` that cannot be read.
+/// A file that cannot be written.
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
-    let mut saved = saved_iterations(folder)?;
+    let mut saved = saved_or_none(folder);
     saved.retain(|earlier| *earlier != iteration);
     saved.push(iteration);
     write_info(folder, &ModelInfo { saved, ..snapshot.info.clone() })?;
@@ -154,13 +156,19 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
 ///
 /// # Errors
 ///
-/// A file that cannot be written, or a `specula.json` that cannot be read.
+/// A file that cannot be written.
 pub fn save_info(folder: &Path, info: &ModelInfo) -> Result<()> {
-    write_info(folder, &ModelInfo { saved: saved_iterations(folder)?, ..info.clone() })
+    write_info(folder, &ModelInfo { saved: saved_or_none(folder), ..info.clone() })
 }
 
 fn write_info(folder: &Path, info: &ModelInfo) -> Result<()> {
     json::write(&folder.join(INFO), info)
+}
+
+/// Iterations that are saved already. A `specula.json` that cannot be read is written anew: it is no
+/// reason to lose a model.
+fn saved_or_none(folder: &Path) -> Vec<u32> {
+    saved_iterations(folder).unwrap_or_default()
 }
 
 /// Iterations that `specula.json` lists, the newest last.
@@ -253,13 +261,13 @@ pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()
     file_quality(folder, method, quality, Map::new(), [Map::new(), Map::new()])
 }
 
-/// The same beside what the files say of other measures of that method, as long as that is of the same views; `facts` go
+/// The same beside what the files say of other measures of that method, as long as that is of the same pictures; `facts` go
 /// to `results.json` as well.
 pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<String, Value>) -> Result<()> {
     let [mut means, mut per_view] = [read_method(folder, RESULTS, method)?, read_method(folder, PER_VIEW, method)?];
-    let views_of = |values: &Value| values.as_object().map(|views| views.keys().cloned().collect::<Vec<_>>());
-    let measured = quality.first().and_then(|(_, _, views)| views_of(&object(views)));
-    if per_view.get("PSNR").and_then(views_of) != measured {
+    // Equal PSNR of every view: the same pictures against the same truth.
+    let measured = quality.iter().find(|(measure, ..)| measure == SAME).map(|(_, _, views)| object(views));
+    if per_view.get(SAME) != measured.as_ref() {
         (means, per_view) = Default::default();
     }
     file_quality(folder, method, quality, facts, [means, per_view])

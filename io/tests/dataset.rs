@@ -366,7 +366,7 @@ fn impossible_cameras_json_is_refused() {
         cameras::read_cameras(&path, [1, 1]).unwrap_err().to_string()
     };
     let camera = some_camera();
-    assert_says(&refused(Camera { width: 0, ..camera }), &["cameras.json", "view_7", "no size"]);
+    assert_says(&refused(Camera { width: 0, ..camera }), &["cameras.json", "view_7", "0 by 200 pixels"]);
     assert_says(&refused(Camera { focal_px: [0.0, 1.0], ..camera }), &["view_7", "focal length"]);
     assert_says(&refused(Camera { camera_from_world: Mat3::IDENTITY * 2.0, ..camera }), &["view_7", "stretches"]);
     fs::write(&path, "[]").unwrap();

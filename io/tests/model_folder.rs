@@ -247,6 +247,9 @@ fn other_measures_of_the_same_views_stay() {
     assert_eq!(measures(), ["LPIPS", "PSNR"], "what was measured with more effort stays");
     add(of("PSNR", "00001.png"));
     assert_eq!(measures(), ["PSNR"], "what was measured of other views does not");
+    add(both("00001.png"));
+    add(vec![("PSNR".to_owned(), 0.4, vec![("00001.png".to_owned(), 0.4)])]);
+    assert_eq!(measures(), ["PSNR"], "nor of other pictures");
 }
 
 #[test]

@@ -18,10 +18,18 @@ pub(super) struct Judge {
 }
 
 impl Judge {
-    /// Reads a network that was tried in another process first.
-    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        try_network(path)?;
+    /// Reads a network that was tried in another process first, on pictures of this width and height.
+    pub(super) fn read(path: &Path, size: [u32; 2]) -> Result<Self, Failure> {
+        try_network(path, size)?;
         Self::trusted(path)
+    }
+
+    /// Compares two pictures of this width and height, for nothing but what it takes.
+    pub(super) fn try_size(&self, [width, height]: [u32; 2]) {
+        let [width, height] = [width, height].map(|edge| edge as usize);
+        let picture = |value: f32| Image { width, height, channels: 3, values: vec![value; 3 * width * height] };
+        // A refusal is told for the view that it is of.
+        let _ = self.network.distance(&picture(0.25), &picture(0.75));
     }
 
     /// Reads a network in this process.

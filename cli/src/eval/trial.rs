@@ -15,6 +15,10 @@ const BYTES_A_SECOND: u64 = 1_000_000;
 /// Addresses that the process may have, the program itself included, and for each byte of the file.
 const MEMORY: u64 = 1 << 30;
 const MEMORY_OF_BYTE: u64 = 16;
+/// The same for a view: VGG holds 64 numbers of a pixel a few times over, and multiplies as often as a
+/// slow core does in a minute.
+const SECONDS_OF_MEGAPIXEL: u64 = 120;
+const MEMORY_OF_PIXEL: u64 = 6 << 10;
 /// Sets limits, where the system has them, and becomes the program.
 const LIMITED: &str = "ulimit -c 0; ulimit -t $0; ulimit -v $1 2>/dev/null; shift; exec \"$@\"";
 /// The runtime's threads, each of which would take addresses.
@@ -22,21 +26,28 @@ const THREADS: &str = "RTEN_NUM_THREADS";
 
 /// Reads a network in this process, which is one of its own.
 pub(crate) fn run(args: &TryNetwork) -> Result<(), Failure> {
-    Judge::trusted(&args.network).map(drop)
+    let judge = Judge::trusted(&args.network)?;
+    if let [width, height] = args.size[..] {
+        judge.try_size([width, height]);
+    }
+    Ok(())
 }
 
-/// Whether a network can be read within bounds.
-pub(super) fn try_network(path: &Path) -> Result<(), Failure> {
+/// Tries within bounds whether a network can be read, and compares pictures of this width and height.
+pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
     let len = fs::metadata(path).map_or(0, |file| file.len());
-    let seconds = SECONDS + len.saturating_sub(SECONDS_OF_BYTES) / BYTES_A_SECOND;
-    let memory = MEMORY + len.saturating_mul(MEMORY_OF_BYTE);
-    let output = output_of(path, seconds, memory)
+    let pixels = size.into_iter().map(u64::from).product::<u64>();
+    let seconds = SECONDS
+        + len.saturating_sub(SECONDS_OF_BYTES) / BYTES_A_SECOND
+        + pixels.saturating_mul(SECONDS_OF_MEGAPIXEL) / 1_000_000;
+    let memory = MEMORY + len.saturating_mul(MEMORY_OF_BYTE) + pixels.saturating_mul(MEMORY_OF_PIXEL);
+    let output = output_of(path, size, seconds, memory)
         .map_err(|error| Failure::Internal(format!("cannot try {path:?} in a process of its own: {error}")))?;
     match output.status.code() {
         Some(0) => Ok(()),
         Some(2) => Err(Failure::Input(sentence(&output))),
         _ => Err(Failure::Input(format!(
-            "{path:?} holds no network for LPIPS: reading it and comparing two small pictures takes more than {seconds} s of \
+            "{path:?} holds no network for LPIPS: reading it and comparing two pictures takes more than {seconds} s of \
              a processor or {} MiB, or fails altogether ({}); scripts/lpips-onnx.py writes one",
             memory >> 20,
             output.status
@@ -44,7 +55,7 @@ pub(super) fn try_network(path: &Path) -> Result<(), Failure> {
     }
 }
 
-fn output_of(path: &Path, seconds: u64, memory: u64) -> std::io::Result<Output> {
+fn output_of(path: &Path, [width, height]: [u32; 2], seconds: u64, memory: u64) -> std::io::Result<Output> {
     let program = std::env::current_exe()?;
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
@@ -53,7 +64,8 @@ fn output_of(path: &Path, seconds: u64, memory: u64) -> std::io::Result<Output> 
     } else {
         Command::new(program)
     };
-    command.args(["--threads", "1", "try-network"]).arg(path).env(THREADS, "1").stdin(Stdio::null()).output()
+    command.args(["--threads", "1", "try-network"]).arg(path);
+    command.args(["--size", &width.to_string(), &height.to_string()]).env(THREADS, "1").stdin(Stdio::null()).output()
 }
 
 /// What the other process said.

@@ -54,7 +54,7 @@ fn a_training_is_not_hidden_by_another_in_its_folder() {
     trained(&tiny, "model", 20, &["--profile", "3dgs", "--overwrite"]).success();
     let info = specula().arg("info").arg(&model).arg("--json").output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
-    assert_eq!([&info["iteration"], &info["profile"]], [&Value::from(20), &Value::from("3dgs")], "{info}");
+    assert_eq!([&info["iteration"], &info["training"]["profile"]], [&Value::from(20), &Value::from("3dgs")], "{info}");
     let results: Value = serde_json::from_slice(&fs::read(model.join("results.json")).unwrap()).unwrap();
     let methods: Vec<&String> = results.as_object().unwrap().keys().collect();
     assert_eq!(methods, ["ours_20"], "results of the model before are gone");

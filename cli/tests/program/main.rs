@@ -9,6 +9,7 @@ mod export;
 mod glossy;
 mod library;
 mod pages;
+mod place;
 mod prefilter;
 mod report;
 mod resume;

@@ -119,7 +119,7 @@ mod killed {
         let unfinished = tiny.path("model/point_cloud/.unfinished-x");
         fs::write(&unfinished, "half").unwrap();
         end(first, "-KILL", 0);
-        train(&tiny, "model").assert().success();
+        train(&tiny, "model").arg("--overwrite").assert().success();
         assert!(!unfinished.exists() && fs::read(&lock).unwrap().is_empty(), "nothing is left of it");
     }
 

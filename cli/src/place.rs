@@ -1,0 +1,127 @@
+//! Folders of pictures and names of results: one for each way of rendering, so that none takes the
+//! place of another.
+
+use crate::{
+    args::{EnvOptions, EnvUp, MachineOptions, ProfileName},
+    background::Backdrop,
+    failure::Failure,
+    look::Tour,
+    pictures::Layer,
+    scene::background_of,
+};
+use specula_core::{pack::Storage, perspective::Projection};
+use specula_io::{cameras, model_folder::method_of};
+use specula_scene::OpenedModel;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// Cameras of a folder's pictures.
+const CAMERAS: &str = "views.json";
+/// Folders beside those of layers.
+const OTHERS: [&str; 2] = ["renders", "gt"];
+
+/// Words for everything in which a rendering differs from `specula render MODEL`.
+pub(crate) fn differences(
+    opened: &OpenedModel,
+    machine: &MachineOptions,
+    background: Option<Backdrop>,
+    profile: Option<ProfileName>,
+) -> Vec<String> {
+    let storage = (machine.storage() != Storage::F32).then(|| "f16".to_owned());
+    let projection = match machine.projection {
+        Projection::Affine => None,
+        Projection::Tangent => Some("tangent".to_owned()),
+        Projection::Ray => Some("ray".to_owned()),
+        Projection::Within(alpha) => Some(format!("within-{alpha}")),
+    };
+    let behind = background.and_then(|asked| match asked {
+        Backdrop::Environment => Some("on-env".to_owned()),
+        Backdrop::Color(color) => (color != background_of(opened, None)).then(|| format!("on-{color}")),
+    });
+    let read = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{}", profile.name()));
+    [storage, projection, behind, read].into_iter().flatten().collect()
+}
+
+/// Words for a light that is not as its file has it.
+pub(crate) fn light_differences(options: &EnvOptions) -> Vec<String> {
+    let up = match options.env_up {
+        EnvUp::Scene => None,
+        EnvUp::Y => Some("up-y".to_owned()),
+        EnvUp::Z => Some("up-z".to_owned()),
+    };
+    let exposure = (options.exposure != 0.0).then(|| format!("exposure{:+}", options.exposure));
+    [up, exposure].into_iter().flatten().collect()
+}
+
+/// Name of a file without its ending, as a word.
+pub(crate) fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Folder of pictures.
+#[derive(Debug)]
+pub(crate) struct Place {
+    pub(crate) folder: PathBuf,
+    /// The folder of colours: `renders` to the field's tools, `rgb` where the user chose the place.
+    rgb: &'static str,
+}
+
+impl Place {
+    /// Folder that was asked for, or `MODEL/<what>/ours_N`, its name followed by `words` and by a size
+    /// that is not that of the views.
+    pub(crate) fn of(
+        opened: &OpenedModel,
+        asked: Option<&Path>,
+        what: &str,
+        tour: &Tour,
+        words: &[String],
+    ) -> Result<Self, Failure> {
+        match (asked, &opened.folder, opened.iteration) {
+            (Some(folder), _, _) => Ok(Self { folder: folder.to_owned(), rgb: "rgb" }),
+            (None, Some(model), Some(iteration)) => {
+                let size = tour.other_size.map(|[width, height]| format!("{width}x{height}"));
+                let name = [&[method_of(iteration)], words, &Vec::from_iter(size)].concat().join("_");
+                Ok(Self { folder: model.join(what).join(name), rgb: "renders" })
+            }
+            _ => Err(Failure::Input("a PLY file has no folder for pictures; name one with -o".into())),
+        }
+    }
+
+    /// Folder of a layer.
+    pub(crate) fn of_layer(&self, layer: Layer) -> PathBuf {
+        self.folder.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
+    }
+
+    /// Lists the cameras beside the pictures, and removes pictures of other cameras that an earlier
+    /// rendering left here; all of them, where the light may be another.
+    pub(crate) fn claim(&self, tour: &Tour, may_be_relit: bool) -> Result<(), Failure> {
+        let path = self.folder.join(CAMERAS);
+        let before = fs::read(&path).ok();
+        cameras::write(&path, &tour.cameras)?;
+        let now = fs::read(&path).ok();
+        if before.is_some() && (may_be_relit || before != now) {
+            self.remove_pictures();
+        }
+        Ok(())
+    }
+
+    /// Removes numbered pictures of all layers. One that cannot be removed is told when it is written.
+    fn remove_pictures(&self) {
+        let layers = Layer::expanded(&[Layer::All]).into_iter().map(Layer::name).chain(OTHERS);
+        for folder in layers.map(|name| self.folder.join(name)) {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+            entries.filter(|path| is_numbered(path)).for_each(|path| drop(fs::remove_file(path)));
+        }
+        let _ = fs::remove_file(self.folder.join("turntable.png"));
+    }
+}
+
+/// Whether a file is named as [`crate::quality::picture_name`] names pictures.
+fn is_numbered(path: &Path) -> bool {
+    let stem = stem(path);
+    path.extension().is_some_and(|ending| ending == "png")
+        && stem.len() >= 5
+        && stem.bytes().all(|byte| byte.is_ascii_digit())
+}

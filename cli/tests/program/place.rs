@@ -1,0 +1,100 @@
+//! Pictures and results of one way of rendering do not take the place of another's.
+
+use crate::tiny::{Tiny, specula, train};
+use serde_json::Value;
+use std::{fs, path::Path};
+
+fn trained(tiny: &Tiny) -> std::path::PathBuf {
+    train(tiny, "model").args(["--eval", "--executor", "cpu"]).assert().success();
+    tiny.path("model")
+}
+
+fn refusal(words: &[&str], model: &Path) -> String {
+    let mut command = specula();
+    let output = command.arg(words[0]).arg(model).args(&words[1..]).assert().code(2).get_output().clone();
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn pictures_of_another_setting_lie_in_a_folder_of_their_own() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let render = |words: &[&str]| {
+        specula().arg("render").arg(&model).args(["--executor", "cpu"]).args(words).assert().success();
+    };
+    render(&["--layers", "rgb"]);
+    let usual = model.join("test/ours_30/renders/00000.png");
+    let before = fs::read(&usual).unwrap();
+    for (words, folder) in [
+        (["--background", "black"], "ours_30_on-0,0,0"),
+        (["--background", "env"], "ours_30_on-env"),
+        (["--storage", "f16"], "ours_30_f16"),
+        (["--projection", "ray"], "ours_30_ray"),
+        (["--profile", "paper"], "ours_30_as-paper"),
+        (["--max-error", "0.05"], "ours_30_error-0.05"),
+    ] {
+        render(&[&words[..], &["--layers", "rgb"]].concat());
+        assert!(model.join("test").join(folder).join("renders/00000.png").is_file(), "{words:?}");
+        assert_eq!(fs::read(&usual).unwrap(), before, "{words:?} changed the usual pictures");
+    }
+}
+
+#[test]
+fn pictures_of_other_cameras_do_not_stay_beside_new_ones() {
+    let tiny = Tiny::new();
+    let (model, out) = (trained(&tiny), tiny.path("out"));
+    let render = |words: &[&str]| {
+        specula().arg("render").arg(&model).arg("-o").arg(&out).args(words).assert().success();
+    };
+    let count = |layer: &str| fs::read_dir(out.join(layer)).map_or(0, |entries| entries.count());
+    render(&["--turntable", "4", "--layers", "rgb,normal"]);
+    assert_eq!([count("rgb"), count("normal")], [4, 4]);
+    fs::write(out.join("rgb/mine.png"), "mine").unwrap();
+    render(&["--turntable", "2", "--layers", "rgb"]);
+    assert_eq!([count("rgb"), count("normal")], [3, 0], "two new pictures, and what the program did not write");
+    render(&["--turntable", "2", "--layers", "normal"]);
+    assert_eq!([count("rgb"), count("normal")], [3, 2], "layers of the same cameras stay");
+}
+
+#[test]
+fn measures_on_another_data_set_do_not_take_the_place_of_the_models_own() {
+    let (tiny, other) = (Tiny::new(), Tiny::new());
+    let model = trained(&tiny);
+    let results = || -> Value { serde_json::from_slice(&fs::read(model.join("results.json")).unwrap()).unwrap() };
+    specula().arg("eval").arg(&model).arg("-s").arg(tiny.data()).assert().success();
+    let before = results();
+    specula().arg("eval").arg(&model).arg("-s").arg(other.data()).assert().success();
+    assert_eq!(results()["ours_30"], before["ours_30"]);
+    assert!(results()["ours_30_of-data"]["PSNR"].is_number(), "{}", results());
+}
+
+#[test]
+fn an_export_does_not_take_the_place_of_what_it_is_made_of() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let ply = model.join("point_cloud/iteration_30/point_cloud.ply");
+    let before = fs::read(&ply).unwrap();
+    for own in [ply.clone(), model.join("input.ply")] {
+        let sentence = refusal(&["export", "-o", own.to_str().unwrap()], &model);
+        assert!(sentence.contains("a file of the model itself"), "{sentence}");
+    }
+    assert_eq!(fs::read(&ply).unwrap(), before);
+}
+
+#[test]
+fn options_that_would_change_nothing_are_refused() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    for (words, said) in [
+        (&["render", "--exposure", "2"][..], "--env"),
+        (&["export", "-o", "x.ply", "--exposure", "2"], "--env"),
+        (&["render", "--max-error", "5"], "1, which is white"),
+        (&["render", "--max-error", "0.1", "--layers", "normal"], "--layers rgb"),
+    ] {
+        let sentence = refusal(words, &model);
+        assert!(sentence.contains(said), "{words:?}: {sentence}");
+    }
+    let light = model.join("light/iteration_30/environment.exr");
+    let sentence = refusal(&["relight", "--env", light.to_str().unwrap()], &model);
+    assert!(sentence.contains("six faces") && sentence.contains("brdf_mlp.hdr"), "{sentence}");
+}
