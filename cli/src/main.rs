@@ -53,6 +53,18 @@ use std::{ffi::OsString, process::ExitCode};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
+/// Sentence without the middle of what it quotes, where that is as long as a file.
+fn shortened(sentence: &str) -> String {
+    const MOST: usize = 2000;
+    let count = sentence.chars().count();
+    if count <= MOST {
+        return sentence.to_owned();
+    }
+    let start: String = sentence.chars().take(MOST / 2).collect();
+    let end: String = sentence.chars().skip(count - MOST / 2).collect();
+    format!("{start} … {end}")
+}
+
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
@@ -64,7 +76,7 @@ fn main() -> ExitCode {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
-            eprintln!("specula: {failure}");
+            eprintln!("specula: {}", shortened(&failure.to_string()));
             ExitCode::from(failure.exit_code())
         }
         Err(_) => ExitCode::FAILURE,

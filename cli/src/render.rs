@@ -84,8 +84,8 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     if args.env.is_none() && !light_differences(&args.env_options).is_empty() {
         return Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()));
     }
-    if args.max_error.is_some() && Layer::expanded(&args.layers) != [Layer::Rgb] {
-        return Err(Failure::Input("--max-error is of colours; use it with --layers rgb".into()));
+    if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
+        return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
     }
     Ok(())
 }
@@ -133,6 +133,9 @@ fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>, 
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
     let cameras = job.tour.cameras.iter().map(|(_, camera)| *camera).collect();
+    if job.layers.len() > 1 {
+        talk.note("only colours are verified; other layers have the same setting");
+    }
     let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify, talk)?;
     let renderer = Renderer::of_machine(within.machine(), &opened.scene, Layer::channels(job.layers));
     job.run_with(renderer, opened.scene.shading_model.shading.form, talk, |_, _| Ok(()))?;

@@ -98,6 +98,11 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
 /// Refuses a folder that holds another training, whose model would be mistaken for this one's.
 fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
+    let is_same =
+        |source: &Path| source.canonicalize().is_ok_and(|source| folder.canonicalize().is_ok_and(|own| own == source));
+    if args.source().is_ok_and(is_same) {
+        return Err(Failure::Input(format!("{folder:?} is the data set itself; name another folder with -m")));
+    }
     if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
     }

@@ -9,7 +9,11 @@ use exr::meta::BlockDescription;
 use glam::Vec3;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
 use specula_core::color::{UNKNOWN, is_unknown};
-use std::{fs, path::Path};
+use std::{
+    fs::{self, File},
+    io::{BufRead, BufReader, Read, Seek},
+    path::Path,
+};
 
 /// A picture's future, in bytes of each of its pixels.
 #[derive(Clone, Copy, Debug)]
@@ -317,6 +321,7 @@ fn blocks_of(path: &Path) -> Result<u64> {
     const AT_ONCE: u64 = 4;
     /// Bytes of a place, in the file and as it is sorted.
     const PLACE: u64 = 16;
+    refuse_many_attributes(path)?;
     let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
     let mut most = 0;
     for header in &headers {
@@ -327,6 +332,52 @@ fn blocks_of(path: &Path) -> Result<u64> {
         most = most.max(bytes_of_block(header).saturating_mul(AT_ONCE).saturating_add(places));
     }
     Ok(most)
+}
+
+/// Refuses an OpenEXR file of more attributes than any program writes: each becomes a structure of
+/// some hundred bytes, several times. A header that ends too soon is left to the decoder.
+fn refuse_many_attributes(path: &Path) -> Result<()> {
+    const MOST: usize = 4096;
+    let mut reader = BufReader::new(File::open(path).map_err(Error::reading(path))?);
+    match attributes(&mut reader, MOST) {
+        Ok(count) if count > MOST => {
+            Err(Error::Image { path: path.to_owned(), cause: format!("it has more than {MOST} attributes") })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Number of attributes in all headers of an OpenEXR file; counting ends beyond `most`.
+fn attributes(reader: &mut (impl BufRead + Seek), most: usize) -> std::io::Result<usize> {
+    const MULTIPLE_PARTS: u32 = 1 << 12;
+    let mut start = [0; 8];
+    reader.read_exact(&mut start)?;
+    let [.., a, b, c, d] = start;
+    let has_parts = u32::from_le_bytes([a, b, c, d]) & MULTIPLE_PARTS != 0;
+    let (mut count, mut is_header_empty) = (0, true);
+    while count <= most {
+        // An attribute: name, type, length, value. An empty name ends a header, and an empty header all.
+        if skip_text(reader)? == 0 {
+            if is_header_empty || !has_parts {
+                break;
+            }
+            is_header_empty = true;
+            continue;
+        }
+        (count, is_header_empty) = (count + 1, false);
+        skip_text(reader)?;
+        let mut len = [0; 4];
+        reader.read_exact(&mut len)?;
+        reader.seek_relative(i32::from_le_bytes(len).max(0).into())?;
+    }
+    Ok(count)
+}
+
+/// Length of a text that ends with a zero, which is skipped as well.
+fn skip_text(reader: &mut impl BufRead) -> std::io::Result<usize> {
+    let mut text = Vec::new();
+    reader.take(256).read_until(0, &mut text)?;
+    Ok(text.strip_suffix(&[0]).map_or(text.len(), <[u8]>::len))
 }
 
 fn bytes_of_block(header: &exr::meta::header::Header) -> u64 {
@@ -409,6 +460,20 @@ mod tests {
 
     fn pixels(width: u32, height: u32, rgba: &[[u8; 4]]) -> Pixels {
         Pixels { width, height, rgba: rgba.concat() }
+    }
+
+    #[test]
+    fn attributes_of_all_headers_are_counted_until_there_are_too_many() {
+        let header = |count: usize| [b"name\0type\0\x01\0\0\0x".repeat(count), vec![0]].concat();
+        let file = |flags: u32, headers: &[Vec<u8>]| {
+            let start = [0x76, 0x2f, 0x31, 0x01].into_iter().chain(flags.to_le_bytes());
+            start.chain(headers.concat()).collect::<Vec<u8>>()
+        };
+        let count = |bytes: Vec<u8>| attributes(&mut std::io::Cursor::new(bytes), 10).ok();
+        assert_eq!(count(file(2, &[header(7), header(3)])), Some(7), "one header, then offsets");
+        assert_eq!(count(file(2 | 1 << 12, &[header(4), header(3), header(0)])), Some(7), "two parts");
+        assert_eq!(count(file(2, &[header(100)])), Some(11), "no more than it takes to refuse it");
+        assert_eq!(count(file(2, &[header(3)])[..20].to_vec()), None, "a header that ends too soon");
     }
 
     #[test]

@@ -245,7 +245,11 @@ fn training_differences(one: &Run, other: &Run) -> Vec<[String; 2]> {
 /// Why runs of one scene are not comparable: one sentence for each that differs from the first.
 pub(super) fn doubts(runs: &[Run]) -> Vec<String> {
     let scenes = first_of_each(runs.iter().map(|run| run.scene.as_str()));
-    scenes.into_iter().flat_map(|scene| doubts_of(scene, runs)).collect()
+    let unmeasured = runs.iter().filter_map(|run| {
+        let (folder, newest) = (run.folder.display(), run.unmeasured?);
+        Some(format!("{folder} holds iteration {newest}, which was not measured; specula eval {folder} does"))
+    });
+    unmeasured.chain(scenes.into_iter().flat_map(|scene| doubts_of(scene, runs))).collect()
 }
 
 fn doubts_of(scene: &str, runs: &[Run]) -> Vec<String> {

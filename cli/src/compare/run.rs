@@ -57,6 +57,8 @@ pub(super) struct Run {
     pub(super) seconds: Option<f64>,
     /// Of the Gaussians and the light, in megabytes.
     pub(super) size: Option<f64>,
+    /// Newest iteration, where the measures are of an earlier one.
+    pub(super) unmeasured: Option<u32>,
     /// The lines of its `config.toml`.
     pub(super) settings: toml::Table,
     /// What measured LPIPS, if it says so.
@@ -104,6 +106,7 @@ impl Run {
                 .or(rest("gaussians").and_then(Value::as_f64)),
             seconds: on_the_way.or(at_the_end.and_then(Value::as_f64)),
             size: size_of(folder, iteration),
+            unmeasured: latest.filter(|latest| measured_at.is_some_and(|measured| measured < *latest)),
             settings: settings_of(folder),
             network: result("LPIPS_network").and_then(Value::as_str).map(str::to_owned),
             views: views_of(folder, view_count.map_or(0, Map::len))?,
