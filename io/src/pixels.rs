@@ -265,6 +265,9 @@ fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage,
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
     let format = reader.format();
+    if format == Some(ImageFormat::OpenExr) {
+        refuse_many_attributes(path)?;
+    }
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
@@ -321,7 +324,6 @@ fn blocks_of(path: &Path) -> Result<u64> {
     const AT_ONCE: u64 = 4;
     /// Bytes of a place, in the file and as it is sorted.
     const PLACE: u64 = 16;
-    refuse_many_attributes(path)?;
     let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
     let mut most = 0;
     for header in &headers {
