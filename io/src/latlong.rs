@@ -3,7 +3,7 @@
 use crate::{
     cube::Cube,
     error::{Error, Result},
-    pixels::{Future, ask_for, decode, with_pixels},
+    pixels::{Future, ask_for, decode, refuse_many_attributes, with_pixels},
     whole_file,
 };
 use core::f64::consts::PI;
@@ -206,6 +206,7 @@ pub fn size(path: &Path) -> Result<[u32; 2]> {
         codecs::hdr::HdrDecoder::new_nonstrict(reader()?).map_err(Error::decoding(path))?.dimensions()
     } else {
         let format = ImageReader::new(reader()?).with_guessed_format().map_err(Error::reading(path))?;
+        refuse_many_attributes(path, format.format())?;
         format.into_dimensions().map_err(Error::decoding(path))?
     };
     Ok([width, height])

@@ -265,9 +265,7 @@ fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage,
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
     let format = reader.format();
-    if format == Some(ImageFormat::OpenExr) {
-        refuse_many_attributes(path)?;
-    }
+    refuse_many_attributes(path, format)?;
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
@@ -338,8 +336,11 @@ fn blocks_of(path: &Path) -> Result<u64> {
 
 /// Refuses an OpenEXR file of more attributes than any program writes: each becomes a structure of
 /// some hundred bytes, several times. A header that ends too soon is left to the decoder.
-fn refuse_many_attributes(path: &Path) -> Result<()> {
+pub(crate) fn refuse_many_attributes(path: &Path, format: Option<ImageFormat>) -> Result<()> {
     const MOST: usize = 4096;
+    if format != Some(ImageFormat::OpenExr) {
+        return Ok(());
+    }
     let mut reader = BufReader::new(File::open(path).map_err(Error::reading(path))?);
     match attributes(&mut reader, MOST) {
         Ok(count) if count > MOST => {
