@@ -12,7 +12,7 @@
 //! The first is measured in every pixel of a view, on the tiles of that very picture: a sample of
 //! pixels would say nothing of what a cut leaves out elsewhere, and a part that is rendered by
 //! itself has other tiles, where splats are cut elsewhere. The second is rounding alone, which is
-//! measured in `f64` in a window of each view and counts [`ROUNDING_MARGIN`] times. So a picture is
+//! measured in `f64` in a window of each view and counts `ROUNDING_MARGIN` times. So a picture is
 //! within an error E of T where |P − X| is at most E less that margin.
 //!
 //! Each knob is turned alone, all others at their most exact; then all at once, each to its
