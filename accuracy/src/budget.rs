@@ -66,7 +66,7 @@ pub struct Certificate {
     /// The error that was asked for, of each picture: root of the mean square of sRGB colours in
     /// [0, 1].
     pub asked: f64,
-    /// How far the most exact pictures of `f32` may be from those of `f64`.
+    /// Distance of the most exact pictures of `f32` from those of `f64`, at most.
     pub rounding: f64,
     /// On the views that it was chosen by.
     pub chosen_by: Bounds,
@@ -77,18 +77,18 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// How far a picture may be from the most exact one of `f32`, so that it is within what was
+    /// Distance of a picture from the most exact one of `f32` that is allowed, so that it is within what was
     /// asked for of that of `f64`.
     pub fn allowed(&self) -> f64 {
         self.asked - self.rounding
     }
 }
 
-/// How far pictures of some views are from exact ones at most, roots of mean squares; zero where
+/// Distances of pictures of some views from exact ones at most, roots of mean squares; zero where
 /// there are no views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
-    /// How many views there are.
+    /// Number of views.
     pub views: usize,
     /// Of all of them together.
     pub rms: f64,
@@ -138,7 +138,7 @@ fn spread(cameras: &[Camera]) -> Vec<Camera> {
     (0..count).map(|k| cameras[k * cameras.len() / count]).collect()
 }
 
-/// How far the colours of two pictures of a view are apart over a background: root of the mean
+/// Distance of the colours of two pictures of a view over a background: root of the mean
 /// square. Infinite where a number is not finite in either.
 pub(crate) fn apart(own: &Image<Vec<f32>>, exact: &[f32], background: [f32; 3]) -> f64 {
     root_mean_square(over_background(own, background).iter().zip(exact).map(|(a, b)| f64::from(*a) - f64::from(*b)))
@@ -182,7 +182,7 @@ struct Looked {
     camera: Camera,
     /// Colours over the background, three planes.
     exact: Vec<f32>,
-    /// Where the usual setting is most wrong.
+    /// First pixel of the window in which the usual setting is most wrong.
     window: [u32; 2],
     /// Of the usual picture, and of this one.
     work: [Work; 2],
@@ -198,7 +198,7 @@ impl Looked {
         Ok(Self { camera, exact, window, work: [usual.work, own.work] })
     }
 
-    /// How far this picture is from that of `f64`, in its window.
+    /// Distance of this picture from that of `f64`, in its window.
     fn rounding(&self, subject: &Subject, reference: &Reference) -> f64 {
         let size = [self.camera.width, self.camera.height].map(|size| size.min(WINDOW as u32));
         let truth = reference.view(subject, &tile_of(&self.camera, self.window, size)).colors;
@@ -238,7 +238,7 @@ struct Search<'a> {
     subject: &'a Subject,
     trial: Trial<'static>,
     exact: Setting,
-    /// How far pictures may be from the most exact ones.
+    /// Distance of pictures from the most exact ones that is allowed.
     allowed: f64,
     views: Vec<Looked>,
     /// The views that the setting is chosen by.
@@ -327,7 +327,7 @@ impl<'a> Search<'a> {
         Ok(worst)
     }
 
-    /// How far a setting is from the most exact picture of a view, and what it takes.
+    /// Distance of a setting's picture from the most exact one of a view, and its work.
     fn measure(&mut self, setting: &Setting, view: usize) -> Result<(f64, Work), Refusal> {
         let Looked { camera, exact, work: [_, work], .. } = &self.views[view];
         if *setting == self.exact {
@@ -357,7 +357,7 @@ mod tests {
     /// Width and height of views in pixels: windows are a part of the large.
     const LARGE: u32 = 128;
     const SMALL: u32 = 48;
-    /// What is the same in `f64` but for principal points, which are `f32`.
+    /// Tolerance of pictures that are equal in `f64` but for principal points, which are `f32`.
     const SAME: f64 = 1e-6;
 
     /// A view from a place of a circle.

@@ -1,10 +1,10 @@
 //! How far alphas are from those along rays, by how far off the axis a Gaussian is seen.
 
 use specula_core::{
-    blend::{self, Stamp},
+    blend::{self, Splat2d},
     camera::Camera,
     double::Double,
-    perspective::{self, Perspective, Projection, perspective},
+    perspective::{self, Perspective, ProjectionModel, perspective},
     project::{Shape, Splat, project},
     vector::vec3,
 };
@@ -42,7 +42,7 @@ pub fn off_axis() -> Vec<OffAxis> {
 
 fn row((name, thickness, tilt): (&'static str, f64, f64), degrees: f64, scale: f64) -> OffAxis {
     let shape = shape(degrees, scale, thickness, tilt);
-    let [ray, tangent, affine] = [Projection::Ray, Projection::Tangent, Projection::Within(f32::MAX)]
+    let [ray, tangent, affine] = [ProjectionModel::Ray, ProjectionModel::Tangent, ProjectionModel::Within(f32::MAX)]
         .map(|projection| Seen::new(&shape, projection));
     OffAxis { shape: name, degrees, scale, affine: apart(&affine, &ray), tangent: apart(&tangent, &ray) }
 }
@@ -69,12 +69,12 @@ const REACH: f64 = 4.0;
 /// A Gaussian in a projection.
 struct Seen {
     splat: Splat<Double>,
-    stamp: Stamp<Double>,
+    stamp: Splat2d<Double>,
     own: Perspective<Double>,
 }
 
 impl Seen {
-    fn new(shape: &Shape<Double>, projection: Projection) -> Self {
+    fn new(shape: &Shape<Double>, projection: ProjectionModel) -> Self {
         let camera = Camera {
             camera_from_world: Default::default(),
             position: Default::default(),

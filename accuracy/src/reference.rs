@@ -4,8 +4,8 @@ use crate::{setting::Setting, subject::Subject};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     double::Double,
-    limits::Limits,
     plan::{Channels, channel},
     scene::{Gaussians, Image},
     vector::Vec3,
@@ -90,7 +90,7 @@ impl Reference {
             return nothing(camera);
         }
         let rules = self.setting.rules(subject);
-        oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Limits::LEAST)
+        oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Cutoffs::REFERENCE)
     }
 
     /// The same channels of the same Gaussians, blended in an order by the renderer that shares no formula with core.

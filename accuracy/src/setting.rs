@@ -3,8 +3,8 @@
 use crate::subject::Subject;
 use core::fmt;
 use specula_core::{
-    bin::ALPHA_MIN, blend::TRANSMITTANCE_MIN, executor::RenderRules, limits::Limits, pack::Storage,
-    perspective::Projection, plan::Channels, prefilter::PrefilterScheme, random, shade::ShadingForm,
+    bin::ALPHA_MIN, blend::TRANSMITTANCE_MIN, cutoffs::Cutoffs, executor::RenderRules, pack::Storage,
+    perspective::ProjectionModel, plan::Channels, prefilter::PrefilterScheme, random, shade::ShadingForm,
 };
 
 /// How every knob is turned.
@@ -21,7 +21,7 @@ pub struct Setting {
     /// Who looks the light up.
     pub form: ShadingForm,
     /// What is cut off.
-    pub limits: Limits,
+    pub cutoffs: Cutoffs,
     /// What is blended.
     pub channels: Channels,
 }
@@ -29,7 +29,7 @@ pub struct Setting {
 impl Setting {
     /// What `render` does without being told otherwise.
     pub fn usual(subject: &Subject) -> Self {
-        Self { limits: Limits::USUAL, ..Self::exact(subject) }
+        Self { cutoffs: Cutoffs::DEFAULT, ..Self::exact(subject) }
     }
 
     /// Every knob at its most exact: what is left is the rounding of `f32`, and that of the light's filter.
@@ -40,7 +40,7 @@ impl Setting {
             light: subject.light.as_ref().filter(|_| subject.is_lit()).map_or(0, |light| light.resolution),
             sh_degree: subject.gaussians.layout.sh_degree,
             form: subject.shading.form,
-            limits: Limits::LEAST,
+            cutoffs: Cutoffs::REFERENCE,
             channels: Channels::Color,
         }
     }
@@ -132,48 +132,51 @@ pub const KNOBS: [Knob; 10] = [
     },
     Knob {
         name: "least alpha",
-        words: |own| share(own.limits.alpha_min()),
-        copy: |from, to| to.limits = to.limits.with_alpha_min(from.limits.alpha_min()),
+        words: |own| share(own.cutoffs.alpha_min()),
+        copy: |from, to| to.cutoffs = to.cutoffs.with_alpha_min(from.cutoffs.alpha_min()),
         values: |_, base| {
             let values = [0.0, 1e-6, 1.0 / 8192.0, 1.0 / 2048.0, 1.0 / 1024.0, 1.0 / 512.0, ALPHA_MIN, 1.0 / 128.0];
             let coarse = [1.0 / 64.0, 1.0 / 32.0, 1.0 / 16.0];
-            values.into_iter().chain(coarse).map(|least| limited(base, base.limits.with_alpha_min(least))).collect()
+            values.into_iter().chain(coarse).map(|least| limited(base, base.cutoffs.with_alpha_min(least))).collect()
         },
     },
     Knob {
         name: "least transmittance",
-        words: |own| share(own.limits.transmittance_min()),
-        copy: |from, to| to.limits = to.limits.with_transmittance_min(from.limits.transmittance_min()),
+        words: |own| share(own.cutoffs.transmittance_min()),
+        copy: |from, to| to.cutoffs = to.cutoffs.with_transmittance_min(from.cutoffs.transmittance_min()),
         values: |_, base| {
             let values = [0.0, 1e-6, 1e-5, TRANSMITTANCE_MIN, 1e-3, 3e-3, 0.01, 0.03, 0.1];
-            values.map(|least| limited(base, base.limits.with_transmittance_min(least))).into()
+            values.map(|least| limited(base, base.cutoffs.with_transmittance_min(least))).into()
         },
     },
     Knob {
         name: "extent",
-        words: |own| match own.limits.reach_max() {
+        words: |own| match own.cutoffs.reach_max() {
             f32::INFINITY => "exact".into(),
             sigmas => format!("{sigmas} σ"),
         },
-        copy: |from, to| to.limits = to.limits.with_reach_max(from.limits.reach_max()),
+        copy: |from, to| to.cutoffs = to.cutoffs.with_reach_max(from.cutoffs.reach_max()),
         values: |_, base| {
             let values = [f32::INFINITY, 4.0, 3.5, 3.0, 2.5, 2.0];
-            values.map(|sigmas| limited(base, base.limits.with_reach_max(sigmas))).into()
+            values.map(|sigmas| limited(base, base.cutoffs.with_reach_max(sigmas))).into()
         },
     },
     Knob {
         name: "projection",
-        words: |own| match own.limits.projection() {
-            Projection::Ray => "along rays".into(),
-            Projection::Within(alpha) => format!("affine within {alpha}"),
-            Projection::Tangent => "tangent".into(),
-            Projection::Affine => "affine".into(),
+        words: |own| match own.cutoffs.projection() {
+            ProjectionModel::Ray => "along rays".into(),
+            ProjectionModel::Within(alpha) => format!("affine within {alpha}"),
+            ProjectionModel::Tangent => "tangent".into(),
+            ProjectionModel::Affine => "affine".into(),
         },
-        copy: |from, to| to.limits = to.limits.with_projection(from.limits.projection()),
+        copy: |from, to| to.cutoffs = to.cutoffs.with_projection(from.cutoffs.projection()),
         values: |_, base| {
-            let within = [1e-3, 1e-2, 0.1].map(Projection::Within);
-            let values = [Projection::Ray].into_iter().chain(within).chain([Projection::Tangent, Projection::Affine]);
-            values.map(|projection| limited(base, base.limits.with_projection(projection))).collect()
+            let within = [1e-3, 1e-2, 0.1].map(ProjectionModel::Within);
+            let values = [ProjectionModel::Ray]
+                .into_iter()
+                .chain(within)
+                .chain([ProjectionModel::Tangent, ProjectionModel::Affine]);
+            values.map(|projection| limited(base, base.cutoffs.with_projection(projection))).collect()
         },
     },
     Knob {
@@ -210,14 +213,14 @@ pub const FIXED: [(&str, &str); 3] = [
     ("largest alpha", "0.99, which is part of the model"),
 ];
 
-fn limited(base: &Setting, limits: Limits) -> Setting {
-    Setting { limits, ..*base }
+fn limited(base: &Setting, cutoffs: Cutoffs) -> Setting {
+    Setting { cutoffs, ..*base }
 }
 
 /// A share in words: as a fraction where it is one, zero where it is as good as that.
 fn share(x: f32) -> String {
     let inverse = 1.0 / x;
-    if x <= Limits::LEAST.alpha_min() {
+    if x <= Cutoffs::REFERENCE.alpha_min() {
         "0".into()
     } else if x > 1e-4 && (inverse - inverse.round()).abs() < 1e-3 && !(inverse.round() as u32).is_multiple_of(10) {
         format!("1/{inverse:.0}")

@@ -111,7 +111,7 @@ pub struct Taken {
 }
 
 impl Taken {
-    /// How long the picture took.
+    /// Time that the picture took.
     pub fn milliseconds(&self) -> f64 {
         self.times[STAGES.len() - 1]
     }
@@ -158,7 +158,7 @@ impl Trial<'_> {
         let rules = self.rules(setting);
         let light = self.filtered(setting, &rules)?;
         let (gaussians, _) = stored(&self.stored, &self.subject, setting.storage);
-        self.exec.set_limits(setting.limits);
+        self.exec.set_cutoffs(setting.cutoffs);
         let mut watch = Stopwatch { exec: &mut self.exec, times: Times::default(), work: Work::default() };
         let light = light.map(|index| &self.lights[index].light);
         let start = Instant::now();

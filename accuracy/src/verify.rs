@@ -18,14 +18,14 @@ pub struct Verified {
     chosen: Setting,
     exact: Setting,
     background: [f32; 3],
-    /// How far pictures may be from the most exact ones.
+    /// Distance of pictures from the most exact ones that is allowed.
     allowed: f64,
     /// Whether they are compared.
     compares: bool,
     tally: Tally,
 }
 
-/// What came of comparing pictures.
+/// Outcome of comparing pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     /// Pictures that were made.
@@ -33,11 +33,11 @@ pub struct Tally {
     /// Those that were beyond the error under the setting that was chosen, and are the most exact
     /// ones instead.
     pub replaced: usize,
-    /// How far the others are from the most exact ones at most.
+    /// Distance of the others from the most exact ones, at most.
     pub kept: f64,
-    /// How far those that were replaced had been at most.
+    /// Distance of the replaced ones from the most exact ones, at most.
     pub beyond: f64,
-    /// What the setting's pictures cost, and all pictures that were made.
+    /// Costs of the setting's pictures, and of all pictures that were made.
     pub cost: [f64; 2],
     /// The same in milliseconds.
     pub milliseconds: [f64; 2],
@@ -88,7 +88,7 @@ impl Verified {
         Ok(exact.image)
     }
 
-    /// What came of the pictures so far.
+    /// Outcome of the pictures so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }
@@ -113,7 +113,7 @@ impl Verified {
     }
 }
 
-/// How far pictures within an error are from exact ones, as shares of that error: under the setting
+/// Distances of pictures within an error from exact ones, as shares of that error: under the setting
 /// alone, and verified.
 ///
 /// # Errors
@@ -155,7 +155,7 @@ mod tests {
         }
     }
 
-    /// How many pictures of a tour there are within some errors, and how many of them are beyond:
+    /// Number of pictures of a tour within some errors, and of those beyond:
     /// under the setting alone, and verified. Truth is the independent renderer, sorted by the
     /// depth of means as the model is.
     fn beyond(tour: Tour, errors: &[f64]) -> (usize, [usize; 2]) {

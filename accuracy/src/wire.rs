@@ -29,7 +29,7 @@ enum Message {
     Plain,
 }
 
-/// What a field with a length holds.
+/// Contents of a field with a length.
 enum Holds {
     Message(Message),
     Numbers,
@@ -37,7 +37,7 @@ enum Holds {
 }
 
 impl Message {
-    /// What its field of this number holds.
+    /// Contents of its field of this number.
     fn field(self, number: u64) -> Holds {
         Holds::Message(match (self, number) {
             (Self::Attribute, 8) | (Self::Tensor, 1 | 5 | 7) => return Holds::Numbers,
@@ -60,7 +60,7 @@ impl Message {
 ///
 /// # Errors
 ///
-/// What is wrong with it, as the end of a sentence.
+/// The fault, as the end of a sentence.
 pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
     Walk { fields: FIELDS_MAX }.message(bytes, Message::Model, DEPTH_MAX)
 }

@@ -14,7 +14,7 @@ use specula_core::{
     random::uniform,
     scene::{Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, RadianceActivation},
 };
-use specula_cpu::order::sort_in_space;
+use specula_cpu::morton::sort_in_space;
 use specula_train::{
     profile::Profile,
     start::{Point, gaussians},

@@ -3,8 +3,8 @@
 use crate::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
-    pipeline::{Fit, Step, train_step},
+    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
+    pipeline::{Fit, TrainingStep, train_step},
     plan::Channels,
     prefilter::LevelRange,
     scene::{Environment, Gaussians},
@@ -26,9 +26,9 @@ pub struct Scene<E: Executor> {
     /// The Gaussians.
     pub cloud: Gaussians<E::Array>,
     /// Their running means.
-    pub moments: Moments<E::Array>,
+    pub moments: AdamMoments<E::Array>,
     /// The sky and its running means, where the profile has light.
-    pub light: Option<(Environment<E::Array>, Moments<E::Array>)>,
+    pub light: Option<(Environment<E::Array>, AdamMoments<E::Array>)>,
     statistics: Statistics<E::Array>,
     /// Grey, to be compared with.
     pub target: E::Target,
@@ -60,7 +60,7 @@ impl<E: Executor> Scene<E> {
         Ok(Self {
             rules: RenderRules::full(profile.shading, profile.scheme, channels),
             camera: camera(size),
-            moments: Moments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
+            moments: AdamMoments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
             light: light.transpose()?,
             statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
             target: exec.target(size as usize, size as usize, &grey)?,
@@ -78,7 +78,7 @@ impl<E: Executor> Scene<E> {
 
     /// One step that changes nothing, as all rates are zero.
     pub fn train(&mut self, exec: &mut E) -> Result<(), E::Error> {
-        let step = Step {
+        let step = TrainingStep {
             camera: &self.camera,
             target: &self.target,
             background: [1.0; 3],
@@ -109,11 +109,11 @@ fn zeros_of<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>) -> Result<E:
     Ok(exec.upload_gaussians(&cloud.with_values(vec![0.0; cloud.values.len()]))?.values)
 }
 
-fn zero_moments<E: Renderer>(exec: &mut E, len: usize) -> Result<Moments<E::Array>, E::Error> {
-    Ok(Moments { mean: zeros(exec, len)?, square: zeros(exec, len)? })
+fn zero_moments<E: Renderer>(exec: &mut E, len: usize) -> Result<AdamMoments<E::Array>, E::Error> {
+    Ok(AdamMoments { mean: zeros(exec, len)?, square: zeros(exec, len)? })
 }
 
-fn upload_sky<E: Renderer>(exec: &mut E) -> Result<(Environment<E::Array>, Moments<E::Array>), E::Error> {
+fn upload_sky<E: Renderer>(exec: &mut E) -> Result<(Environment<E::Array>, AdamMoments<E::Array>), E::Error> {
     let sky = environment(LIGHT);
     Ok((sky.with_values(exec.upload(&sky.values)?), zero_moments(exec, sky.values.len())?))
 }

@@ -4,7 +4,7 @@ use specula_core::{
     camera::Camera,
     scene::{Environment, Gaussians},
 };
-use specula_cpu::order::sort_in_space;
+use specula_cpu::morton::sort_in_space;
 use specula_io::{
     cameras,
     model_folder::{self, Model},

@@ -4,7 +4,7 @@
 use core::fmt;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{Passage, Stamp, Step, alpha, falloff, goes_on, may_be_seen, stamp, step},
+    blend::{Composite, PixelState, Splat2d, alpha, falloff, is_active, may_overlap, stamp, step},
     camera::Camera,
     executor::Renderer,
     scene::Gaussians,
@@ -51,9 +51,9 @@ pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
     let mut work = Work { intersections: tiles.intersection_count(), ..Work::default() };
     for tile in 0..columns * rows {
         let origin = [tile % columns * TILE, tile / columns * TILE];
-        let mut passages = [Passage::open(0.0); TILE * TILE];
+        let mut passages = [PixelState::open(0.0); TILE * TILE];
         for gaussian in tiles.gaussians_of(tile) {
-            if passages.iter().all(|passage| !goes_on(passage.transmittance)) {
+            if passages.iter().all(|passage| !is_active(passage.transmittance)) {
                 break;
             }
             let stamp = stamp_of(&splats.records()[gaussian]);
@@ -66,25 +66,25 @@ pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
     work
 }
 
-fn stamp_of(record: &SplatRecord) -> Stamp<f32> {
+fn stamp_of(record: &SplatRecord) -> Splat2d<f32> {
     stamp(record.mean2d, record.root_conic, record.log2_opacity)
 }
 
 /// From a splat's centre to that of a pixel.
-fn offset(stamp: &Stamp<f32>, x: usize, y: usize) -> [f32; 2] {
+fn offset(stamp: &Splat2d<f32>, x: usize, y: usize) -> [f32; 2] {
     [x as f32 + 0.5 - stamp.mean2d[0], y as f32 + 0.5 - stamp.mean2d[1]]
 }
 
 fn count_quad(
-    stamp: &Stamp<f32>,
+    stamp: &Splat2d<f32>,
     origin: [usize; 2],
     first: [usize; 2],
-    passages: &mut [Passage<f32>],
+    passages: &mut [PixelState<f32>],
     work: &mut Work,
 ) {
     const ACROSS: f32 = (QUAD - 1) as f32;
     let [x, y] = offset(stamp, origin[0] + first[0], origin[1] + first[1]);
-    if !may_be_seen(stamp, [x, x + ACROSS], [y, y + ACROSS]) {
+    if !may_overlap(stamp, [x, x + ACROSS], [y, y + ACROSS]) {
         return;
     }
     work.processed += QUAD * QUAD;
@@ -93,7 +93,7 @@ fn count_quad(
         let [dx, dy] = offset(stamp, origin[0] + column, origin[1] + row);
         let passage = &mut passages[row * TILE + column];
         let alpha = alpha(falloff(stamp, dx, dy).log2_strength);
-        work.significant += usize::from(alpha > 0.0 && goes_on(passage.transmittance));
+        work.significant += usize::from(alpha > 0.0 && is_active(passage.transmittance));
         *passage = step(alpha, *passage).behind;
     }
 }
@@ -107,19 +107,19 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
     let mut pixel = vec![0.0; channels];
     for y in 0..height {
         for x in 0..width {
-            let mut passage = Passage::open(0.0);
+            let mut passage = PixelState::open(0.0);
             pixel.fill(0.0);
             for gaussian in tiles.gaussians_of(y / TILE * tiles.grid()[0] + x / TILE) {
                 let stamp = stamp_of(&splats.records()[gaussian]);
                 let [dx, dy] = offset(&stamp, x, y);
                 let alpha = alpha(falloff(&stamp, dx, dy).log2_strength);
                 if alpha > 0.0 {
-                    let Step { weight, behind } = step(alpha, passage);
+                    let Composite { weight, behind } = step(alpha, passage);
                     passage = behind;
                     let color = colors.of(gaussian);
                     pixel.iter_mut().zip(color).for_each(|(sum, c)| *sum += weight * c);
                 }
-                if !goes_on(passage.transmittance) {
+                if !is_active(passage.transmittance) {
                     break;
                 }
             }

@@ -4,10 +4,10 @@
 
 use crate::{
     background::{Backdrop, Background},
-    bearings::SceneUp,
     failure::Failure,
     foreground::Foreground,
     machine::ExecutorChoice,
+    orientation::UpChoice,
     pictures::Layer,
     preset::Preset,
     typed::{count, positive},
@@ -16,7 +16,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
 use serde::{Serialize, Serializer};
-use specula_core::{pack::Storage, perspective::Projection};
+use specula_core::{pack::Storage, perspective::ProjectionModel};
 use specula_io::{
     budget::view_size,
     latlong::{Stand, UpAxis},
@@ -91,7 +91,7 @@ pub(crate) struct TryNetwork {
 }
 
 impl Command {
-    /// What it should compute on, where there is a choice.
+    /// Executor that was asked for, where there is a choice.
     pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
         match self {
             Self::Train(args) => Some(&args.executor),
@@ -253,7 +253,7 @@ pub(crate) struct Photographs {
     pub(crate) test_every: u32,
     /// The scene's up direction, where the cameras' is wrong: an axis such as z or -y, or a vector.
     #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
-    pub(crate) scene_up: Option<SceneUp>,
+    pub(crate) scene_up: Option<UpChoice>,
     /// Learn each photograph's exposure, an affine map of its colours, into MODEL/exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
@@ -519,7 +519,7 @@ pub(crate) struct Showing {
     pub(crate) profile: Option<ProfileName>,
     /// The scene's up direction, instead of the model's: an axis such as z or -y, or a vector.
     #[arg(long, alias = "scene_up", value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
-    pub(crate) scene_up: Option<SceneUp>,
+    pub(crate) scene_up: Option<UpChoice>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
 }
@@ -533,16 +533,16 @@ pub(crate) struct MachineOptions {
     /// Numbers of Gaussians and light in memory: f16 takes about half of f32 (docs/performance.md).
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
-    /// Projection of Gaussians: affine as in training, exact (ray, tangent; on the CPU), or exact where affine is off by
+    /// ProjectionModel of Gaussians: affine as in training, exact (ray, tangent; on the CPU), or exact where affine is off by
     /// more than ALPHA (docs/accuracy.md).
     #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
-    pub(crate) projection: Projection,
+    pub(crate) projection: ProjectionModel,
 }
 
 impl MachineOptions {
     /// An executor with its numbers in full.
     pub(crate) fn in_full(executor: &ExecutorChoice) -> Self {
-        Self { executor: executor.clone(), storage: StorageName::F32, projection: Projection::Affine }
+        Self { executor: executor.clone(), storage: StorageName::F32, projection: ProjectionModel::Affine }
     }
     /// How it stores numbers.
     pub(crate) fn storage(&self) -> Storage {
@@ -1134,13 +1134,13 @@ fn weight(text: &str) -> Result<f32, String> {
     if number >= 0.0 { Ok(number) } else { Err("use a number that is not negative".into()) }
 }
 
-fn projection(text: &str) -> Result<Projection, String> {
+fn projection(text: &str) -> Result<ProjectionModel, String> {
     match text {
-        "affine" => Ok(Projection::Affine),
-        "tangent" => Ok(Projection::Tangent),
-        "ray" => Ok(Projection::Ray),
+        "affine" => Ok(ProjectionModel::Affine),
+        "tangent" => Ok(ProjectionModel::Tangent),
+        "ray" => Ok(ProjectionModel::Ray),
         alpha => share(alpha)
-            .map(Projection::Within)
+            .map(ProjectionModel::Within)
             .map_err(|_| "use affine, tangent, ray, or the alpha from 0 to 1 that affine may be off by".to_owned()),
     }
 }

@@ -54,7 +54,7 @@ impl fmt::Display for Background {
 
 kept_as_typed!(Background);
 
-/// What is asked to be behind the Gaussians.
+/// Background that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Backdrop {
     /// A colour.
@@ -85,7 +85,7 @@ impl FromStr for Backdrop {
     }
 }
 
-/// What pictures show behind the Gaussians.
+/// Background of pictures.
 #[derive(Debug)]
 pub(crate) enum Behind {
     /// A colour.

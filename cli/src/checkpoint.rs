@@ -1,7 +1,7 @@
 //! A training put aside, and taken up again: what it has learned as a file, and whether it is that of a run.
 
 use crate::failure::Failure;
-use specula_core::{camera::Camera, executor::Moments, scene::Environment};
+use specula_core::{camera::Camera, executor::AdamMoments, scene::Environment};
 use specula_io::checkpoint::{self, Checkpoint, Facts};
 use specula_train::{
     exposure::Exposures,
@@ -69,7 +69,7 @@ fn checkpoint_of(snapshot: Snapshot, facts: Facts) -> Checkpoint {
         moments,
         statistics,
         light: scene.environment.zip(light_moments),
-        exposures: exposures.map(|Exposures { maps, mean, square }| (maps, Moments { mean, square })),
+        exposures: exposures.map(|Exposures { maps, mean, square }| (maps, AdamMoments { mean, square })),
         order: order.into_iter().map(|view| view as u32).collect(),
         facts,
     }
@@ -78,13 +78,13 @@ fn checkpoint_of(snapshot: Snapshot, facts: Facts) -> Checkpoint {
 /// What a training had learned.
 pub(crate) fn snapshot_of(checkpoint: Checkpoint) -> Snapshot {
     let Checkpoint { gaussians, moments, statistics, light, exposures, order, facts } = checkpoint;
-    let (environment, light_moments): (Option<Environment<Vec<f32>>>, Option<Moments<Vec<f32>>>) = light.unzip();
+    let (environment, light_moments): (Option<Environment<Vec<f32>>>, Option<AdamMoments<Vec<f32>>>) = light.unzip();
     Snapshot {
         scene: HostScene { gaussians, environment },
         moments,
         statistics,
         light_moments,
-        exposures: exposures.map(|(maps, Moments { mean, square })| Exposures { maps, mean, square }),
+        exposures: exposures.map(|(maps, AdamMoments { mean, square })| Exposures { maps, mean, square }),
         iteration: facts.iteration,
         order: order.into_iter().map(|view| view as usize).collect(),
         psnr: facts.psnr,

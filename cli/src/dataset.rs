@@ -1,12 +1,12 @@
 //! Data sets as trainings take them.
 
-use crate::{bearings, failure::Failure, fit::thousands, progress::Talk};
+use crate::{failure::Failure, fit::thousands, orientation, progress::Talk};
 use specula_core::camera::near_of;
 use specula_io::{
     Error,
-    bearings::Bearings,
     dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
     model_folder::ModelInfo,
+    orientation::Orientation,
     points_ply::PointCloud,
 };
 use specula_train::{
@@ -22,7 +22,7 @@ pub(crate) struct Dataset {
     pub(crate) test: Vec<View>,
     pub(crate) points: Option<Vec<Point>>,
     /// What its cameras tell; none where there are none.
-    pub(crate) bearings: Option<Bearings>,
+    pub(crate) orientation: Option<Orientation>,
 }
 
 /// Reads a data set; what is worth knowing about it goes to stderr.
@@ -36,8 +36,8 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let loaded = loaded.map_err(|error| misplaced(folder, &error).unwrap_or_else(|| error.into()))?;
     talk.note(&summary(&loaded));
     loaded.notes.iter().for_each(|note| talk.note(note));
-    let bearings = bearings_of(&loaded);
-    bearings.iter().for_each(|found| talk.note(&bearings::words(found)));
+    let orientation = bearings_of(&loaded);
+    orientation.iter().for_each(|found| talk.note(&orientation::words(found)));
     if let Some(advice) = advice_on_size(&loaded) {
         talk.note(&advice);
     }
@@ -45,7 +45,7 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<D
     let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
     let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
     train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
-    Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)), bearings })
+    Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)), orientation })
 }
 
 /// Whether a folder looks like a data set.
@@ -99,9 +99,9 @@ fn summary(loaded: &dataset::Dataset) -> String {
 }
 
 /// What all its cameras tell.
-fn bearings_of(loaded: &dataset::Dataset) -> Option<Bearings> {
+fn bearings_of(loaded: &dataset::Dataset) -> Option<Orientation> {
     let points = loaded.points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
-    Bearings::of(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
+    Orientation::of(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
 }
 
 /// What to do about pictures that are wider than the field trains on.
@@ -171,7 +171,7 @@ mod tests {
     fn the_demos_cameras_have_exactly_z_above() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
         let data = load(&folder, &LoadOptions::default(), Talk { quiet: true }).unwrap();
-        let found = data.bearings.unwrap();
+        let found = data.orientation.unwrap();
         assert_eq!((found.up, found.rolled), ([0.0, 0.0, 1.0], 0), "{found:?}");
         assert!(found.error_degrees.is_some_and(|error| error < 0.5), "{found:?}");
     }

@@ -168,7 +168,7 @@ fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo
         downscale: 1,
         source_path: output::absolute(&args.output.join("data")),
         seed: SEED,
-        bearings: data.bearings,
+        orientation: data.orientation,
         rest,
         ..ModelInfo::default()
     }

@@ -4,13 +4,12 @@ use crate::{
     args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName, Up},
     background::Background,
     bake::{self, Baked},
-    bearings,
     failure::Failure,
     fit::thousands,
     fuse,
     look::{Tour, evenly, own_cameras},
-    output,
-    place::light_differences,
+    orientation, output,
+    place::refuse_options_without_light,
     prefilter,
     progress::Talk,
     scene::{self, Renderer, background_of, note_oddities, relight},
@@ -20,17 +19,17 @@ use serde_json::json;
 use specula_core::{
     activation::sigmoid,
     camera::Camera,
-    census::Fate,
+    cull::CullReason,
     metrics::psnr,
     plan::Channels,
     scene::{Gaussians, Layout, OPACITY, len_of_values},
 };
 use specula_io::{
-    Error,
-    bearings::Bearings,
-    gaussian_ply,
+    Error, gaussian_ply,
     glb::{self, Attribute, Shading},
-    latlong, mesh, splat, spz,
+    latlong, mesh,
+    orientation::Orientation,
+    splat, spz,
 };
 use specula_scene::{OpenedModel, Scene, ShadingModel, environment::radiance};
 use specula_train::evaluate::{mean_squared_error, over_background};
@@ -68,14 +67,12 @@ fn refuse_own_file(output: &Path, model: &Path, folder: Option<&Path>) -> Result
 /// Writes what was asked for.
 pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
-    if args.env.is_none() && !light_differences(&args.env_options).is_empty() {
-        return Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()));
-    }
+    refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
     let mut opened = scene::open(&args.model, args.showing.profile)?;
     args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
     note_oddities(&opened, talk);
     if let Some(env) = &args.env {
-        let above = bearings::up(&bearings::of(&opened, args.showing.scene_up)?);
+        let above = orientation::up(&orientation::of(&opened, args.showing.scene_up)?);
         relight(&mut opened.scene, env, &args.env_options, above, talk)?;
     }
     for path in &args.output {
@@ -110,7 +107,7 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
 /// How the scene stands; its first camera is in front of it.
 fn stance(args: &Export, opened: &OpenedModel) -> Result<Stance, Failure> {
     let first = own_cameras(opened)?.unwrap_or_default().first().map(|(_, camera)| *camera);
-    Ok((bearings::of(opened, args.showing.scene_up)?, first))
+    Ok((orientation::of(opened, args.showing.scene_up)?, first))
 }
 
 /// What a file becomes.
@@ -198,7 +195,7 @@ impl Plain {
 type Pictures = Vec<(Camera, Vec<f32>)>;
 
 /// How a scene stands, and a camera in front of it, if it has any.
-type Stance = (Bearings, Option<Camera>);
+type Stance = (Orientation, Option<Camera>);
 
 /// A scene on its way out.
 struct Exporter<'a> {
@@ -217,7 +214,7 @@ impl Exporter<'_> {
 
     /// What puts it upright in a world with these axes, if that is asked for.
     fn upright(&self, axes: Axes) -> Option<Upright> {
-        self.stance.as_ref().map(|(bearings, first)| Upright::of(bearings, first.as_ref(), axes))
+        self.stance.as_ref().map(|(orientation, first)| Upright::of(orientation, first.as_ref(), axes))
     }
 
     /// The cameras that it was fitted to, or some all around.
@@ -466,7 +463,7 @@ impl Exporter<'_> {
 
 /// Gaussians that are finite and at least so opaque.
 fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
-    let is_finite = |gaussian: usize| !Fate::of(gaussians, gaussian, None).is_nonfinite();
+    let is_finite = |gaussian: usize| !CullReason::of(gaussians, gaussian, None).is_nonfinite();
     let is_seen = |gaussian: usize| sigmoid(gaussians.get::<1>(gaussian, OPACITY)[0]) >= min_opacity;
     (0..gaussians.count).filter(|gaussian| is_seen(*gaussian) && is_finite(*gaussian)).collect()
 }

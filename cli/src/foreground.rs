@@ -1,12 +1,12 @@
 //! Which part of a scene reflects the light.
 
 use crate::{
-    bearings::centre,
+    orientation::centre,
     typed::{kept_as_typed, numbers},
 };
 use core::{fmt, str::FromStr};
 use specula_core::region::Ball;
-use specula_io::bearings::Bearings;
+use specula_io::orientation::Orientation;
 
 /// How far what cameras look at reaches, as a share of their own distance from its middle.
 const SHARE: f32 = 0.5;
@@ -25,14 +25,13 @@ pub(crate) enum Foreground {
 }
 
 impl Foreground {
-    /// The ball that is meant, in a scene with these bearings; none for everything.
-    pub(crate) fn ball(self, bearings: Option<&Bearings>) -> Option<Ball> {
+    /// The ball that is meant, in a scene with these orientation; none for everything.
+    pub(crate) fn ball(self, orientation: Option<&Orientation>) -> Option<Ball> {
         match self {
             Self::All => None,
-            Self::Auto => Self::Share(SHARE).ball(bearings),
-            Self::Share(share) => {
-                bearings.map(|found| Ball { center: centre(found).to_array(), radius: share * found.distance as f32 })
-            }
+            Self::Auto => Self::Share(SHARE).ball(orientation),
+            Self::Share(share) => orientation
+                .map(|found| Ball { center: centre(found).to_array(), radius: share * found.distance as f32 }),
             Self::Ball(ball) => Some(ball),
         }
     }

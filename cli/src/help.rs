@@ -26,7 +26,7 @@ const FIRST: [&str; 16] = [
     "threads",
     "help",
 ];
-/// What -h says below these.
+/// Text of -h below these.
 const MORE: &str = "\
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7k
@@ -71,7 +71,7 @@ pub(crate) fn in_full(name: Option<&str>) -> Command {
     command.about(about).mut_arg("help", |arg| arg.help(help))
 }
 
-/// What fits a screen.
+/// Help that fits a screen.
 pub(crate) fn first(name: Option<&str>) -> Command {
     let command = named(name);
     if name != Some("train") {

@@ -12,8 +12,8 @@ use crate::{
 use serde_json::{Map, Value, json};
 use specula_core::{
     activation::sigmoid,
-    census::Census,
     cubemap::FACE_COUNT,
+    cull::CullStats,
     executor::RenderRules,
     expose::expose,
     plan::{Channels, Plan, Unlit, channel},
@@ -100,7 +100,7 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     }
     add_ranges(&mut report, &scene.gaussians);
     add_light(&mut report, scene);
-    let census = Census::of(&scene.gaussians, None);
+    let census = CullStats::of(&scene.gaussians, None);
     let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
     report.add("not finite", words, census.nonfinite().into());
     add_plan(&mut report, scene);

@@ -109,7 +109,7 @@ fn host() -> String {
     file.ok().or_else(|| variable("HOSTNAME").or_else(|_| variable("COMPUTERNAME")).ok()).unwrap_or("a machine".into())
 }
 
-/// Who holds the lock of a folder.
+/// Holder of a folder's lock.
 fn words(folder: &Path) -> String {
     let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
     let who = match serde_json::from_str(&text) {

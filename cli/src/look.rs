@@ -2,8 +2,8 @@
 
 use crate::{
     args::{Look, Split},
-    bearings,
     failure::Failure,
+    orientation,
 };
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glam::Vec3;
@@ -13,8 +13,8 @@ use specula_core::{
     sphere::directions,
 };
 use specula_io::{
-    bearings::Bearings,
     cameras::{self, NamedCamera},
+    orientation::Orientation,
 };
 use specula_scene::OpenedModel;
 use specula_train::view::extent_of_cameras;
@@ -57,7 +57,7 @@ impl Tour {
         let own = own_cameras(opened)?;
         let mut tour = match own.clone() {
             Some(own) => Self::of_split(None, own, opened)?,
-            None => Self::around(&bearings::of(opened, None)?, &[], ORBIT, None),
+            None => Self::around(&orientation::of(opened, None)?, &[], ORBIT, None),
         };
         tour.set_near(own);
         Ok(tour.cameras.into_iter().map(|(_, camera)| camera).collect())
@@ -101,7 +101,7 @@ impl Tour {
         }
         let own = own_cameras(opened)?;
         let around = |own: &[NamedCamera], count| {
-            Ok(Self::around(&bearings::of(opened, look.showing.scene_up)?, own, count, look.size))
+            Ok(Self::around(&orientation::of(opened, look.showing.scene_up)?, own, count, look.size))
         };
         match (look.turntable, own) {
             (Some(count), own) => around(&own.unwrap_or_default(), count),
@@ -137,8 +137,8 @@ impl Tour {
 
     /// A circle, as high above the scene as the known cameras are in the mean; or, where these leave much of it out, to and
     /// fro along the rest.
-    pub(crate) fn around(bearings: &Bearings, known: &[NamedCamera], count: u32, size: Option<[u32; 2]>) -> Self {
-        let orbit = Orbit::of(bearings, known);
+    pub(crate) fn around(orientation: &Orientation, known: &[NamedCamera], count: u32, size: Option<[u32; 2]>) -> Self {
+        let orbit = Orbit::of(orientation, known);
         let like = known.first().map(|(_, camera)| *camera);
         let camera_at = |index: u32| {
             let turn = orbit.turn_after(index as f32 / count as f32);
@@ -169,9 +169,9 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    /// Of a scene with these bearings, and the cameras that are known with it.
-    pub(crate) fn of(bearings: &Bearings, mut known: Vec<NamedCamera>) -> Self {
-        let orbit = Orbit::of(bearings, &known);
+    /// Of a scene with these orientation, and the cameras that are known with it.
+    pub(crate) fn of(orientation: &Orientation, mut known: Vec<NamedCamera>) -> Self {
+        let orbit = Orbit::of(orientation, &known);
         let around: Vec<Camera> =
             (0..ORBIT).map(|index| orbit.camera(TAU * index as f32 / ORBIT as f32, None, None)).collect();
         let near = match known.is_empty() {
@@ -179,8 +179,8 @@ impl Surroundings {
             false => near_of(extent_of_cameras(known.iter().map(|(_, camera)| camera))),
         };
         known.iter_mut().for_each(|(_, camera)| camera.near = near);
-        let upright = known.iter().position(|(_, camera)| bearings.is_upright(camera));
-        let first = upright.filter(|_| 2 * bearings.rolled <= bearings.cameras);
+        let upright = known.iter().position(|(_, camera)| orientation.is_upright(camera));
+        let first = upright.filter(|_| 2 * orientation.rolled <= orientation.cameras);
         let start = known.first().map_or(around[0], |(_, camera)| levelled(camera, orbit.up));
         Self { start: Camera { near, ..start }, known, first, centre: orbit.centre, up: orbit.up }
     }
@@ -235,10 +235,11 @@ impl Arc {
 }
 
 impl Orbit {
-    fn of(bearings: &Bearings, known: &[NamedCamera]) -> Self {
+    fn of(orientation: &Orientation, known: &[NamedCamera]) -> Self {
         const ELEVATION: f32 = 0.4;
         const HIGHEST: f32 = 1.0;
-        let (centre, up, distance) = (bearings::centre(bearings), bearings::up(bearings), bearings.distance as f32);
+        let (centre, up, distance) =
+            (orientation::centre(orientation), orientation::up(orientation), orientation.distance as f32);
         if known.is_empty() {
             return Self { centre, up, distance, elevation: ELEVATION, arc: None };
         }
@@ -365,8 +366,8 @@ mod tests {
     fn one_begins_upright_whatever_is_rolled() {
         for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
             let known = circle(rolled);
-            let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
-            let around = Surroundings::of(&bearings, known.clone());
+            let orientation = Orientation::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let around = Surroundings::of(&orientation, known.clone());
             assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
             let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
             assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
@@ -374,7 +375,7 @@ mod tests {
                 forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
                 "one looks where the first camera does"
             );
-            let tour = Tour::around(&bearings, &known, 8, None);
+            let tour = Tour::around(&orientation, &known, 8, None);
             assert!(tour.cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
             assert!(
                 around.centre.length() < 1e-5 && (tour.cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4
@@ -399,8 +400,8 @@ mod tests {
         let side: Vec<NamedCamera> =
             side.into_iter().chain(others.map(|camera| ("other".to_owned(), camera))).collect();
         let angles = |known: &[NamedCamera]| {
-            let bearings = Bearings::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
-            let tour = Tour::around(&bearings, known, 12, None);
+            let orientation = Orientation::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let tour = Tour::around(&orientation, known, 12, None);
             let angle = |camera: &Camera| camera.position.y.atan2(camera.position.x).rem_euclid(TAU);
             tour.cameras.iter().map(|(_, camera)| angle(camera)).collect::<Vec<f32>>()
         };

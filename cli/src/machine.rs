@@ -10,10 +10,10 @@ use crate::{
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     executor::{Executor, RenderRules, Renderer},
-    limits::Limits,
     pack::Storage,
-    perspective::Projection,
+    perspective::ProjectionModel,
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuExecutor, CpuViewer, prefilter::Light};
@@ -142,9 +142,9 @@ pub(crate) fn load(
     rules: &RenderRules,
     talk: Talk,
 ) -> Result<Box<dyn Machine>, Failure> {
-    let limits = Limits::USUAL.with_projection(options.projection);
+    let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection);
     match (&options.executor, options.projection) {
-        (choice, Projection::Affine) => {
+        (choice, ProjectionModel::Affine) => {
             if let Some(device) = device::choose(choice, talk)? {
                 let machine = device.load(&scene.gaussians, options.storage())?;
                 return lit(machine, light, rules);
@@ -157,18 +157,18 @@ pub(crate) fn load(
         }
         _ => (),
     }
-    load_within(scene, light, rules, limits, options.storage())
+    load_within(scene, light, rules, cutoffs, options.storage())
 }
 
-/// A scene on the processor, within these limits and stored so.
+/// A scene on the processor, within these cutoffs and stored so.
 pub(crate) fn load_within(
     scene: Scene,
     light: Option<Environment<Vec<f32>>>,
     rules: &RenderRules,
-    limits: Limits,
+    cutoffs: Cutoffs,
     storage: Storage,
 ) -> Result<Box<dyn Machine>, Failure> {
-    lit(Box::new(Loaded::new(CpuViewer::new(limits), &scene.gaussians, rounded, storage)?), light, rules)
+    lit(Box::new(Loaded::new(CpuViewer::new(cutoffs), &scene.gaussians, rounded, storage)?), light, rules)
 }
 
 fn lit(

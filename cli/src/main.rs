@@ -3,7 +3,6 @@
 mod args;
 mod background;
 mod bake;
-mod bearings;
 mod checkpoint;
 mod compare;
 mod config;
@@ -22,6 +21,7 @@ mod interrupt;
 mod lock;
 mod look;
 mod machine;
+mod orientation;
 mod output;
 mod page;
 mod pictures;

@@ -31,6 +31,11 @@ pub(crate) fn ending(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
+/// The name of a file without its ending.
+pub(crate) fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
 /// Makes a folder, and makes sure that files can be written to it: before long work, not after.
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {

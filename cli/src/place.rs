@@ -6,10 +6,11 @@ use crate::{
     background::Backdrop,
     failure::Failure,
     look::Tour,
+    output::stem,
     pictures::Layer,
     scene::background_of,
 };
-use specula_core::{pack::Storage, perspective::Projection};
+use specula_core::{pack::Storage, perspective::ProjectionModel};
 use specula_io::{cameras, model_folder::method_of};
 use specula_scene::OpenedModel;
 use std::{
@@ -31,10 +32,10 @@ pub(crate) fn differences(
 ) -> Vec<String> {
     let storage = (machine.storage() != Storage::F32).then(|| "f16".to_owned());
     let projection = match machine.projection {
-        Projection::Affine => None,
-        Projection::Tangent => Some("tangent".to_owned()),
-        Projection::Ray => Some("ray".to_owned()),
-        Projection::Within(alpha) => Some(format!("within-{alpha}")),
+        ProjectionModel::Affine => None,
+        ProjectionModel::Tangent => Some("tangent".to_owned()),
+        ProjectionModel::Ray => Some("ray".to_owned()),
+        ProjectionModel::Within(alpha) => Some(format!("within-{alpha}")),
     };
     let behind = background.and_then(|asked| match asked {
         Backdrop::Environment => Some("on-env".to_owned()),
@@ -55,9 +56,12 @@ pub(crate) fn light_differences(options: &EnvOptions) -> Vec<String> {
     [up, exposure].into_iter().flatten().collect()
 }
 
-/// Name of a file without its ending, as a word.
-pub(crate) fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// Refuses options of a light where none is named: they would change nothing.
+pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: &EnvOptions) -> Result<(), Failure> {
+    if light.is_some() || light_differences(options).is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()))
 }
 
 /// Folder of pictures.

@@ -65,7 +65,7 @@ impl Begin {
     }
 }
 
-/// What so many steps more take, if each takes as long as these have in the mean; none where nothing is known.
+/// Time of so many steps more, if each takes as long as these have in the mean; none where nothing is known.
 fn time_left(taken: u64, more: u64, elapsed: Duration) -> Duration {
     let seconds = elapsed.as_secs_f64() * more as f64 / taken.max(1) as f64;
     if taken == 0 { Duration::ZERO } else { Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX) }

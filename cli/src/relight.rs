@@ -3,12 +3,11 @@
 use crate::{
     args::{Look, Relight},
     background::Backdrop,
-    bearings,
     failure::Failure,
     look::Tour,
-    output,
+    orientation, output,
     pictures::Layer,
-    place::{Place, differences, light_differences, stem},
+    place::{Place, differences, light_differences},
     progress::Talk,
     render::{Job, behind},
     scene::{self, relight},
@@ -35,12 +34,13 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
-    let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
+    let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
     let map = relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
     let Look { background, showing, .. } = &args.look;
     let mut words = differences(&opened, &showing.machine, *background, showing.profile);
     words.extend(light_differences(&args.env_options));
-    let place = Place::of(&opened, args.output.as_deref(), &format!("relight/{}", stem(&args.env)), &tour, &words)?;
+    let place =
+        Place::of(&opened, args.output.as_deref(), &format!("relight/{}", output::stem(&args.env)), &tour, &words)?;
     output::make_folder(&place.folder)?;
     place.claim(&tour, true)?;
     write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;

@@ -3,13 +3,13 @@
 use crate::{
     args::{Look, MachineOptions, Render},
     background::{Backdrop, Behind},
-    bearings, dataset,
+    dataset,
     failure::Failure,
     look::Tour,
     machine::ExecutorChoice,
-    output,
+    orientation, output,
     pictures::Layer,
-    place::{Place, differences, light_differences, stem},
+    place::{Place, differences, light_differences, refuse_options_without_light},
     progress::Talk,
     quality::picture_name,
     relay::relay,
@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
     note_oddities(&opened, talk);
-    let above = bearings::up(&bearings::of(&opened, args.look.showing.scene_up)?);
+    let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
     let mut map = None;
     if let Some(env) = &args.env {
         map = Some(relight(&mut opened.scene, env, &args.env_options, above, talk)?);
@@ -81,9 +81,7 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
 
 /// Refuses options that would change nothing, or promise what is not kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
-    if args.env.is_none() && !light_differences(&args.env_options).is_empty() {
-        return Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()));
-    }
+    refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
     }
@@ -94,13 +92,13 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
 fn words_of(args: &Render, opened: &OpenedModel) -> Vec<String> {
     let Look { background, showing, .. } = &args.look;
     let mut words = differences(opened, &showing.machine, *background, showing.profile);
-    words.extend(args.env.as_deref().map(|env| format!("env-{}", stem(env))));
+    words.extend(args.env.as_deref().map(|env| format!("env-{}", output::stem(env))));
     words.extend(light_differences(&args.env_options));
     words.extend(args.max_error.map(|error| format!("error-{error}")));
     words
 }
 
-/// What is asked to be behind the scene: a colour, the light of a file as it stands, or else the scene's own.
+/// Background that is asked for: a colour, the light of a file as it stands, or else the scene's own.
 pub(crate) fn behind(
     look: &Look,
     tour: &Tour,

@@ -14,7 +14,7 @@ use glam::Vec3;
 use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
-    census::{Census, Fate},
+    cull::{CullReason, CullStats},
     executor::RenderRules,
     plan::{Channels, Plan},
     scene::{Environment, Image},
@@ -63,7 +63,7 @@ pub(crate) fn note_oddities(opened: &OpenedModel, talk: Talk) {
     if opened.is_relit {
         talk.note("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
     }
-    if let Some(words) = nonfinite_words(&Census::of(&opened.scene.gaussians, None)) {
+    if let Some(words) = nonfinite_words(&CullStats::of(&opened.scene.gaussians, None)) {
         talk.note(&format!("Gaussians with numbers that are not finite are left out: {words}"));
     }
 }
@@ -100,8 +100,8 @@ fn models_in(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Number of Gaussians that are not finite, by reason; none if all are finite.
-pub(crate) fn nonfinite_words(census: &Census) -> Option<String> {
-    let reasons = Fate::ALL.into_iter().filter(|fate| fate.is_nonfinite() && census.count(*fate) > 0);
+pub(crate) fn nonfinite_words(census: &CullStats) -> Option<String> {
+    let reasons = CullReason::ALL.into_iter().filter(|fate| fate.is_nonfinite() && census.count(*fate) > 0);
     let reasons: Vec<String> = reasons.map(|fate| format!("{} by {}", census.count(fate), fate.words())).collect();
     (!reasons.is_empty()).then(|| reasons.join(", "))
 }

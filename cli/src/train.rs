@@ -3,7 +3,6 @@
 use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
     background::Background,
-    bearings,
     checkpoint::{self, Checkpoints},
     config,
     dataset::{self, Dataset},
@@ -11,7 +10,7 @@ use crate::{
     fit::{Outcome, Start, Training, thousands},
     foreground, interrupt,
     lock::Lock,
-    output,
+    orientation, output,
     progress::{Talk, Work},
     quality::{self, Measured},
     scene::Renderer,
@@ -51,10 +50,11 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let mut profile = settings::profile_of(args, args.iterations)?;
     // A folder that is not there yet is made, and locked, when everything else is known to be in order.
     let lock = if args.model_path.is_dir() { Some(lock(args, talk)?) } else { None };
+    refuse_data_set(args)?;
     refuse_to_hide(args)?;
     let mut data = load(args, talk)?;
     if profile.light.is_some() {
-        profile.foreground = args.start.foreground.ball(data.bearings.as_ref());
+        profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
         profile.foreground.iter().for_each(|ball| talk.note(&foreground::words(ball)));
     }
     let background = background_of(args, &data);
@@ -95,14 +95,20 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     watching.map_or(Ok(()), |watching| watching.stay(result, talk))
 }
 
-/// Refuses a folder that holds another training, whose model would be mistaken for this one's.
-fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
+/// Refuses the folder of the data set itself.
+fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     let is_same =
         |source: &Path| source.canonicalize().is_ok_and(|source| folder.canonicalize().is_ok_and(|own| own == source));
     if args.source().is_ok_and(is_same) {
         return Err(Failure::Input(format!("{folder:?} is the data set itself; name another folder with -m")));
     }
+    Ok(())
+}
+
+/// Refuses a folder that holds another training, whose model would be mistaken for this one's.
+fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
+    let folder = &args.model_path;
     if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
     }
@@ -244,8 +250,9 @@ fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
     let mut data = dataset::load(source, &options_of(args), talk)?;
     if args.photographs.scene_up.is_some() {
         let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
-        data.bearings = data.bearings.map(|found| bearings::with_up(found, args.photographs.scene_up, cameras()));
-        data.bearings.iter().for_each(|found| talk.note(&bearings::words(found)));
+        data.orientation =
+            data.orientation.map(|found| orientation::with_up(found, args.photographs.scene_up, cameras()));
+        data.orientation.iter().for_each(|found| talk.note(&orientation::words(found)));
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
@@ -298,7 +305,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         downscale: args.resolution,
         source_path: output::absolute(args.source()?),
         seed: args.seed,
-        bearings: data.bearings,
+        orientation: data.orientation,
         rest,
         ..ModelInfo::default()
     })
@@ -339,7 +346,7 @@ fn watch(
     let scene = training.scene()?;
     let shown = Shown {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        bearings: data.bearings.unwrap_or_else(|| bearings::of_cloud(&scene.gaussians)),
+        orientation: data.orientation.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians)),
         scene,
         known: data.test.iter().chain(&data.train).map(named).collect(),
         held_out: data.test.len(),

@@ -11,10 +11,10 @@ use specula_core::{
     sh_turn,
 };
 use specula_io::{
-    bearings::Bearings,
     glb::Placement,
     latlong::{self, Stand, UpAxis},
     mesh::Mesh,
+    orientation::Orientation,
 };
 
 /// How far cameras are from the origin then, in the median: about as in NeRF Synthetic.
@@ -51,14 +51,14 @@ impl Axes {
 }
 
 impl Upright {
-    /// Of a scene with these bearings. `first` is a camera that is in front of it, if there is any.
-    pub(crate) fn of(bearings: &Bearings, first: Option<&Camera>, axes: Axes) -> Self {
-        let (above, middle) = (DVec3::from(bearings.up), DVec3::from(bearings.centre));
+    /// Of a scene with these orientation. `first` is a camera that is in front of it, if there is any.
+    pub(crate) fn of(orientation: &Orientation, first: Option<&Camera>, axes: Axes) -> Self {
+        let (above, middle) = (DVec3::from(orientation.up), DVec3::from(orientation.centre));
         let beside = |direction: DVec3| direction.reject_from_normalized(above).try_normalize();
         let front = first.and_then(|camera| beside(camera.position.as_dvec3() - middle));
         let front = front.or_else(|| beside(DVec3::NEG_Y)).unwrap_or_else(|| above.any_orthonormal_vector());
         let y_up = DMat3::from_cols(above.cross(front), above, front).transpose();
-        Self { rotation: axes.rotation() * y_up, scale: DISTANCE / bearings.distance, centre: middle }
+        Self { rotation: axes.rotation() * y_up, scale: DISTANCE / orientation.distance, centre: middle }
     }
 
     fn place(&self, point: [f32; 3]) -> [f32; 3] {

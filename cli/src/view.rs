@@ -17,11 +17,11 @@ mod upload;
 use crate::{
     args::{MachineOptions, Train, View, ViewUntil},
     background::Background,
-    bearings, dataset,
+    dataset,
     failure::Failure,
     interrupt,
     look::{Surroundings, own_cameras},
-    output,
+    orientation, output,
     pictures::Layer,
     progress::Talk,
     scene::{self, background_of, note_oddities},
@@ -35,10 +35,10 @@ use live::Live;
 use queue::Queue;
 use serde_json::{Value, json};
 use server::{Job, Site};
-use specula_io::{bearings::Bearings, cameras::NamedCamera};
+use specula_io::{cameras::NamedCamera, orientation::Orientation};
 use specula_scene::{OpenedModel, Scene};
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::Arc,
     thread::{self, JoinHandle},
 };
@@ -61,7 +61,7 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     let shown = Shown {
         name,
         known: own_cameras(&opened)?.unwrap_or_default(),
-        bearings: bearings::of(&opened, args.showing.scene_up)?,
+        orientation: orientation::of(&opened, args.showing.scene_up)?,
         held_out: opened.test_views().unwrap_or(0),
         source: source_of(&opened),
         scene: opened.scene,
@@ -89,7 +89,7 @@ pub(crate) struct Shown {
     /// Views, those that were held out first, and how many those are.
     pub(crate) known: Vec<NamedCamera>,
     pub(crate) held_out: usize,
-    pub(crate) bearings: Bearings,
+    pub(crate) orientation: Orientation,
     pub(crate) source: Option<Source>,
     pub(crate) background: Background,
     /// The training that it is of, if it is going on.
@@ -109,7 +109,7 @@ struct Stage {
     lights: Arc<Lights>,
     runtime: Runtime,
     listener: TcpListener,
-    /// Where lights are while they come in; removed with all that is in it when it is dropped.
+    /// Folder of lights that come in; removed with its files when it is dropped.
     arrivals: TempDir,
 }
 
@@ -124,8 +124,8 @@ impl Stage {
         let arrivals = tempfile::tempdir()
             .map_err(|error| Failure::Internal(format!("cannot make a folder for lights that come in: {error}")))?;
 
-        let Shown { name, scene, known, held_out, bearings, source, background, live } = shown;
-        let Surroundings { known, first, start, centre, up } = Surroundings::of(&bearings, known);
+        let Shown { name, scene, known, held_out, orientation, source, background, live } = shown;
+        let Surroundings { known, first, start, centre, up } = Surroundings::of(&orientation, known);
         let album = Album::new(known, held_out, source);
         let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
         let facts = json!({
@@ -247,10 +247,9 @@ pub(crate) fn watch(
     Ok(Watching { live, server, stays: until == ViewUntil::CtrlC, _arrivals: arrivals })
 }
 
-/// What a file or a folder is called.
-fn name_of(path: &std::path::Path) -> String {
-    let absolute = PathBuf::from(output::absolute(path));
-    absolute.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// Name of a file or a folder.
+fn name_of(path: &Path) -> String {
+    output::stem(Path::new(&output::absolute(path)))
 }
 
 /// The photographs of a model, if the data set of its training is still there.

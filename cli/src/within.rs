@@ -47,17 +47,17 @@ pub(crate) fn within(
 }
 
 impl Within {
-    /// What certifies the setting.
+    /// Certificate of the setting.
     pub(crate) fn certificate(&self) -> &str {
         &self.certificate
     }
 
-    /// What renders its pictures.
+    /// Machine that renders its pictures.
     pub(crate) fn machine(&self) -> Box<dyn Machine> {
         Box::new(self.clone())
     }
 
-    /// What came of verifying the pictures that were rendered; the time it took is a note.
+    /// Outcome of verifying the pictures that were rendered; the time it took is a note.
     pub(crate) fn report(&self, talk: Talk) -> String {
         let verified = self.verified();
         let tally = verified.tally();

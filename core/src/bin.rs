@@ -1,6 +1,6 @@
 //! Which tiles of the screen a splat touches.
 
-use crate::{limits::Limits, project::Splat, real::Real};
+use crate::{cutoffs::Cutoffs, project::Splat, real::Real};
 
 /// Pixels along an edge of a tile.
 pub const TILE_SIZE: u32 = 16;
@@ -21,14 +21,14 @@ pub struct Footprint<R> {
 /// The footprint of a splat; `reach` is −1 for one that is too faint, too near, or not a number.
 #[inline(always)]
 pub fn footprint<R: Real>(splat: &Splat<R>) -> Footprint<R> {
-    footprint_within(splat, &Limits::USUAL)
+    footprint_within(splat, &Cutoffs::DEFAULT)
 }
 
 /// [`footprint`] with another least alpha.
 #[inline(always)]
-pub fn footprint_within<R: Real>(splat: &Splat<R>, limits: &Limits) -> Footprint<R> {
+pub fn footprint_within<R: Real>(splat: &Splat<R>, cutoffs: &Cutoffs) -> Footprint<R> {
     let like = splat.depth;
-    let ratio = splat.opacity * (1.0 / limits.alpha_min());
+    let ratio = splat.opacity * (1.0 / cutoffs.alpha_min());
     let reach = (ratio.max(like.constant(1.0)).ln() * 2.0).sqrt();
     // Comparisons are false for NaN, and finite sums rule out infinity.
     let sum = splat.mean2d[0].abs() + splat.mean2d[1].abs() + splat.variance[0] + splat.variance[1];

@@ -4,7 +4,7 @@
 //! transmittance below [`TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
 //! background.
 
-use crate::{limits::Limits, project::SplatGrad, real::Real};
+use crate::{cutoffs::Cutoffs, project::SplatGrad, real::Real};
 
 /// No splat is more opaque than this, so that the light behind it, and its gradient, can be recovered.
 pub const MAX_ALPHA: f32 = 0.99;
@@ -22,7 +22,7 @@ pub const ROOT_SCALE: f32 = 0.849_321_8;
 
 /// A splat as compositing reads it.
 #[derive(Clone, Copy, Debug)]
-pub struct Stamp<R> {
+pub struct Splat2d<R> {
     /// Centre, in pixels.
     pub mean2d: [R; 2],
     /// Root of the conic, scaled for powers of two.
@@ -33,9 +33,9 @@ pub struct Stamp<R> {
 
 /// The stamp of a splat with this centre, root of the conic and logarithm of the opacity to base two.
 #[inline(always)]
-pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], log2_opacity: R) -> Stamp<R> {
+pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], log2_opacity: R) -> Splat2d<R> {
     let [xx, yx, yy] = root_conic;
-    Stamp { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity }
+    Splat2d { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity }
 }
 
 /// A splat at one pixel.
@@ -49,21 +49,21 @@ pub struct Falloff<R> {
 
 /// How strong a splat is at the offset δ = pixel centre − mean.
 #[inline(always)]
-pub fn falloff<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> Falloff<R> {
+pub fn falloff<R: Real>(stamp: &Splat2d<R>, dx: R, dy: R) -> Falloff<R> {
     let offset = scaled_offset(stamp, dx, dy);
     Falloff { offset, log2_strength: log2_strength(stamp.log2_opacity, offset) }
 }
 
 /// Scaled W δ.
 #[inline(always)]
-pub fn scaled_offset<R: Real>(stamp: &Stamp<R>, dx: R, dy: R) -> [R; 2] {
+pub fn scaled_offset<R: Real>(stamp: &Splat2d<R>, dx: R, dy: R) -> [R; 2] {
     let [xx, yx, yy] = stamp.root;
     [xx * dx, yx.mul_add(dx, yy * dy)]
 }
 
 /// Scaled W δ of the point from which means are measured, −W mean.
 #[inline(always)]
-pub fn offset_of_origin<R: Real>(stamp: &Stamp<R>) -> [R; 2] {
+pub fn offset_of_origin<R: Real>(stamp: &Splat2d<R>) -> [R; 2] {
     let [x, y] = stamp.mean2d;
     scaled_offset(stamp, -x, -y)
 }
@@ -82,15 +82,15 @@ pub fn log2_strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
 
 /// Whether a splat of this strength is seen at all.
 #[inline(always)]
-pub fn is_seen<R: Real>(log2_strength: R) -> R::Mask {
-    Limits::USUAL.is_seen(log2_strength)
+pub fn passes_alpha_test<R: Real>(log2_strength: R) -> R::Mask {
+    Cutoffs::DEFAULT.passes_alpha_test(log2_strength)
 }
 
 /// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
 /// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
 #[inline(always)]
-pub fn may_be_seen<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
-    Limits::USUAL.may_be_seen_in_column(stamp, &column_of(stamp, dx), dy)
+pub fn may_overlap<R: Real>(stamp: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
+    Cutoffs::DEFAULT.may_overlap_column(stamp, &column_of(stamp, dx), dy)
 }
 
 /// What a splat is in all boxes between the same bounds of δx.
@@ -102,9 +102,9 @@ pub struct Column<R> {
     slant: [R; 2],
 }
 
-/// A splat between two bounds of δx; see [`Limits::may_be_seen_in_column`].
+/// A splat between two bounds of δx; see [`Cutoffs::may_overlap_column`].
 #[inline(always)]
-pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
+pub fn column_of<R: Real>(stamp: &Splat2d<R>, dx: [R; 2]) -> Column<R> {
     let [xx, yx, _] = stamp.root;
     let slant = [yx * dx[0], yx * dx[1]];
     let u = distance_to_zero(xx * dx[0], xx * dx[1]);
@@ -113,7 +113,7 @@ pub fn column_of<R: Real>(stamp: &Stamp<R>, dx: [R; 2]) -> Column<R> {
 
 /// Least scaled |W δ|² in a box of offsets, or less.
 #[inline(always)]
-pub(crate) fn least_squared<R: Real>(stamp: &Stamp<R>, dx: [R; 2], dy: [R; 2]) -> R {
+pub(crate) fn least_squared<R: Real>(stamp: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R {
     let [xx, yx, yy] = stamp.root;
     let slant = [yx * dx[0], yx * dx[1]];
     let u = distance_to_zero(xx * dx[0], xx * dx[1]);
@@ -131,12 +131,12 @@ fn distance_to_zero<R: Real>(low: R, high: R) -> R {
 /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero below 1/255.
 #[inline(always)]
 pub fn alpha<R: Real>(log2_strength: R) -> R {
-    Limits::USUAL.alpha(log2_strength)
+    Cutoffs::DEFAULT.alpha(log2_strength)
 }
 
 /// What a pixel lets through while splats come, front to back.
 #[derive(Clone, Copy, Debug)]
-pub struct Passage<R> {
+pub struct PixelState<R> {
     /// Transmittance in front of the next splat. It only falls: once it is below [`TRANSMITTANCE_MIN`], the pixel has
     /// ended.
     pub transmittance: R,
@@ -144,7 +144,7 @@ pub struct Passage<R> {
     pub left: R,
 }
 
-impl<R: Real> Passage<R> {
+impl<R: Real> PixelState<R> {
     /// Before the first splat.
     #[inline(always)]
     pub fn open(like: R) -> Self {
@@ -154,35 +154,35 @@ impl<R: Real> Passage<R> {
 
 /// Whether a pixel with this transmittance goes on.
 #[inline(always)]
-pub fn goes_on<R: Real>(transmittance: R) -> R::Mask {
-    Limits::USUAL.goes_on(transmittance)
+pub fn is_active<R: Real>(transmittance: R) -> R::Mask {
+    Cutoffs::DEFAULT.is_active(transmittance)
 }
 
 /// What one splat does to a pixel.
 #[derive(Clone, Copy, Debug)]
-pub struct Step<R> {
+pub struct Composite<R> {
     /// α T: the splat's weight; zero if the pixel ends here or has ended.
     pub weight: R,
     /// What is let through behind it.
-    pub behind: Passage<R>,
+    pub behind: PixelState<R>,
 }
 
 /// One splat over a pixel.
 #[inline(always)]
-pub fn step<R: Real>(alpha: R, front: Passage<R>) -> Step<R> {
-    Limits::USUAL.step(alpha, front)
+pub fn step<R: Real>(alpha: R, front: PixelState<R>) -> Composite<R> {
+    Cutoffs::DEFAULT.step(alpha, front)
 }
 
 /// The formulas that know where a picture stops to look further.
-impl Limits {
+impl Cutoffs {
     /// Whether a splat of this strength is seen at all.
     #[inline(always)]
-    pub fn is_seen<R: Real>(&self, log2_strength: R) -> R::Mask {
+    pub fn passes_alpha_test<R: Real>(&self, log2_strength: R) -> R::Mask {
         log2_strength.constant(self.log2_alpha_min).less_or_equal(log2_strength)
     }
-    /// [`may_be_seen`] in a box of a column.
+    /// [`may_overlap`] in a box of a column.
     #[inline(always)]
-    pub fn may_be_seen_in_column<R: Real>(&self, stamp: &Stamp<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
+    pub fn may_overlap_column<R: Real>(&self, stamp: &Splat2d<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
         let [_, _, yy] = stamp.root;
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
         self.may_reach((-w).mul_add(w, column.most))
@@ -197,21 +197,21 @@ impl Limits {
     #[inline(always)]
     pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
         let strength = log2_strength.exp2_of_small();
-        strength.min(strength.constant(MAX_ALPHA)).keep(self.is_seen(log2_strength))
+        strength.min(strength.constant(MAX_ALPHA)).keep(self.passes_alpha_test(log2_strength))
     }
     /// Whether a pixel with this transmittance goes on.
     #[inline(always)]
-    pub fn goes_on<R: Real>(&self, transmittance: R) -> R::Mask {
+    pub fn is_active<R: Real>(&self, transmittance: R) -> R::Mask {
         transmittance.constant(self.transmittance_min).less_or_equal(transmittance)
     }
     /// One splat over a pixel.
     #[inline(always)]
-    pub fn step<R: Real>(&self, alpha: R, front: Passage<R>) -> Step<R> {
+    pub fn step<R: Real>(&self, alpha: R, front: PixelState<R>) -> Composite<R> {
         let transmittance = transmittance_behind(alpha, front.transmittance);
-        let goes_on = self.goes_on(transmittance);
-        Step {
-            weight: (alpha * front.transmittance).keep(goes_on),
-            behind: Passage { transmittance, left: R::select(goes_on, transmittance, front.left) },
+        let is_active = self.is_active(transmittance);
+        Composite {
+            weight: (alpha * front.transmittance).keep(is_active),
+            behind: PixelState { transmittance, left: R::select(is_active, transmittance, front.left) },
         }
     }
 }
@@ -236,7 +236,7 @@ pub struct Replay<R> {
 pub struct StepGrad<R> {
     /// Gradient of the logarithm of the splat's strength.
     pub log_strength: R,
-    /// The splat's weight, as in [`Step`]: times the pixel's gradient, it is that of the splat's channels.
+    /// The splat's weight, as in [`Composite`]: times the pixel's gradient, it is that of the splat's channels.
     pub weight: R,
     /// The pixel behind it.
     pub behind: Replay<R>,
@@ -251,9 +251,9 @@ pub struct StepGrad<R> {
 pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) -> StepGrad<R> {
     let alpha = alpha(log2_strength);
     let transmittance = transmittance_behind(alpha, front.transmittance);
-    let goes_on = goes_on(transmittance);
-    let weight = (alpha * front.transmittance).keep(goes_on);
-    let transmittance = transmittance.keep(goes_on);
+    let is_active = is_active(transmittance);
+    let weight = (alpha * front.transmittance).keep(is_active);
+    let transmittance = transmittance.keep(is_active);
     let remaining = (-weight).mul_add(color_dot_grad, front.remaining);
     let grad_alpha = front.transmittance * color_dot_grad - remaining / (-alpha + 1.0);
     let is_free = log2_strength.less(log2_strength.constant(LOG2_MAX_ALPHA)) & weight.zero().less(weight);
@@ -263,7 +263,7 @@ pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) 
 /// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln strength, (u, w) the
 /// scaled offset.
 #[derive(Clone, Copy, Debug)]
-pub struct Moments<R> {
+pub struct OffsetMoments<R> {
     /// Σ h u, Σ h w.
     pub first: [R; 2],
     /// Σ h u², Σ h u w, Σ h w².
@@ -272,7 +272,7 @@ pub struct Moments<R> {
     pub sum: R,
 }
 
-impl<R: Real> Moments<R> {
+impl<R: Real> OffsetMoments<R> {
     /// No pixels.
     #[inline(always)]
     pub fn zero(like: R) -> Self {
@@ -294,7 +294,7 @@ impl<R: Real> Moments<R> {
 /// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx δx) / W_yy. The depth
 /// gets none: compositing does not read it.
 #[inline(always)]
-pub fn moments_vjp<R: Real>(stamp: &Stamp<R>, opacity: R, moments: &Moments<R>) -> SplatGrad<R> {
+pub fn moments_vjp<R: Real>(stamp: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
     let [xx, yx, yy] = stamp.root;
     let ([u, w], [uu, uw, ww]) = (moments.first, moments.second);
     let twice_ln_2 = u.constant(4.0).ln();

@@ -1,7 +1,7 @@
 //! A pinhole camera: looks along +z, x to the right, y down; pixel centres at + ½.
 
 use crate::{
-    perspective::Projection,
+    perspective::ProjectionModel,
     project::NEAR,
     real::Real,
     vector::{Mat3, Vec3, vec3},
@@ -141,9 +141,9 @@ pub struct CameraOf<R> {
 impl<R: Real> CameraOf<R> {
     /// The same camera as a projection needs it: what is not affine follows the Jacobian however far outside.
     #[inline(always)]
-    pub fn for_projection(self, projection: Projection) -> Self {
+    pub fn for_projection(self, projection: ProjectionModel) -> Self {
         let free = self.slope_limit[0].constant(f32::MAX);
-        let slope_limit = if projection == Projection::Affine { self.slope_limit } else { [free; 2] };
+        let slope_limit = if projection == ProjectionModel::Affine { self.slope_limit } else { [free; 2] };
         Self { slope_limit, ..self }
     }
     /// The direction from an image point to the camera, in world space, of unit length.

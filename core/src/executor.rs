@@ -5,7 +5,7 @@ use crate::{
     densify::DensifyRules,
     expose::Exposure,
     loss::LossWeights,
-    pipeline::{Step, StepReport},
+    pipeline::{StepReport, TrainingStep},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
@@ -110,7 +110,7 @@ impl core::error::Error for BufferLength {}
 
 /// Running means of Adam for every number of a scene.
 #[derive(Clone, Debug)]
-pub struct Moments<A> {
+pub struct AdamMoments<A> {
     /// Means of the gradients.
     pub mean: A,
     /// Means of the squared gradients.
@@ -315,7 +315,7 @@ pub trait Executor: Renderer {
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
-        moments: &mut Moments<Self::Array>,
+        moments: &mut AdamMoments<Self::Array>,
         grad: Gaussians<Self::Array>,
         rates: &[f32],
         step: u32,
@@ -325,11 +325,11 @@ pub trait Executor: Renderer {
     fn update(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
-        moments: &mut Moments<Self::Array>,
+        moments: &mut AdamMoments<Self::Array>,
         splats: &Self::Splats,
         light: Option<&Self::Light>,
         grads: &Self::SplatGrads,
-        step: &Step<'_, Self>,
+        step: &TrainingStep<'_, Self>,
     ) -> Result<Option<Self::LightGrad>, Self::Error>
     where
         Self: Sized,
@@ -344,7 +344,7 @@ pub trait Executor: Renderer {
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
-        moments: &mut Moments<Self::Array>,
+        moments: &mut AdamMoments<Self::Array>,
         grad: Self::Array,
         rate: f32,
         radiance_max: f32,
@@ -368,7 +368,7 @@ pub trait Executor: Renderer {
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
-        moments: &mut Moments<Self::Array>,
+        moments: &mut AdamMoments<Self::Array>,
         statistics: &mut Statistics<Self::Array>,
         rules: &DensifyRules,
         count_max: usize,
@@ -379,7 +379,7 @@ pub trait Executor: Renderer {
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
-        moments: &mut Moments<Self::Array>,
+        moments: &mut AdamMoments<Self::Array>,
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,

@@ -11,10 +11,10 @@
 //! * [`plan`]: what a scene needs and a run leaves out; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
 //! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
 //! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
-//! * [`limits`]: where a picture stops to look further; [`census`]: which Gaussians are left out, and why
+//! * [`cutoffs`]: where a picture stops to look further; [`cull`]: which Gaussians are left out, and why
 //! * [`expose`]: what a photograph makes of the scene's colours
 //! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
-//! * [`order`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
+//! * [`morton`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
 //! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
 //! * [`eigen`]: of symmetric matrices; [`sphere`]: directions all around
 //! * [`least_squares`]: fits of harmonics and of exposures
@@ -70,10 +70,11 @@ pub mod activation;
 pub mod bin;
 pub mod blend;
 pub mod camera;
-pub mod census;
 pub mod color;
 pub mod covariance;
 pub mod cubemap;
+pub mod cull;
+pub mod cutoffs;
 pub mod densify;
 pub mod depth_normal;
 pub mod double;
@@ -83,13 +84,12 @@ pub mod executor;
 pub mod expose;
 pub mod ggx;
 pub mod least_squares;
-pub mod limits;
 pub mod loss;
 pub mod math;
 pub mod metrics;
+pub mod morton;
 pub mod normal;
 pub mod optimise;
-pub mod order;
 pub mod pack;
 pub mod perspective;
 pub mod pipeline;

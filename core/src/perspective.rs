@@ -18,26 +18,26 @@
 
 use crate::{
     bin::Footprint,
-    blend::{ROOT_SCALE, Stamp, least_squared},
+    blend::{ROOT_SCALE, Splat2d, least_squared},
     camera::CameraOf,
     covariance::{rotation, scales},
+    cutoffs::Cutoffs,
     each,
-    limits::Limits,
     project::{BLUR, EXTENT_MAX, Shape, Splat, root_of_conic},
     real::Real,
     vector::{Vec3, vec3},
 };
 
-/// How Gaussians become splats. Training knows [`Projection::Affine`] alone.
+/// How Gaussians become splats. Training knows [`ProjectionModel::Affine`] alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Projection {
+pub enum ProjectionModel {
     /// Local affine (EWA, Zwicker et al. 2001), with INRIA's limit of the slope.
     Affine,
     /// Affine onto the plane that touches the unit sphere where the mean is seen, then exactly onto the screen.
     Tangent,
     /// The largest response along each pixel's ray.
     Ray,
-    /// [`Projection::Ray`] for splats of which the affine projection would be off by more than this alpha, to first
+    /// [`ProjectionModel::Ray`] for splats of which the affine projection would be off by more than this alpha, to first
     /// order; affine for the others.
     Within(f32),
 }
@@ -62,7 +62,7 @@ const ELLIPSE_MAX: f32 = 0.99;
 /// The perspective of a Gaussian's splat, as a projection has it.
 #[inline(always)]
 pub fn perspective<R: Real>(
-    projection: Projection,
+    projection: ProjectionModel,
     shape: &Shape<R>,
     splat: &Splat<R>,
     camera: &CameraOf<R>,
@@ -70,10 +70,10 @@ pub fn perspective<R: Real>(
     let zero = splat.depth.zero();
     let none = Perspective { slope: [zero; 2], curvature: zero };
     match projection {
-        Projection::Affine => none,
-        Projection::Tangent => along_tangent(shape, camera),
-        Projection::Ray => along_ray(shape, camera),
-        Projection::Within(alpha) => {
+        ProjectionModel::Affine => none,
+        ProjectionModel::Tangent => along_tangent(shape, camera),
+        ProjectionModel::Ray => along_ray(shape, camera),
+        ProjectionModel::Within(alpha) => {
             let exact = along_ray(shape, camera);
             let matters = zero.constant(alpha).less(affine_error(splat, &exact));
             let keep = |x: R| x.keep(matters);
@@ -241,9 +241,9 @@ pub fn log2_strength<R: Real>(log2_opacity: R, squared: R, ray_scale: R, scaled_
 /// Whether a splat in perspective may be seen somewhere in a box of offsets from its mean; it is for sure where this says
 /// no.
 #[inline(always)]
-pub fn may_be_seen<R: Real>(
-    limits: &Limits,
-    stamp: &Stamp<R>,
+pub fn may_overlap<R: Real>(
+    cutoffs: &Cutoffs,
+    stamp: &Splat2d<R>,
     perspective: &Perspective<R>,
     dx: [R; 2],
     dy: [R; 2],
@@ -251,5 +251,5 @@ pub fn may_be_seen<R: Real>(
     let [lx, ly] = perspective.slope;
     let most = (lx * dx[0]).max(lx * dx[1]) + (ly * dy[0]).max(ly * dy[1]) + 1.0;
     let curvature = scaled_curvature(perspective.curvature);
-    limits.may_reach(log2_strength(stamp.log2_opacity, least_squared(stamp, dx, dy), most, curvature))
+    cutoffs.may_reach(log2_strength(stamp.log2_opacity, least_squared(stamp, dx, dy), most, curvature))
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
     expose::Exposure,
     loss::{LossReport, LossWeights},
     scene::{Environment, Gaussians},
@@ -30,16 +30,16 @@ pub struct Fit<'a, E: Executor> {
     /// The Gaussians.
     pub gaussians: &'a mut Gaussians<E::Array>,
     /// Their running means.
-    pub moments: &'a mut Moments<E::Array>,
+    pub moments: &'a mut AdamMoments<E::Array>,
     /// The light and its running means; none for plain Gaussian splatting.
-    pub environment: Option<(&'a mut Environment<E::Array>, &'a mut Moments<E::Array>)>,
+    pub environment: Option<(&'a mut Environment<E::Array>, &'a mut AdamMoments<E::Array>)>,
     /// What densification has seen.
     pub statistics: &'a mut Statistics<E::Array>,
 }
 
 /// A picture to fit, and how.
 #[derive(Debug)]
-pub struct Step<'a, E: Executor> {
+pub struct TrainingStep<'a, E: Executor> {
     /// From where.
     pub camera: &'a Camera,
     /// The picture that was taken there.
@@ -74,7 +74,11 @@ pub struct StepReport {
 }
 
 /// One step of training: forward, backward, update.
-pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<StepReport, E::Error> {
+pub fn train_step<E: Executor>(
+    exec: &mut E,
+    fit: &mut Fit<'_, E>,
+    step: &TrainingStep<'_, E>,
+) -> Result<StepReport, E::Error> {
     loop {
         take_step(exec, fit, step)?;
         if let Some(report) = exec.report()? {
@@ -83,7 +87,7 @@ pub fn train_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'
     }
 }
 
-fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &Step<'_, E>) -> Result<(), E::Error> {
+fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &TrainingStep<'_, E>) -> Result<(), E::Error> {
     let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
     let light = match &fit.environment {
         Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),

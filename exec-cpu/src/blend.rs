@@ -9,18 +9,18 @@ use crate::{
     parts::{Pieces, each_part},
     project::{SplatRecord, Splats},
     shade::Colors,
-    stamps::{SPLATS_AT_ONCE, Stamped, Stamps, centers_of},
+    stamps::{SPLATS_AT_ONCE, SplatBatch, Stamps, centers_of},
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
     blend::{
-        Moments, Passage, Replay, Stamp, Step, StepGrad, log2_strength, moments_vjp, offset_from, offset_of_origin,
-        stamp, step_vjp,
+        Composite, OffsetMoments, PixelState, Replay, Splat2d, StepGrad, log2_strength, moments_vjp, offset_from,
+        offset_of_origin, stamp, step_vjp,
     },
     camera::Camera,
-    limits::Limits,
+    cutoffs::Cutoffs,
     plan::Channels,
     project::SplatGrad,
     real::Real,
@@ -90,23 +90,25 @@ pub(crate) fn blend_all(
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> Frame {
     match &splats.in_perspective {
         None => {
-            with_channels!(colors.channels, blend_channels(machine, &splats.records, colors, tiles, camera, limits))
+            with_channels!(colors.channels, blend_channels(machine, &splats.records, colors, tiles, camera, cutoffs))
         }
-        Some(splats) => with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, limits)),
+        Some(splats) => {
+            with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, cutoffs))
+        }
     }
 }
 
 fn blend_channels<const C: usize>(
     machine: &Machine,
-    splats: &[impl Stamped],
+    splats: &[impl SplatBatch],
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> Frame {
     let cover = tiles.cover.clone();
     let count = cover.tiles.len();
@@ -119,7 +121,7 @@ fn blend_channels<const C: usize>(
         let origin = cover.origin(slot);
         dispatch!(machine.level, simd => {
             let (pixels, seen) = (pixels.only(), seen.only());
-            blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, limits, pixels, seen);
+            blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, cutoffs, pixels, seen);
         });
     });
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -136,13 +138,13 @@ fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
 }
 
 #[inline(always)]
-fn blend_tile<S: Simd, const C: usize, T: Stamped>(
+fn blend_tile<S: Simd, const C: usize, T: SplatBatch>(
     simd: S,
     splats: &[T],
     colors: &[f32],
     list: &[AtomicU32],
     origin: [f32; 2],
-    limits: &Limits,
+    cutoffs: &Cutoffs,
     pixels: &mut [Quad],
     seen: &mut [u16],
 ) {
@@ -153,15 +155,15 @@ fn blend_tile<S: Simd, const C: usize, T: Stamped>(
     let mut transmittance = [[1.0; BLOCK]; QUADS];
     let (mut stamps, mut near) = (T::Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
-        if transmittance.iter().all(|quad| limits.goes_on(Lanes::load(simd, quad)).bits() == 0) {
+        if transmittance.iter().all(|quad| cutoffs.is_active(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
             continue;
         }
         read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in stamps.read(simd, splats, origin, list, limits).into_iter().enumerate() {
+        for (quad, splats) in stamps.read(simd, splats, origin, list, cutoffs).into_iter().enumerate() {
             let passage = [&mut transmittance[quad], &mut left[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, limits, &mut channels[quad], passage);
+            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, cutoffs, &mut channels[quad], passage);
         }
         transpose_back(simd, &seen_by_quad, seen);
     }
@@ -176,17 +178,17 @@ fn blend_quad<S: Simd, const C: usize>(
     colors: &[[f32; C]; SPLATS_AT_ONCE],
     quad: usize,
     mut splats: u64,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
     channels: &mut [Quad; C],
     [transmittance, left]: [&mut Quad; 2],
 ) -> u64 {
     let front = Lanes::load(simd, transmittance);
-    let mut alive = limits.goes_on(front);
+    let mut alive = cutoffs.is_active(front);
     if splats == 0 || alive.bits() == 0 {
         return 0;
     }
     // Pixels that have ended let nothing through: a product that is never looked at would become denormal, and slow.
-    let mut passage = Passage { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
+    let mut passage = PixelState { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
     let mut sums = [front; C];
     for c in 0..C {
         sums[c] = Lanes::load(simd, &channels[c]);
@@ -197,10 +199,10 @@ fn blend_quad<S: Simd, const C: usize>(
         let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
         splats &= splats - 1;
         let strength = stamps.log2_strength(simd, k, centers);
-        let Step { weight, behind } = limits.step(limits.alpha(strength), passage);
+        let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), passage);
         // Without a branch: whether a quad is touched is hard to foretell.
-        seen |= u64::from((alive & limits.is_seen(strength)).bits() != 0) << k;
-        alive = limits.goes_on(behind.transmittance);
+        seen |= u64::from((alive & cutoffs.passes_alpha_test(strength)).bits() != 0) << k;
+        alive = cutoffs.is_active(behind.transmittance);
         passage = behind;
         for c in 0..C {
             sums[c] = weight.mul_add(Lanes::splat(simd, colors[k][c]), sums[c]);
@@ -388,7 +390,7 @@ fn splat_vjp<S: Simd, const C: usize>(
     let of_corner = offset_of_origin(&stamp);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
-    let mut moments = Moments::zero(zero);
+    let mut moments = OffsetMoments::zero(zero);
     for_each_bit(seen, |index| {
         let offset = offset_from(of_corner, stamp.root, centers_of(simd, index));
         let quad = &mut replays[index];
@@ -412,19 +414,19 @@ fn splat_vjp<S: Simd, const C: usize>(
             grad_colors[c] = weight.mul_add(Lanes::load(simd, &grad[index][c]), grad_colors[c]);
         }
     });
-    let Moments { first, second, sum } = moments;
+    let OffsetMoments { first, second, sum } = moments;
     let mut sums = [zero; GEOMETRY + CHANNELS_MAX];
     sums[..GEOMETRY].copy_from_slice(&[first[0], first[1], second[0], second[1], second[2], sum]);
     sums[GEOMETRY..GEOMETRY + C].copy_from_slice(&grad_colors);
     sum_each(&sums[..GEOMETRY + C], out);
-    let moments = Moments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
+    let moments = OffsetMoments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
     let stamp = specula_core::blend::stamp(record.mean2d, record.root_conic, record.log2_opacity);
     write_geometry(&moments_vjp(&stamp, record.opacity, &moments), out);
 }
 
 /// A splat's stamp in every lane, its mean from the tile's corner.
 #[inline(always)]
-fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Stamp<Lanes<S>> {
+fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Splat2d<Lanes<S>> {
     let splat = |value: f32| Lanes::splat(simd, value);
     let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
     let mean2d = [splat(x - origin[0]), splat(y - origin[1])];

@@ -4,7 +4,7 @@ use crate::{
     blend::SplatGrads,
     lanes::Lanes,
     machine::Machine,
-    order::{codes, gather},
+    morton::{codes, gather},
     project::{BLOCKS_AT_ONCE, Splats},
 };
 use fearless_simd::{Simd, dispatch};
@@ -15,7 +15,7 @@ use specula_core::{
     densify::{
         Action, DensifyRules, decide, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
     },
-    executor::{DensifyReport, Moments, RandomKey, Statistics},
+    executor::{AdamMoments, DensifyReport, RandomKey, Statistics},
     region::Ball,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     vector::{Vec3, vec3},
@@ -67,7 +67,7 @@ enum Origin {
 
 pub(crate) fn densify(
     gaussians: &mut Gaussians<Vec<f32>>,
-    moments: &mut Moments<Vec<f32>>,
+    moments: &mut AdamMoments<Vec<f32>>,
     statistics: &mut Statistics<Vec<f32>>,
     rules: &DensifyRules,
     count_max: usize,
@@ -86,7 +86,7 @@ pub(crate) fn densify(
     };
     let (mean, square) = (from_parent(&moments.mean, false), from_parent(&moments.square, false));
     let values = from_parent(&gaussians.values, true);
-    *moments = Moments { mean, square };
+    *moments = AdamMoments { mean, square };
     *gaussians = Gaussians { count: heirs.len(), layout: gaussians.layout, values };
     for (index, heir) in heirs.iter().enumerate() {
         if let Origin::Part(part) = heir.origin {
@@ -162,7 +162,7 @@ fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {
 /// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or everywhere.
 pub(crate) fn limit_plane(
     gaussians: &mut Gaussians<Vec<f32>>,
-    moments: &mut Moments<Vec<f32>>,
+    moments: &mut AdamMoments<Vec<f32>>,
     plane: usize,
     ceiling: f32,
     outside: Option<Ball>,

@@ -16,12 +16,12 @@ use crate::{
 };
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
     expose::Exposure,
-    limits::Limits,
     loss::LossWeights,
-    pipeline::{Step, StepReport},
+    pipeline::{StepReport, TrainingStep},
     prefilter::{LevelRange, Levels, PrefilterScheme},
     region::Ball,
     scene::{Environment, Gaussians, RadianceActivation},
@@ -181,7 +181,7 @@ impl Renderer for CpuExecutor {
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        Ok(project_all(&self.machine, gaussians, camera, &Limits::USUAL))
+        Ok(project_all(&self.machine, gaussians, camera, &Cutoffs::DEFAULT))
     }
 
     fn shade(
@@ -201,7 +201,7 @@ impl Renderer for CpuExecutor {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.machine, splats, colors, tiles, camera, &Limits::USUAL))
+        Ok(blend_all(&self.machine, splats, colors, tiles, camera, &Cutoffs::DEFAULT))
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
@@ -298,12 +298,12 @@ impl Executor for CpuExecutor {
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Vec<f32>>,
-        moments: &mut Moments<Vec<f32>>,
+        moments: &mut AdamMoments<Vec<f32>>,
         grad: Gaussians<Vec<f32>>,
         rates: &[f32],
         step: u32,
     ) -> Result<(), CpuError> {
-        let Moments { mean, square } = moments;
+        let AdamMoments { mean, square } = moments;
         let size = StepSize::new(&self.machine, rates, step);
         self.report.nonfinite += adam_blocks(&self.machine, &mut gaussians.values, mean, square, &grad.values, &size);
         self.machine.numbers.give(grad.values);
@@ -313,11 +313,11 @@ impl Executor for CpuExecutor {
     fn update(
         &mut self,
         gaussians: &mut Gaussians<Vec<f32>>,
-        moments: &mut Moments<Vec<f32>>,
+        moments: &mut AdamMoments<Vec<f32>>,
         splats: &Splats,
         light: Option<&Light>,
         grads: &SplatGrads,
-        step: &Step<'_, Self>,
+        step: &TrainingStep<'_, Self>,
     ) -> Result<Option<LightGrad>, CpuError> {
         let scene = Scene { layout: gaussians.layout, light, rules: step.rules };
         let size = StepSize::new(&self.machine, step.rates, step.number);
@@ -329,13 +329,13 @@ impl Executor for CpuExecutor {
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Vec<f32>>,
-        moments: &mut Moments<Vec<f32>>,
+        moments: &mut AdamMoments<Vec<f32>>,
         grad: Vec<f32>,
         rate: f32,
         radiance_max: f32,
         step: u32,
     ) -> Result<(), CpuError> {
-        let Moments { mean, square } = moments;
+        let AdamMoments { mean, square } = moments;
         self.report.nonfinite += adam_all(&self.machine, &mut environment.values, mean, square, &grad, rate, step);
         self.machine.numbers.give(grad);
         if environment.activation == RadianceActivation::Identity {
@@ -362,7 +362,7 @@ impl Executor for CpuExecutor {
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Vec<f32>>,
-        moments: &mut Moments<Vec<f32>>,
+        moments: &mut AdamMoments<Vec<f32>>,
         statistics: &mut Statistics<Vec<f32>>,
         rules: &DensifyRules,
         count_max: usize,
@@ -374,7 +374,7 @@ impl Executor for CpuExecutor {
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Vec<f32>>,
-        moments: &mut Moments<Vec<f32>>,
+        moments: &mut AdamMoments<Vec<f32>>,
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,

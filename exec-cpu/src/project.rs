@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use specula_core::{
     bin::{footprint_within, half_extent},
     camera::{Camera, CameraOf},
+    cutoffs::Cutoffs,
     each,
-    limits::Limits,
-    perspective::{Perspective, Projection, footprint_in_perspective, perspective},
+    perspective::{Perspective, ProjectionModel, footprint_in_perspective, perspective},
     project::{Shape, Splat, SplatGrad, project, project_vjp},
     real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
@@ -125,23 +125,23 @@ pub(crate) fn project_all(
     machine: &Machine,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> Splats {
     let mut records = machine.records.take(gaussians.count);
     let mut drawn = machine.bits.take(gaussians.count.div_ceil(BLOCK));
     let block_len = gaussians.block_len();
     let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
     let parts = parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)));
-    if limits.projection() == Projection::Affine {
+    if cutoffs.projection() == ProjectionModel::Affine {
         parts.for_each(|(blocks, (records, drawn))| {
-            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, limits, records, drawn));
+            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, cutoffs, records, drawn));
         });
         return Splats { records, in_perspective: None, drawn };
     }
     let mut splats = machine.perspectives.take(gaussians.count);
     parts.zip(splats.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|((blocks, (records, drawn)), splats)| {
         dispatch!(machine.level, simd => {
-            project_in_perspective(simd, blocks, block_len, camera, limits, records, splats, drawn);
+            project_in_perspective(simd, blocks, block_len, camera, cutoffs, records, splats, drawn);
         });
     });
     Splats { records, in_perspective: Some(splats), drawn }
@@ -153,7 +153,7 @@ fn project_blocks<S: Simd>(
     blocks: &[f32],
     block_len: usize,
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
     records: &mut [SplatRecord],
     drawn: &mut [u16],
 ) {
@@ -161,7 +161,7 @@ fn project_blocks<S: Simd>(
     let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
     for ((block, records), drawn) in blocks.zip(drawn) {
         let splat = project(&load_shape(simd, block), &camera);
-        let reach = reach_of(simd, &splat, limits, records.len(), drawn);
+        let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
         store_records(&splat, reach, half_extent(&splat, reach), records);
     }
 }
@@ -172,18 +172,18 @@ fn project_in_perspective<S: Simd>(
     blocks: &[f32],
     block_len: usize,
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
     records: &mut [SplatRecord],
     splats: &mut [PerspectiveRecord],
     drawn: &mut [u16],
 ) {
-    let camera = camera.lift(Lanes::splat(simd, 0.0)).for_projection(limits.projection());
+    let camera = camera.lift(Lanes::splat(simd, 0.0)).for_projection(cutoffs.projection());
     let records = records.chunks_mut(BLOCK).zip(splats.chunks_mut(BLOCK));
     for ((block, (records, splats)), drawn) in blocks.chunks_exact(block_len).zip(records).zip(drawn) {
         let shape = load_shape(simd, block);
         let splat = project(&shape, &camera);
-        let reach = reach_of(simd, &splat, limits, records.len(), drawn);
-        let own = perspective(limits.projection(), &shape, &splat, &camera);
+        let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
+        let own = perspective(cutoffs.projection(), &shape, &splat, &camera);
         store_in_perspective(&splat, &own, splats);
         let (footprint, variance) = footprint_in_perspective(&splat, &own, reach);
         let splat = Splat { mean2d: footprint.mean2d, root_conic: footprint.root_conic, variance, ..splat };
@@ -193,8 +193,8 @@ fn project_in_perspective<S: Simd>(
 
 /// How far the splats of a block reach; notes which of the first `count` are drawn.
 #[inline(always)]
-fn reach_of<S: Simd>(simd: S, splat: &Splat<Lanes<S>>, limits: &Limits, count: usize, drawn: &mut u16) -> Lanes<S> {
-    let reach = footprint_within(splat, limits).reach.min(Lanes::splat(simd, limits.reach_max()));
+fn reach_of<S: Simd>(simd: S, splat: &Splat<Lanes<S>>, cutoffs: &Cutoffs, count: usize, drawn: &mut u16) -> Lanes<S> {
+    let reach = footprint_within(splat, cutoffs).reach.min(Lanes::splat(simd, cutoffs.reach_max()));
     *drawn = reach.zero().less(reach).bits() as u16 & (u16::MAX >> (BLOCK - count));
     reach
 }

@@ -16,9 +16,9 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     each,
-    executor::{Moments, RenderRules},
+    executor::{AdamMoments, RenderRules},
     loss::{LossWeights, residual_vjp, sparse_vjp},
-    pipeline::Step,
+    pipeline::TrainingStep,
     plan::{Channels, channel},
     project::SplatGrad,
     real::Real,
@@ -362,8 +362,8 @@ pub(crate) fn gaussians_vjp(
 pub(crate) fn update(
     machine: &Machine,
     gaussians: &mut Gaussians<Vec<f32>>,
-    moments: &mut Moments<Vec<f32>>,
-    step: &Step<'_, CpuExecutor>,
+    moments: &mut AdamMoments<Vec<f32>>,
+    step: &TrainingStep<'_, CpuExecutor>,
     splats: &Splats,
     scene: Scene<'_>,
     grads: &SplatGrads,

@@ -8,9 +8,9 @@ use crate::{
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::Simd;
 use specula_core::{
-    blend::{Stamp, column_of, log2_strength, offset_from, offset_of_origin, stamp},
-    limits::Limits,
-    perspective::{self, Perspective, may_be_seen, ray_scale, ray_scale_of_origin, scaled_curvature},
+    blend::{Splat2d, column_of, log2_strength, offset_from, offset_of_origin, stamp},
+    cutoffs::Cutoffs,
+    perspective::{self, Perspective, may_overlap, ray_scale, ray_scale_of_origin, scaled_curvature},
     real::Real,
     scene::BLOCK,
 };
@@ -22,16 +22,16 @@ pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 type Numbers = [f32; SPLATS_AT_ONCE];
 
 /// Something that tiles can be blended from.
-pub(crate) trait Stamped: Sync {
+pub(crate) trait SplatBatch: Sync {
     /// Some of them as a tile sees them.
     type Stamps: Stamps<Splat = Self>;
 }
 
-impl Stamped for SplatRecord {
+impl SplatBatch for SplatRecord {
     type Stamps = AffineStamps;
 }
 
-impl Stamped for PerspectiveRecord {
+impl SplatBatch for PerspectiveRecord {
     type Stamps = PerspectiveStamps;
 }
 
@@ -46,7 +46,7 @@ pub(crate) trait Stamps {
     fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
 
     /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that may touch it.
-    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]);
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]);
 
     /// log₂ of a splat's strength in some pixels.
     fn log2_strength<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> Lanes<S>;
@@ -59,14 +59,14 @@ pub(crate) trait Stamps {
         all: &[Self::Splat],
         origin: [f32; 2],
         list: &[AtomicU32],
-        limits: &Limits,
+        cutoffs: &Cutoffs,
     ) -> [u64; QUADS] {
         for (k, gaussian) in list.iter().enumerate() {
             self.put(k, &all[gaussian.load(Relaxed) as usize], origin);
         }
         let mut splats = [0; QUADS];
         for first in (0..list.len()).step_by(BLOCK) {
-            self.prepare(simd, first, limits, &mut splats);
+            self.prepare(simd, first, cutoffs, &mut splats);
         }
         let known = u64::MAX >> (SPLATS_AT_ONCE - list.len());
         for quad in 0..QUADS {
@@ -100,7 +100,7 @@ impl AffineStamps {
 
     /// Scales the roots of a block of splats, and notes what the tile's corner has of them.
     #[inline(always)]
-    fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Stamp<Lanes<S>> {
+    fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Splat2d<Lanes<S>> {
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
         let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
@@ -139,12 +139,12 @@ impl Stamps for AffineStamps {
     }
 
     #[inline(always)]
-    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]) {
         let stamp = self.scale(simd, first);
         for across in 0..QUADS_ACROSS {
             let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
             for down in 0..QUADS_ACROSS {
-                let mask = limits.may_be_seen_in_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
+                let mask = cutoffs.may_overlap_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
                 splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
             }
         }
@@ -192,7 +192,7 @@ impl Stamps for PerspectiveStamps {
     }
 
     #[inline(always)]
-    fn prepare<S: Simd>(&mut self, simd: S, first: usize, limits: &Limits, splats: &mut [u64; QUADS]) {
+    fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]) {
         let stamp = self.affine.scale(simd, first);
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let slope = [load(&self.slope[0]), load(&self.slope[1])];
@@ -202,7 +202,7 @@ impl Stamps for PerspectiveStamps {
         for quad in 0..QUADS {
             let bounds = |axis: usize, index: usize| pixel_bounds(stamp.mean2d[axis], index);
             let (dx, dy) = (bounds(0, quad % QUADS_ACROSS), bounds(1, quad / QUADS_ACROSS));
-            splats[quad] |= may_be_seen(limits, &stamp, &own, dx, dy).bits() << first;
+            splats[quad] |= may_overlap(cutoffs, &stamp, &own, dx, dy).bits() << first;
         }
     }
 

@@ -1,4 +1,4 @@
-//! Pictures with other limits: what is only looked at may be cut off sooner, or later.
+//! Pictures with other cutoffs: what is only looked at may be cut off sooner, or later.
 
 use crate::{
     CpuError, CpuExecutor,
@@ -11,28 +11,28 @@ use crate::{
 };
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     executor::{RenderRules, Renderer},
-    limits::Limits,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, Gaussians},
 };
 
-/// A [`CpuExecutor`] that makes pictures within [`Limits`] of one's choice. It is no executor, because gradients know the
-/// usual ones alone; within [`Limits::USUAL`] its pictures are those of the executor to the last bit.
+/// A [`CpuExecutor`] that makes pictures within [`Cutoffs`] of one's choice. It is no executor, because gradients know the
+/// usual ones alone; within [`Cutoffs::DEFAULT`] its pictures are those of the executor to the last bit.
 #[derive(Debug, Default)]
 pub struct CpuViewer {
     exec: CpuExecutor,
-    limits: Limits,
+    cutoffs: Cutoffs,
 }
 
 impl CpuViewer {
-    /// A viewer within these limits.
-    pub fn new(limits: Limits) -> Self {
-        Self { exec: CpuExecutor::new(), limits }
+    /// A viewer within these cutoffs.
+    pub fn new(cutoffs: Cutoffs) -> Self {
+        Self { exec: CpuExecutor::new(), cutoffs }
     }
-    /// Other limits for the pictures that follow. Splats that were projected before belong to the former ones.
-    pub fn set_limits(&mut self, limits: Limits) {
-        self.limits = limits;
+    /// Other cutoffs for the pictures that follow. Splats that were projected before belong to the former ones.
+    pub fn set_cutoffs(&mut self, cutoffs: Cutoffs) {
+        self.cutoffs = cutoffs;
     }
 }
 
@@ -67,7 +67,7 @@ impl Renderer for CpuViewer {
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        Ok(project_all(&self.exec.machine, gaussians, camera, &self.limits))
+        Ok(project_all(&self.exec.machine, gaussians, camera, &self.cutoffs))
     }
 
     fn shade(
@@ -86,7 +86,7 @@ impl Renderer for CpuViewer {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.exec.machine, splats, colors, tiles, camera, &self.limits))
+        Ok(blend_all(&self.exec.machine, splats, colors, tiles, camera, &self.cutoffs))
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {

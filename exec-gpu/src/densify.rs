@@ -19,8 +19,8 @@ use bytemuck::{Pod, Zeroable};
 use specula_core::{
     camera::Camera,
     densify::{Action, DensifyRules, part_noise},
-    executor::{DensifyReport, Moments, RandomKey, Statistics},
-    order::CODE_BITS,
+    executor::{AdamMoments, DensifyReport, RandomKey, Statistics},
+    morton::CODE_BITS,
     region::Ball,
     scene::{Gaussians, Layout},
 };
@@ -54,7 +54,7 @@ pub(crate) fn observe(
 pub(crate) fn densify(
     machine: &mut Machine,
     gaussians: &mut Gaussians<Pieces>,
-    moments: &mut Moments<Pieces>,
+    moments: &mut AdamMoments<Pieces>,
     statistics: &mut Statistics<Pieces>,
     rules: &DensifyRules,
     count_max: usize,
@@ -68,7 +68,7 @@ pub(crate) fn densify(
     heirs.become_parts(machine, gaussians.layout, &values, key)?;
     let grad_sum = machine.zeros("statistics", heirs.count)?.into();
     let view_count = machine.zeros("statistics", heirs.count)?.into();
-    *moments = Moments { mean, square };
+    *moments = AdamMoments { mean, square };
     *gaussians = Gaussians { count: heirs.count, layout: gaussians.layout, values };
     *statistics = Statistics { grad_sum, view_count };
     let report = fates.report();
@@ -82,7 +82,7 @@ pub(crate) fn densify(
 pub(crate) fn limit_plane(
     machine: &mut Machine,
     gaussians: &mut Gaussians<Pieces>,
-    moments: &mut Moments<Pieces>,
+    moments: &mut AdamMoments<Pieces>,
     plane: usize,
     ceiling: f32,
     outside: Option<Ball>,

@@ -20,7 +20,7 @@ use crate::{
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
     expose::Exposure,
     loss::LossWeights,
     pack::Storage,
@@ -228,7 +228,7 @@ impl Executor for GpuExecutor {
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Pieces>,
-        moments: &mut Moments<Pieces>,
+        moments: &mut AdamMoments<Pieces>,
         grad: Gaussians<Pieces>,
         rates: &[f32],
         step: u32,
@@ -239,7 +239,7 @@ impl Executor for GpuExecutor {
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Pieces>,
-        moments: &mut Moments<Pieces>,
+        moments: &mut AdamMoments<Pieces>,
         grad: Pieces,
         rate: f32,
         radiance_max: f32,
@@ -265,7 +265,7 @@ impl Executor for GpuExecutor {
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Pieces>,
-        moments: &mut Moments<Pieces>,
+        moments: &mut AdamMoments<Pieces>,
         statistics: &mut Statistics<Pieces>,
         rules: &DensifyRules,
         count_max: usize,
@@ -277,7 +277,7 @@ impl Executor for GpuExecutor {
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Pieces>,
-        moments: &mut Moments<Pieces>,
+        moments: &mut AdamMoments<Pieces>,
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,

@@ -12,7 +12,7 @@ pub mod optimise;
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     bin::{footprint, half_extent},
-    blend::{Stamp, stamp},
+    blend::{Splat2d, stamp},
     camera::CameraOf,
     covariance::rotation,
     cubemap::{FacePoint, footprint as texel_footprint, project as project_to_cube},
@@ -118,7 +118,7 @@ impl Formula for SplatOf {
         let planes = Planes(inputs.slice(self.layout.plane_count()));
         let splat = project(&planes.shape(), &take_camera(inputs));
         let reach = footprint(&splat).reach;
-        let Stamp { mean2d, root, log2_opacity } = stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
+        let Splat2d { mean2d, root, log2_opacity } = stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
         let mut numbers = mean2d.to_vec();
         numbers.extend([log2_opacity, splat.opacity]);
         numbers.extend(root);

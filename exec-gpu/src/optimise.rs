@@ -12,7 +12,7 @@ use crate::{
 };
 use bytemuck::{Pod, Zeroable};
 use specula_core::{
-    executor::Moments,
+    executor::AdamMoments,
     optimise::{corrected_epsilon, corrected_rate},
     scene::{Environment, Gaussians, RadianceActivation},
 };
@@ -32,7 +32,7 @@ struct StepSize {
 pub(crate) fn optimise(
     machine: &mut Machine,
     gaussians: &mut Gaussians<Pieces>,
-    moments: &mut Moments<Pieces>,
+    moments: &mut AdamMoments<Pieces>,
     grad: &Gaussians<Pieces>,
     rates: &[f32],
     step: u32,
@@ -43,7 +43,7 @@ pub(crate) fn optimise(
 pub(crate) fn optimise_environment(
     machine: &mut Machine,
     environment: &mut Environment<Pieces>,
-    moments: &mut Moments<Pieces>,
+    moments: &mut AdamMoments<Pieces>,
     grad: &Pieces,
     rate: f32,
     radiance_max: f32,
@@ -66,7 +66,7 @@ struct Pace<'a> {
 fn adam(
     machine: &mut Machine,
     values: &Pieces,
-    moments: &mut Moments<Pieces>,
+    moments: &mut AdamMoments<Pieces>,
     grad: &Pieces,
     pace: &Pace<'_>,
 ) -> Result<(), GpuError> {

@@ -31,7 +31,7 @@ pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 
 
 /// Scans of a JPEG, each of which goes over the whole picture, however few bytes it has; progressive ones have a dozen.
 pub(crate) const JPEG_SCANS_MAX: usize = 100;
-/// What is unpacked of a picture besides its pixels, such as a profile of colours.
+/// Bytes that are unpacked of a picture besides its pixels, such as a profile of colours.
 pub(crate) const PICTURE_NOTES_MAX: u64 = 64 << 20;
 /// Header of a PLY file: a thousand times what tools write.
 pub(crate) const PLY_HEADER_MAX: u64 = 1 << 20;

@@ -25,7 +25,7 @@ use safetensors::{
 use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
-    executor::{Moments, Statistics},
+    executor::{AdamMoments, Statistics},
     expose::Exposure,
     scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
 };
@@ -55,13 +55,13 @@ pub struct Checkpoint {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
     /// Adam's moments of the Gaussians.
-    pub moments: Moments<Vec<f32>>,
+    pub moments: AdamMoments<Vec<f32>>,
     /// What densification has seen since it last acted.
     pub statistics: Statistics<Vec<f32>>,
     /// The light and its moments, where there is one.
-    pub light: Option<(Environment<Vec<f32>>, Moments<Vec<f32>>)>,
+    pub light: Option<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)>,
     /// How photographs were exposed, with Adam's moments, where that is learned.
-    pub exposures: Option<(Vec<Exposure<f32>>, Moments<Vec<Exposure<f32>>>)>,
+    pub exposures: Option<(Vec<Exposure<f32>>, AdamMoments<Vec<Exposure<f32>>>)>,
     /// Views that come before any comes again, the next one last.
     pub order: Vec<u32>,
     /// What else is to be known.
@@ -348,11 +348,11 @@ impl Reader {
         Ok(numbers)
     }
 
-    fn moments(&mut self, [mean, square]: [&str; 2], shape: &[usize]) -> Result<Moments<Vec<f32>>> {
-        Ok(Moments { mean: self.numbers(mean, shape)?, square: self.numbers(square, shape)? })
+    fn moments(&mut self, [mean, square]: [&str; 2], shape: &[usize]) -> Result<AdamMoments<Vec<f32>>> {
+        Ok(AdamMoments { mean: self.numbers(mean, shape)?, square: self.numbers(square, shape)? })
     }
 
-    fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, Moments<Vec<f32>>)> {
+    fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)> {
         let LightHeader { resolution, is_exponential } = header;
         let faces = shape_of_light(resolution);
         let activation = if is_exponential { RadianceActivation::Exponential } else { RadianceActivation::Identity };
@@ -360,7 +360,7 @@ impl Reader {
         Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
     }
 
-    fn exposures(&mut self, count: usize) -> Result<(Vec<Exposure<f32>>, Moments<Vec<Exposure<f32>>>)> {
+    fn exposures(&mut self, count: usize) -> Result<(Vec<Exposure<f32>>, AdamMoments<Vec<Exposure<f32>>>)> {
         let shape = shape_of_exposures(count);
         let mut maps = |name: &str| -> Result<Vec<Exposure<f32>>> {
             let numbers = self.numbers(name, &shape)?;
@@ -368,7 +368,7 @@ impl Reader {
             Ok(rows.as_chunks::<3>().0.to_vec())
         };
         let exposures = maps("exposure")?;
-        Ok((exposures, Moments { mean: maps("exposure.mean")?, square: maps("exposure.square")? }))
+        Ok((exposures, AdamMoments { mean: maps("exposure.mean")?, square: maps("exposure.square")? }))
     }
 
     /// Of any length: there may be as many views as one likes.

@@ -59,7 +59,7 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
 ///
 /// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] of them.
 pub(crate) fn refuse_many_scans(path: &Path) -> Result<()> {
-    /// What begins a scan; within one, a byte of ones is followed by zero.
+    /// Marker of a scan; within one, a byte of ones is followed by zero.
     const START: [u8; 2] = [0xff, 0xda];
     let (mut scans, mut last) = (0, 0);
     for byte in BufReader::new(File::open(path).map_err(Error::reading(path))?).bytes() {

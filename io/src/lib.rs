@@ -5,7 +5,7 @@
 //! untouched.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
-//! * [`bearings`]: which way is up in a scene, where its middle is, how far from it one stands
+//! * [`orientation`]: which way is up in a scene, where its middle is, how far from it one stands
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
@@ -32,7 +32,6 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
-pub mod bearings;
 mod blender;
 pub mod budget;
 pub mod cameras;
@@ -52,6 +51,7 @@ pub mod lens;
 pub mod mesh;
 pub mod model_folder;
 mod nerfstudio;
+pub mod orientation;
 mod photographs;
 pub mod picture;
 pub mod pixels;

@@ -14,13 +14,13 @@
 //! ```
 
 use crate::{
-    bearings::Bearings,
     budget::FACTS,
     cameras::{self, NamedCamera},
     checkpoint,
     error::{Error, Result},
     exposure, gaussian_ply, json,
     latlong::{self, LatLong, UpAxis},
+    orientation::Orientation,
     points_ply::{self, PointCloud},
     whole_file,
 };
@@ -76,7 +76,7 @@ pub struct ModelInfo {
     /// Which way is up, where the middle is and how far cameras are from it, in the data set's world; none in models of
     /// before, and where there are no cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub bearings: Option<Bearings>,
+    pub orientation: Option<Orientation>,
     /// Iterations of this training that are saved, the newest last; empty in models of earlier versions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub saved: Vec<u32>,

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use specula_core::{
-    executor::{Moments, Statistics},
+    executor::{AdamMoments, Statistics},
     expose::Exposure,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
@@ -33,7 +33,8 @@ fn exposures(stream: u64) -> Vec<Exposure<f32>> {
 
 fn example(layout: Layout) -> Checkpoint {
     let len = len_of_values(COUNT, layout);
-    let moments = |stream: u64, len: usize| Moments { mean: numbers(stream, len), square: numbers(stream + 1, len) };
+    let moments =
+        |stream: u64, len: usize| AdamMoments { mean: numbers(stream, len), square: numbers(stream + 1, len) };
     let light = layout.is_shaded().then(|| {
         let len = 6 * RESOLUTION * RESOLUTION * 3;
         let activation = RadianceActivation::Exponential;
@@ -44,7 +45,7 @@ fn example(layout: Layout) -> Checkpoint {
         moments: moments(2, len),
         statistics: Statistics { grad_sum: numbers(4, COUNT), view_count: numbers(5, COUNT) },
         light,
-        exposures: Some((exposures(13), Moments { mean: exposures(14), square: exposures(15) })),
+        exposures: Some((exposures(13), AdamMoments { mean: exposures(14), square: exposures(15) })),
         order: vec![3, 0, 7],
         facts: Facts {
             iteration: 40,

@@ -7,10 +7,10 @@ use specula_core::{
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
 use specula_io::{
-    bearings::Bearings,
     exposure, gaussian_ply,
     latlong::{self, LatLong, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
+    orientation::Orientation,
     points_ply::PointCloud,
 };
 use std::{fs, path::Path};
@@ -35,7 +35,7 @@ fn info() -> ModelInfo {
         profile: "paper".into(),
         iterations: 7,
         seed: u64::MAX,
-        bearings: Bearings::of(&[camera], &[]),
+        orientation: Orientation::of(&[camera], &[]),
         rest,
         ..ModelInfo::default()
     }

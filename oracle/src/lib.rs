@@ -26,11 +26,11 @@ use crate::number::Number;
 use specula_core::{
     camera::Camera,
     covariance,
+    cutoffs::Cutoffs,
     executor::RenderRules,
-    limits::Limits,
     loss::LossWeights,
     normal::{AxisRule, axis, facing},
-    perspective::{Perspective, Projection, perspective},
+    perspective::{Perspective, ProjectionModel, perspective},
     plan::{Channels, channel},
     project::{self, Shape, Splat, SplatGrad},
     scene::{
@@ -113,9 +113,9 @@ pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec
 pub fn project_within<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,
-    projection: Projection,
+    projection: ProjectionModel,
 ) -> (Vec<Splat<R>>, Option<Vec<Perspective<R>>>) {
-    if projection == Projection::Affine {
+    if projection == ProjectionModel::Affine {
         return (project(gaussians, camera), None);
     }
     let camera = camera.lift(R::of(0.0)).for_projection(projection);
@@ -342,22 +342,22 @@ pub fn render<R: Number>(
     camera: &Camera,
     rules: &RenderRules,
 ) -> Frame<R> {
-    render_within(gaussians, light, camera, rules, &Limits::USUAL)
+    render_within(gaussians, light, camera, rules, &Cutoffs::DEFAULT)
 }
 
-/// [`render`] with other limits.
+/// [`render`] with other cutoffs.
 pub fn render_within<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     light: Option<&Light<R>>,
     camera: &Camera,
     rules: &RenderRules,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> Frame<R> {
-    let (mut splats, perspectives) = project_within(gaussians, camera, limits.projection());
+    let (mut splats, perspectives) = project_within(gaussians, camera, cutoffs.projection());
     let colors = shade(gaussians, camera, light, rules);
     leave_out(&mut splats, gaussians, camera, rules);
-    let order = front_to_back_within(&splats, limits);
-    let frame = blend_within(&splats, perspectives.as_deref(), &colors, &order, camera, limits);
+    let order = front_to_back_within(&splats, cutoffs);
+    let frame = blend_within(&splats, perspectives.as_deref(), &colors, &order, camera, cutoffs);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 

@@ -3,9 +3,9 @@
 use crate::number::{Number, take3};
 use specula_core::{
     bin,
-    blend::{self, Moments, Passage, Replay, Stamp, Step, StepGrad},
+    blend::{self, Composite, OffsetMoments, PixelState, Replay, Splat2d, StepGrad},
     camera::Camera,
-    limits::Limits,
+    cutoffs::Cutoffs,
     perspective::{self, Perspective},
     project::{Splat, SplatGrad},
     scene::Image,
@@ -17,12 +17,12 @@ pub type Frame<R> = Image<Vec<R>>;
 
 /// Splats that are drawn, nearest first; those of equal depth in the order of the Gaussians.
 pub fn front_to_back<R: Number>(splats: &[Splat<R>]) -> Vec<usize> {
-    front_to_back_within(splats, &Limits::USUAL)
+    front_to_back_within(splats, &Cutoffs::DEFAULT)
 }
 
-/// [`front_to_back`] with other limits.
-pub fn front_to_back_within<R: Number>(splats: &[Splat<R>], limits: &Limits) -> Vec<usize> {
-    let is_drawn = |index: &usize| bin::footprint_within(&splats[*index], limits).reach.value() > 0.0;
+/// [`front_to_back`] with other cutoffs.
+pub fn front_to_back_within<R: Number>(splats: &[Splat<R>], cutoffs: &Cutoffs) -> Vec<usize> {
+    let is_drawn = |index: &usize| bin::footprint_within(&splats[*index], cutoffs).reach.value() > 0.0;
     let mut order: Vec<usize> = (0..splats.len()).filter(is_drawn).collect();
     order.sort_by(|a, b| splats[*a].depth.value().total_cmp(&splats[*b].depth.value()));
     order
@@ -35,7 +35,7 @@ fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
 }
 
 /// log₂ of how strong a splat is at an offset from its mean; `None` where it has no perspective.
-fn log2_strength<R: Number>(stamp: &Stamp<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
+fn log2_strength<R: Number>(stamp: &Splat2d<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
     let falloff = blend::falloff(stamp, dx, dy);
     let Some(perspective) = perspective else { return falloff.log2_strength };
     let [u, w] = falloff.offset;
@@ -44,7 +44,7 @@ fn log2_strength<R: Number>(stamp: &Stamp<R>, perspective: Option<&Perspective<R
     perspective::log2_strength(stamp.log2_opacity, u * u + w * w, scale, curvature)
 }
 
-fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Stamp<R>> {
+fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Splat2d<R>> {
     splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
@@ -53,9 +53,9 @@ fn rows_of<R: Number>(
     splat: &Splat<R>,
     perspective: Option<&Perspective<R>>,
     height: usize,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> [usize; 2] {
-    let reach = bin::footprint_within(splat, limits).reach;
+    let reach = bin::footprint_within(splat, cutoffs).reach;
     let (mean2d, variance) = match perspective {
         None => (splat.mean2d, splat.variance),
         Some(own) => {
@@ -70,10 +70,10 @@ fn rows_of<R: Number>(
 
 /// Splats to a picture.
 pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize], camera: &Camera) -> Frame<R> {
-    blend_within(splats, None, colors, order, camera, &Limits::USUAL)
+    blend_within(splats, None, colors, order, camera, &Cutoffs::DEFAULT)
 }
 
-/// [`blend()`] with other limits; how far splats reach into tiles is none of them. Rows in which a splat is not seen are
+/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them. Rows in which a splat is not seen are
 /// skipped, which changes nothing. Without perspectives projection was affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
@@ -81,7 +81,7 @@ pub fn blend_within<R: Number>(
     colors: &[Vec<R>],
     order: &[usize],
     camera: &Camera,
-    limits: &Limits,
+    cutoffs: &Cutoffs,
 ) -> Frame<R> {
     let channels = colors.first().map_or(0, Vec::len);
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -90,17 +90,17 @@ pub fn blend_within<R: Number>(
     let mut values = vec![R::of(0.0); (channels + 1) * size];
     let perspective = |k: usize| perspectives.map(|all| &all[k]);
     let rows: Vec<[usize; 2]> =
-        splats.iter().enumerate().map(|(k, splat)| rows_of(splat, perspective(k), height, limits)).collect();
+        splats.iter().enumerate().map(|(k, splat)| rows_of(splat, perspective(k), height, cutoffs)).collect();
     for row in 0..height {
         let near: Vec<usize> = order.iter().copied().filter(|k| rows[*k][0] <= row && row < rows[*k][1]).collect();
         for pixel in row * width..(row + 1) * width {
-            let mut passage = Passage::open(R::of(1.0));
+            let mut passage = PixelState::open(R::of(1.0));
             for &k in &near {
                 let strength = log2_strength(&stamps[k], perspective(k), offset(&splats[k], pixel % width, row));
-                if !limits.is_seen(strength) {
+                if !cutoffs.passes_alpha_test(strength) {
                     continue;
                 }
-                let Step { weight, behind } = limits.step(limits.alpha(strength), passage);
+                let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), passage);
                 for (channel, color) in colors[k].iter().enumerate() {
                     let value = &mut values[channel * size + pixel];
                     *value = *value + weight * *color;
@@ -124,7 +124,7 @@ pub fn blend_vjp<R: Number>(
     let zero = R::of(0.0);
     let (size, channels) = (frame.pixel_count(), frame.channels - 1);
     let stamps = stamps(splats);
-    let mut moments = vec![Moments::zero(zero); splats.len()];
+    let mut moments = vec![OffsetMoments::zero(zero); splats.len()];
     let mut grad_colors = vec![vec![zero; channels]; splats.len()];
     for pixel in 0..size {
         let pixel_grad: Vec<R> = (0..channels).map(|channel| grad.values[channel * size + pixel]).collect();

@@ -19,7 +19,7 @@ type Cloud = Gaussians<Vec<f32>>;
 /// A scene, and the picture that it is compared with.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What is hard about it.
+    /// Name of its difficulty.
     pub name: &'static str,
     /// The Gaussians, all of [`LAYOUT`].
     pub cloud: Cloud,
@@ -112,7 +112,7 @@ impl Case {
 /// A scene whose error a sample misjudges easily, and the views in which it is looked at.
 #[derive(Clone, Debug)]
 pub struct Tour {
-    /// What is hard about it.
+    /// Name of its difficulty.
     pub name: &'static str,
     /// The Gaussians, all of [`LAYOUT`]; there is no light.
     pub cloud: Cloud,

@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use specula_core::{
+    cutoffs::Cutoffs,
     double::Double,
     executor::RenderRules,
-    limits::Limits,
     plan::Channels,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, RadianceActivation},
@@ -49,7 +49,7 @@ fn pipeline(cloud: &Gaussians<Vec<f32>>, light: Option<&oracle::Light<Double>>, 
         ..RenderRules::full(shading, PrefilterScheme::Exact, Channels::Color)
     };
     let lifted = oracle::lift_gaussians(cloud);
-    let frame = oracle::render_within(&lifted, light, &camera(SIZE[0], SIZE[1]), &rules, &Limits::LEAST);
+    let frame = oracle::render_within(&lifted, light, &camera(SIZE[0], SIZE[1]), &rules, &Cutoffs::REFERENCE);
     let (size, last) = (frame.pixel_count(), frame.channels - 1);
     let planes = [0, 1, 2, last].map(|plane| &frame.values[plane * size..(plane + 1) * size]);
     planes.concat().iter().map(|x| x.0).collect()

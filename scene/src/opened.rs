@@ -3,7 +3,7 @@
 use crate::{Scene, ShadingModel};
 use serde_json::Value;
 use specula_core::camera::near_of;
-use specula_cpu::order::sort_in_space;
+use specula_cpu::morton::sort_in_space;
 use specula_io::{
     Result,
     cameras::{self, NamedCamera},

@@ -714,7 +714,7 @@ const STACK: usize = 6;
 const PIXELS: [[f32; 2]; 4] = [[0.0, 0.0], [1.0, 0.5], [-1.0, 0.5], [0.5, -2.0]];
 
 /// Splat `k` of a stack: centre, root of the conic, opacity; its colour follows after all splats.
-fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec3<R>) {
+fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Splat2d<R>, R, Vec3<R>) {
     let s = &x[6 * k..];
     let mean2d = [s[0], s[1]];
     (mean2d, blend::stamp(mean2d, [s[2], s[3], s[4]], s[5].log2()), s[5], take3(&x[6 * STACK + 3 * k..]))
@@ -723,7 +723,7 @@ fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Stamp<R>, R, Vec
 /// Colour and final transmittance of every pixel.
 fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
     let pixel = |[px, py]: [f32; 2]| {
-        let (mut color, mut passage) = (Vec3::zero(x[0]), blend::Passage::open(x[0]));
+        let (mut color, mut passage) = (Vec3::zero(x[0]), blend::PixelState::open(x[0]));
         for k in 0..STACK {
             let (mean2d, stamp, _, splat_color) = stack_entry(x, k);
             let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
@@ -752,7 +752,7 @@ fn numbers_of_surface<R: Number>(surface: &PixelSurface<R>) -> Vec<R> {
 
 fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
     let zero = x[0].zero();
-    let mut moments = [blend::Moments::zero(zero); STACK];
+    let mut moments = [blend::OffsetMoments::zero(zero); STACK];
     let mut grad_colors = [Vec3::zero(zero); STACK];
     let image = blend_stack(x);
     for (p, &[px, py]) in PIXELS.iter().enumerate() {

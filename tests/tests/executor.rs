@@ -3,10 +3,10 @@
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{Executor, Moments, RenderRules, Renderer},
+    executor::{AdamMoments, Executor, RenderRules, Renderer},
     expose::expose,
     loss::{LossWeights, NormalForm},
-    pipeline::{Step, StepReport, render},
+    pipeline::{StepReport, TrainingStep, render},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
@@ -38,7 +38,7 @@ use specula_train::{
     exposure::Exposures,
     profile::{by_name, exposure_rate},
     start::Point,
-    trainer::{HostScene, Settings, TINT_OF_NONE, Trainer},
+    trainer::{HostScene, Settings, TINT_LOGIT_OFF, Trainer},
     view::View,
 };
 
@@ -246,7 +246,7 @@ fn an_update_at_once_is_that_of_two_stages() {
         let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
         let (splats, grads, _) = back_to_splats(&mut exec, &cloud, &light, &view);
         let rates: Vec<f32> = (0..cloud.layout.plane_count()).map(|plane| 1e-3 * plane as f32).collect();
-        let step = Step {
+        let step = TrainingStep {
             camera: &camera,
             target: &target,
             background: BACKGROUND,
@@ -258,7 +258,7 @@ fn an_update_at_once_is_that_of_two_stages() {
             radiance_max: 1.0,
             number: 3,
         };
-        let moments = Moments { mean: vec![1e-4; cloud.values.len()], square: vec![1e-6; cloud.values.len()] };
+        let moments = AdamMoments { mean: vec![1e-4; cloud.values.len()], square: vec![1e-6; cloud.values.len()] };
         let (mut at_once, mut moments_at_once) = (cloud.clone(), moments.clone());
         let light_grad = exec
             .update(&mut at_once, &mut moments_at_once, &splats, Some(&light), &grads, &step)
@@ -456,7 +456,7 @@ fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_
         let tint = |k: usize| gaussians.get::<3>(k, TINT);
         let (near, far): (Vec<usize>, Vec<usize>) =
             (0..gaussians.count).partition(|k| ball.contains(gaussians.get(*k, MEAN)));
-        assert!(far.len() > 100 && far.iter().all(|k| tint(*k) == [TINT_OF_NONE; 3]), "{name}: nothing far reflects");
+        assert!(far.len() > 100 && far.iter().all(|k| tint(*k) == [TINT_LOGIT_OFF; 3]), "{name}: nothing far reflects");
         let shining = near.iter().filter(|k| tint(**k).iter().all(|raw| *raw > -10.0)).count();
         assert!(shining > 100, "{name}: {shining} of {} near reflect", near.len());
         assert!(farthest_from_start(&some_in_it) > 1e-3, "{name}: the light is learned from them");

@@ -38,9 +38,9 @@ mod sums {
     #[test]
     fn a_box_that_a_splat_does_not_reach_is_told_from_one_that_it_does() {
         let stamp = blend::stamp([0.0_f32; 2], [1.0, 0.0, 1.0], 0.0);
-        assert!(blend::may_be_seen(&stamp, [2.0, 5.0], [-1.5, 1.5]));
-        assert!(!blend::may_be_seen(&stamp, [4.0, 7.0], [-1.5, 1.5]));
-        assert!(!blend::may_be_seen(&stamp, [-7.0, -4.0], [3.0, 6.0]));
+        assert!(blend::may_overlap(&stamp, [2.0, 5.0], [-1.5, 1.5]));
+        assert!(!blend::may_overlap(&stamp, [4.0, 7.0], [-1.5, 1.5]));
+        assert!(!blend::may_overlap(&stamp, [-7.0, -4.0], [3.0, 6.0]));
     }
 
     #[test]
@@ -84,7 +84,7 @@ mod sums {
                 blend::falloff(&stamp, corner[0] + column, corner[1] + row).log2_strength
             };
             let strongest = (0..16).map(strength_at).fold(f32::NEG_INFINITY, f32::max);
-            prop_assert!(strongest < blend::LOG2_ALPHA_MIN || blend::may_be_seen(&stamp, dx, dy));
+            prop_assert!(strongest < blend::LOG2_ALPHA_MIN || blend::may_overlap(&stamp, dx, dy));
         }
         #[test]
         fn footprint_weights_sum_to_one_and_lie_inside_the_padded_map(d in any_vector(), log_resolution in 0..9_u32) {
@@ -99,7 +99,7 @@ mod sums {
     }
 
     fn weights_and_transmittance<R: Number>(strengths: &[f64]) -> f64 {
-        let (mut weights, mut passage) = (R::of(0.0), blend::Passage::open(R::of(0.0)));
+        let (mut weights, mut passage) = (R::of(0.0), blend::PixelState::open(R::of(0.0)));
         for &strength in strengths {
             let step = blend::step(blend::alpha(R::of(strength).log2()), passage);
             weights = weights + step.weight;

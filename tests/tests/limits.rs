@@ -3,10 +3,10 @@
 use specula_core::{
     blend,
     camera::Camera,
+    cutoffs::Cutoffs,
     double::Double,
     executor::{RenderRules, Renderer},
-    limits::Limits,
-    perspective::Projection,
+    perspective::ProjectionModel,
     pipeline::render,
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
@@ -55,9 +55,9 @@ where
     values
 }
 
-fn exact(cloud: &Gaussians<Vec<f32>>, limits: &Limits) -> Vec<f64> {
+fn exact(cloud: &Gaussians<Vec<f32>>, cutoffs: &Cutoffs) -> Vec<f64> {
     let light = plain::prefilter(&lift_environment::<Double>(&light()), &plain::Operator::new(RESOLUTION));
-    let frame = plain::render_within(&lift_gaussians(cloud), Some(&light), &view(), &rules(), limits);
+    let frame = plain::render_within(&lift_gaussians(cloud), Some(&light), &view(), &rules(), cutoffs);
     frame.values.iter().map(|x| x.0).collect()
 }
 
@@ -67,8 +67,8 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
-    let usual = Limits::USUAL.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
-    assert_eq!(usual, Limits::USUAL);
+    let usual = Cutoffs::DEFAULT.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
+    assert_eq!(usual, Cutoffs::DEFAULT);
     let [executor, viewer] =
         [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::new(usual), &cloud())];
     assert!(executor.iter().zip(&viewer).all(|(a, b)| a.to_bits() == b.to_bits()), "a bit differs");
@@ -76,17 +76,17 @@ fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
 
 #[test]
 fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
-    let tight = Limits::USUAL.with_alpha_min(1.0 / 4096.0).with_transmittance_min(1e-7);
-    let loose = Limits::USUAL.with_alpha_min(1.0 / 20.0).with_transmittance_min(0.03);
-    let [tangent, ray, within] = [Projection::Tangent, Projection::Ray, Projection::Within(0.02)]
-        .map(|projection| Limits::USUAL.with_projection(projection));
-    for limits in [Limits::LEAST, tight, loose, tangent, ray, within] {
-        let own = wide(&picture(&mut CpuViewer::new(limits), &cloud()));
-        assert_psnr(&own, &exact(&cloud(), &limits), SAME_FRAME);
+    let tight = Cutoffs::DEFAULT.with_alpha_min(1.0 / 4096.0).with_transmittance_min(1e-7);
+    let loose = Cutoffs::DEFAULT.with_alpha_min(1.0 / 20.0).with_transmittance_min(0.03);
+    let [tangent, ray, within] = [ProjectionModel::Tangent, ProjectionModel::Ray, ProjectionModel::Within(0.02)]
+        .map(|projection| Cutoffs::DEFAULT.with_projection(projection));
+    for cutoffs in [Cutoffs::REFERENCE, tight, loose, tangent, ray, within] {
+        let own = wide(&picture(&mut CpuViewer::new(cutoffs), &cloud()));
+        assert_psnr(&own, &exact(&cloud(), &cutoffs), SAME_FRAME);
     }
-    let usual = wide(&picture(&mut CpuViewer::new(Limits::USUAL), &cloud()));
+    let usual = wide(&picture(&mut CpuViewer::new(Cutoffs::DEFAULT), &cloud()));
     let apart = psnr(&usual, &exact(&cloud(), &loose));
-    assert!(apart < SAME_FRAME, "other limits make another picture, so the comparison can fail: {apart} dB");
+    assert!(apart < SAME_FRAME, "other cutoffs make another picture, so the comparison can fail: {apart} dB");
 }
 
 /// The largest difference, as a share of one or of the exact number.
@@ -104,12 +104,12 @@ fn the_largest_difference_is_seen_wherever_it_is() {
 
 #[test]
 fn ordinary_pictures_in_f32_are_those_in_f64() {
-    for projection in [Projection::Affine, Projection::Tangent, Projection::Ray] {
-        let limits = Limits::LEAST.with_projection(projection);
+    for projection in [ProjectionModel::Affine, ProjectionModel::Tangent, ProjectionModel::Ray] {
+        let cutoffs = Cutoffs::REFERENCE.with_projection(projection);
         for seed in 1..6 {
             let cloud = random_cloud(300, Layout::shaded(Some(3)), seed);
             let difference =
-                largest_difference(&wide(&picture(&mut CpuViewer::new(limits), &cloud)), &exact(&cloud, &limits));
+                largest_difference(&wide(&picture(&mut CpuViewer::new(cutoffs), &cloud)), &exact(&cloud, &cutoffs));
             println!("{projection:?}, seed {seed}: {difference:.1e}");
             assert!(difference < SAME_NUMBER, "{projection:?}, seed {seed}: {difference:e}");
         }
@@ -118,15 +118,15 @@ fn ordinary_pictures_in_f32_are_those_in_f64() {
 
 #[test]
 fn what_is_cut_off_sooner_is_missed_more() {
-    let exact = exact(&cloud(), &Limits::LEAST);
-    let psnr_of = |limits: Limits| psnr(&wide(&picture(&mut CpuViewer::new(limits), &cloud())), &exact);
-    let falls = |limits: [Limits; 3]| {
-        let measured = limits.map(psnr_of);
+    let exact = exact(&cloud(), &Cutoffs::REFERENCE);
+    let psnr_of = |cutoffs: Cutoffs| psnr(&wide(&picture(&mut CpuViewer::new(cutoffs), &cloud())), &exact);
+    let falls = |cutoffs: [Cutoffs; 3]| {
+        let measured = cutoffs.map(psnr_of);
         assert!(measured[0] > measured[1] && measured[1] > measured[2], "{measured:?}");
     };
-    falls([1e-4, 1.0 / 255.0, 1.0 / 30.0].map(|least| Limits::LEAST.with_alpha_min(least)));
-    falls([1e-5, 1e-2, 0.1].map(|least| Limits::LEAST.with_transmittance_min(least)));
-    falls([4.0, 2.5, 1.5].map(|sigmas| Limits::LEAST.with_reach_max(sigmas)));
+    falls([1e-4, 1.0 / 255.0, 1.0 / 30.0].map(|least| Cutoffs::REFERENCE.with_alpha_min(least)));
+    falls([1e-5, 1e-2, 0.1].map(|least| Cutoffs::REFERENCE.with_transmittance_min(least)));
+    falls([4.0, 2.5, 1.5].map(|sigmas| Cutoffs::REFERENCE.with_reach_max(sigmas)));
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn fainter_splats_than_the_least_alpha_are_not_drawn() {
     let mut cloud = cloud();
     (0..cloud.count).for_each(|gaussian| cloud.set(gaussian, OPACITY, [-4.0]));
     let covers = |least: f32| {
-        let values = picture(&mut CpuViewer::new(Limits::LEAST.with_alpha_min(least)), &cloud);
+        let values = picture(&mut CpuViewer::new(Cutoffs::REFERENCE.with_alpha_min(least)), &cloud);
         let pixels = (view().width * view().height) as usize;
         values[values.len() - pixels..].iter().any(|passed| *passed < 1.0)
     };
@@ -144,19 +144,22 @@ fn fainter_splats_than_the_least_alpha_are_not_drawn() {
 
 #[test]
 fn the_usual_formulas_are_those_within_the_usual_limits() {
-    let passage = blend::Passage::open(1.0_f32);
+    let passage = blend::PixelState::open(1.0_f32);
     for log2_strength in [-9.0_f32, -7.9944, -7.9943, -3.0, -0.01, 0.0] {
-        let [one, other] = [blend::alpha(log2_strength), Limits::USUAL.alpha(log2_strength)];
+        let [one, other] = [blend::alpha(log2_strength), Cutoffs::DEFAULT.alpha(log2_strength)];
         assert_eq!(one.to_bits(), other.to_bits());
-        assert_eq!(blend::is_seen(log2_strength), Limits::USUAL.is_seen(log2_strength));
-        let [one, other] = [blend::step(one, passage), Limits::USUAL.step(other, passage)];
+        assert_eq!(blend::passes_alpha_test(log2_strength), Cutoffs::DEFAULT.passes_alpha_test(log2_strength));
+        let [one, other] = [blend::step(one, passage), Cutoffs::DEFAULT.step(other, passage)];
         assert_eq!(one.weight.to_bits(), other.weight.to_bits());
     }
 }
 
 #[test]
 fn limits_of_nothing_are_the_least_that_there_are() {
-    let nothing = Limits::USUAL.with_alpha_min(0.0).with_transmittance_min(0.0);
+    let nothing = Cutoffs::DEFAULT.with_alpha_min(0.0).with_transmittance_min(0.0);
     assert_eq!((nothing.alpha_min(), nothing.transmittance_min()), (1e-12, 1e-12));
-    assert!((nothing.is_seen(-39.863_12_f32)) && !nothing.is_seen(-39.864_f32), "2^-39.8631 is 1e-12");
+    assert!(
+        (nothing.passes_alpha_test(-39.863_12_f32)) && !nothing.passes_alpha_test(-39.864_f32),
+        "2^-39.8631 is 1e-12"
+    );
 }

@@ -2,9 +2,9 @@
 
 use specula_core::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Statistics},
+    executor::{AdamMoments, Executor, RenderRules, Statistics},
     expose::{Exposure, IDENTITY},
-    pipeline::{Fit, Step, train_step},
+    pipeline::{Fit, TrainingStep, train_step},
     plan::Channels,
     scene::RadianceActivation,
 };
@@ -29,7 +29,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
     let cameras = [1.0, 2.0, 3.0].map(camera);
     let rgba = vec![200; 96 * 80 * 4];
     let target = exec.target(96, 80, &rgba).expect("the bytes fit");
-    let zeros = |len: usize| Moments { mean: vec![0.0; len], square: vec![0.0; len] };
+    let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
     let mut moments = zeros(cloud.values.len());
     let mut light = profile.light.map(|_| {
         let light = random_environment(16, RadianceActivation::Exponential, 3);
@@ -45,7 +45,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
         if number == 10 {
             counter.reset();
         }
-        let step = Step {
+        let step = TrainingStep {
             camera: &cameras[number as usize % cameras.len()],
             target: &target,
             background: [1.0; 3],

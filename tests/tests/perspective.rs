@@ -8,7 +8,7 @@ use specula_core::{
     camera::Camera,
     double::Double,
     perspective::{
-        Perspective, Projection, affine_error, footprint_in_perspective, log2_strength, perspective, ray_scale,
+        Perspective, ProjectionModel, affine_error, footprint_in_perspective, log2_strength, perspective, ray_scale,
         scaled_curvature,
     },
     project::{BLUR, Shape, Splat, project},
@@ -92,7 +92,7 @@ struct Seen<R> {
     own: Perspective<R>,
 }
 
-fn seen(ball: &Ball, camera: &Camera, projection: Projection) -> Seen<Double> {
+fn seen(ball: &Ball, camera: &Camera, projection: ProjectionModel) -> Seen<Double> {
     let (shape, camera) = (ball.shape(), camera.lift(Double(0.0)).for_projection(projection));
     let splat = project(&shape, &camera);
     Seen { own: perspective(projection, &shape, &splat, &camera), splat }
@@ -134,7 +134,7 @@ proptest! {
         ball in ball(1e-2..10.0), pixel in pixel(), focal in prop::array::uniform2(20.0..300.0_f32)
     ) {
         let camera = straight(focal);
-        let own = seen(&ball, &camera, Projection::Ray).distance(pixel.map(Double)).0;
+        let own = seen(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0;
         let expected = along_the_ray(&ball, &camera, pixel, f64::from(BLUR));
         prop_assert!((own - expected).abs() <= SAME * expected.max(1.0), "{own} and {expected}");
     }
@@ -142,8 +142,8 @@ proptest! {
     #[test]
     fn where_nothing_is_wide_all_projections_agree(ball in ball(1e-6..1e-5)) {
         let camera = straight([1e5, 1e5]);
-        let at = seen(&ball, &camera, Projection::Ray).splat.mean2d.map(|x| Double(x.0 + 1.0));
-        let [affine, tangent, ray] = [Projection::Within(1.0), Projection::Tangent, Projection::Ray]
+        let at = seen(&ball, &camera, ProjectionModel::Ray).splat.mean2d.map(|x| Double(x.0 + 1.0));
+        let [affine, tangent, ray] = [ProjectionModel::Within(1.0), ProjectionModel::Tangent, ProjectionModel::Ray]
             .map(|projection| seen(&ball, &camera, projection).distance(at).0);
         prop_assert!((tangent / affine - 1.0).abs() < 1e-3 && (ray / affine - 1.0).abs() < 1e-3, "{affine} {tangent} {ray}");
     }
@@ -153,7 +153,7 @@ proptest! {
         ball in ball(1e-3..2.0), turn in 0.0..6.3_f64, reach in 0.5..7.0_f64
     ) {
         let camera = straight([80.0, 80.0]);
-        let seen = seen(&ball, &camera, Projection::Ray);
+        let seen = seen(&ball, &camera, ProjectionModel::Ray);
         let (outline, variance) = footprint_in_perspective(&seen.splat, &seen.own, Double(reach));
         prop_assume!(variance[0].0.is_finite());
         let [xx, yx, yy] = outline.root_conic.map(|x| x.0);
@@ -169,7 +169,7 @@ proptest! {
     #[test]
     fn a_footprint_is_everywhere_only_where_it_is_no_ellipse_that_ends(ball in ball(0.5..30.0), reach in 0.5..7.0_f64) {
         let camera = straight([80.0, 80.0]);
-        let seen = seen(&ball, &camera, Projection::Ray);
+        let seen = seen(&ball, &camera, ProjectionModel::Ray);
         let (_, variance) = footprint_in_perspective(&seen.splat, &seen.own, Double(reach));
         prop_assume!(variance[0].0.is_infinite());
         // Far away where rays are longest it is still, or almost, within reach.
@@ -193,12 +193,12 @@ proptest! {
             quat: shape.quat.map(|x| x.0 as f32),
             opacity_logit: 40.0,
         };
-        let lifted = camera.lift(0.0_f32).for_projection(Projection::Ray);
+        let lifted = camera.lift(0.0_f32).for_projection(ProjectionModel::Ray);
         let splat = project(&own, &lifted);
-        let own = Seen { own: perspective(Projection::Ray, &own, &splat, &lifted), splat };
+        let own = Seen { own: perspective(ProjectionModel::Ray, &own, &splat, &lifted), splat };
         let strength = |distance: f64| (-0.5 * distance).exp();
         let own = strength(own.distance(pixel.map(|x| x as f32)).into());
-        let exact = strength(seen(&ball, &camera, Projection::Ray).distance(pixel.map(Double)).0);
+        let exact = strength(seen(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0);
         prop_assert!((own - exact).abs() < SAME_IN_F32, "{own} and {exact}");
     }
 
@@ -216,7 +216,7 @@ proptest! {
         let pixel = |ray: DVec3| {
             [50.0 + 1e5 * ray.x / ray.z, 40.0 + 1e5 * ray.y / ray.z].map(Double)
         };
-        for projection in [Projection::Tangent, Projection::Ray] {
+        for projection in [ProjectionModel::Tangent, ProjectionModel::Ray] {
             let before = seen(&ball, &camera, projection).distance(pixel(ray)).0;
             let after = seen(&turned, &camera, projection).distance(pixel(turn * ray)).0;
             prop_assert!((before / after - 1.0).abs() < 1e-4, "{projection:?}: {before} and {after}");
@@ -225,7 +225,7 @@ proptest! {
 }
 
 /// Largest difference of alphas from exact ones over a footprint, without low-pass.
-fn largest_error(ball: &Ball, projection: Projection) -> f64 {
+fn largest_error(ball: &Ball, projection: ProjectionModel) -> f64 {
     let camera = straight([1e6, 1e6]);
     let seen = seen(ball, &camera, projection);
     let [x, y] = seen.splat.mean2d.map(|x| x.0);
@@ -262,12 +262,12 @@ fn errors_are_those_of_the_published_table() {
     ];
     for (shape, degrees, tilt, scale, affine, tangent) in rows {
         let ball = at(degrees, shape * scale, tilt);
-        for (projection, expected) in [(Projection::Within(1e9), affine), (Projection::Tangent, tangent)] {
+        for (projection, expected) in [(ProjectionModel::Within(1e9), affine), (ProjectionModel::Tangent, tangent)] {
             let own = largest_error(&ball, projection);
             let allowed = OF_TABLE * expected + 1e-3;
             assert!((own - expected).abs() < allowed, "{degrees} {tilt} {scale} {projection:?}: {own}, not {expected}");
         }
-        assert!(largest_error(&ball, Projection::Ray) < SAME, "{degrees} {tilt} {scale}");
+        assert!(largest_error(&ball, ProjectionModel::Ray) < SAME, "{degrees} {tilt} {scale}");
     }
 }
 
@@ -275,11 +275,12 @@ fn errors_are_those_of_the_published_table() {
 fn what_the_affine_projection_is_off_by_is_foretold() {
     for (degrees, tilt, scale) in [(10.0, 0.0, 0.03), (45.0, 30.0, 0.02), (60.0, 0.0, 0.01), (0.0, 60.0, 0.03)] {
         let ball = at(degrees, DVec3::new(1.0, 0.5, 0.2) * scale, tilt);
-        let seen = seen(&ball, &straight([1e6, 1e6]), Projection::Ray);
-        let (foretold, own) = (affine_error(&seen.splat, &seen.own).0, largest_error(&ball, Projection::Within(1e9)));
+        let seen = seen(&ball, &straight([1e6, 1e6]), ProjectionModel::Ray);
+        let (foretold, own) =
+            (affine_error(&seen.splat, &seen.own).0, largest_error(&ball, ProjectionModel::Within(1e9)));
         assert!(own < 1.1 * foretold && foretold < 1.6 * own, "{degrees} {tilt} {scale}: {own} of {foretold}");
         let kept = |alpha: f32| {
-            let own = self::seen(&ball, &straight([1e6, 1e6]), Projection::Within(alpha)).own;
+            let own = self::seen(&ball, &straight([1e6, 1e6]), ProjectionModel::Within(alpha)).own;
             (own.slope, own.curvature)
         };
         assert_eq!(kept(0.99 * foretold as f32), (seen.own.slope, seen.own.curvature));
@@ -290,7 +291,7 @@ fn what_the_affine_projection_is_off_by_is_foretold() {
 #[test]
 fn the_affine_footprint_is_what_it_was() {
     let ball = at(20.0, DVec3::new(0.1, 0.05, 0.01), 30.0);
-    let seen = seen(&ball, &straight([100.0, 100.0]), Projection::Within(1e9));
+    let seen = seen(&ball, &straight([100.0, 100.0]), ProjectionModel::Within(1e9));
     let usual = footprint(&seen.splat);
     let (own, variance) = footprint_in_perspective(&seen.splat, &seen.own, usual.reach);
     for k in 0..3 {

@@ -9,7 +9,7 @@ use proptest::{
     test_runner::TestRunner,
 };
 use specula_core::{
-    census::{Census, Fate},
+    cull::{CullReason, CullStats},
     executor::{RenderRules, Renderer},
     plan::{Channels, Needs, Plan},
     prefilter::PrefilterScheme,
@@ -214,36 +214,36 @@ fn what_a_plan_leaves_out_hides_nothing_that_is_not_finite() {
 }
 
 /// What a plane that is not finite counts as.
-fn reason(plane: usize) -> Fate {
+fn reason(plane: usize) -> CullReason {
     match plane {
-        MEAN..LOG_SCALE => Fate::NonfiniteMean,
-        LOG_SCALE..6 => Fate::NonfiniteScale,
-        6..OPACITY => Fate::NonfiniteQuat,
-        OPACITY => Fate::NonfiniteOpacity,
-        11..17 => Fate::NonfiniteColor,
-        17 => Fate::NonfiniteRoughness,
-        18..24 => Fate::NonfiniteResidual,
-        _ => Fate::NonfiniteHarmonics,
+        MEAN..LOG_SCALE => CullReason::NonfiniteMean,
+        LOG_SCALE..6 => CullReason::NonfiniteScale,
+        6..OPACITY => CullReason::NonfiniteQuat,
+        OPACITY => CullReason::NonfiniteOpacity,
+        11..17 => CullReason::NonfiniteColor,
+        17 => CullReason::NonfiniteRoughness,
+        18..24 => CullReason::NonfiniteResidual,
+        _ => CullReason::NonfiniteHarmonics,
     }
 }
 
 #[test]
 fn what_is_not_finite_is_counted_by_reason() {
     let cloud = random_cloud(COUNT, LAYOUT, 54);
-    assert_eq!(Census::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");
+    assert_eq!(CullStats::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");
     for plane in 0..LAYOUT.plane_count() {
         for number in WRONG {
             let cloud = with_plane(&cloud, plane, number);
             for camera in [None, Some(camera(48, 32))] {
-                let census = Census::of(&cloud, camera.as_ref());
-                assert_eq!(census.count(reason(plane)), CHANGED.len(), "plane {plane} is {number}");
-                assert_eq!(census.nonfinite(), CHANGED.len(), "plane {plane} is {number}");
+                let cull = CullStats::of(&cloud, camera.as_ref());
+                assert_eq!(cull.count(reason(plane)), CHANGED.len(), "plane {plane} is {number}");
+                assert_eq!(cull.nonfinite(), CHANGED.len(), "plane {plane} is {number}");
             }
         }
     }
 }
 
-/// Gaussians that a picture has splats for are those of which the census says that they are drawn, or outside.
+/// Gaussians that a picture has splats for are those that the cull statistics count as drawn, or outside.
 #[test]
 fn a_census_counts_what_the_executor_draws() {
     let mut exec = CpuExecutor::new();
@@ -252,12 +252,12 @@ fn a_census_counts_what_the_executor_draws() {
         let mut splats = exec.project(&case.cloud, &case.camera).expect("the CPU projects");
         exec.shade(&case.cloud, &case.camera, &mut splats, None, &rules).expect("the CPU shades");
         let drawn = splats.records().iter().filter(|record| record.reach > 0.0).count();
-        let census = Census::of(&case.cloud, Some(&case.camera));
-        let counted = census.count(Fate::Drawn) + census.count(Fate::Outside);
+        let cull = CullStats::of(&case.cloud, Some(&case.camera));
+        let counted = cull.count(CullReason::Drawn) + cull.count(CullReason::Outside);
         if !case.is_on_edge {
-            assert_eq!(counted, drawn, "{}: {census:?}", case.name);
+            assert_eq!(counted, drawn, "{}: {cull:?}", case.name);
         }
-        let all: usize = Fate::ALL.into_iter().map(|fate| census.count(fate)).sum();
+        let all: usize = CullReason::ALL.into_iter().map(|fate| cull.count(fate)).sum();
         assert_eq!(all, case.cloud.count, "{}: every Gaussian has one fate", case.name);
     }
 }

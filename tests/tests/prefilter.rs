@@ -66,7 +66,7 @@ fn our_weights_are_half_of_the_official_ones() {
     assert!(2 * ours <= official, "{ours} and {official}");
 }
 
-/// How far each level of a chain is from the integral at most, as a share of it, at the centres of
+/// Distance of each level of a chain from the integral at most, as a share of it, at the centres of
 /// the texels that are looked at; nothing of the first, which is the light.
 fn off_at_centres(map: &CubeMap<1>, is_looked_at: impl Fn([f64; 3]) -> bool) -> Vec<f64> {
     let levels = Levels::mips(MipRoughness::Linear, BASE, 5).expect("a chain");
@@ -93,7 +93,7 @@ fn beside_a_sun_of_a_texel_a_chain_is_not_exact() {
     const SUN: f64 = 16_384.0;
     const SKY: f64 = 0.25;
     const BESIDE: f64 = 0.9;
-    /// How far off each level may be, and what the first is at least, so that what is said is not
+    /// Bound of each level's error, and the least of the first, so that what is said is not
     /// out of date: 1.042, 0.332, 0.085 and 0.026 were found.
     const AT_MOST: [f64; 4] = [1.1, 0.36, 0.1, 0.04];
     const AT_LEAST: f64 = 0.3;

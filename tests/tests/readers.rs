@@ -12,7 +12,7 @@ use proptest::{
 };
 use specula_accuracy::lpips::Network;
 use specula_core::{
-    executor::{Moments, Statistics},
+    executor::{AdamMoments, Statistics},
     expose::IDENTITY,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
@@ -243,7 +243,7 @@ fn map() -> LatLong {
 fn make_checkpoint(folder: &Path) {
     let layout = Layout::shaded(Some(0));
     let len = len_of_values(3, layout);
-    let moments = |len: usize| Moments { mean: numbers(3, len), square: numbers(4, len) };
+    let moments = |len: usize| AdamMoments { mean: numbers(3, len), square: numbers(4, len) };
     let light =
         Environment { resolution: 2, activation: RadianceActivation::Exponential, values: numbers(5, 6 * 2 * 2 * 3) };
     let written = Checkpoint {
@@ -251,7 +251,7 @@ fn make_checkpoint(folder: &Path) {
         moments: moments(len),
         statistics: Statistics { grad_sum: numbers(6, 3), view_count: numbers(7, 3) },
         light: Some((light, moments(72))),
-        exposures: Some((vec![IDENTITY; 3], Moments { mean: vec![IDENTITY; 3], square: vec![IDENTITY; 3] })),
+        exposures: Some((vec![IDENTITY; 3], AdamMoments { mean: vec![IDENTITY; 3], square: vec![IDENTITY; 3] })),
         order: vec![1, 0, 2],
         facts: Facts::default(),
     };

@@ -10,8 +10,8 @@ use specula_core::{
     activation::logit,
     camera::Camera,
     color::{is_unknown, linear_from_srgb},
+    morton::Bounds,
     normal::AxisRule,
-    order::Bounds,
     random,
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,

@@ -10,9 +10,9 @@ use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Statistics},
+    executor::{AdamMoments, DensifyReport, Executor, RandomKey, RenderRules, Statistics},
     metrics::psnr,
-    pipeline::{Fit, Step, StepReport, train_step},
+    pipeline::{Fit, StepReport, TrainingStep, train_step},
     plan::Channels,
     random,
     scene::{Environment, Gaussians, OPACITY, RadianceActivation, TINT, len_of_values},
@@ -20,7 +20,7 @@ use specula_core::{
 
 /// The raw tint of what reflects nothing: σ(−64) = 1.6e-28 is lost beside any colour, and gradients in its proportion are
 /// lost beside Adam's ε of 1e-15, so that neither the tint nor the light takes a step for its sake.
-pub const TINT_OF_NONE: f32 = -64.0;
+pub const TINT_LOGIT_OFF: f32 = -64.0;
 
 /// What a run is told.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,9 +68,9 @@ pub struct Trainer<E: Executor> {
     pictures: [Vec<(Camera, E::Target)>; 2],
     extent: f32,
     gaussians: Gaussians<E::Array>,
-    moments: Moments<E::Array>,
+    moments: AdamMoments<E::Array>,
     statistics: Statistics<E::Array>,
-    light: Option<(Environment<E::Array>, Moments<E::Array>)>,
+    light: Option<(Environment<E::Array>, AdamMoments<E::Array>)>,
     /// How the pictures were exposed, if that is learned.
     exposures: Option<Exposures>,
     /// Steps taken.
@@ -96,7 +96,7 @@ impl<E: Executor> Trainer<E> {
         let light = start_light(&settings.profile);
         let exposures = settings.profile.exposure.map(|_| Exposures::start(views.len()));
         let mut trainer = Self::resume(exec, settings, views, &Snapshot::start(start, light, exposures))?;
-        trainer.dull_background()?;
+        trainer.disable_background_specular()?;
         Ok(trainer)
     }
 
@@ -131,7 +131,7 @@ impl<E: Executor> Trainer<E> {
         Ok(Self {
             light: light.transpose()?,
             gaussians: upload(&gaussians.values)?,
-            moments: Moments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
+            moments: AdamMoments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
             statistics: Statistics {
                 grad_sum: exec.upload(&statistics.grad_sum)?,
                 view_count: exec.upload(&statistics.view_count)?,
@@ -176,7 +176,7 @@ impl<E: Executor> Trainer<E> {
         let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
         let (camera, target) = &pictures[view];
         let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.iteration);
-        let step = Step {
+        let step = TrainingStep {
             camera,
             target,
             background: self.settings.background,
@@ -278,17 +278,17 @@ impl<E: Executor> Trainer<E> {
             self.exec.limit_plane(&mut self.gaussians, &mut self.moments, OPACITY, logit(0.01), None)?;
         }
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
-            self.dull_background()?;
+            self.disable_background_specular()?;
         }
         Ok(report)
     }
 
     /// What lies outside of the foreground reflects nothing from here on.
-    fn dull_background(&mut self) -> Result<(), TrainError<E::Error>> {
+    fn disable_background_specular(&mut self) -> Result<(), TrainError<E::Error>> {
         let Profile { layout, foreground, .. } = self.settings.profile;
         if layout.is_shaded() && foreground.is_some() {
             for plane in TINT..TINT + 3 {
-                self.exec.limit_plane(&mut self.gaussians, &mut self.moments, plane, TINT_OF_NONE, foreground)?;
+                self.exec.limit_plane(&mut self.gaussians, &mut self.moments, plane, TINT_LOGIT_OFF, foreground)?;
             }
         }
         Ok(())
@@ -350,11 +350,11 @@ pub struct Snapshot {
     /// Gaussians, and the light if there is one.
     pub scene: HostScene,
     /// Adam's moments of the Gaussians.
-    pub moments: Moments<Vec<f32>>,
+    pub moments: AdamMoments<Vec<f32>>,
     /// What densification has seen since it last acted, a number for each Gaussian.
     pub statistics: Statistics<Vec<f32>>,
     /// Adam's moments of the light.
-    pub light_moments: Option<Moments<Vec<f32>>>,
+    pub light_moments: Option<AdamMoments<Vec<f32>>>,
     /// How the pictures were exposed, if that is learned.
     pub exposures: Option<Exposures>,
     /// Steps that were taken.
@@ -374,7 +374,7 @@ impl Snapshot {
         environment: Option<Environment<Vec<f32>>>,
         exposures: Option<Exposures>,
     ) -> Self {
-        let zeros = |len: usize| Moments { mean: vec![0.0; len], square: vec![0.0; len] };
+        let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
         Self {
             moments: zeros(gaussians.values.len()),
             statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
@@ -393,7 +393,7 @@ impl Snapshot {
         let HostScene { gaussians: Gaussians { count, layout, values }, environment } = &self.scene;
         let profile = &settings.profile;
         let has_moments =
-            |moments: &Moments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
+            |moments: &AdamMoments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
         let is_light = match (environment, &self.light_moments, profile.light) {
             (Some(light), Some(moments), Some(start)) => {
                 let len = light.len_of_values();
@@ -431,14 +431,17 @@ fn download<E: Executor>(exec: &mut E, array: &E::Array, len: usize) -> Result<V
 
 fn download_moments<E: Executor>(
     exec: &mut E,
-    moments: &Moments<E::Array>,
+    moments: &AdamMoments<E::Array>,
     len: usize,
-) -> Result<Moments<Vec<f32>>, E::Error> {
-    Ok(Moments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
+) -> Result<AdamMoments<Vec<f32>>, E::Error> {
+    Ok(AdamMoments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
 }
 
-fn upload_moments<E: Executor>(exec: &mut E, moments: &Moments<Vec<f32>>) -> Result<Moments<E::Array>, E::Error> {
-    Ok(Moments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? })
+fn upload_moments<E: Executor>(
+    exec: &mut E,
+    moments: &AdamMoments<Vec<f32>>,
+) -> Result<AdamMoments<E::Array>, E::Error> {
+    Ok(AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? })
 }
 
 /// A scene in host memory.

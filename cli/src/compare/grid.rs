@@ -19,7 +19,7 @@ pub(super) enum Quantity {
     Relit {
         is_scaled: bool,
     },
-    /// What a run was given; a column where runs of one scene were given different ones.
+    /// Condition of a training; a column where runs of one scene had different ones.
     Given(usize),
     Gaussians,
     Seconds,

@@ -22,7 +22,7 @@ const MEGABYTE: f64 = 1e6;
 const HEADER_LINES: usize = 1000;
 const HEADER_LEN: u64 = 1 << 20;
 
-/// What trainings may be given unequally: the head of its column, and how a sentence says it.
+/// Condition of trainings that may be unequal: the head of its column, and its words in a sentence.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given {
     pub(super) words: &'static str,
@@ -44,7 +44,7 @@ pub(super) struct Run {
     pub(super) scene: String,
     /// The data set's path; empty if it does not say.
     pub(super) source: String,
-    /// What it was given to train with, each of [`GIVEN`].
+    /// Conditions of the training, each of [`GIVEN`].
     pub(super) given: [Option<f64>; GIVEN.len()],
     /// Its profile, or the name of its folder if another program trained it.
     pub(super) profile: String,

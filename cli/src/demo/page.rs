@@ -11,7 +11,7 @@ use crate::{
 };
 use std::path::Path;
 
-/// How rows of pictures look: as large as they are, with words that a browser's font writes.
+/// Style of rows of pictures: as large as they are, with captions in a browser's font.
 const ROWS: &str = "\
 body { max-width: 78rem; }
 .row { display: flex; flex-wrap: wrap; gap: .75rem; margin: .75rem 0; }

@@ -4,10 +4,10 @@ use super::data::LIGHTS;
 use crate::{
     args::{EnvOptions, EnvUp, MachineOptions},
     background::{Background, truth},
-    bearings,
     failure::Failure,
     look::Tour,
     machine::ExecutorChoice,
+    orientation,
     pictures::Layer,
     progress::{Talk, Work},
     scene::{Renderer, relight},
@@ -188,9 +188,9 @@ fn turntable(test: &[View], ours: &mut Renderer, scene: &Scene) -> Result<Vec<Rg
     let [width, height] = FRAME_SIZE;
     let known: Vec<NamedCamera> =
         test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height))).collect();
-    let found = bearings::found(None, known.iter().map(|(_, camera)| camera));
-    let bearings = found.unwrap_or_else(|| bearings::of_cloud(&scene.gaussians));
-    let tour = Tour::around(&bearings, &known, FRAMES, None);
+    let found = orientation::found(None, known.iter().map(|(_, camera)| camera));
+    let orientation = found.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians));
+    let tour = Tour::around(&orientation, &known, FRAMES, None);
     tour.cameras.iter().map(|(_, camera)| shown(ours, camera, Layer::Rgb)).collect()
 }
 

@@ -2,8 +2,9 @@
 
 use crate::{
     args::{EnvOptions, EnvUp, Eval},
-    bearings,
     failure::Failure,
+    orientation,
+    output::stem,
     progress::Talk,
     scene::{Renderer, background_of, relight},
     truth::{Relighting, Truths, fit_and_measure},
@@ -72,8 +73,8 @@ pub(super) fn measure(
 ) -> Result<Vec<Relit>, Failure> {
     let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
     let background = background_of(opened, args.background);
-    let found = bearings::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
-    let above = found.map_or(Vec3::Z, |found| bearings::up(&found));
+    let found = orientation::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
+    let above = found.map_or(Vec3::Z, |found| orientation::up(&found));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truths = Truths::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
@@ -86,7 +87,7 @@ pub(super) fn measure(
             work.done(index as u64 + 1, String::new);
         }
         work.finish();
-        let light = light.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let light = stem(&light);
         Ok(Relit { light, views: pairs.len(), measured: fit_and_measure(&pairs, background) })
     };
     lights_of(source).into_iter().map(measured).collect()

@@ -68,7 +68,7 @@ fn output_of(path: &Path, [width, height]: [u32; 2], seconds: u64, memory: u64) 
     command.args(["--size", &width.to_string(), &height.to_string()]).env(THREADS, "1").stdin(Stdio::null()).output()
 }
 
-/// What the other process said.
+/// Sentence of the other process.
 fn sentence(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr);
     let line = text.lines().last().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Where a page is: its addresses on stdout, and a code for phones on a terminal.
+//! Addresses of a page on stdout, and a code for phones on a terminal.
 
 use crate::{failure::Failure, output, progress::Talk};
 use core::net::{IpAddr, SocketAddr};

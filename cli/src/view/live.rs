@@ -41,7 +41,7 @@ pub(crate) struct Live {
 struct State {
     is_finished: bool,
     is_paused: bool,
-    /// What was told of that.
+    /// Whether the pause was told.
     is_told_paused: bool,
     /// Steps to take although it is paused.
     steps: u32,

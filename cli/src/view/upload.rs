@@ -24,7 +24,7 @@ use tokio::{
 const LIGHT_MAX: usize = 64 << 20;
 /// Pixels of a light, at most: 400 MB when they are decoded.
 const PIXELS_MAX: u64 = 1 << 25;
-/// How long nothing may come of a light.
+/// Longest time in which nothing comes of a light.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// A light may take this long, and as long as its bytes take at the least rate.
 const PATIENCE_FOR_ALL: Duration = Duration::from_secs(20);
@@ -85,7 +85,7 @@ fn too_large() -> Refusal {
     Refusal(StatusCode::PAYLOAD_TOO_LARGE, sentence)
 }
 
-/// How long so many bytes may take to come.
+/// Longest time for so many bytes to come.
 fn time_for(bytes: usize) -> Duration {
     PATIENCE_FOR_ALL + Duration::from_secs_f64(bytes as f64 / BYTES_PER_SECOND_MIN)
 }
@@ -113,7 +113,7 @@ async fn received(mut body: Body, ending: &str, folder: &Path) -> Result<NamedTe
 }
 
 fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile) -> Result<Response, Refusal> {
-    let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
+    let stem = output::stem(Path::new(name));
     // The name that was dropped says more than that of the file in between.
     let renamed = |sentence: &str| sentence.replace(&format!("{:?}", file.path()), &format!("{name:?}"));
     let named = |failure: Failure| bad(renamed(&failure.to_string()));

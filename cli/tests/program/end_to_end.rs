@@ -154,12 +154,12 @@ fn a_model_keeps_what_is_above_and_turns_about_it() {
     let tiny = Tiny::new();
     let output = train(&tiny, "model").arg("--eval").output().unwrap();
     assert!(output.status.success());
-    let found = &json(&tiny.path("model/specula.json"))["bearings"];
+    let found = &json(&tiny.path("model/specula.json"))["orientation"];
     assert_eq!((&found["up"], &found["told_by"]), (&serde_json::json!([0.0, 0.0, 1.0]), &"upright".into()));
     assert_eq!((&found["cameras"], &found["rolled"]), (&11.into(), &0.into()), "all are asked, held out or not");
 
     printed(train(&tiny, "said").args(["--scene-up", "-y"]));
-    let said = &json(&tiny.path("said/specula.json"))["bearings"];
+    let said = &json(&tiny.path("said/specula.json"))["orientation"];
     assert_eq!((&said["up"], &said["told_by"]), (&serde_json::json!([0.0, -1.0, 0.0]), &"hand".into()));
     assert!(fs::read_to_string(tiny.path("said/config.toml")).unwrap().contains("scene-up = \"0,-1,0\""));
 

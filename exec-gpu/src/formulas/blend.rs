@@ -2,7 +2,7 @@
 
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
-    blend::{Passage, Stamp, alpha, falloff, step},
+    blend::{PixelState, Splat2d, alpha, falloff, step},
     real::Real,
 };
 
@@ -32,7 +32,7 @@ pub(super) fn channel_fields(array: &str, first: &str, channels: usize) -> impl 
     (0..channels).map(|c| variable(&name(c), 1)).collect::<Vec<_>>().into_iter()
 }
 
-/// Pixels before their first splat ([`Passage::open`]); those outside the picture have ended.
+/// Pixels before their first splat ([`PixelState::open`]); those outside the picture have ended.
 #[derive(Clone, Copy, Debug)]
 pub struct BlendStart {
     /// The pixels.
@@ -51,12 +51,12 @@ impl Formula for BlendStart {
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let light = inputs.slice(self.block.count());
-        let left = light.iter().map(|light| Passage::open(*light).left);
+        let left = light.iter().map(|light| PixelState::open(*light).left);
         light.iter().copied().chain(left).collect()
     }
 }
 
-/// What pixels let through ([`Passage`]).
+/// What pixels let through ([`PixelState`]).
 fn passages(block: PixelBlock) -> [Field; 2] {
     ["transmittance", "left"].map(|name| variable(name, block.count()))
 }
@@ -119,7 +119,7 @@ impl Formula for BlendSplat {
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
-        let stamp = Stamp { mean2d: [dx.zero(); 2], root, log2_opacity };
+        let stamp = Splat2d { mean2d: [dx.zero(); 2], root, log2_opacity };
         let color = inputs.slice(self.channels);
         let count = self.block.count();
         let (transmittances, left) = (inputs.slice(count), inputs.slice(count));
@@ -128,7 +128,7 @@ impl Formula for BlendSplat {
         for pixel in 0..count {
             let [column, row] = self.block.place(pixel);
             let falloff = falloff(&stamp, dx + column as f32, dy + row as f32);
-            let front = Passage { transmittance: transmittances[pixel], left: left[pixel] };
+            let front = PixelState { transmittance: transmittances[pixel], left: left[pixel] };
             let step = step(alpha(falloff.log2_strength), front);
             passages.push(step.behind);
             let before = inputs.slice(self.channels);

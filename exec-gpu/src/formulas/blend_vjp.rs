@@ -3,7 +3,7 @@
 use super::blend::{PixelBlock, channel_fields};
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
-    blend::{Moments, Replay, Stamp, falloff, moments_vjp, step_vjp},
+    blend::{OffsetMoments, Replay, Splat2d, falloff, moments_vjp, step_vjp},
     real::Real,
 };
 
@@ -85,12 +85,12 @@ impl Formula for ReplaySplat {
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
-        let stamp = Stamp { mean2d: [dx.zero(); 2], root, log2_opacity };
+        let stamp = Splat2d { mean2d: [dx.zero(); 2], root, log2_opacity };
         let count = self.block.count();
         let mut transmittances = inputs.slice(count).to_vec();
         let mut remainders = inputs.slice(count).to_vec();
         let color = inputs.slice(self.channels);
-        let mut moments = Moments::zero(dx);
+        let mut moments = OffsetMoments::zero(dx);
         let mut grad_color = vec![dx.zero(); self.channels];
         let mut weight = dx.zero();
         for pixel in 0..count {
@@ -132,8 +132,8 @@ impl Formula for MomentsVjp {
     }
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
         let (root, opacity) = (inputs.array(), inputs.number());
-        let stamp = Stamp { mean2d: [opacity.zero(); 2], root, log2_opacity: opacity.zero() };
-        let moments = Moments { first: inputs.array(), second: inputs.array(), sum: inputs.number() };
+        let stamp = Splat2d { mean2d: [opacity.zero(); 2], root, log2_opacity: opacity.zero() };
+        let moments = OffsetMoments { first: inputs.array(), second: inputs.array(), sum: inputs.number() };
         let grad = moments_vjp(&stamp, opacity, &moments);
         let mut numbers = grad.mean2d.to_vec();
         numbers.extend(grad.root_conic);

@@ -5,7 +5,7 @@ use crate::formula::{Field, Formula, Inputs, field};
 use specula_core::{
     activation::sigmoid,
     densify::{grad_length, largest_scale, mean_grad, part_log_scales, part_mean},
-    order::cell,
+    morton::cell,
     real::Real,
     scene::{LOG_SCALE, Layout, MEAN, OPACITY},
 };
@@ -53,7 +53,7 @@ impl Formula for MeasuresOf {
     }
 }
 
-/// The cell of a coordinate between two bounds ([`specula_core::order::cell`]).
+/// The cell of a coordinate between two bounds ([`specula_core::morton::cell`]).
 #[derive(Clone, Copy, Debug)]
 pub struct CellAt;
 

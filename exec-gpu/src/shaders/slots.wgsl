@@ -71,7 +71,7 @@ fn is_zero(number: f32) -> bool {
     return (bitcast<u32>(number) & 0x7fffffffu) == 0u;
 }
 
-// Moments to what they stand for.
+// AdamMoments to what they stand for.
 @compute @workgroup_size(GROUP)
 fn finish_splats(
     @builtin(workgroup_id) group: vec3u,

@@ -2,9 +2,9 @@
 
 use super::Case;
 use specula_core::{
-    executor::{Executor, Moments, RenderRules, Statistics},
+    executor::{AdamMoments, Executor, RenderRules, Statistics},
     loss::{LossReport, LossWeights, NormalForm},
-    pipeline::{Fit, Step, StepReport, render, train_step},
+    pipeline::{Fit, StepReport, TrainingStep, render, train_step},
     plan::Channels,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians},
@@ -56,8 +56,8 @@ impl Results {
 struct Scene<A> {
     gaussians: Gaussians<A>,
     environment: Option<Environment<A>>,
-    moments: Moments<A>,
-    light_moments: Moments<A>,
+    moments: AdamMoments<A>,
+    light_moments: AdamMoments<A>,
     statistics: Statistics<A>,
     lens: [usize; 3],
 }
@@ -79,8 +79,8 @@ impl<A> Scene<A> {
         Self {
             gaussians,
             environment,
-            moments: Moments { mean: mean.values, square: square.values },
-            light_moments: Moments { mean: light_mean, square: light_square },
+            moments: AdamMoments { mean: mean.values, square: square.values },
+            light_moments: AdamMoments { mean: light_mean, square: light_square },
             statistics: Statistics { grad_sum, view_count },
             lens: [values.len(), texels, *count],
         }
@@ -111,7 +111,7 @@ impl<A> Scene<A> {
     ) -> StepReport {
         let [width, height] = [case.camera.width as usize, case.camera.height as usize];
         let target = exec.target(width, height, &case.picture()).expect("the bytes fit");
-        let step = Step {
+        let step = TrainingStep {
             camera: &case.camera,
             target: &target,
             background: case.background,

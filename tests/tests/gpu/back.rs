@@ -4,7 +4,7 @@ use core::iter;
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{Executor, Moments, RenderRules, Renderer},
+    executor::{AdamMoments, Executor, RenderRules, Renderer},
     loss::{LossWeights, NormalForm},
     plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
@@ -525,10 +525,10 @@ impl Numbers {
     fn step<E: Executor<Error: core::fmt::Debug>>(
         &self,
         exec: &mut E,
-        mut step: impl FnMut(&mut E, E::Array, &mut Moments<E::Array>, E::Array, u32) -> E::Array,
+        mut step: impl FnMut(&mut E, E::Array, &mut AdamMoments<E::Array>, E::Array, u32) -> E::Array,
     ) -> (usize, Self) {
         let mut upload = |values: &[f32]| exec.upload(values).expect("numbers fit");
-        let mut moments = Moments { mean: upload(&self.mean), square: upload(&self.square) };
+        let mut moments = AdamMoments { mean: upload(&self.mean), square: upload(&self.square) };
         let mut values = upload(&self.values);
         let mut nonfinite = 0;
         for number in 1..4 {

@@ -3,7 +3,7 @@
 use specula_core::{
     activation::sigmoid,
     densify::DensifyRules,
-    executor::{DensifyReport, Executor, Moments, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
     loss::{LossWeights, NormalForm},
     plan::Channels,
     prefilter::PrefilterScheme,
@@ -64,7 +64,7 @@ const UNLIMITED: usize = 1 << 20;
 #[derive(Clone, Debug)]
 struct Scene<A> {
     gaussians: Gaussians<A>,
-    moments: Moments<A>,
+    moments: AdamMoments<A>,
     statistics: Statistics<A>,
 }
 
@@ -78,7 +78,7 @@ impl HostScene {
         let draw = |index: usize, what: u64| uniform(seed, index as u64, 5000 + what);
         let gaussians = snapped(random_cloud(count, layout, seed));
         let numbers = |what: u64| (0..gaussians.values.len()).map(|index| draw(index, what)).collect();
-        let moments = Moments { mean: numbers(1), square: numbers(2) };
+        let moments = AdamMoments { mean: numbers(1), square: numbers(2) };
         let views = |index: usize| [0.0_f32, 1.0, 2.0, 4.0][(4.0 * draw(index, 3)) as usize];
         let mean_grad = |index: usize| (32.0 * draw(index, 4)).floor() * GRAD_STEP;
         let grad_sum = (0..count).map(|index| mean_grad(index) * views(index).max(1.0)).collect();
@@ -113,7 +113,7 @@ impl HostScene {
         let mut put = |values| exec.upload_gaussians(&self.gaussians.with_values(values)).expect("numbers fit");
         Scene {
             gaussians: put(&self.gaussians.values),
-            moments: Moments { mean: put(&self.moments.mean).values, square: put(&self.moments.square).values },
+            moments: AdamMoments { mean: put(&self.moments.mean).values, square: put(&self.moments.square).values },
             statistics,
         }
     }
@@ -169,7 +169,7 @@ impl<A> Scene<A> {
         };
         Scene {
             gaussians: Gaussians { count, layout, values: get(values, len) },
-            moments: Moments { mean: get(&self.moments.mean, len), square: get(&self.moments.square, len) },
+            moments: AdamMoments { mean: get(&self.moments.mean, len), square: get(&self.moments.square, len) },
             statistics: Statistics {
                 grad_sum: get(&self.statistics.grad_sum, count),
                 view_count: get(&self.statistics.view_count, count),

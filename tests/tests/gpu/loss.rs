@@ -317,8 +317,9 @@ fn where_rendered(scene: &Scene, frame: &[f32], grad: &[f64]) -> Vec<f64> {
     let ([width, _], count) = (scene.size(), scene.pixel_count());
     let passed = &frame[scene.channels() * count..];
     let tile_of = |pixel: usize| [pixel % width / SIZE, pixel / width / SIZE];
-    let is_seen = |pixel: usize| passed[pixel] != 1.0;
-    let seen: std::collections::HashSet<[usize; 2]> = (0..count).filter(|p| is_seen(*p)).map(tile_of).collect();
+    let passes_alpha_test = |pixel: usize| passed[pixel] != 1.0;
+    let seen: std::collections::HashSet<[usize; 2]> =
+        (0..count).filter(|p| passes_alpha_test(*p)).map(tile_of).collect();
     grad.iter().enumerate().map(|(k, x)| if seen.contains(&tile_of(k % count)) { *x } else { 0.0 }).collect()
 }
 

@@ -3,7 +3,7 @@
 use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
-    executor::{Executor, Moments, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
     expose::{Exposure, expose},
     metrics::quantize,
     optimise::Schedule,
@@ -267,7 +267,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
     let upload = |gpu: &mut GpuExecutor, values: &[f32]| gpu.upload(values).expect("numbers fit");
     let mut gaussians = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, values) };
     let zeros = vec![0.0; values.len()];
-    let mut moments = Moments { mean: upload(&mut gpu, &zeros), square: upload(&mut gpu, &zeros) };
+    let mut moments = AdamMoments { mean: upload(&mut gpu, &zeros), square: upload(&mut gpu, &zeros) };
     let mut statistics =
         Statistics { grad_sum: upload(&mut gpu, &zeros[..*count]), view_count: upload(&mut gpu, &zeros[..*count]) };
     let mut grad = values.clone();

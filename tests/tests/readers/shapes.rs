@@ -10,7 +10,7 @@ const COUNTS: [u64; 10] = [0, 1, 2, 3, 17, 300, 65_537, 1_000_000_000, u32::MAX 
 /// Sizes of pictures.
 const SIZES: [u32; 10] = [0, 1, 2, 24, 300, 4096, 20_000, 100_000, i32::MAX as u32, u32::MAX];
 
-/// What stands behind a header.
+/// Bytes behind a header.
 fn body() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         vec(any::<u8>(), 0..600),

@@ -2,9 +2,9 @@
 
 use crate::{assert_at_most, worst};
 use specula_core::{
-    blend::{self, MAX_ALPHA, Passage, Replay},
+    blend::{self, MAX_ALPHA, PixelState, Replay},
+    cutoffs::Cutoffs,
     double::Double,
-    limits::Limits,
     random,
 };
 use specula_tests::number::Number;
@@ -24,10 +24,10 @@ fn strengths<R: Number>(alphas: &[f64]) -> Vec<R> {
 }
 
 /// What is left behind a stack, and its colour where each layer has one.
-fn front_to_back<R: Number>(limits: &Limits, strengths: &[R], colors: &[f64]) -> [f64; 2] {
-    let (mut passage, mut sum) = (Passage::open(strengths[0]), R::of(0.0));
+fn front_to_back<R: Number>(cutoffs: &Cutoffs, strengths: &[R], colors: &[f64]) -> [f64; 2] {
+    let (mut passage, mut sum) = (PixelState::open(strengths[0]), R::of(0.0));
     for (strength, color) in strengths.iter().zip(colors) {
-        let step = limits.step(limits.alpha(*strength), passage);
+        let step = cutoffs.step(cutoffs.alpha(*strength), passage);
         sum = sum + step.weight * R::of(*color);
         passage = step.behind;
     }
@@ -36,7 +36,7 @@ fn front_to_back<R: Number>(limits: &Limits, strengths: &[R], colors: &[f64]) ->
 
 /// The gradients of a stack's strengths and colours, of a pixel with a gradient of one.
 fn gradients<R: Number>(strengths: &[R], colors: &[f64]) -> Vec<f64> {
-    let [_, color] = front_to_back(&Limits::USUAL, strengths, colors);
+    let [_, color] = front_to_back(&Cutoffs::DEFAULT, strengths, colors);
     let mut front = Replay { transmittance: R::of(1.0), remaining: R::of(color) };
     let step = |(strength, color): (&R, &f64)| {
         let step = blend::step_vjp(*strength, front, R::of(*color));
@@ -50,7 +50,7 @@ fn gradients<R: Number>(strengths: &[R], colors: &[f64]) -> Vec<f64> {
 #[track_caller]
 pub(crate) fn assert_front_to_back_is_finite(alphas: &[f64]) {
     let (strengths, colors) = (strengths::<f32>(alphas), vec![0.5; alphas.len()]);
-    let [left, color] = front_to_back(&Limits::USUAL, &strengths, &colors);
+    let [left, color] = front_to_back(&Cutoffs::DEFAULT, &strengths, &colors);
     let gradients = gradients(&strengths, &colors);
     assert!(left >= 0.0 && color <= 0.5 && gradients.iter().all(|x| x.is_finite()), "{left}, {color}, {gradients:?}");
 }
@@ -81,9 +81,9 @@ fn what_a_stack_lets_through_is_that_of_f64() {
         let alphas: Vec<f64> =
             (0..count).map(|k| (2.0 * mean * f64::from(random::uniform(seed, 3, k as u64))).min(0.9)).collect();
         let colors = vec![1.0; count];
-        let limits = Limits::LEAST;
-        let [own, _] = front_to_back(&limits, &strengths::<f32>(&alphas), &colors);
-        let [exact, _] = front_to_back(&limits, &strengths::<Double>(&alphas), &colors);
+        let cutoffs = Cutoffs::REFERENCE;
+        let [own, _] = front_to_back(&cutoffs, &strengths::<f32>(&alphas), &colors);
+        let [exact, _] = front_to_back(&cutoffs, &strengths::<Double>(&alphas), &colors);
         (own / exact - 1.0).abs()
     };
     assert_at_most("transmittance of up to 5000 layers", worst((0..200).map(off)), STACK);
@@ -94,8 +94,8 @@ fn haze_is_lost_to_the_usual_least_alpha_and_kept_by_the_least() {
     const LAYERS: usize = 1000;
     let (haze, colors) = (strengths::<f32>(&[0.0035; LAYERS]), vec![1.0; LAYERS]);
     let exact = 1.0 - (1.0_f64 - 0.0035).powi(LAYERS as i32);
-    let [_, kept] = front_to_back(&Limits::LEAST, &haze, &colors);
-    let [_, lost] = front_to_back(&Limits::USUAL, &haze, &colors);
+    let [_, kept] = front_to_back(&Cutoffs::REFERENCE, &haze, &colors);
+    let [_, lost] = front_to_back(&Cutoffs::DEFAULT, &haze, &colors);
     assert_eq!(lost, 0.0, "INRIA's limit shows nothing of it");
     assert_at_most("haze of 97 %", (kept - exact).abs(), HAZE);
 }
@@ -106,9 +106,9 @@ fn an_emitter_behind_a_wall_is_lost_to_the_usual_transmittance_and_kept_by_the_l
     let colors = [0.0, 0.0, 1e4];
     let through = alphas[..2].iter().map(|alpha| 1.0 - f64::from(*alpha as f32)).product::<f64>();
     let exact = through * f64::from(MAX_ALPHA) * 1e4;
-    let [_, kept] = front_to_back(&Limits::LEAST, &strengths::<f32>(&alphas), &colors);
-    let [_, lost] = front_to_back(&Limits::USUAL, &strengths::<f32>(&alphas), &colors);
-    println!("of {exact}, the usual limits show {lost}");
+    let [_, kept] = front_to_back(&Cutoffs::REFERENCE, &strengths::<f32>(&alphas), &colors);
+    let [_, lost] = front_to_back(&Cutoffs::DEFAULT, &strengths::<f32>(&alphas), &colors);
+    println!("of {exact}, the usual cutoffs show {lost}");
     assert_eq!(lost, 0.0, "a pixel ends before the splat that brings it below 10⁻⁴");
     assert_at_most("an emitter of 10⁴ behind a wall of 10⁻³", (kept / exact - 1.0).abs(), EMITTER);
 }

@@ -4,7 +4,7 @@ use crate::assert_at_most;
 use specula_core::{
     activation::{sigmoid, softplus},
     color::{srgb_from_linear, srgb_from_linear_vjp},
-    executor::{Executor, Moments, Renderer},
+    executor::{AdamMoments, Executor, Renderer},
     loss::{sparse, sparse_vjp},
     normal::facing,
     optimise::{EPSILON, Moment, adam},
@@ -66,7 +66,7 @@ pub(crate) fn stepped(grads: &[f32]) -> (Vec<f32>, usize) {
     let mut grad = Gaussians { values: vec![0.0; before.len()], ..gaussians.clone() };
     grads.iter().enumerate().for_each(|(gaussian, number)| grad.set(gaussian, 0, [*number]));
     let zeros = vec![0.0; before.len()];
-    let mut moments = Moments { mean: zeros.clone(), square: zeros };
+    let mut moments = AdamMoments { mean: zeros.clone(), square: zeros };
     let mut exec = CpuExecutor::new();
     let rates = vec![1e-3; layout.plane_count()];
     exec.optimise(&mut gaussians, &mut moments, grad, &rates, 1).expect("the CPU optimises");

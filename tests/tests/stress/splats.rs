@@ -3,10 +3,10 @@
 use crate::{assert_at_most, worst};
 use specula_core::{
     bin::{self, footprint},
-    blend::{self, Stamp, stamp},
+    blend::{self, Splat2d, stamp},
     camera::Camera,
-    census::{Census, Fate},
     covariance::{rotation, rotation_vjp},
+    cull::{CullReason, CullStats},
     double::Double,
     executor::{RenderRules, Renderer},
     plan::Channels,
@@ -72,11 +72,11 @@ pub(crate) fn determinant<R: Number>(splat: &Splat<R>) -> f64 {
     (xx * yy).powi(-2)
 }
 
-fn stamp_of<R: Number>(splat: &Splat<R>) -> Stamp<R> {
+fn stamp_of<R: Number>(splat: &Splat<R>) -> Splat2d<R> {
     stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())
 }
 
-fn alpha_at<R: Number>(stamp: &Stamp<R>, pixel: [f64; 2]) -> f64 {
+fn alpha_at<R: Number>(stamp: &Splat2d<R>, pixel: [f64; 2]) -> f64 {
     let [dx, dy] = [0, 1].map(|axis| R::of(pixel[axis]) - stamp.mean2d[axis]);
     blend::alpha(blend::falloff(stamp, dx, dy).log2_strength).value()
 }
@@ -195,9 +195,9 @@ fn depths_are_in_total_order_and_others_are_counted() {
     let mut exec = CpuExecutor::new();
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     assert_eq!(exec.depth_order(&splats), [(0.5, 9), (1.0, 6), (1e30, 5)]);
-    let census = Census::of(&cloud, Some(&camera));
-    let counts = [Fate::Near, Fate::NonfiniteMean, Fate::Drawn].map(|fate| census.count(fate));
-    assert_eq!(counts, [5, 2, 3], "{census:?}");
+    let cull = CullStats::of(&cloud, Some(&camera));
+    let counts = [CullReason::Near, CullReason::NonfiniteMean, CullReason::Drawn].map(|fate| cull.count(fate));
+    assert_eq!(counts, [5, 2, 3], "{cull:?}");
 }
 
 #[test]
@@ -271,7 +271,7 @@ fn scales_of_every_size_are_drawn_or_have_a_reason() {
         let cloud = one([0.0; 3], [log_scale; 3], 3.0);
         let picture = picture(&mut exec, &cloud, &camera);
         assert!(picture.iter().all(|x| x.is_finite()), "e^{log_scale}");
-        assert_eq!(Census::of(&cloud, Some(&camera)).count(Fate::Drawn), 1, "e^{log_scale} is drawn");
+        assert_eq!(CullStats::of(&cloud, Some(&camera)).count(CullReason::Drawn), 1, "e^{log_scale} is drawn");
         assert!(passed(&picture, &camera).iter().any(|passed| *passed < 0.7), "e^{log_scale} is seen");
     }
 }
@@ -335,7 +335,7 @@ fn every_gaussian_of_the_hard_scenes_has_a_fate_and_none_is_not_finite_but_where
         let nonfinite = (0..cloud.count)
             .filter(|k| (0..LAYOUT.plane_count()).any(|plane| !cloud.get::<1>(*k, plane)[0].is_finite()))
             .count();
-        assert_eq!(Census::of(&cloud, Some(&camera)).nonfinite(), nonfinite, "{name}");
+        assert_eq!(CullStats::of(&cloud, Some(&camera)).nonfinite(), nonfinite, "{name}");
     }
 }
 
@@ -357,8 +357,8 @@ fn distances(name: &str) -> Vec<f64> {
 #[test]
 fn what_is_nowhere_is_left_out_by_f64_as_by_f32() {
     let case = every_case().into_iter().find(|case| case.name == "nowhere").expect("a case of that name");
-    let census = Census::of(&case.cloud, Some(&case.camera));
-    assert!(census.nonfinite() > 20 && census.count(Fate::Drawn) > 10, "some of it is somewhere: {census:?}");
+    let cull = CullStats::of(&case.cloud, Some(&case.camera));
+    assert!(cull.nonfinite() > 20 && cull.count(CullReason::Drawn) > 10, "some of it is somewhere: {cull:?}");
     let distances = distances(case.name);
     println!("all but one in a hundred: {:.1e}", distances[distances.len() * 99 / 100]);
     assert_at_most("a scene of which much is nowhere", distances[distances.len() - 1], SAME_PICTURE);
@@ -368,7 +368,10 @@ fn what_is_nowhere_is_left_out_by_f64_as_by_f32() {
 fn a_world_of_a_millionth_is_drawn_as_f64_draws_it() {
     let name = "a world of a millionth";
     let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");
-    assert!(Census::of(&case.cloud, Some(&case.camera)).count(Fate::Drawn) > 50, "it is in front of the near plane");
+    assert!(
+        CullStats::of(&case.cloud, Some(&case.camera)).count(CullReason::Drawn) > 50,
+        "it is in front of the near plane"
+    );
     let distances = distances(name);
     println!("all but one in a hundred: {:.1e}", distances[distances.len() * 99 / 100]);
     assert_at_most("a world of a millionth", distances[distances.len() - 1], SAME_PICTURE);

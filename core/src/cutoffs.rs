@@ -3,14 +3,14 @@
 use crate::{
     bin::ALPHA_MIN,
     blend::{LOG2_ALPHA_MIN, TRANSMITTANCE_MIN},
-    perspective::Projection,
+    perspective::ProjectionModel,
     real::Real,
 };
 
-/// What is cut off, and how exactly splats are projected. Training and the free functions of [`crate::blend`] and [`mod@crate::bin`] know [`Limits::USUAL`]
+/// What is cut off, and how exactly splats are projected. Training and the free functions of [`crate::blend`] and [`mod@crate::bin`] know [`Cutoffs::DEFAULT`]
 /// alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct Cutoffs {
     /// A splat is not drawn where its alpha is below this.
     alpha_min: f32,
     pub(crate) log2_alpha_min: f32,
@@ -18,28 +18,28 @@ pub struct Limits {
     pub(crate) transmittance_min: f32,
     /// So many standard deviations a splat reaches into tiles at most.
     reach_max: f32,
-    projection: Projection,
+    projection: ProjectionModel,
 }
 
-/// Smaller limits are this: their logarithms and products stay normal numbers.
+/// Smaller cutoffs are this: their logarithms and products stay normal numbers.
 const LEAST: f32 = 1e-12;
 
-impl Limits {
+impl Cutoffs {
     /// INRIA's: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold a splat wherever it is drawn, and projection is affine.
-    pub const USUAL: Self = Self {
+    pub const DEFAULT: Self = Self {
         alpha_min: ALPHA_MIN,
         log2_alpha_min: LOG2_ALPHA_MIN,
         transmittance_min: TRANSMITTANCE_MIN,
         reach_max: f32::INFINITY,
-        projection: Projection::Affine,
+        projection: ProjectionModel::Affine,
     };
     /// As good as none: 10⁻¹² of alpha and of transmittance, and projection along rays.
-    pub const LEAST: Self = Self {
+    pub const REFERENCE: Self = Self {
         alpha_min: LEAST,
         log2_alpha_min: -39.863_137,
         transmittance_min: LEAST,
         reach_max: f32::INFINITY,
-        projection: Projection::Ray,
+        projection: ProjectionModel::Ray,
     };
 
     /// Splats are drawn down to an alpha of `alpha_min`, in (0, 1); smaller ones count as 10⁻¹².
@@ -59,7 +59,7 @@ impl Limits {
     }
 
     /// Splats are projected so.
-    pub fn with_projection(self, projection: Projection) -> Self {
+    pub fn with_projection(self, projection: ProjectionModel) -> Self {
         Self { projection, ..self }
     }
 
@@ -76,13 +76,13 @@ impl Limits {
         self.reach_max
     }
     /// How splats are projected.
-    pub const fn projection(&self) -> Projection {
+    pub const fn projection(&self) -> ProjectionModel {
         self.projection
     }
 }
 
-impl Default for Limits {
+impl Default for Cutoffs {
     fn default() -> Self {
-        Self::USUAL
+        Self::DEFAULT
     }
 }

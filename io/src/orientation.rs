@@ -54,7 +54,7 @@ const NEAR_AXIS: f64 = 0.01;
 
 /// Up, middle and distance of a scene, and how that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bearings {
+pub struct Orientation {
     /// What is above, in the world: a unit vector.
     pub up: [f64; 3],
     /// The point that cameras look at.
@@ -62,7 +62,7 @@ pub struct Bearings {
     /// The median distance of cameras from there, above 0.
     pub distance: f64,
     /// What tells up.
-    pub told_by: Told,
+    pub told_by: UpSource,
     /// How many cameras there are.
     pub cameras: usize,
     /// How many of their pictures are on their side or upside down.
@@ -74,7 +74,7 @@ pub struct Bearings {
 /// What tells which way is up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Told {
+pub enum UpSource {
     /// Pictures are level, and most of them upright.
     Upright,
     /// Pictures are level, and cameras look down.
@@ -124,7 +124,7 @@ impl Axes {
     }
 }
 
-impl Bearings {
+impl Orientation {
     /// As cameras tell, and the points that they see, if any are known; none without cameras.
     pub fn of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, points: &[[f32; 3]]) -> Option<Self> {
         let axes: Vec<Axes> = cameras.into_iter().map(Axes::of).collect();
@@ -151,7 +151,7 @@ impl Bearings {
         let up = DVec3::from(up);
         let up = (up / up.abs().max_element()).normalize();
         let axes: Vec<Axes> = cameras.into_iter().map(Axes::of).collect();
-        Self { up: up.to_array(), told_by: Told::Hand, rolled: rolled(&axes, up), error_degrees: None, ..self }
+        Self { up: up.to_array(), told_by: UpSource::Hand, rolled: rolled(&axes, up), error_degrees: None, ..self }
     }
 
     /// Whether up and middle are such at all: a file may say anything.
@@ -175,7 +175,7 @@ fn rolled(axes: &[Axes], up: DVec3) -> usize {
 }
 
 /// Up, what tells it, and its standard error in radians where it is decided.
-fn up_of(axes: &[Axes]) -> (DVec3, Told, Option<f64>) {
+fn up_of(axes: &[Axes]) -> (DVec3, UpSource, Option<f64>) {
     let candidates = sphere::directions(2 * STARTS).take(STARTS).map(|start| Level::from(axes, start.into()));
     let best = candidates.min_by(|one, other| one.cost.total_cmp(&other.cost)).expect("there are starts");
     if best.error >= UNDECIDED {
@@ -233,31 +233,31 @@ fn settled(axes: &[Axes], start: DVec3, counts: impl Fn(&Axes, DVec3) -> bool) -
 }
 
 /// Which end of an axis is above, as ±1, and what tells.
-fn end_of(axes: &[Axes], up: DVec3) -> (f64, Told) {
+fn end_of(axes: &[Axes], up: DVec3) -> (f64, UpSource) {
     let rolls: Vec<f64> = axes.iter().filter_map(|own| own.roll(up)).map(f64::abs).collect();
     let upright = rolls.iter().filter(|roll| **roll <= FRAC_PI_4).count();
     let upside_down = rolls.iter().filter(|roll| **roll >= 3.0 * FRAC_PI_4).count();
     let slope = axes.iter().map(|own| own.forward.dot(up)).sum::<f64>() / axes.len() as f64;
     let sum = -axes.iter().map(|own| own.down.dot(up)).sum::<f64>();
     if 2 * upright.max(upside_down) > axes.len() {
-        (if upright > upside_down { 1.0 } else { -1.0 }, Told::Upright)
+        (if upright > upside_down { 1.0 } else { -1.0 }, UpSource::Upright)
     } else if slope.abs() > SLOPED {
-        (-slope.signum(), Told::Height)
+        (-slope.signum(), UpSource::Height)
     } else {
-        (sum.signum(), Told::Level)
+        (sum.signum(), UpSource::Level)
     }
 }
 
 /// What is taken for up where cameras do not decide.
-fn undecided(axes: &[Axes]) -> (DVec3, Told) {
+fn undecided(axes: &[Axes]) -> (DVec3, UpSource) {
     let mean = |of: fn(&Axes) -> DVec3| axes.iter().map(of).sum::<DVec3>() / axes.len() as f64;
     let (above, backwards) = (mean(|own| -own.down), mean(|own| -own.forward));
     if above.length() >= SCATTERED {
-        (straightened(above.normalize()), Told::Mean)
+        (straightened(above.normalize()), UpSource::Mean)
     } else if backwards.length() >= SCATTERED {
-        (straightened(backwards.normalize()), Told::Nothing)
+        (straightened(backwards.normalize()), UpSource::Nothing)
     } else {
-        (DVec3::Z, Told::Nothing)
+        (DVec3::Z, UpSource::Nothing)
     }
 }
 
@@ -363,12 +363,12 @@ mod tests {
         cameras.iter().map(moved).collect()
     }
 
-    fn of(cameras: &[Camera]) -> Bearings {
-        Bearings::of(cameras, &[]).unwrap()
+    fn of(cameras: &[Camera]) -> Orientation {
+        Orientation::of(cameras, &[]).unwrap()
     }
 
     /// Radians between up as it was found and another.
-    fn off(found: &Bearings, up: DVec3) -> f64 {
+    fn off(found: &Orientation, up: DVec3) -> f64 {
         DVec3::from(found.up).angle_between(up)
     }
 
@@ -416,13 +416,13 @@ mod tests {
     #[test]
     fn rolled_pictures_are_counted_and_what_tells_is_told() {
         let found = of(&ring([0.2, 0.6], |k| k % 4 / 3, 0.0));
-        assert_eq!((found.cameras, found.rolled, found.told_by), (40, 10, Told::Upright));
+        assert_eq!((found.cameras, found.rolled, found.told_by), (40, 10, UpSource::Upright));
         let found = of(&ring([0.2, 0.6], |_| 1, 0.0));
-        assert_eq!((found.rolled, found.told_by), (40, Told::Height));
+        assert_eq!((found.rolled, found.told_by), (40, UpSource::Height));
         let by_hand = found.with_up([0.0, 0.0, -2.0], &ring([0.2, 0.6], |_| 1, 0.0));
-        assert_eq!((by_hand.up, by_hand.told_by, by_hand.error_degrees), ([0.0, 0.0, -1.0], Told::Hand, None));
+        assert_eq!((by_hand.up, by_hand.told_by, by_hand.error_degrees), ([0.0, 0.0, -1.0], UpSource::Hand, None));
         assert_eq!(found.with_up([0.0, 1e300, 0.0], &[]).up, [0.0, 1.0, 0.0], "of any length");
-        assert!(by_hand.is_sound() && !Bearings { up: [0.0; 3], ..by_hand }.is_sound());
+        assert!(by_hand.is_sound() && !Orientation { up: [0.0; 3], ..by_hand }.is_sound());
     }
 
     #[test]
@@ -457,7 +457,7 @@ mod tests {
         };
         let cameras: Vec<Camera> = (0..9).map(at).collect();
         let found =
-            Bearings::of(&cameras, &[[0.0, 0.0, 6.0], [1.0, 1.0, 7.0], [0.0, 0.0, 90.0], [0.0, 0.0, -9.0]]).unwrap();
+            Orientation::of(&cameras, &[[0.0, 0.0, 6.0], [1.0, 1.0, 7.0], [0.0, 0.0, 90.0], [0.0, 0.0, -9.0]]).unwrap();
         assert!(off(&found, DVec3::NEG_Y) < 0.02, "{found:?}");
         assert_eq!(found.rolled, 0);
         assert!((found.centre[2] - 7.0).abs() < 0.1, "the median of what is seen: {found:?}");
@@ -465,10 +465,14 @@ mod tests {
 
     #[test]
     fn what_cameras_cannot_tell_has_a_known_outcome() {
-        assert!(Bearings::of(&[], &[]).is_none(), "no camera");
+        assert!(Orientation::of(&[], &[]).is_none(), "no camera");
         let one = &ring([0.5, 0.5], |_| 0, 0.0)[..1];
         let found = of(one);
-        assert_eq!((found.up, found.told_by), ([0.0, 0.0, 1.0], Told::Mean), "an axis that is near the picture's up");
+        assert_eq!(
+            (found.up, found.told_by),
+            ([0.0, 0.0, 1.0], UpSource::Mean),
+            "an axis that is near the picture's up"
+        );
         assert!(found.error_degrees.is_none() && found.distance > 0.0, "{found:?}");
 
         let down = |k: u64, heading: f32| {
@@ -477,11 +481,11 @@ mod tests {
         };
         let any: Vec<Camera> = (0..12).map(|k| down(k, 2.4 * k as f32)).collect();
         let found = of(&any);
-        assert!(off(&found, DVec3::Z) < EXACT && found.told_by == Told::Height, "of any heading: {found:?}");
+        assert!(off(&found, DVec3::Z) < EXACT && found.told_by == UpSource::Height, "of any heading: {found:?}");
         let there_and_back: Vec<Camera> = (0..12).map(|k| down(k, (k % 2) as f32 * TAU as f32 / 2.0)).collect();
-        assert_eq!((of(&there_and_back).up, of(&there_and_back).told_by), ([0.0, 0.0, 1.0], Told::Nothing));
+        assert_eq!((of(&there_and_back).up, of(&there_and_back).told_by), ([0.0, 0.0, 1.0], UpSource::Nothing));
         let same: Vec<Camera> = (0..12).map(|k| down(k, 0.0)).collect();
-        assert_eq!((of(&same).up, of(&same).told_by), ([1.0, 0.0, 0.0], Told::Mean), "as if it were a wall");
+        assert_eq!((of(&same).up, of(&same).told_by), ([1.0, 0.0, 0.0], UpSource::Mean), "as if it were a wall");
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::{
 
 /// What becomes of a Gaussian. Of several reasons to leave it out, the first counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Fate {
+pub enum CullReason {
     /// It is drawn.
     Drawn,
     /// A number of its mean is not finite.
@@ -43,7 +43,7 @@ pub enum Fate {
     Outside,
 }
 
-impl Fate {
+impl CullReason {
     /// All of them, in the order of their numbers.
     pub const ALL: [Self; 13] = [
         Self::Drawn,
@@ -92,52 +92,52 @@ impl Fate {
     }
 }
 
-/// How many Gaussians have which [`Fate`].
+/// How many Gaussians have which [`CullReason`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Census {
-    counts: [usize; Fate::ALL.len()],
+pub struct CullStats {
+    counts: [usize; CullReason::ALL.len()],
 }
 
-impl Census {
+impl CullStats {
     /// Looks at every Gaussian once; without a camera, at its own numbers alone.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, camera: Option<&Camera>) -> Self {
-        let mut counts = [0; Fate::ALL.len()];
-        (0..gaussians.count).for_each(|gaussian| counts[Fate::of(gaussians, gaussian, camera) as usize] += 1);
+        let mut counts = [0; CullReason::ALL.len()];
+        (0..gaussians.count).for_each(|gaussian| counts[CullReason::of(gaussians, gaussian, camera) as usize] += 1);
         Self { counts }
     }
     /// Gaussians of this fate.
-    pub const fn count(&self, fate: Fate) -> usize {
+    pub const fn count(&self, fate: CullReason) -> usize {
         self.counts[fate as usize]
     }
     /// Gaussians with a number that is not finite.
     pub fn nonfinite(&self) -> usize {
-        Fate::ALL.into_iter().filter(|fate| fate.is_nonfinite()).map(|fate| self.count(fate)).sum()
+        CullReason::ALL.into_iter().filter(|fate| fate.is_nonfinite()).map(|fate| self.count(fate)).sum()
     }
 }
 
 /// Planes of an attribute, first and past the last, and what it means that they are not finite.
-const GEOMETRY: [(usize, usize, Fate); 4] = [
-    (MEAN, LOG_SCALE, Fate::NonfiniteMean),
-    (LOG_SCALE, QUAT, Fate::NonfiniteScale),
-    (QUAT, OPACITY, Fate::NonfiniteQuat),
-    (OPACITY, OPACITY + 1, Fate::NonfiniteOpacity),
+const GEOMETRY: [(usize, usize, CullReason); 4] = [
+    (MEAN, LOG_SCALE, CullReason::NonfiniteMean),
+    (LOG_SCALE, QUAT, CullReason::NonfiniteScale),
+    (QUAT, OPACITY, CullReason::NonfiniteQuat),
+    (OPACITY, OPACITY + 1, CullReason::NonfiniteOpacity),
 ];
-const MATERIAL: [(usize, usize, Fate); 3] = [
-    (DIFFUSE, TINT + 3, Fate::NonfiniteColor),
-    (ROUGHNESS, ROUGHNESS + 1, Fate::NonfiniteRoughness),
-    (NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2 + 3, Fate::NonfiniteResidual),
+const MATERIAL: [(usize, usize, CullReason); 3] = [
+    (DIFFUSE, TINT + 3, CullReason::NonfiniteColor),
+    (ROUGHNESS, ROUGHNESS + 1, CullReason::NonfiniteRoughness),
+    (NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2 + 3, CullReason::NonfiniteResidual),
 ];
 
-fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Option<Fate> {
+fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Option<CullReason> {
     let layout = gaussians.layout;
     let material = if layout.is_shaded() { &MATERIAL[..] } else { &[] };
-    let harmonics = [(layout.sh_start(), layout.plane_count(), Fate::NonfiniteHarmonics)];
+    let harmonics = [(layout.sh_start(), layout.plane_count(), CullReason::NonfiniteHarmonics)];
     let is_finite = |plane: usize| gaussians.get::<1>(gaussian, plane)[0].is_finite();
     let mut attributes = GEOMETRY.iter().chain(material).chain(&harmonics);
     attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, fate)| *fate)
 }
 
-fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> Fate {
+fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> CullReason {
     let take3 = |plane: usize| {
         let [x, y, z] = gaussians.get::<3>(gaussian, plane);
         vec3(x, y, z)
@@ -149,15 +149,15 @@ fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &
     let splat = project(&shape, &lifted);
     let reach = footprint(&splat).reach;
     if splat.opacity <= crate::bin::ALPHA_MIN {
-        Fate::Faint
+        CullReason::Faint
     } else if splat.depth < 0.0 && lifted.to_camera(shape.mean).is_finite() {
-        Fate::Near
+        CullReason::Near
     } else if reach < 0.0 || !harmonics(gaussians, gaussian, shape.mean, camera).is_finite() {
-        Fate::TooLarge
+        CullReason::TooLarge
     } else if misses_picture(splat.mean2d, half_extent(&splat, reach), camera) {
-        Fate::Outside
+        CullReason::Outside
     } else {
-        Fate::Drawn
+        CullReason::Drawn
     }
 }
 

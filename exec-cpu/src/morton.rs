@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use specula_core::{
-    order::Bounds,
+    morton::Bounds,
     scene::{BLOCK, Gaussians, MEAN},
 };
 

@@ -9,8 +9,8 @@ use core::{fmt, str::FromStr};
 use glam::Vec3;
 use specula_core::{camera::Camera, scene::Gaussians};
 use specula_io::{
-    bearings::{Bearings, Told},
     model_folder::ModelInfo,
+    orientation::{Orientation, UpSource},
 };
 use specula_scene::OpenedModel;
 
@@ -26,9 +26,9 @@ const AXES: [(&str, [f64; 3]); 6] = [
 
 /// What is above in a scene because somebody says so: a direction of any length but 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SceneUp([f64; 3]);
+pub(crate) struct UpChoice([f64; 3]);
 
-impl FromStr for SceneUp {
+impl FromStr for UpChoice {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -45,17 +45,17 @@ impl FromStr for SceneUp {
 }
 
 /// As it is typed.
-impl fmt::Display for SceneUp {
+impl fmt::Display for UpChoice {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.0;
         write!(out, "{x},{y},{z}")
     }
 }
 
-kept_as_typed!(SceneUp);
+kept_as_typed!(UpChoice);
 
 /// Of a scene that was opened.
-pub(crate) fn of(opened: &OpenedModel, asked: Option<SceneUp>) -> Result<Bearings, Failure> {
+pub(crate) fn of(opened: &OpenedModel, asked: Option<UpChoice>) -> Result<Orientation, Failure> {
     let known = own_cameras(opened)?.unwrap_or_default();
     let cameras = || known.iter().map(|(_, camera)| camera);
     let found = found(opened.info.as_ref(), cameras()).unwrap_or_else(|| of_cloud(&opened.scene.gaussians));
@@ -63,28 +63,31 @@ pub(crate) fn of(opened: &OpenedModel, asked: Option<SceneUp>) -> Result<Bearing
 }
 
 /// What a model says, or else its cameras tell; none where there are none.
-pub(crate) fn found<'a>(info: Option<&ModelInfo>, cameras: impl IntoIterator<Item = &'a Camera>) -> Option<Bearings> {
-    let said = info.and_then(|info| info.bearings).filter(Bearings::is_sound);
-    said.or_else(|| Bearings::of(cameras, &[]))
+pub(crate) fn found<'a>(
+    info: Option<&ModelInfo>,
+    cameras: impl IntoIterator<Item = &'a Camera>,
+) -> Option<Orientation> {
+    let said = info.and_then(|info| info.orientation).filter(Orientation::is_sound);
+    said.or_else(|| Orientation::of(cameras, &[]))
 }
 
 /// The same with what somebody says is above, if anybody does.
 pub(crate) fn with_up<'a>(
-    found: Bearings,
-    asked: Option<SceneUp>,
+    found: Orientation,
+    asked: Option<UpChoice>,
     cameras: impl IntoIterator<Item = &'a Camera>,
-) -> Bearings {
-    asked.map_or(found, |SceneUp(up)| found.with_up(up, cameras))
+) -> Orientation {
+    asked.map_or(found, |UpChoice(up)| found.with_up(up, cameras))
 }
 
 /// Those of Gaussians alone: +z is above, as in Blender, and from the distance all of them are seen.
-pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Bearings {
+pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Orientation {
     let (centre, distance) = whole(gaussians);
-    Bearings {
+    Orientation {
         up: [0.0, 0.0, 1.0],
         centre: centre.as_dvec3().to_array(),
         distance: distance.into(),
-        told_by: Told::Nothing,
+        told_by: UpSource::Nothing,
         cameras: 0,
         rolled: 0,
         error_degrees: None,
@@ -92,30 +95,30 @@ pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Bearings {
 }
 
 /// What is above.
-pub(crate) fn up(bearings: &Bearings) -> Vec3 {
-    Vec3::from(bearings.up.map(|x| x as f32))
+pub(crate) fn up(orientation: &Orientation) -> Vec3 {
+    Vec3::from(orientation.up.map(|x| x as f32))
 }
 
 /// The middle.
-pub(crate) fn centre(bearings: &Bearings) -> Vec3 {
-    Vec3::from(bearings.centre.map(|x| x as f32))
+pub(crate) fn centre(orientation: &Orientation) -> Vec3 {
+    Vec3::from(orientation.centre.map(|x| x as f32))
 }
 
 /// What was found of a data set, in a sentence.
-pub(crate) fn words(bearings: &Bearings) -> String {
-    let Bearings { up, told_by, cameras, rolled, error_degrees, .. } = bearings;
+pub(crate) fn words(orientation: &Orientation) -> String {
+    let Orientation { up, told_by, cameras, rolled, error_degrees, .. } = orientation;
     let up = direction_words(*up);
     let rolled = if *rolled > 0 { format!(", {rolled} of them on their side or upside down") } else { String::new() };
     match (told_by, error_degrees) {
-        (Told::Hand, _) => format!("up is {up}, as given"),
-        (Told::Mean | Told::Nothing, _) | (_, None) => format!(
+        (UpSource::Hand, _) => format!("up is {up}, as given"),
+        (UpSource::Mean | UpSource::Nothing, _) | (_, None) => format!(
             "up is taken to be {up}: {cameras} cameras are too alike to determine it; if it is wrong, set --scene-up X,Y,Z"
         ),
-        (Told::Level, Some(error)) => format!(
+        (UpSource::Level, Some(error)) => format!(
             "up is {up} within {error:.1}°, or the opposite, from {cameras} cameras{rolled}; if it is the opposite, set \
              --scene-up X,Y,Z"
         ),
-        (Told::Upright | Told::Height, Some(error)) => {
+        (UpSource::Upright | UpSource::Height, Some(error)) => {
             format!("up is {up} within {error:.1}°, from {cameras} cameras{rolled}")
         }
     }
@@ -137,29 +140,30 @@ mod tests {
     fn a_direction_is_read_as_it_is_typed() {
         for (text, expected) in [("z", [0.0, 0.0, 1.0]), ("-y", [0.0, -1.0, 0.0]), ("0,-0.9, -0.4", [0.0, -0.9, -0.4])]
         {
-            let read: SceneUp = text.parse().unwrap();
-            assert_eq!(read, SceneUp(expected));
+            let read: UpChoice = text.parse().unwrap();
+            assert_eq!(read, UpChoice(expected));
             assert_eq!(read.to_string().parse(), Ok(read), "what is written is read again");
         }
         for text in ["", "up", "1,2", "0,0,0", "1,2,nan", "--y"] {
-            assert!(text.parse::<SceneUp>().is_err(), "{text:?}");
+            assert!(text.parse::<UpChoice>().is_err(), "{text:?}");
         }
     }
 
     #[test]
     fn words_say_what_is_sure_and_what_is_not() {
-        let sure = Bearings {
+        let sure = Orientation {
             up: [0.0, 0.0, 1.0],
             centre: [0.0; 3],
             distance: 1.0,
-            told_by: Told::Upright,
+            told_by: UpSource::Upright,
             cameras: 77,
             rolled: 41,
             error_degrees: Some(0.31),
         };
         let said = words(&sure);
         assert!(said.starts_with("up is +z within 0.3°, from 77 cameras, 41 of them"), "{said}");
-        let unsure = Bearings { up: [0.0, 0.6, 0.8], told_by: Told::Mean, cameras: 1, error_degrees: None, ..sure };
+        let unsure =
+            Orientation { up: [0.0, 0.6, 0.8], told_by: UpSource::Mean, cameras: 1, error_degrees: None, ..sure };
         assert!(words(&unsure).contains("(0.000, 0.600, 0.800)") && words(&unsure).contains("--scene-up"));
     }
 }
