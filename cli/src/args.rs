@@ -8,11 +8,13 @@ use crate::{
     foreground::Foreground,
     machine::ExecutorChoice,
     orientation::UpChoice,
-    pictures::Layer,
     preset::Preset,
     typed::{count, positive},
 };
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{
+    Args, Parser, Subcommand, ValueEnum,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
 use serde::{Serialize, Serializer};
@@ -21,6 +23,7 @@ use specula_io::{
     budget::view_size,
     latlong::{Stand, UpAxis},
 };
+use specula_scene::Layer;
 use std::{
     io::IsTerminal,
     net::ToSocketAddrs,
@@ -466,7 +469,7 @@ pub(crate) struct Render {
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Layers to show, as a list with commas.
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
+    #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
     pub(crate) layers: Vec<Layer>,
     /// Another light, instead of the scene's: a lat-long map, .hdr or .exr (.png, .jpg and .webp end at white).
     #[arg(long, value_name = "FILE")]
@@ -1069,6 +1072,12 @@ impl EnvUp {
 /// Whether nothing is asked for but the profile's own.
 fn is_of_profile(degree: &Option<i8>) -> bool {
     degree.is_none_or(|degree| degree < 0)
+}
+
+/// Layer of pictures by its name.
+fn layer() -> impl TypedValueParser<Value = Layer> {
+    let names = Layer::EACH.into_iter().chain([Layer::All]).map(Layer::name);
+    PossibleValuesParser::new(names).try_map(|name| name.parse())
 }
 
 /// A count of random points.

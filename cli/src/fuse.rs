@@ -1,6 +1,6 @@
 //! A mesh of a scene: depths and colours are rendered and fused on a grid ([`specula_core::tsdf`]).
 
-use crate::{failure::Failure, pictures::alpha, progress::Talk, scene::Renderer};
+use crate::{failure::Failure, progress::Talk, scene::Renderer};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -12,6 +12,7 @@ use specula_core::{
     tsdf::{CORNERS, Voxel, vertex},
 };
 use specula_io::mesh::Mesh;
+use specula_scene::layer::alpha;
 
 /// Voxels before and behind a surface in which distances are kept.
 const TRUNCATION: f32 = 4.0;

@@ -24,7 +24,6 @@ mod machine;
 mod orientation;
 mod output;
 mod page;
-mod pictures;
 mod place;
 mod prefilter;
 mod preset;

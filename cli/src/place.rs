@@ -7,12 +7,11 @@ use crate::{
     failure::Failure,
     look::Tour,
     output::stem,
-    pictures::Layer,
     scene::background_of,
 };
 use specula_core::{pack::Storage, perspective::ProjectionModel};
 use specula_io::{cameras, model_folder::method_of};
-use specula_scene::OpenedModel;
+use specula_scene::{Layer, OpenedModel};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -113,7 +112,7 @@ impl Place {
 
     /// Removes numbered pictures of all layers. One that cannot be removed is told when it is written.
     fn remove_pictures(&self) {
-        let layers = Layer::expanded(&[Layer::All]).into_iter().map(Layer::name).chain(OTHERS);
+        let layers = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS);
         for folder in layers.map(|name| self.folder.join(name)) {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
             entries.filter(|path| is_numbered(path)).for_each(|path| drop(fs::remove_file(path)));

@@ -6,7 +6,6 @@ use crate::{
     failure::Failure,
     look::Tour,
     orientation, output,
-    pictures::Layer,
     place::{Place, differences, light_differences},
     progress::Talk,
     render::{Job, behind},
@@ -19,6 +18,7 @@ use specula_io::{
     latlong::{self, Stand},
     picture,
 };
+use specula_scene::Layer;
 use std::path::Path;
 
 /// Pixels of a preview of light.

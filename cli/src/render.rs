@@ -8,7 +8,6 @@ use crate::{
     look::Tour,
     machine::ExecutorChoice,
     orientation, output,
-    pictures::Layer,
     place::{Place, differences, light_differences, refuse_options_without_light},
     progress::Talk,
     quality::picture_name,
@@ -30,7 +29,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
-use specula_scene::{OpenedModel, Scene};
+use specula_scene::{Layer, OpenedModel, Scene};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;
 
@@ -240,7 +239,7 @@ impl Job<'_> {
         for layer in self.layers {
             let picture = match layer {
                 Layer::Rgb => self.behind.picture(image, &self.tour.cameras[index].1),
-                other => other.picture(image, form, self.behind.color()),
+                other => other.picture(image, form, self.behind.color().0),
             };
             picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
             if *layer == Layer::Rgb {

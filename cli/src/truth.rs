@@ -1,7 +1,7 @@
 //! Renderings under a new light against true ones. Light and reflectance are known only up to a factor for each
 //! colour, so a scene is measured as it is, and with the best such factors.
 
-use crate::{background::Background, failure::Failure, pictures::alpha};
+use crate::{background::Background, failure::Failure};
 use core::fmt;
 use serde_json::{Value, json};
 use specula_core::{
@@ -10,6 +10,7 @@ use specula_core::{
     scene::Image,
 };
 use specula_io::{cameras::NamedCamera, pixels::Pixels};
+use specula_scene::layer::alpha;
 use specula_train::evaluate::mean_squared_error;
 use std::path::Path;
 

@@ -22,7 +22,6 @@ use crate::{
     interrupt,
     look::{Surroundings, own_cameras},
     orientation, output,
-    pictures::Layer,
     progress::Talk,
     scene::{self, background_of, note_oddities},
 };
@@ -36,7 +35,7 @@ use queue::Queue;
 use serde_json::{Value, json};
 use server::{Job, Site};
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{OpenedModel, Scene};
+use specula_scene::{Layer, OpenedModel, Scene};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -162,7 +161,7 @@ impl Stage {
 /// The layers that can be shown.
 fn layers(scene: &Scene, album: &Album) -> Vec<Value> {
     let is_shaded = scene.gaussians.layout.is_shaded();
-    let layers = Layer::expanded(&[Layer::All]).into_iter().filter(|layer| is_shaded || !layer.is_of_shading());
+    let layers = Layer::EACH.into_iter().filter(|layer| is_shaded || !layer.is_of_shading());
     let error = album.has_photographs().then(|| request::ERROR.into());
     layers.map(|layer| layer.name().into()).chain(error).collect()
 }

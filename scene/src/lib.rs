@@ -22,11 +22,13 @@
 //! ```
 
 pub mod environment;
+pub mod layer;
 mod opened;
 mod renderer;
 mod scene;
 mod shading_model;
 
+pub use layer::Layer;
 pub use opened::OpenedModel;
 pub use renderer::SceneRenderer;
 pub use scene::Scene;

@@ -8,7 +8,6 @@ use crate::{
     look::Tour,
     machine::ExecutorChoice,
     orientation,
-    pictures::Layer,
     progress::{Talk, Work},
     scene::{Renderer, relight},
 };
@@ -20,7 +19,7 @@ use specula_io::{
     picture::{self, RgbImage},
     pixels::Pixels,
 };
-use specula_scene::Scene;
+use specula_scene::{Layer, Scene};
 use specula_train::view::{Normals, View};
 use std::path::Path;
 
@@ -143,7 +142,7 @@ fn layers(folder: &Path, test: &[View], scene: &Scene, talk: Talk) -> Result<Vec
     for view in TAKEN_APART.into_iter().flat_map(|name| named(test, name)) {
         let image = renderer.view(&view.camera)?;
         let written = |(layer, words): (Layer, &str)| {
-            let picture = layer.picture(&image, ShadingForm::Paper, Background::WHITE);
+            let picture = layer.picture(&image, ShadingForm::Paper, Background::WHITE.0);
             figure(folder, &format!("{}-layer-{}", view.name, layer.name()), &picture, words)
         };
         rows.push(LAYERS.into_iter().map(written).collect::<Result<_, _>>()?);
@@ -153,7 +152,7 @@ fn layers(folder: &Path, test: &[View], scene: &Scene, talk: Talk) -> Result<Vec
 
 fn shown(renderer: &mut Renderer, camera: &Camera, layer: Layer) -> Result<RgbImage, Failure> {
     let image = renderer.view(camera)?;
-    Ok(layer.picture(&image, ShadingForm::Paper, Background::WHITE))
+    Ok(layer.picture(&image, ShadingForm::Paper, Background::WHITE.0))
 }
 
 fn normal_map(camera: &Camera, normals: &Normals) -> RgbImage {

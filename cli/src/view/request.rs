@@ -1,9 +1,9 @@
 //! What a client asks for, from the words of a query. What cannot be is refused in a sentence.
 
-use crate::{pictures::Layer, typed::numbers};
-use clap::ValueEnum;
+use crate::typed::numbers;
 use core::str::FromStr;
 use glam::Vec3;
+use specula_scene::Layer;
 use std::collections::HashMap;
 
 /// Pixels along an edge of a picture, and in all of it, at most.
@@ -179,7 +179,7 @@ impl Words {
     fn show(&self) -> Result<Show, String> {
         match self.0.get("layer").map_or("rgb", String::as_str) {
             ERROR => Ok(Show::Error),
-            name => match Layer::from_str(name, false) {
+            name => match name.parse() {
                 Ok(layer) if layer != Layer::All => Ok(Show::Layer(layer)),
                 _ => Err(format!("no layer {name:?}; /scene lists those that there are")),
             },

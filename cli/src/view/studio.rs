@@ -10,7 +10,6 @@ use crate::{
     background::{Background, Behind},
     failure::Failure,
     machine::{self, Machine},
-    pictures::Layer,
     progress::Talk,
 };
 use core::time::Duration;
@@ -23,7 +22,7 @@ use specula_core::{
 };
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
-    Scene, ShadingModel,
+    Layer, Scene, ShadingModel,
     environment::{fitting, levels_of},
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
@@ -119,7 +118,7 @@ impl Studio {
         let (picture, psnr) = match (ask.show, view) {
             (Show::Error, Some(index)) => self.compare(&image, index, &camera)?,
             (Show::Layer(Layer::Rgb), _) if ask.has_backdrop => (self.over_light(&image, &camera, ask.light)?, None),
-            _ => (layer.picture(&image, self.shading_model.shading.form, self.background), None),
+            _ => (layer.picture(&image, self.shading_model.shading.form, self.background.0), None),
         };
         let point = match ask.show {
             Show::Point(at) => place_at(&image, &camera, at),

@@ -1,7 +1,6 @@
-//! What a rendered view shows: its colours, or one of the layers that they are made of.
+//! Layers of a rendered view: its colours, or a component that they are composed of.
 
-use crate::background::Background;
-use clap::ValueEnum;
+use core::str::FromStr;
 use specula_core::{
     color::srgb_from_linear,
     plan::{Channels, channel},
@@ -11,35 +10,36 @@ use specula_core::{
 use specula_io::picture::{self, RgbImage};
 use specula_train::evaluate::over_background;
 
-/// A picture that can be made of a view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Layer {
-    /// What an eye sees.
+/// Picture of one component of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layer {
+    /// Colours over the background.
     Rgb,
     /// World-space normals, 0.5 + 0.5 n.
     Normal,
-    /// Distance along the optical axis, near is red.
+    /// Distance along the optical axis, red is near.
     Depth,
-    /// Coverage.
+    /// Coverage, 1 − transmittance.
     Alpha,
     /// Diffuse colour.
     Diffuse,
-    /// Reflected light, tinted.
+    /// Tinted reflection.
     Specular,
     /// Residual colour.
     Residual,
-    /// Roughness, mirrors are black.
+    /// Roughness, black is a mirror.
     Roughness,
     /// Specular tint.
     Tint,
-    /// Light that reaches the surface along the reflected view.
+    /// Light that reaches the surface along the reflected viewing direction.
     Light,
-    /// All of them.
+    /// Every layer.
     All,
 }
 
 impl Layer {
-    const EACH: [Self; 10] = [
+    /// Layers in the order of tables and keys, without [`Layer::All`].
+    pub const EACH: [Self; 10] = [
         Self::Rgb,
         Self::Normal,
         Self::Depth,
@@ -52,8 +52,8 @@ impl Layer {
         Self::Light,
     ];
 
-    /// The name, as typed.
-    pub(crate) fn name(self) -> &'static str {
+    /// Lower-case name, of folders and options.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Rgb => "rgb",
             Self::Normal => "normal",
@@ -69,18 +69,18 @@ impl Layer {
         }
     }
 
-    /// Whether only shaded Gaussians have it.
-    pub(crate) fn is_of_shading(self) -> bool {
+    /// Whether the layer exists for shaded Gaussians only.
+    pub fn is_of_shading(self) -> bool {
         !matches!(self, Self::Rgb | Self::Normal | Self::Depth | Self::Alpha | Self::All)
     }
 
-    /// Each layer once, in order.
-    pub(crate) fn expanded(asked: &[Self]) -> Vec<Self> {
-        Self::EACH.into_iter().filter(|layer| asked.contains(layer) || asked.contains(&Self::All)).collect()
+    /// Requested layers without repetition, in the order of [`Layer::EACH`].
+    pub fn expanded(requested: &[Self]) -> Vec<Self> {
+        Self::EACH.into_iter().filter(|layer| requested.contains(layer) || requested.contains(&Self::All)).collect()
     }
 
-    /// What has to be blended to show these layers.
-    pub(crate) fn channels(layers: &[Self]) -> Channels {
+    /// Least channels to blend for these layers.
+    pub fn channels(layers: &[Self]) -> Channels {
         if layers.iter().any(|layer| layer.is_of_shading()) {
             Channels::Layers
         } else if layers.iter().any(|layer| matches!(layer, Self::Normal | Self::Depth)) {
@@ -90,27 +90,37 @@ impl Layer {
         }
     }
 
-    /// The layer of a rendered view.
-    pub(crate) fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: Background) -> RgbImage {
-        // The authors' equation adds its terms as they are shown; the paper's adds linear light.
+    /// Picture of a rendered view, sRGB with 8 bits a channel. `background`, sRGB from 0 to 1, lies behind
+    /// [`Layer::Rgb`] only; `form` tells whether the shading function adds its terms in linear light.
+    pub fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: [f32; 3]) -> RgbImage {
+        // The authors' code adds its terms in sRGB, the paper's equation in linear light.
         let is_linear = form != ShadingForm::Official;
         match self {
-            Self::Rgb | Self::All => rgb(image, &over_background(image, background.0)),
+            Self::Rgb | Self::All => rgb(image, &over_background(image, background)),
             Self::Normal => normals(image),
             Self::Depth => depths(image),
             Self::Alpha => gray(image, &alpha(image)),
-            Self::Diffuse => light(image, channel::DIFFUSE, is_linear),
-            Self::Specular => light(image, channel::SPECULAR, is_linear),
-            Self::Residual => light(image, channel::RESIDUAL, is_linear),
+            Self::Diffuse => colors(image, channel::DIFFUSE, is_linear),
+            Self::Specular => colors(image, channel::SPECULAR, is_linear),
+            Self::Residual => colors(image, channel::RESIDUAL, is_linear),
             Self::Roughness => gray(image, image.plane(channel::ROUGHNESS)),
-            Self::Tint => light(image, channel::TINT, false),
-            Self::Light => light(image, channel::LIGHT, true),
+            Self::Tint => colors(image, channel::TINT, false),
+            Self::Light => colors(image, channel::LIGHT, true),
         }
     }
 }
 
-/// Coverage of each pixel: what light does not pass.
-pub(crate) fn alpha(image: &Image<Vec<f32>>) -> Vec<f32> {
+impl FromStr for Layer {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut names = Self::EACH.into_iter().chain([Self::All]);
+        names.find(|layer| layer.name() == text).ok_or_else(|| format!("{text:?} is no layer"))
+    }
+}
+
+/// Coverage of each pixel, 1 − transmittance.
+pub fn alpha(image: &Image<Vec<f32>>) -> Vec<f32> {
     image.plane(image.channels - 1).iter().map(|transmittance| 1.0 - transmittance).collect()
 }
 
@@ -122,8 +132,8 @@ fn gray(image: &Image<Vec<f32>>, plane: &[f32]) -> RgbImage {
     rgb(image, &[plane, plane, plane].concat())
 }
 
-/// Three channels over black.
-fn light(image: &Image<Vec<f32>>, first: usize, is_linear: bool) -> RgbImage {
+/// Three consecutive channels over black.
+fn colors(image: &Image<Vec<f32>>, first: usize, is_linear: bool) -> RgbImage {
     let planes: Vec<f32> = (first..first + 3).flat_map(|channel| image.plane(channel)).copied().collect();
     if is_linear {
         rgb(image, &planes.into_iter().map(srgb_from_linear).collect::<Vec<_>>())
@@ -132,7 +142,7 @@ fn light(image: &Image<Vec<f32>>, first: usize, is_linear: bool) -> RgbImage {
     }
 }
 
-/// Blended normals, made unit.
+/// Blended normals, normalised.
 fn normals(image: &Image<Vec<f32>>) -> RgbImage {
     let [x, y, z] = [0, 1, 2].map(|axis| image.plane(channel::NORMAL + axis));
     let scale: Vec<f32> = (0..image.pixel_count())
@@ -146,7 +156,7 @@ fn normals(image: &Image<Vec<f32>>) -> RgbImage {
     picture::normals(image.width, image.height, &planes, &alpha(image))
 }
 
-/// Blended depths, divided by the coverage.
+/// Blended depths divided by coverage.
 fn depths(image: &Image<Vec<f32>>) -> RgbImage {
     let alpha = alpha(image);
     let depths: Vec<f32> = image.plane(channel::DEPTH).iter().zip(&alpha).map(|(depth, alpha)| depth / alpha).collect();
