@@ -9,7 +9,7 @@
 use crate::{
     failure::Failure,
     look::evenly,
-    progress::{Talk, Work},
+    progress::{self, Work},
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -53,11 +53,11 @@ pub(crate) struct Baked {
 }
 
 /// Bakes the colours of a shaded scene, seen from these cameras, into harmonics.
-pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8, talk: Talk) -> Result<Baked, Failure> {
+pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8) -> Result<Baked, Failure> {
     let most = (COLORS_MAX / scene.gaussians.count.max(1)).clamp(8, CAMERAS_MAX);
     let cameras = evenly(cameras, most);
-    let mut studio = Studio::new(scene, talk)?;
-    let work = talk.work("baking", cameras.len() as u64);
+    let mut studio = Studio::new(scene)?;
+    let work = progress::work("baking", cameras.len() as u64);
     let mut sights = Vec::new();
     for camera in &cameras {
         sights.push(studio.sight(&scene.gaussians, camera)?);
@@ -69,9 +69,9 @@ pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8, talk: Talk) ->
 }
 
 /// The diffuse colours of a shaded scene alone, without any light.
-pub(crate) fn diffuse(scene: &Scene, cameras: &[Camera], talk: Talk) -> Result<Baked, Failure> {
+pub(crate) fn diffuse(scene: &Scene, cameras: &[Camera]) -> Result<Baked, Failure> {
     let Scene { gaussians, shading_model, .. } = scene;
-    let normals = bake(scene, &evenly(cameras, 8), 0, talk)?.normals;
+    let normals = bake(scene, &evenly(cameras, 8), 0)?.normals;
     let mut plain = shapes_of(gaussians, Layout::radiance(0));
     let start = plain.layout.sh_start();
     for gaussian in 0..gaussians.count {
@@ -110,12 +110,12 @@ struct Studio {
 }
 
 impl Studio {
-    fn new(scene: &Scene, talk: Talk) -> Result<Self, Failure> {
+    fn new(scene: &Scene) -> Result<Self, Failure> {
         let mut exec = CpuExecutor::new();
         let ShadingModel { shading, scheme } = scene.shading_model;
         let light = scene.light.as_ref().map(|light| fitting(light, scheme));
         if light.is_none() {
-            talk.note("the scene has no light, so nothing specular is baked; name one with --env");
+            tracing::warn!("the scene has no light, so nothing specular is baked; name one with --env");
         }
         let light = light.map(|light| exec.prefilter(&light, scheme, LevelRange::ALL)).transpose()?;
         let pictures = RenderRules::full(shading, scheme, Channels::Layers);

@@ -9,13 +9,12 @@ use crate::{
     args::{Compare, TableFormat},
     failure::Failure,
     output,
-    progress::Talk,
 };
 use grid::{Quantity, blocks};
 use run::Run;
 
 /// Reads what every run says of itself, and prints or writes the table.
-pub(crate) fn run(args: &Compare, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     let format = format_of(args)?;
     let runs: Vec<Run> = args.runs.iter().map(|folder| Run::read(folder)).collect::<Result<_, _>>()?;
     if runs.iter().all(|run| run.measured.iter().all(Option::is_none)) {
@@ -24,7 +23,7 @@ pub(crate) fn run(args: &Compare, talk: Talk) -> Result<(), Failure> {
     }
     let lacks = Quantity::ALL.iter().flat_map(|quantity| quantity.lacks(&runs)).collect::<Vec<String>>();
     let doubts = grid::doubts(&runs);
-    lacks.iter().chain(&doubts).for_each(|note| talk.note(note));
+    lacks.iter().chain(&doubts).for_each(|note| tracing::warn!("{note}"));
 
     let text = format::text(format, &blocks(&runs, &label::labels(&runs)), &doubts);
     match &args.output {

@@ -1,6 +1,6 @@
 //! Data sets as trainings take them.
 
-use crate::{failure::Failure, fit::thousands, orientation, progress::Talk};
+use crate::{failure::Failure, fit::thousands, orientation, progress};
 use specula_core::camera::near_of;
 use specula_io::{
     Error,
@@ -26,20 +26,20 @@ pub(crate) struct Dataset {
 }
 
 /// Reads a data set; what is worth knowing about it goes to stderr.
-pub(crate) fn load(folder: &Path, options: &LoadOptions, talk: Talk) -> Result<Dataset, Failure> {
-    let work = talk.work("loading", 0);
+pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Failure> {
+    let work = progress::work("loading", 0);
     let loaded = dataset::load(folder, options, |done, all| {
         work.set_steps(all as u64);
         work.done(done as u64, String::new);
     });
     work.finish();
     let loaded = loaded.map_err(|error| misplaced(folder, &error).unwrap_or_else(|| error.into()))?;
-    talk.note(&summary(&loaded));
-    loaded.notes.iter().for_each(|note| talk.note(note));
+    tracing::info!("{}", summary(&loaded));
+    loaded.notes.iter().for_each(|note| tracing::info!("{note}"));
     let orientation = bearings_of(&loaded);
-    orientation.iter().for_each(|found| talk.note(&orientation::words(found)));
+    orientation.iter().for_each(|found| tracing::info!("{}", orientation::words(found)));
     if let Some(advice) = advice_on_size(&loaded) {
-        talk.note(&advice);
+        tracing::info!("{advice}");
     }
     let mut train: Vec<View> = loaded.train.into_iter().map(view_of).collect();
     let mut test: Vec<View> = loaded.test.into_iter().map(view_of).collect();
@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn the_demos_cameras_have_exactly_z_above() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
-        let data = load(&folder, &LoadOptions::default(), Talk { quiet: true }).unwrap();
+        let data = load(&folder, &LoadOptions::default()).unwrap();
         let found = data.orientation.unwrap();
         assert_eq!((found.up, found.rolled), ([0.0, 0.0, 1.0], 0), "{found:?}");
         assert!(found.error_degrees.is_some_and(|error| error < 0.5), "{found:?}");

@@ -13,8 +13,7 @@ use crate::{
     interrupt,
     lock::Lock,
     machine::ExecutorChoice,
-    output,
-    progress::Talk,
+    output, progress,
     quality::{self, MAE, MEASURES, PSNR, SSIM, Values},
     scene::Renderer,
 };
@@ -56,29 +55,29 @@ struct Contestant {
 }
 
 /// Unpacks, trains twice, measures, and makes pictures of everything.
-pub(crate) fn run(args: &Demo, talk: Talk) -> Result<(), Failure> {
-    let _lock = lock(args, talk)?;
+pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
+    let _lock = lock(args)?;
     PROFILES.iter().try_for_each(|name| refuse_to_hide(args, name))?;
     let (data, points) = prepare(args)?;
     let mut contestants = Vec::new();
     for name in PROFILES {
-        contestants.push(contest(name, args, &data, &points, talk)?);
+        contestants.push(contest(name, args, &data, &points)?);
     }
     let table = table(&contestants);
     output::write_json(&args.output.join("results.json"), &results(&contestants))?;
     let [plain, ours] = contestants.try_into().expect("there are two of them");
-    let sheets = sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene, talk)?;
+    let sheets = sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene)?;
     page::write(&args.output, &table, args.iterations, &sheets)?;
     let page = args.output.join("index.html");
     output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
-pub(crate) fn train_shaded(args: &Demo, talk: Talk) -> Result<PathBuf, Failure> {
-    let _lock = lock(args, talk)?;
+pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
+    let _lock = lock(args)?;
     refuse_to_hide(args, PROFILES[1])?;
     let (data, points) = prepare(args)?;
-    let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points, talk)?;
+    let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points)?;
     Ok(args.output.join(name))
 }
 
@@ -94,28 +93,22 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
 }
 
 /// Keeps other trainings out of the demo's folder, which it makes.
-fn lock(args: &Demo, talk: Talk) -> Result<Lock, Failure> {
+fn lock(args: &Demo) -> Result<Lock, Failure> {
     output::make_folder(&args.output)?;
-    Lock::take(&args.output, "wait until it ends, or name another folder with -o", talk)
+    Lock::take(&args.output, "wait until it ends, or name another folder with -o")
 }
 
 /// Unpacks the data, and draws the points.
 fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
     let source = args.output.join("data");
     data::unpack(&source)?;
-    let data = dataset::load(&source, &LoadOptions::default(), Talk { quiet: true })?;
+    let data = progress::silently(|| dataset::load(&source, &LoadOptions::default()))?;
     let points = random_points(POINTS, &data.train, SEED);
     interrupt::watch()?;
     Ok((data, points))
 }
 
-fn contest(
-    name: &'static str,
-    args: &Demo,
-    data: &Dataset,
-    points: &[Point],
-    talk: Talk,
-) -> Result<Contestant, Failure> {
+fn contest(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<Contestant, Failure> {
     let settings = Settings {
         profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
         iterations: args.iterations,
@@ -124,9 +117,8 @@ fn contest(
         random_points: 0,
     };
     let reload = || Ok((data.train.clone(), points.to_vec()));
-    let mut training =
-        Training::new(&ExecutorChoice::Cpu, settings, &data.train, &Start::Points(points), &reload, talk)?;
-    let outcome = training.run(name, talk, &[], |_, _| Ok(()))?;
+    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, &Start::Points(points), &reload)?;
+    let outcome = training.run(name, &[], |_| Ok(()))?;
     if outcome.is_interrupted {
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
     }
@@ -141,8 +133,8 @@ fn contest(
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.shading_model.words()))?;
 
     let mut renderer =
-        Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
-    let work = talk.work("measuring", data.test.len() as u64);
+        Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu))?;
+    let work = progress::work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, false, &work)?;
     work.finish();
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &quality::for_files(&measured))?;

@@ -13,7 +13,7 @@ use crate::{
     failure::Failure,
     output,
     place::differences,
-    progress::Talk,
+    progress,
     quality::{self, FITTED, LPIPS, Measured},
     scene::{self, Renderer, background_of, note_oddities},
 };
@@ -30,11 +30,11 @@ use std::{
 };
 
 /// Measures, prints, and writes down what belongs into the model's folder.
-pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.profile)?;
-    note_oddities(&opened, talk);
+    note_oddities(&opened);
     let source = source_of(args, &opened)?;
-    let views = views_of(args, &opened, &source, talk)?;
+    let views = views_of(args, &opened, &source)?;
     let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);
     let place = opened.folder.clone().zip(method.clone());
@@ -57,11 +57,11 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
         relit: Vec::new(),
     };
     let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
-    findings.relit = if is_relit { relit::measure(args, &opened, &source, &views, talk)? } else { Vec::new() };
+    findings.relit = if is_relit { relit::measure(args, &opened, &source, &views)? } else { Vec::new() };
 
     let is_exposed = args.exposure || opened.exposures()?.is_some();
-    let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine, talk)?;
-    let work = talk.work("measuring", views.len() as u64);
+    let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine)?;
+    let work = progress::work("measuring", views.len() as u64);
     let with_pictures = folder.is_some();
     findings.views = renderer.for_each_view(&views, &work, |view, image| {
         let mut seen = Seen::new(view, image, background, with_pictures);
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Eval, talk: Talk) -> Result<(), Failure> {
     })?;
     work.finish();
     if let Some(network) = &network {
-        let distances = network.measure(&mut renderer, &views, background, talk)?;
+        let distances = network.measure(&mut renderer, &views, background)?;
         findings.views.iter_mut().zip(distances).for_each(|(view, own)| view.measured.values[LPIPS] = Some(own));
     }
     if let (Some((folder, method)), Split::Test) = (place, args.split) {
@@ -161,11 +161,11 @@ fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {
     })
 }
 
-fn views_of(args: &Eval, opened: &OpenedModel, source: &Path, talk: Talk) -> Result<Vec<View>, Failure> {
+fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<Vec<View>, Failure> {
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(dataset::options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
-    let data = dataset::load(source, &LoadOptions { downscale, ..options }, talk)?;
+    let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
     let views: Vec<View> = match args.split {
         Split::Test => data.test,
         Split::Train => data.train,

@@ -10,8 +10,7 @@ use crate::{
     look::{Tour, evenly, own_cameras},
     orientation, output,
     place::refuse_options_without_light,
-    prefilter,
-    progress::Talk,
+    prefilter, progress,
     scene::{self, Renderer, background_of, note_oddities, relight},
     upright::{Axes, Upright},
 };
@@ -65,15 +64,15 @@ fn refuse_own_file(output: &Path, model: &Path, folder: Option<&Path>) -> Result
 }
 
 /// Writes what was asked for.
-pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
     refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
     let mut opened = scene::open(&args.model, args.showing.profile)?;
     args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
-    note_oddities(&opened, talk);
+    note_oddities(&opened);
     if let Some(env) = &args.env {
         let above = orientation::up(&orientation::of(&opened, args.showing.scene_up)?);
-        relight(&mut opened.scene, env, &args.env_options, above, talk)?;
+        relight(&mut opened.scene, env, &args.env_options, above)?;
     }
     for path in &args.output {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -81,7 +80,7 @@ pub(crate) fn run(args: &Export, talk: Talk) -> Result<(), Failure> {
     }
     let stance = if args.upright { Some(stance(args, &opened)?) } else { None };
     let background = background_of(&opened, args.background);
-    let exporter = Exporter { args, background, opened, stance, talk };
+    let exporter = Exporter { args, background, opened, stance };
     let mut plains: BTreeMap<u8, Plain> = BTreeMap::new();
     let mut own = None;
     for (path, format) in args.output.iter().zip(formats) {
@@ -204,7 +203,6 @@ struct Exporter<'a> {
     background: Background,
     /// How the scene stands, if it is to be put upright.
     stance: Option<Stance>,
-    talk: Talk,
 }
 
 impl Exporter<'_> {
@@ -239,8 +237,8 @@ impl Exporter<'_> {
         } else {
             let cameras = self.cameras()?;
             let Baked { gaussians, normals } = match self.args.bake {
-                BakeName::Sh => bake::bake(&scene, &cameras, degree, self.talk)?,
-                BakeName::Diffuse => bake::diffuse(&scene, &cameras, self.talk)?,
+                BakeName::Sh => bake::bake(&scene, &cameras, degree)?,
+                BakeName::Diffuse => bake::diffuse(&scene, &cameras)?,
             };
             (gaussians, Some(normals))
         };
@@ -345,8 +343,8 @@ impl Exporter<'_> {
 
     /// Colours from some cameras, over the background.
     fn pictures(&self, scene: Scene, cameras: &[Camera]) -> Result<Vec<Vec<f32>>, Failure> {
-        let mut renderer = Renderer::new(scene, Channels::Color, &self.args.showing.machine, self.talk)?;
-        let work = self.talk.work("comparing", cameras.len() as u64);
+        let mut renderer = Renderer::new(scene, Channels::Color, &self.args.showing.machine)?;
+        let work = progress::work("comparing", cameras.len() as u64);
         let mut pictures = Vec::new();
         for camera in cameras {
             pictures.push(over_background(&renderer.view(camera)?, self.background.0));
@@ -393,8 +391,8 @@ impl Exporter<'_> {
         if kind == LightKind::Filtered {
             let filter = self.filter(path);
             return match upright {
-                Some(upright) => prefilter::write(&filter, &upright.light(&values(), light.resolution), self.talk),
-                None => prefilter::run(&filter, self.talk),
+                Some(upright) => prefilter::write(&filter, &upright.light(&values(), light.resolution)),
+                None => prefilter::run(&filter),
             };
         }
         let height = ROWS * light.resolution;
@@ -436,8 +434,8 @@ impl Exporter<'_> {
             )));
         }
         let gaussians = scene.gaussians.clone();
-        let mut renderer = Renderer::new(scene, Channels::Training, &self.args.showing.machine, self.talk)?;
-        let mesh = fuse::mesh(&mut renderer, &gaussians, &cameras, self.args.voxels, self.talk)?;
+        let mut renderer = Renderer::new(scene, Channels::Training, &self.args.showing.machine)?;
+        let mesh = fuse::mesh(&mut renderer, &gaussians, &cameras, self.args.voxels)?;
         if mesh.triangles.is_empty() {
             return Err(Failure::Input(format!(
                 "no camera sees a surface in {:?}; take more --voxels, or a model with opaque surfaces",

@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
     interrupt,
     machine::{self, ExecutorChoice},
-    progress::{Talk, Work},
+    progress::{self, Work},
     settings::shading_model_of,
     view::live::{Live, Wish},
 };
@@ -136,10 +136,9 @@ impl<'a> Training<'a> {
         views: &[View],
         start: &Start<'_>,
         reload: &'a Reload<'a>,
-        talk: Talk,
     ) -> Result<Self, Failure> {
         let (shading_model, iterations) = (shading_model_of(&settings.profile), settings.iterations);
-        let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start, talk)?;
+        let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start)?;
         let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
         let rescue = is_on_device.then_some(Rescue { settings, reload });
         Ok(Self { trainer, choice, rescue, checkpoints: None, shading_model, iterations, seconds: 0.0, live: None })
@@ -159,22 +158,22 @@ impl<'a> Training<'a> {
     pub(crate) fn run(
         &mut self,
         what: &str,
-        talk: Talk,
+
         pauses: &[u32],
-        mut pause: impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
+        mut pause: impl FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
-        let work = talk.work(what, self.iterations.into()).gone_on(self.iteration().into(), self.seconds);
+        let work = progress::work(what, self.iterations.into()).gone_on(self.iteration().into(), self.seconds);
         loop {
             let is_at_end = self.is_finished() || interrupt::is_requested();
-            let done = if is_at_end { self.put_aside(&work) } else { self.advance(pauses, &work, &mut pause) };
+            let done = if is_at_end { self.put_aside() } else { self.advance(pauses, &work, &mut pause) };
             match done {
-                Err(failure) => self.go_on_without_device(failure, &work)?,
+                Err(failure) => self.go_on_without_device(failure)?,
                 Ok(()) if is_at_end => break,
                 Ok(()) => {}
             }
         }
         work.finish();
-        self.warn_of_nonfinite(talk);
+        self.warn_of_nonfinite();
         let is_interrupted = !self.is_finished();
         Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
     }
@@ -184,9 +183,9 @@ impl<'a> Training<'a> {
         &mut self,
         pauses: &[u32],
         work: &Work,
-        pause: &mut impl FnMut(&mut Self, &Work) -> Result<(), Failure>,
+        pause: &mut impl FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        self.show(work)?;
+        self.show()?;
         if interrupt::is_requested() {
             return Ok(());
         }
@@ -198,38 +197,38 @@ impl<'a> Training<'a> {
         }
         work.done(self.iteration().into(), || self.message());
         if pauses.contains(&self.iteration()) && !self.is_finished() {
-            pause(self, work)?;
+            pause(self)?;
         }
         // After the pause: who goes on from here has not missed it.
         let is_due = self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.is_due(self.iteration()));
-        if is_due { self.put_aside(work) } else { Ok(()) }
+        if is_due { self.put_aside() } else { Ok(()) }
     }
 
     /// Shows the scene to who watches, if it is asked for, and waits while the training is paused.
-    fn show(&mut self, work: &Work) -> Result<(), Failure> {
+    fn show(&mut self) -> Result<(), Failure> {
         let Some(live) = self.live.clone() else { return Ok(()) };
         while let Some(wish) = live.wish() {
-            live.news().into_iter().for_each(|news| work.note(news));
+            live.news().into_iter().for_each(|news| tracing::info!("{news}"));
             match wish {
                 Wish::Scene => live.give(self.scene()?, self.iteration()),
                 Wish::Patience if interrupt::is_requested() => break,
                 Wish::Patience => live.wait(),
             }
         }
-        live.news().into_iter().for_each(|news| work.note(news));
+        live.news().into_iter().for_each(|news| tracing::info!("{news}"));
         Ok(())
     }
 
     /// Writes a checkpoint where there is none of this iteration. A full disk is no reason to stop: there may be room
     /// when the next one comes.
-    fn put_aside(&mut self, work: &Work) -> Result<(), Failure> {
+    fn put_aside(&mut self) -> Result<(), Failure> {
         let Some(checkpoints) = &mut self.checkpoints else { return Ok(()) };
         if checkpoints.last() == Some(self.trainer.iteration()) {
             return Ok(());
         }
         match checkpoints.write(self.trainer.snapshot()?, self.seconds) {
             Err(failure @ Failure::File(_)) => {
-                work.note(&format!("{failure}; the training goes on without this checkpoint"));
+                tracing::warn!("{failure}; the training goes on without this checkpoint");
                 Ok(())
             }
             done => done,
@@ -238,13 +237,13 @@ impl<'a> Training<'a> {
 
     /// Goes on with the processor, from the last checkpoint or else from the start, where a device gave up: what the
     /// device holds then may be half of a step.
-    fn go_on_without_device(&mut self, failure: Failure, work: &Work) -> Result<(), Failure> {
+    fn go_on_without_device(&mut self, failure: Failure) -> Result<(), Failure> {
         if !failure.is_of_device() {
             return Err(failure);
         }
         let Some(Rescue { settings, reload }) = self.rescue.take() else { return Err(failure) };
         let saved = self.checkpoints.as_ref().filter(|checkpoints| checkpoints.last().is_some());
-        work.note(&format!("{failure}; {}", saved.map_or_else(from_the_start, from_checkpoint)));
+        tracing::warn!("{failure}; {}", saved.map_or_else(from_the_start, from_checkpoint));
         let (views, points) = reload()?;
         let learned = saved.map(Checkpoints::read).transpose()?;
         let start = learned.as_ref().map_or(Start::Points(&points), Start::Learned);
@@ -258,10 +257,10 @@ impl<'a> Training<'a> {
         format!("{psnr}{} Gaussians", thousands(self.trainer.gaussian_count()))
     }
 
-    fn warn_of_nonfinite(&self, talk: Talk) {
+    fn warn_of_nonfinite(&self) {
         let count = self.trainer.nonfinite();
         if count > 0 {
-            talk.note(&format!("{count} gradients were not finite and were skipped; the result may be worse for it"));
+            tracing::warn!("{count} gradients were not finite and were skipped; the result may be worse for it");
         }
     }
 
@@ -368,7 +367,6 @@ mod tests {
 
     const POINTS: [Point; 2] =
         [Point { position: [0.0; 3], color: [0.5; 3] }, Point { position: [0.1; 3], color: [0.5; 3] }];
-    const QUIET: Talk = Talk { quiet: true };
 
     fn views() -> Vec<View> {
         let eye = glam::Vec3::new(0.0, -3.0, 0.5);
@@ -402,7 +400,7 @@ mod tests {
     }
 
     fn run(training: &mut Training<'_>) -> Result<HostScene, Failure> {
-        let outcome = training.run("training", QUIET, &[], |_, _| Ok(()))?;
+        let outcome = training.run("training", &[], |_| Ok(()))?;
         assert_eq!((outcome.iteration, outcome.is_interrupted), (6, false), "all steps are taken");
         training.trainer.download()
     }
@@ -440,7 +438,7 @@ mod tests {
         training.trainer =
             Box::new(Trainer::new(GpuExecutor::new(gpu), settings(), &views(), &POINTS).expect("the device is there"));
         let mut learned = None;
-        let outcome = training.run("training", QUIET, &[3], |training, _| {
+        let outcome = training.run("training", &[3], |training| {
             if learned.is_none() {
                 learned = Some(training.checkpoints.as_ref().expect("there are checkpoints").read()?);
                 fuse();

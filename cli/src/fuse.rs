@@ -1,6 +1,6 @@
 //! A mesh of a scene: depths and colours are rendered and fused on a grid ([`specula_core::tsdf`]).
 
-use crate::{failure::Failure, progress::Talk, scene::Renderer};
+use crate::{failure::Failure, progress, scene::Renderer};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -32,10 +32,9 @@ pub(crate) fn mesh(
     gaussians: &Gaussians<Vec<f32>>,
     cameras: &[Camera],
     voxels: u16,
-    talk: Talk,
 ) -> Result<Mesh, Failure> {
     let mut volume = Volume::around(gaussians, voxels);
-    let work = talk.work("fusing", cameras.len() as u64);
+    let work = progress::work("fusing", cameras.len() as u64);
     for (done, camera) in cameras.iter().enumerate() {
         volume.see(&View::of(camera, &renderer.view(camera)?));
         work.done(done as u64 + 1, String::new);

@@ -6,7 +6,6 @@ use crate::{
     failure::Failure,
     fit::thousands,
     output,
-    progress::Talk,
     scene::{self, nonfinite_words},
 };
 use serde_json::{Map, Value, json};
@@ -31,9 +30,9 @@ use specula_train::view::View;
 use std::path::Path;
 
 /// Looks, and says.
-pub(crate) fn run(args: &Info, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     let report = if specula_io::dataset::is_dataset(&args.path) {
-        of_dataset(&args.path, talk)?
+        of_dataset(&args.path)?
     } else {
         match scene::open(&args.path, None) {
             Ok(opened) => of_scene(&args.path, &opened)?,
@@ -278,8 +277,8 @@ fn add_points(report: &mut Report, positions: &[[f32; 3]]) {
     }
 }
 
-fn of_dataset(path: &Path, talk: Talk) -> Result<Report, Failure> {
-    let data = dataset::load(path, &LoadOptions::default(), talk)?;
+fn of_dataset(path: &Path) -> Result<Report, Failure> {
+    let data = dataset::load(path, &LoadOptions::default())?;
     let mut report = Report::new("data set", path);
     add_views(&mut report, &data);
     match &data.points {

@@ -1,6 +1,6 @@
 //! One training for one folder: a lock that ends with the program that holds it.
 
-use crate::{failure::Failure, progress::Talk};
+use crate::failure::Failure;
 use core::time::Duration;
 use serde::{Deserialize, Serialize};
 use specula_io::{Error, model_folder};
@@ -38,14 +38,14 @@ impl Lock {
     ///
     /// # Errors
     /// [`Failure::Input`] where another program holds the lock, [`Failure::File`] where the folder takes no files.
-    pub(crate) fn take(folder: &Path, remedy: &str, talk: Talk) -> Result<Self, Failure> {
+    pub(crate) fn take(folder: &Path, remedy: &str) -> Result<Self, Failure> {
         match locked(folder)? {
             Ok(file) => Ok(Self::held(folder, file)),
             Err(TryLockError::WouldBlock) => Err(Failure::Input(format!("{}; {remedy}", words(folder)))),
             Err(TryLockError::Error(cause)) => {
-                talk.note(&format!(
+                tracing::warn!(
                     "the file system of {folder:?} has no locks ({cause}), so nothing keeps a second training out of it"
-                ));
+                );
                 Ok(Self { folder: folder.to_owned(), file: None })
             }
         }
@@ -55,11 +55,11 @@ impl Lock {
     ///
     /// # Errors
     /// [`Failure::File`] where the folder takes no files.
-    pub(crate) fn take_anyway(folder: &Path, talk: Talk) -> Result<Self, Failure> {
+    pub(crate) fn take_anyway(folder: &Path) -> Result<Self, Failure> {
         if let Ok(file) = locked(folder)? {
             return Ok(Self::held(folder, file));
         }
-        talk.note(&format!("{}; it is written to all the same", words(folder)));
+        tracing::warn!("{}; it is written to all the same", words(folder));
         Ok(Self { folder: folder.to_owned(), file: None })
     }
 
@@ -130,26 +130,24 @@ fn words(folder: &Path) -> String {
 mod tests {
     use super::*;
 
-    const QUIET: Talk = Talk { quiet: true };
-
     #[test]
     fn a_folder_has_one_lock_and_says_who_holds_it() {
         let folder = tempfile::tempdir().expect("there is room");
         let unfinished = folder.path().join(".unfinished-x");
         fs::write(&unfinished, "half").expect("there is room");
-        let lock = Lock::take(folder.path(), "wait", QUIET).expect("nobody holds it");
+        let lock = Lock::take(folder.path(), "wait").expect("nobody holds it");
         assert!(!unfinished.exists(), "what is not finished is swept when a training starts");
-        let refused = Lock::take(folder.path(), "wait", QUIET).expect_err("it is held");
+        let refused = Lock::take(folder.path(), "wait").expect_err("it is held");
         let sentence = refused.to_string();
         let pid = format!("process {} on ", std::process::id());
         assert!(sentence.contains(&pid) && sentence.ends_with("; wait") && refused.exit_code() == 2, "{sentence}");
         fs::write(&unfinished, "half").expect("there is room");
-        drop(Lock::take_anyway(folder.path(), QUIET).expect("it is taken anyway"));
+        drop(Lock::take_anyway(folder.path()).expect("it is taken anyway"));
         assert!(unfinished.exists(), "another training may be writing it");
 
         drop(lock);
         assert!(!unfinished.exists(), "and when it ends");
         assert_eq!(fs::read_to_string(folder.path().join(NAME)).expect("it stays"), "", "nobody holds it");
-        drop(Lock::take(folder.path(), "wait", QUIET).expect("nobody holds it any more"));
+        drop(Lock::take(folder.path(), "wait").expect("nobody holds it any more"));
     }
 }

@@ -4,7 +4,6 @@ use crate::{
     args::MachineOptions,
     failure::Failure,
     fit::{Run, Start},
-    progress::Talk,
     typed::kept_as_typed,
 };
 use core::{fmt, str::FromStr};
@@ -140,12 +139,11 @@ pub(crate) fn load(
     scene: Scene,
     light: Option<Environment<Vec<f32>>>,
     rules: &RenderRules,
-    talk: Talk,
 ) -> Result<Box<dyn Machine>, Failure> {
     let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection);
     match (&options.executor, options.projection) {
         (choice, ProjectionModel::Affine) => {
-            if let Some(device) = device::choose(choice, talk)? {
+            if let Some(device) = device::choose(choice)? {
                 let machine = device.load(&scene.gaussians, options.storage())?;
                 return lit(machine, light, rules);
             }
@@ -194,23 +192,22 @@ pub(crate) fn train(
     settings: Settings,
     views: &[View],
     start: &Start<'_>,
-    talk: Talk,
 ) -> Result<(Box<dyn Run>, bool), Failure> {
-    if let Some(device) = device::choose(choice, talk)? {
-        talk.note(&format!("training on {}", device.words()));
+    if let Some(device) = device::choose(choice)? {
+        tracing::info!("training on {}", device.words());
         match device.train(settings.clone(), views, start) {
-            Err(failure) if failure.is_of_device() => talk.note(&format!("{failure}; the processor takes over")),
+            Err(failure) if failure.is_of_device() => tracing::warn!("{failure}; the processor takes over"),
             run => return Ok((run?, true)),
         }
     }
-    talk.note(&format!("training on the CPU, {} threads", rayon::current_num_threads()));
+    tracing::info!("training on the CPU, {} threads", rayon::current_num_threads());
     Ok((Box::new(begin(CpuExecutor::new(), settings, views, start)?), false))
 }
 
 /// Whether there is what was asked for by its name: known before anything is loaded.
-pub(crate) fn check(choice: &ExecutorChoice, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn check(choice: &ExecutorChoice) -> Result<(), Failure> {
     match choice {
-        ExecutorChoice::Gpu(_) => device::choose(choice, talk).map(drop),
+        ExecutorChoice::Gpu(_) => device::choose(choice).map(drop),
         ExecutorChoice::Auto | ExecutorChoice::Cpu => Ok(()),
     }
 }
@@ -236,7 +233,6 @@ pub(crate) mod device {
     use crate::{
         failure::Failure,
         fit::{Run, Start},
-        progress::Talk,
     };
     use specula_core::{pack::Storage, scene::Gaussians};
     use specula_gpu::{
@@ -251,17 +247,17 @@ pub(crate) mod device {
     pub(crate) struct Device(Gpu);
 
     /// The device that was asked for; none for the processor.
-    pub(super) fn choose(choice: &ExecutorChoice, talk: Talk) -> Result<Option<Device>, Failure> {
+    pub(super) fn choose(choice: &ExecutorChoice) -> Result<Option<Device>, Failure> {
         match choice {
             ExecutorChoice::Cpu => Ok(None),
             ExecutorChoice::Gpu(name) => Ok(Some(Device(Gpu::new(name)?))),
             ExecutorChoice::Auto if !may_have_hardware() => Ok(None),
-            ExecutorChoice::Auto => Ok(preferred(&adapters()).and_then(|report| open(report, talk))),
+            ExecutorChoice::Auto => Ok(preferred(&adapters()).and_then(open)),
         }
     }
 
     /// Whether it is worth while to ask drivers for adapters of real hardware: on Linux they show as devices, and asking
-    /// drivers that have none takes time and makes them talk.
+    /// drivers that have none takes time and makes them print.
     fn may_have_hardware() -> bool {
         const DEVICES: [&str; 3] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
         !cfg!(target_os = "linux") || DEVICES.iter().any(|device| Path::new(device).exists())
@@ -273,11 +269,11 @@ pub(crate) mod device {
         reports.iter().find(|report| !report.is_software)
     }
 
-    fn open(report: &AdapterReport, talk: Talk) -> Option<Device> {
+    fn open(report: &AdapterReport) -> Option<Device> {
         match Gpu::new(&report.info.name) {
             Ok(gpu) => Some(Device(gpu)),
             Err(error) => {
-                talk.note(&format!("{error}; the processor takes over"));
+                tracing::warn!("{error}; the processor takes over");
                 None
             }
         }
@@ -322,7 +318,6 @@ mod device {
     use crate::{
         failure::Failure,
         fit::{Run, Start},
-        progress::Talk,
     };
     use specula_core::{pack::Storage, scene::Gaussians};
     use specula_train::{trainer::Settings, view::View};
@@ -330,7 +325,7 @@ mod device {
     /// There is none.
     pub(super) enum Device {}
 
-    pub(super) fn choose(choice: &ExecutorChoice, _talk: Talk) -> Result<Option<Device>, Failure> {
+    pub(super) fn choose(choice: &ExecutorChoice) -> Result<Option<Device>, Failure> {
         match choice {
             ExecutorChoice::Gpu(_) => {
                 Err(Failure::Input("this program was built without its feature `gpu`; use --executor cpu".into()))

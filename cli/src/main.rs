@@ -45,7 +45,6 @@ mod within;
 use args::{Arguments, Command};
 use clap::{Parser, error::ErrorKind};
 use failure::Failure;
-use progress::Talk;
 use std::{ffi::OsString, process::ExitCode};
 
 /// Frames and gradients come and go at every step; this allocator keeps their pages.
@@ -69,13 +68,14 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
+    progress::init(arguments.quiet);
     interrupt::survive_limits_of_files();
     // A panic has told of itself already.
     match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
-            eprintln!("specula: {}", shortened(&failure.to_string()));
+            tracing::error!("{}", shortened(&failure.to_string()));
             ExitCode::from(failure.exit_code())
         }
         Err(_) => ExitCode::FAILURE,
@@ -87,20 +87,19 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
-    let talk = Talk { quiet: arguments.quiet };
-    arguments.command.executor().map_or(Ok(()), |choice| machine::check(choice, talk))?;
+    arguments.command.executor().map_or(Ok(()), machine::check)?;
     match &arguments.command {
-        Command::Demo(args) => demo::run(args, talk),
-        Command::Train(args) => train::run(args, talk),
-        Command::Render(args) => render::run(args, talk),
-        Command::Relight(args) => relight::run(args, talk),
-        Command::Eval(args) => eval::run(args, talk),
-        Command::Compare(args) => compare::run(args, talk),
-        Command::View(args) => view::run(args, talk),
-        Command::Export(args) => export::run(args, talk),
-        Command::Prefilter(args) => prefilter::run(args, talk),
-        Command::Report(args) => report::run(args, talk),
-        Command::Info(args) => info::run(args, talk),
+        Command::Demo(args) => demo::run(args),
+        Command::Train(args) => train::run(args),
+        Command::Render(args) => render::run(args),
+        Command::Relight(args) => relight::run(args),
+        Command::Eval(args) => eval::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::View(args) => view::run(args),
+        Command::Export(args) => export::run(args),
+        Command::Prefilter(args) => prefilter::run(args),
+        Command::Report(args) => report::run(args),
+        Command::Info(args) => info::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::TryNetwork(args) => eval::trial::run(args),
     }

@@ -4,7 +4,6 @@ use crate::{
     args::{MipName, Prefilter, SchemeName, Up},
     failure::Failure,
     output,
-    progress::Talk,
     relight::write_preview,
     scene::{SLOW_RESOLUTION, read_env},
 };
@@ -29,23 +28,23 @@ const RESOLUTION: usize = 256;
 const COARSEST: usize = 4;
 
 /// Filters and writes.
-pub(crate) fn run(args: &Prefilter, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Prefilter) -> Result<(), Failure> {
     Container::of(&args.output)?;
-    filter(args, &open(args, talk)?, talk)
+    filter(args, &open(args)?)
 }
 
 /// The same with a light of one's own, which stands as it is to be looked up.
-pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>, talk: Talk) -> Result<(), Failure> {
-    filter(args, &at_resolution(args, light), talk)
+pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure> {
+    filter(args, &at_resolution(args, light))
 }
 
-fn filter(args: &Prefilter, light: &Environment<Vec<f32>>, talk: Talk) -> Result<(), Failure> {
+fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure> {
     let container = Container::of(&args.output)?;
     let levels = levels(args, light.resolution)?;
     let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
     output::make_folder(folder.unwrap_or(Path::new(".")))?;
     if light.resolution > SLOW_RESOLUTION {
-        talk.note(&format!("filtering six times {0} × {0} texels; this takes a while", light.resolution));
+        tracing::info!("filtering six times {0} × {0} texels; this takes a while", light.resolution);
     }
     let filtered = CpuExecutor::new().prefilter_into(light, args.scheme.weights(), levels)?;
     let levels = levels.as_slice();
@@ -110,10 +109,10 @@ fn beside(path: &Path, level: usize, ending: &str) -> PathBuf {
 }
 
 /// The light of a file or of a model, as fine as the first level.
-fn open(args: &Prefilter, talk: Talk) -> Result<Environment<Vec<f32>>, Failure> {
+fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
     let activation = RadianceActivation::Identity;
     if !args.env.is_dir() {
-        let map = read_env(&args.env, args.exposure, talk)?;
+        let map = read_env(&args.env, args.exposure)?;
         let resolution = args.resolution.unwrap_or(RESOLUTION);
         return Ok(Environment { resolution, activation, values: latlong::to_cube(&map, resolution, args.up.stand()) });
     }

@@ -1,45 +1,87 @@
-//! Talk on stderr: notes, and how far long work has come. A bar on a terminal, else a line every few seconds.
+//! Notes and progress on stderr. A note is a `tracing` event of this workspace, printed as one line; progress is a bar on
+//! a terminal, else a line every few seconds. Notes are printed between bars.
 
-use core::{cell::Cell, fmt::Write, time::Duration};
-use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use core::{cell::Cell, fmt, time::Duration};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::{
-    io::{IsTerminal, stderr},
-    sync::Mutex,
+    io::{self, IsTerminal, stderr},
+    sync::{LazyLock, Mutex},
     time::Instant,
 };
+use tracing::{Event, Level, Subscriber, level_filters::LevelFilter, subscriber::NoSubscriber};
+use tracing_subscriber::{
+    filter::Targets,
+    fmt::{FmtContext, FormatEvent, FormatFields, format::Writer},
+    layer::SubscriberExt,
+    registry::LookupSpan,
+};
 
-/// Between two lines where stderr is not a terminal.
-const SILENCE: Duration = Duration::from_secs(5);
+/// Time between two lines of progress where stderr is not a terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Who is talked to.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Talk {
-    pub(crate) quiet: bool,
+/// Prefix of the targets whose events are printed: the program and its libraries.
+const TARGET: &str = "specula";
+
+/// All bars on the terminal.
+static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+
+/// Prints the notes of the program and its libraries from now on; only errors if `quiet`.
+pub(crate) fn init(quiet: bool) {
+    let level = if quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
+    let lines =
+        tracing_subscriber::fmt::layer().event_format(Sentence).with_writer(|| BetweenBars).log_internal_errors(false);
+    let subscriber = tracing_subscriber::registry().with(Targets::new().with_target(TARGET, level)).with(lines);
+    tracing::subscriber::set_global_default(subscriber).expect("main sets it once");
 }
 
-impl Talk {
-    /// A sentence that is worth knowing.
-    pub(crate) fn note(self, sentence: &str) {
-        if !self.quiet {
-            eprintln!("specula: {sentence}");
-        }
+/// Runs `f` without its notes and its progress.
+pub(crate) fn silently<T>(f: impl FnOnce() -> T) -> T {
+    tracing::subscriber::with_default(NoSubscriber::default(), f)
+}
+
+/// Starts progress over `steps` steps; silent where notes are.
+pub(crate) fn work(title: &str, steps: u64) -> Work {
+    let is_quiet = !tracing::enabled!(Level::INFO);
+    let is_terminal = stderr().is_terminal();
+    let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::hidden());
+    let bar = if is_terminal && !is_quiet { BARS.add(bar) } else { bar };
+    bar.set_style(style(Begin::now(0)));
+    bar.set_prefix(title.to_owned());
+    let lines = (!is_terminal && !is_quiet).then(|| Mutex::new(Cell::new(Instant::now())));
+    Work { bar, begin: Begin::now(0), lines }
+}
+
+/// Format of a note: the program's name and the sentence.
+struct Sentence;
+
+impl<S, N> FormatEvent<S, N> for Sentence
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    N: for<'a> FormatFields<'a> + 'static,
+{
+    fn format_event(&self, context: &FmtContext<'_, S, N>, mut out: Writer<'_>, event: &Event<'_>) -> fmt::Result {
+        out.write_str("specula: ")?;
+        context.format_fields(out.by_ref(), event)?;
+        writeln!(out)
+    }
+}
+
+/// Stderr, with the bars out of the way for each write.
+struct BetweenBars;
+
+impl io::Write for BetweenBars {
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        BARS.suspend(|| stderr().write(line))
     }
 
-    /// Work of so many steps.
-    pub(crate) fn work(self, what: &str, steps: u64) -> Work {
-        let is_terminal = stderr().is_terminal();
-        let target =
-            if is_terminal && !self.quiet { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let bar = ProgressBar::with_draw_target(Some(steps), target).with_style(style(Begin::now(0)));
-        bar.set_prefix(what.to_owned());
-        let lines = (!is_terminal && !self.quiet).then(|| Mutex::new(Cell::new(Instant::now())));
-        Work { bar, begin: Begin::now(0), lines, talk: self }
+    fn flush(&mut self) -> io::Result<()> {
+        stderr().flush()
     }
 }
 
 fn style(begin: Begin) -> ProgressStyle {
     let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {elapsed} < {left}";
-    let left = move |state: &ProgressState, out: &mut dyn Write| {
+    let left = move |state: &ProgressState, out: &mut dyn fmt::Write| {
         // A bar that cannot say it says nothing.
         let left = begin.left(state.pos(), state.len().unwrap_or(0));
         let _ = write!(out, "{:#}", HumanDuration(Duration::from_secs(left.as_secs())));
@@ -78,7 +120,6 @@ pub(crate) struct Work {
     begin: Begin,
     /// When the last line was written, where there is no bar.
     lines: Option<Mutex<Cell<Instant>>>,
-    talk: Talk,
 }
 
 impl Work {
@@ -90,7 +131,7 @@ impl Work {
         } else if let Some(last) = &self.lines {
             self.bar.set_position(steps);
             let last = last.lock().expect("nobody panics while writing a line");
-            if last.get().elapsed() >= SILENCE {
+            if last.get().elapsed() >= LINE_INTERVAL {
                 last.set(Instant::now());
                 self.line(&message());
             }
@@ -113,11 +154,6 @@ impl Work {
         self.bar.set_length(steps);
     }
 
-    /// A sentence in between.
-    pub(crate) fn note(&self, sentence: &str) {
-        self.bar.suspend(|| self.talk.note(sentence));
-    }
-
     /// Nothing is left on the terminal.
     pub(crate) fn finish(self) {
         self.bar.finish_and_clear();
@@ -127,7 +163,7 @@ impl Work {
         let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
         let left = self.begin.left(done, all).as_secs();
         let gap = if message.is_empty() { "" } else { ", " };
-        eprintln!("specula: {} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
+        tracing::info!("{} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
     }
 }
 
@@ -144,14 +180,14 @@ mod tests {
         let begin = Begin { steps: 5000, time: Instant::now() - ten };
         let left = begin.left(5100, 6000).as_secs();
         assert!((90..120).contains(&left), "{left} s for 900 steps, where 100 took 10 s");
-        let work = Talk { quiet: true }.work("training", 6000).gone_on(5000, 1000.0);
+        let work = work("training", 6000).gone_on(5000, 1000.0);
         assert_eq!(work.begin.steps, 5000, "steps of an earlier program took none of this one's time");
     }
 
     #[test]
     fn work_goes_on_whatever_the_clock_says_of_its_beginning() {
         for seconds in [0.0, 3600.0, 3.2e9, 1e20, f64::INFINITY, f64::NAN, -1.0] {
-            let work = Talk { quiet: true }.work("training", 10).gone_on(4, seconds);
+            let work = work("training", 10).gone_on(4, seconds);
             assert_eq!(work.bar.position(), 4, "{seconds}");
         }
     }

@@ -79,7 +79,7 @@ impl<R> Finished<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Talk;
+    use crate::progress;
 
     fn relayed(count: usize, bad: Option<usize>) -> Result<Vec<usize>, Failure> {
         let mut made = 0..;
@@ -87,7 +87,7 @@ mod tests {
             true => Err(Failure::Input(format!("{index}"))),
             false => Ok(index * thing),
         };
-        relay(count, &Talk { quiet: true }.work("", 0), |index| Ok(index + made.next().expect("no end")), finish)
+        relay(count, &progress::work("", 0), |index| Ok(index + made.next().expect("no end")), finish)
     }
 
     #[test]

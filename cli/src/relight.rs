@@ -7,7 +7,6 @@ use crate::{
     look::Tour,
     orientation, output,
     place::{Place, differences, light_differences},
-    progress::Talk,
     render::{Job, behind},
     scene::{self, relight},
     truth::{Truths, fit_and_measure},
@@ -25,7 +24,7 @@ use std::path::Path;
 const PREVIEW: [usize; 2] = [512, 256];
 
 /// Renders the scene under the new light.
-pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     if args.truth.is_some() && args.look.background == Some(Backdrop::Environment) {
         return Err(Failure::Input(
             "true pictures are compared over a colour; use --truth without --background env".into(),
@@ -35,7 +34,7 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let tour = Tour::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
     let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
-    let map = relight(&mut opened.scene, &args.env, &args.env_options, above, talk)?;
+    let map = relight(&mut opened.scene, &args.env, &args.env_options, above)?;
     let Look { background, showing, .. } = &args.look;
     let mut words = differences(&opened, &showing.machine, *background, showing.profile);
     words.extend(light_differences(&args.env_options));
@@ -48,7 +47,7 @@ pub(crate) fn run(args: &Relight, talk: Talk) -> Result<(), Failure> {
     let behind = behind(&args.look, &tour, &opened, Some((map, args.env_options.env_up.stand(above))))?;
     let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place, behind: &behind };
     let mut pairs = Vec::new();
-    job.run(opened, talk, |index, image| {
+    job.run(opened, |index, image| {
         pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
         Ok(())
     })?;

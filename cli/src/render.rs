@@ -9,7 +9,7 @@ use crate::{
     machine::ExecutorChoice,
     orientation, output,
     place::{Place, differences, light_differences, refuse_options_without_light},
-    progress::Talk,
+    progress,
     quality::picture_name,
     relay::relay,
     relight::write_light,
@@ -37,19 +37,19 @@ use std::path::Path;
 const FRAME_MS: u16 = 60;
 
 /// Renders what was asked for.
-pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
-    note_oddities(&opened, talk);
+    note_oddities(&opened);
     let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
     let mut map = None;
     if let Some(env) = &args.env {
-        map = Some(relight(&mut opened.scene, env, &args.env_options, above, talk)?);
+        map = Some(relight(&mut opened.scene, env, &args.env_options, above)?);
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
-        talk.note("the scene has no light, so nothing specular is shown; name one with --env");
+        tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
     }
-    let layers = layers_of(&args.layers, &opened, talk);
+    let layers = layers_of(&args.layers, &opened);
     let place = Place::of(&opened, args.output.as_deref(), tour.name, &tour, &words_of(args, &opened))?;
     output::make_folder(&place.folder)?;
     place.claim(&tour, args.env.is_some())?;
@@ -59,18 +59,16 @@ pub(crate) fn run(args: &Render, talk: Talk) -> Result<(), Failure> {
 
     let behind = behind(&args.look, &tour, &opened, map.zip(Some(args.env_options.env_up.stand(above))))?;
     let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place, behind: &behind };
-    let truths = if args.env.is_none() { true_views(&opened, &tour, talk) } else { Vec::new() };
+    let truths = if args.env.is_none() { true_views(&opened, &tour) } else { Vec::new() };
     job.write_truths(&truths)?;
     let mut verification = match args.verify_omissions {
-        true => {
-            Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine, talk)?)
-        }
+        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine)?),
         false => None,
     };
     if let Some(error) = args.max_error {
-        return render_within(error, args, opened, &job, talk);
+        return render_within(error, args, opened, &job);
     }
-    job.run(opened, talk, |index, image| match &mut verification {
+    job.run(opened, |index, image| match &mut verification {
         Some(verification) => verification.compare(&tour.cameras[index].1, image),
         None => Ok(()),
     })?;
@@ -125,20 +123,20 @@ fn finest(map: &LatLong, stand: Stand, tour: &Tour) -> Environment<Vec<f32>> {
 }
 
 /// Renders what was asked for within an error.
-fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>, talk: Talk) -> Result<(), Failure> {
+fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) -> Result<(), Failure> {
     if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
     let cameras = job.tour.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
-        talk.note("only colours are verified; other layers have the same setting");
+        tracing::info!("only colours are verified; other layers have the same setting");
     }
-    let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify, talk)?;
+    let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
     let renderer = Renderer::of_machine(within.machine(), &opened.scene, Layer::channels(job.layers));
-    job.run_with(renderer, opened.scene.shading_model.shading.form, talk, |_, _| Ok(()))?;
+    job.run_with(renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
     output::say(&job.place.folder.display().to_string())?;
     output::say(within.certificate())?;
-    output::say(&within.report(talk))
+    output::say(&within.report())
 }
 
 /// Whether what the plan leaves out is missed anywhere.
@@ -150,8 +148,8 @@ struct Verification {
 }
 
 impl Verification {
-    fn new(scene: Scene, channels: Channels, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
-        Ok(Self { in_full: Renderer::in_full(scene, channels, options, talk)?, channels, largest: 0.0 })
+    fn new(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
+        Ok(Self { in_full: Renderer::in_full(scene, channels, options)?, channels, largest: 0.0 })
     }
 
     /// Renders a view again with nothing left out.
@@ -171,12 +169,12 @@ impl Verification {
 }
 
 /// The layers that the scene has, of those that were asked for.
-fn layers_of(asked: &[Layer], opened: &OpenedModel, talk: Talk) -> Vec<Layer> {
+fn layers_of(asked: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
     let mut layers = Layer::expanded(asked);
     if !opened.scene.gaussians.layout.is_shaded() {
         let names: Vec<&str> = layers.iter().filter(|layer| layer.is_of_shading()).map(|layer| layer.name()).collect();
         if !names.is_empty() {
-            talk.note(&format!("the scene is plain Gaussian splatting, which has no {}", names.join(", ")));
+            tracing::warn!("the scene is plain Gaussian splatting, which has no {}", names.join(", "));
         }
         layers.retain(|layer| !layer.is_of_shading());
     }
@@ -198,12 +196,12 @@ impl Job<'_> {
     pub(crate) fn run(
         &self,
         opened: OpenedModel,
-        talk: Talk,
+
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let form = opened.scene.shading_model.shading.form;
-        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine, talk)?;
-        self.run_with(renderer, form, talk, each)
+        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine)?;
+        self.run_with(renderer, form, each)
     }
 
     /// The same with a renderer of one's own.
@@ -211,10 +209,10 @@ impl Job<'_> {
         &self,
         mut renderer: Renderer,
         form: ShadingForm,
-        talk: Talk,
+
         mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
-        let work = talk.work("rendering", self.tour.cameras.len() as u64);
+        let work = progress::work("rendering", self.tour.cameras.len() as u64);
         let make = |index: usize| {
             let image = renderer.view(&self.tour.cameras[index].1)?;
             each(index, &image)?;
@@ -264,16 +262,16 @@ impl Job<'_> {
 }
 
 /// The photographs of a tour's views, if the data set of the training is still there.
-fn true_views(opened: &OpenedModel, tour: &Tour, talk: Talk) -> Vec<View> {
+fn true_views(opened: &OpenedModel, tour: &Tour) -> Vec<View> {
     let (Some(info), Some(split)) = (&opened.info, tour.split) else { return Vec::new() };
-    views_of(info, split.has_test(), split.has_train(), talk).unwrap_or_else(|failure| {
-        talk.note(&format!("without true pictures: {failure}"));
+    views_of(info, split.has_test(), split.has_train()).unwrap_or_else(|failure| {
+        tracing::warn!("without true pictures: {failure}");
         Vec::new()
     })
 }
 
-fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec<View>, Failure> {
-    let data = dataset::load(Path::new(&info.source_path), &dataset::options_of(info), talk)?;
+fn views_of(info: &ModelInfo, test: bool, train: bool) -> Result<Vec<View>, Failure> {
+    let data = dataset::load(Path::new(&info.source_path), &dataset::options_of(info))?;
     let tests = data.test.into_iter().filter(|_| test);
     Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
 }
@@ -281,7 +279,6 @@ fn views_of(info: &ModelInfo, test: bool, train: bool, talk: Talk) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Talk;
     use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
     use specula_scene::ShadingModel;
 
@@ -296,11 +293,10 @@ mod tests {
 
     #[test]
     fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
-        let talk = Talk { quiet: true };
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
         let options = MachineOptions::in_full(&ExecutorChoice::Cpu);
-        let mut planned = Renderer::new(scene(), Channels::Color, &options, talk).unwrap().view(&camera).unwrap();
-        let mut verification = Verification::new(scene(), Channels::Color, &options, talk).unwrap();
+        let mut planned = Renderer::new(scene(), Channels::Color, &options).unwrap().view(&camera).unwrap();
+        let mut verification = Verification::new(scene(), Channels::Color, &options).unwrap();
         verification.compare(&camera, &planned).unwrap();
         assert_eq!(verification.largest, 0.0);
 

@@ -11,7 +11,7 @@ use crate::{
     failure::Failure,
     look::Tour,
     output,
-    progress::{Talk, Work as Progress},
+    progress::{self, Work as Progress},
     scene::{self, background_of, into_subject},
 };
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -73,14 +73,14 @@ struct Findings {
 }
 
 /// Measures, and writes everything.
-pub(crate) fn run(args: &Report, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &Report) -> Result<(), Failure> {
     output::make_folder(&args.output)?;
     let model = match &args.model {
         Some(model) => model.clone(),
-        None => demo_model(&args.output, talk)?,
+        None => demo_model(&args.output)?,
     };
     let subject = subject(&model, args)?;
-    let findings = Findings::new(&model, &subject, args, talk)?;
+    let findings = Findings::new(&model, &subject, args)?;
     records::write(&args.output.join("report.jsonl"), &findings)?;
     page::write(&args.output.join("index.html"), &findings)?;
     output::say(&table::markdown(&findings))?;
@@ -88,13 +88,13 @@ pub(crate) fn run(args: &Report, talk: Talk) -> Result<(), Failure> {
 }
 
 /// The demo's scene: where the demo left it, or else trained now.
-fn demo_model(folder: &Path, talk: Talk) -> Result<PathBuf, Failure> {
+fn demo_model(folder: &Path) -> Result<PathBuf, Failure> {
     let left = Path::new(demo::FOLDER).join("specula");
     if left.join("specula.json").is_file() {
         return Ok(left);
     }
-    talk.note("training the demo's scene first, which takes half a minute");
-    demo::train_shaded(&Demo { output: folder.join("demo"), iterations: demo::ITERATIONS }, talk)
+    tracing::info!("training the demo's scene first, which takes half a minute");
+    demo::train_shaded(&Demo { output: folder.join("demo"), iterations: demo::ITERATIONS })
 }
 
 fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
@@ -124,18 +124,18 @@ fn spread_out(cameras: Vec<Camera>, count: usize, size: u32) -> Vec<Camera> {
 }
 
 impl Findings {
-    fn new(model: &Path, subject: &Subject, args: &Report, talk: Talk) -> Result<Self, Failure> {
+    fn new(model: &Path, subject: &Subject, args: &Report) -> Result<Self, Failure> {
         let reference = Reference::new(subject);
-        let views = view_by_view("in f64", subject, talk, |done| reference.views(subject, done));
-        let sort = view_by_view("sorted", subject, talk, |done| Sort::new(subject, &reference, done));
+        let views = view_by_view("in f64", subject, |done| reference.views(subject, done));
+        let sort = view_by_view("sorted", subject, |done| Sort::new(subject, &reference, done));
         let mut bench = Bench { subject, views, trial: Trial::new(subject), repeats: args.repeats };
         let exact = Setting::exact(subject);
         let (settings, knobs) = one_at_a_time(subject, &exact);
-        let mut measured = bench.measure(&settings, &knobs, "knob by knob", talk)?;
+        let mut measured = bench.measure(&settings, &knobs, "knob by knob")?;
         let all = all_at_once(subject, &exact, &measured);
         let none = vec![None; all.len()];
-        measured.extend(bench.measure(&all, &none, "all knobs", talk)?);
-        let stability = if args.no_stability { Vec::new() } else { stable(talk)? };
+        measured.extend(bench.measure(&all, &none, "all knobs")?);
+        let stability = if args.no_stability { Vec::new() } else { stable()? };
         let size = subject.cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]);
         Ok(Self {
             scene: model.display().to_string(),
@@ -153,8 +153,8 @@ impl Findings {
 }
 
 /// What is worked out for each view, which calls what it is given when one is done.
-fn view_by_view<T>(what: &str, subject: &Subject, talk: Talk, run: impl FnOnce(&(dyn Fn() + Sync)) -> T) -> T {
-    let work = talk.work(what, subject.cameras.len() as u64);
+fn view_by_view<T>(what: &str, subject: &Subject, run: impl FnOnce(&(dyn Fn() + Sync)) -> T) -> T {
+    let work = progress::work(what, subject.cameras.len() as u64);
     let done = AtomicU64::new(0);
     let all = run(&|| work.done(1 + done.fetch_add(1, Ordering::Relaxed), String::new));
     work.finish();
@@ -208,14 +208,8 @@ struct Samples {
 impl Bench<'_> {
     /// Errors first, which also warms up; then times, each repetition in another order, so that what else the machine
     /// does falls on all alike.
-    fn measure(
-        &mut self,
-        settings: &[Setting],
-        knobs: &[Option<usize>],
-        what: &str,
-        talk: Talk,
-    ) -> Result<Vec<Measured>, Failure> {
-        let progress = talk.work(what, settings.len() as u64 * (1 + u64::from(self.repeats)));
+    fn measure(&mut self, settings: &[Setting], knobs: &[Option<usize>], what: &str) -> Result<Vec<Measured>, Failure> {
+        let progress = progress::work(what, settings.len() as u64 * (1 + u64::from(self.repeats)));
         let mut samples = Vec::new();
         for setting in settings {
             samples.push(self.first(setting)?);
@@ -269,8 +263,8 @@ impl Bench<'_> {
     }
 }
 
-fn stable(talk: Talk) -> Result<Vec<stability::Row>, Failure> {
-    let work = talk.work("edges", stability::row_count() as u64);
+fn stable() -> Result<Vec<stability::Row>, Failure> {
+    let work = progress::work("edges", stability::row_count() as u64);
     let rows = stability::rows(|done| work.done(done as u64, String::new))?;
     work.finish();
     Ok(rows)

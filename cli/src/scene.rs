@@ -6,7 +6,7 @@ use crate::{
     failure::Failure,
     machine::{self, Machine, OWN_LIGHT},
     output,
-    progress::{Talk, Work},
+    progress::Work,
     quality::{FITTED, Measured},
     relay::relay,
 };
@@ -59,12 +59,12 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
 }
 
 /// Notes on a model whose pictures may surprise: another light, Gaussians that are not finite.
-pub(crate) fn note_oddities(opened: &OpenedModel, talk: Talk) {
+pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
-        talk.note("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
+        tracing::warn!("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
     }
     if let Some(words) = nonfinite_words(&CullStats::of(&opened.scene.gaussians, None)) {
-        talk.note(&format!("Gaussians with numbers that are not finite are left out: {words}"));
+        tracing::warn!("Gaussians with numbers that are not finite are left out: {words}");
     }
 }
 
@@ -107,15 +107,9 @@ pub(crate) fn nonfinite_words(census: &CullStats) -> Option<String> {
 }
 
 /// Puts the light of a file into a scene. `above` is the scene's up direction.
-pub(crate) fn relight(
-    scene: &mut Scene,
-    path: &Path,
-    options: &EnvOptions,
-    above: Vec3,
-    talk: Talk,
-) -> Result<LatLong, Failure> {
+pub(crate) fn relight(scene: &mut Scene, path: &Path, options: &EnvOptions, above: Vec3) -> Result<LatLong, Failure> {
     refuse_plain(scene)?;
-    let map = read_env(path, options.exposure, talk)?;
+    let map = read_env(path, options.exposure)?;
     scene.relight(&map, options.env_up.stand(above));
     Ok(map)
 }
@@ -148,22 +142,17 @@ pub(crate) struct Renderer {
 
 impl Renderer {
     /// Renders with nothing but what these channels need.
-    pub(crate) fn new(scene: Scene, channels: Channels, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
+    pub(crate) fn new(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
         let scene = scene.rounded(options.storage());
         let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(scene, rules, options, talk)
+        Self::with_rules(scene, rules, options)
     }
 
     /// Renders the same with nothing left out.
-    pub(crate) fn in_full(
-        scene: Scene,
-        channels: Channels,
-        options: &MachineOptions,
-        talk: Talk,
-    ) -> Result<Self, Failure> {
+    pub(crate) fn in_full(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
         let scene = scene.rounded(options.storage());
         let Plan { full, .. } = scene.plan(channels);
-        Self::with_rules(scene, full, options, talk)
+        Self::with_rules(scene, full, options)
     }
 
     /// Renders a scene on a machine that has its own ways with it.
@@ -172,14 +161,12 @@ impl Renderer {
     }
 
     /// Filters the light, if it is looked up.
-    fn with_rules(scene: Scene, rules: RenderRules, options: &MachineOptions, talk: Talk) -> Result<Self, Failure> {
+    fn with_rules(scene: Scene, rules: RenderRules, options: &MachineOptions) -> Result<Self, Failure> {
         let light = scene.light_for(&rules);
         if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
-            talk.note(&format!(
-                "filtering a light of six times {resolution} × {resolution} texels; this takes a while"
-            ));
+            tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
-        Ok(Self { machine: machine::load(options, scene, light, &rules, talk)?, rules })
+        Ok(Self { machine: machine::load(options, scene, light, &rules)?, rules })
     }
 
     /// A view: the channels, then transmittance.
@@ -220,13 +207,13 @@ impl Renderer {
 }
 
 /// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.
-pub(crate) fn read_env(path: &Path, exposure: f32, talk: Talk) -> Result<LatLong, Failure> {
+pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let (map, notes) = read_env_with_notes(path, exposure)?;
-    notes.iter().for_each(|note| talk.note(note));
+    notes.iter().for_each(|note| tracing::info!("{note}"));
     Ok(map)
 }
 
-/// The same, with sentences about it instead of talk.
+/// The same, with sentences about it in place of events.
 pub(crate) fn read_env_with_notes(path: &Path, exposure: f32) -> Result<(LatLong, Vec<String>), Failure> {
     let (mut map, cleaned) = latlong::read(path)?;
     let mut notes = Vec::new();

@@ -10,8 +10,7 @@ use crate::{
     fit::{Outcome, Start, Training, thousands},
     foreground, interrupt,
     lock::Lock,
-    orientation, output,
-    progress::{Talk, Work},
+    orientation, output, progress,
     quality::{self, Measured},
     scene::Renderer,
     settings,
@@ -38,24 +37,22 @@ use specula_train::{
 };
 use std::{path::Path, sync::Arc};
 
-/// Where a bar is being drawn already.
-const QUIET: Talk = Talk { quiet: true };
 /// Points to start from where there are none.
 const RANDOM_POINTS: u32 = 20_000;
 
 /// Trains, saves, and measures if asked to.
-pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
-    note_unneeded(args, talk);
-    let args = &settled(args, talk)?;
+pub(crate) fn run(args: &Train) -> Result<(), Failure> {
+    note_unneeded(args);
+    let args = &settled(args)?;
     let mut profile = settings::profile_of(args, args.iterations)?;
     // A folder that is not there yet is made, and locked, when everything else is known to be in order.
-    let lock = if args.model_path.is_dir() { Some(lock(args, talk)?) } else { None };
+    let lock = if args.model_path.is_dir() { Some(lock(args)?) } else { None };
     refuse_data_set(args)?;
     refuse_to_hide(args)?;
-    let mut data = load(args, talk)?;
+    let mut data = load(args)?;
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
-        profile.foreground.iter().for_each(|ball| talk.note(&foreground::words(ball)));
+        profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::words(ball)));
     }
     let background = background_of(args, &data);
     let settings =
@@ -65,21 +62,21 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
     let saved = if args.again.resume { Some(saved(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
     output::make_folder(&args.model_path)?;
-    let _lock = lock.map_or_else(|| self::lock(args, talk), Ok)?;
-    let checkpoints = fill_folder(args, &settings.profile, &data, &points, facts, saved.as_ref(), talk)?;
+    let _lock = lock.map_or_else(|| self::lock(args), Ok)?;
+    let checkpoints = fill_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?;
 
     let reload = || {
-        let mut data = load(args, QUIET)?;
+        let mut data = progress::silently(|| load(args))?;
         let points = points_of(args, &mut data);
         Ok((data.train, points))
     };
     let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Learned(&saved.snapshot));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
-    let training = Training::new(&args.executor, settings, &data.train, &start, &reload, talk)?;
+    let training = Training::new(&args.executor, settings, &data.train, &start, &reload)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     let looked_from = cameras_of(&data);
     let watching = match args.watch.view {
-        Some(address) => Some(watch(args, address, &mut training, &data, background, talk)?),
+        Some(address) => Some(watch(args, address, &mut training, &data, background)?),
         None => None,
     };
     let names: Vec<String> = data.train.iter().map(|view| view.name.clone()).collect();
@@ -88,11 +85,10 @@ pub(crate) fn run(args: &Train, talk: Talk) -> Result<(), Failure> {
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
     let views = Views { names, test: &data.test, looked_from, background };
-    let outcome =
-        training.run("training", talk, &pauses, |training, work| pause(args, training, &info, &views, work))?;
-    finish(args, &mut training, info, outcome, &views, talk)?;
+    let outcome = training.run("training", &pauses, |training| pause(args, training, &info, &views))?;
+    finish(args, &mut training, info, outcome, &views)?;
     let result = || Ok((training.scene()?, training.iteration()));
-    watching.map_or(Ok(()), |watching| watching.stay(result, talk))
+    watching.map_or(Ok(()), |watching| watching.stay(result))
 }
 
 /// Refuses the folder of the data set itself.
@@ -130,19 +126,19 @@ fn trained_words(folder: &Path) -> Result<String, Failure> {
 }
 
 /// Says which of the authors' options change nothing here.
-fn note_unneeded(args: &Train, talk: Talk) {
+fn note_unneeded(args: &Train) {
     if args.brdf_dim.is_some() {
-        talk.note(
-            "--brdf_dim is ignored: a profile has its own harmonics for the residual colour; --sh-degree N sets them",
+        tracing::warn!(
+            "--brdf_dim is ignored: a profile has its own harmonics for the residual colour; --sh-degree N sets them"
         );
     }
     if args.start.sh_degree.is_some_and(|degree| degree < 0) {
-        talk.note("--sh_degree -1 is ignored: a profile has its own harmonics; --sh-degree 0 to 3 sets them");
+        tracing::warn!("--sh_degree -1 is ignored: a profile has its own harmonics; --sh-degree 0 to 3 sets them");
     }
 }
 
 /// The same with the authors' rule for sizes, `-r -1`, as the number that comes closest to it.
-fn settled(args: &Train, talk: Talk) -> Result<Train, Failure> {
+fn settled(args: &Train) -> Result<Train, Failure> {
     const WIDEST: u32 = 1600;
     let mut settled = args.clone();
     if args.resolution == AT_MOST_1600 {
@@ -152,10 +148,10 @@ fn settled(args: &Train, talk: Talk) -> Result<Train, Failure> {
         if width > WIDEST {
             settled.resolution = [2, 4, 8].into_iter().find(|factor| width / factor <= WIDEST).unwrap_or(8);
             let (factor, width_here) = (settled.resolution, width / settled.resolution);
-            talk.note(&format!(
+            tracing::info!(
                 "-r -1 is -r {factor} for pictures that are {width} pixels wide, which makes them {width_here} wide; the \
                  authors' programs make them {WIDEST}"
-            ));
+            );
         }
     }
     Ok(settled)
@@ -204,10 +200,10 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
 }
 
 /// Keeps other trainings out of the folder of the model.
-fn lock(args: &Train, talk: Talk) -> Result<Lock, Failure> {
+fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
-    if args.again.ignore_lock { Lock::take_anyway(folder, talk) } else { Lock::take(folder, REMEDY, talk) }
+    if args.again.ignore_lock { Lock::take_anyway(folder) } else { Lock::take(folder, REMEDY) }
 }
 
 /// Writes into the folder of the model what is known before the first step.
@@ -218,7 +214,6 @@ fn fill_folder(
     points: &[Point],
     facts: Facts,
     saved: Option<&Saved>,
-    talk: Talk,
 ) -> Result<Checkpoints, Failure> {
     let folder = &args.model_path;
     if args.again.overwrite {
@@ -228,10 +223,14 @@ fn fill_folder(
     let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
     if let Some(Saved { snapshot, .. }) = saved {
         let (taken, all) = (snapshot.iteration, args.iterations);
-        talk.note(&match taken == all {
-            true => format!("all {all} iterations are taken already; to go on for longer, ask for more --iterations"),
-            false => format!("going on from iteration {taken} of {all}"),
-        });
+        tracing::info!(
+            "{}",
+            match taken == all {
+                true =>
+                    format!("all {all} iterations are taken already; to go on for longer, ask for more --iterations"),
+                false => format!("going on from iteration {taken} of {all}"),
+            }
+        );
         return Ok(checkpoints.gone_on(taken));
     }
     save_inputs(args, profile, data, points)?;
@@ -245,14 +244,14 @@ fn options_of(args: &Train) -> LoadOptions {
     LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every }
 }
 
-fn load(args: &Train, talk: Talk) -> Result<Dataset, Failure> {
+fn load(args: &Train) -> Result<Dataset, Failure> {
     let source = args.source()?;
-    let mut data = dataset::load(source, &options_of(args), talk)?;
+    let mut data = dataset::load(source, &options_of(args))?;
     if args.photographs.scene_up.is_some() {
         let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
         data.orientation =
             data.orientation.map(|found| orientation::with_up(found, args.photographs.scene_up, cameras()));
-        data.orientation.iter().for_each(|found| talk.note(&orientation::words(found)));
+        data.orientation.iter().for_each(|found| tracing::info!("{}", orientation::words(found)));
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
@@ -339,7 +338,6 @@ fn watch(
     training: &mut Training<'_>,
     data: &Dataset,
     background: Background,
-    talk: Talk,
 ) -> Result<Watching, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
     let source = args.source()?.to_owned();
@@ -354,31 +352,32 @@ fn watch(
         background,
         live: None,
     };
-    let watching = view::watch(args, address, shown, live.clone(), talk)?;
+    let watching = view::watch(args, address, shown, live.clone())?;
     training.watch(live);
     Ok(watching)
 }
 
 /// What is done at a step in between.
-fn pause(
-    args: &Train,
-    training: &mut Training<'_>,
-    info: &ModelInfo,
-    views: &Views<'_>,
-    work: &Work,
-) -> Result<(), Failure> {
+fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
     let iteration = training.iteration();
     let scene = training.scene()?;
     if args.save_iterations.contains(&iteration) {
         save(args, training, &scene, info, views)?;
-        work.note(&format!("saved iteration {iteration}"));
+        tracing::info!("saved iteration {iteration}");
     }
     if args.test_iterations.contains(&iteration) {
         let count = scene.gaussians.count;
-        let measured = Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), QUIET)?
-            .measure(views.test, views.background, training.exposures().is_some(), &QUIET.work("", 0))?;
+        let machine = MachineOptions::in_full(training.choice());
+        let measured = progress::silently(|| {
+            Renderer::new(scene, Channels::Training, &machine)?.measure(
+                views.test,
+                views.background,
+                training.exposures().is_some(),
+                &progress::work("", 0),
+            )
+        })?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
-        work.note(&format!("iteration {iteration}: {}", quality::line(&quality::means(&measured))));
+        tracing::info!("iteration {iteration}: {}", quality::line(&quality::means(&measured)));
     }
     Ok(())
 }
@@ -420,7 +419,6 @@ fn finish(
     mut info: ModelInfo,
     outcome: Outcome,
     views: &Views<'_>,
-    talk: Talk,
 ) -> Result<(), Failure> {
     let Outcome { iteration, seconds, is_interrupted } = outcome;
     let scene = training.scene()?;
@@ -437,8 +435,8 @@ fn finish(
             if training.is_put_aside() { &goes_on } else { "" }
         )));
     }
-    talk.note(&format!("saved {place:?}"));
-    let within = certified(args, &scene, views, talk)?;
+    tracing::info!("saved {place:?}");
+    let within = certified(args, &scene, views)?;
     if let Some(within) = &within {
         save_certificate(args, &mut info, within.certificate().to_owned())?;
     }
@@ -446,26 +444,26 @@ fn finish(
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        talk.note(&next(args, scene.light.is_some()));
+        tracing::info!("{}", next(args, scene.light.is_some()));
         return Ok(());
     }
     let is_lit = scene.light.is_some();
     let mut renderer = match &within {
         Some(within) => Renderer::of_machine(within.machine(), &scene, Channels::Training),
-        None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()), talk)?,
+        None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()))?,
     };
     let test = views.test;
-    let work = talk.work("measuring", test.len() as u64);
+    let work = progress::work("measuring", test.len() as u64);
     let measured = renderer.measure(test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
     if let Some(within) = &within {
-        let report = within.report(talk);
+        let report = within.report();
         output::say(&report)?;
         save_certificate(args, &mut info, format!("{}; {report}", within.certificate()))?;
     }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))?;
-    talk.note(&next(args, is_lit));
+    tracing::info!("{}", next(args, is_lit));
     Ok(())
 }
 
@@ -484,15 +482,15 @@ fn shell_word(path: &Path) -> String {
 }
 
 /// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
-fn certified(args: &Train, scene: &Scene, views: &Views<'_>, talk: Talk) -> Result<Option<Within>, Failure> {
+fn certified(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<Within>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    match within(scene, views.looked_from.clone(), views.background, error, true, talk) {
+    match within(scene, views.looked_from.clone(), views.background, error, true) {
         Ok(within) => {
             output::say(within.certificate())?;
             Ok(Some(within))
         }
         Err(Failure::Input(why)) => {
-            talk.note(&why);
+            tracing::warn!("{why}");
             Ok(None)
         }
         Err(failure) => Err(failure),

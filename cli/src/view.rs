@@ -22,7 +22,6 @@ use crate::{
     interrupt,
     look::{Surroundings, own_cameras},
     orientation, output,
-    progress::Talk,
     scene::{self, background_of, note_oddities},
 };
 pub(crate) use album::Source;
@@ -52,9 +51,9 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 const BLOCKING_THREADS: usize = 4;
 
 /// Serves the page until Ctrl-C.
-pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
+pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.showing.profile)?;
-    note_oddities(&opened, talk);
+    note_oddities(&opened);
     let background = background_of(&opened, args.background);
     let name = name_of(&args.scene);
     let shown = Shown {
@@ -69,14 +68,14 @@ pub(crate) fn run(args: &View, talk: Talk) -> Result<(), Failure> {
     };
     let place = Place { address: args.listen, token: args.token.clone() };
     let machine = args.showing.machine.clone();
-    let Stage { site, lights, runtime, listener, arrivals: _arrivals } = Stage::new(shown, &place, machine, talk)?;
+    let Stage { site, lights, runtime, listener, arrivals: _arrivals } = Stage::new(shown, &place, machine)?;
     for env in &args.env {
         let (_, notes) = lights.add(env, &name_of(env), args.env_up)?;
-        notes.iter().for_each(|note| talk.note(note));
+        notes.iter().for_each(|note| tracing::info!("{note}"));
     }
     interrupt::watch()?;
     announce(&listener, &site)?;
-    talk.note("open it in a browser; Ctrl-C ends it");
+    tracing::info!("open it in a browser; Ctrl-C ends it");
     runtime.block_on(server::serve(listener, site))
 }
 
@@ -114,7 +113,7 @@ struct Stage {
 
 impl Stage {
     /// Takes the address first, so that nothing is rendered in vain, and starts the thread that renders.
-    fn new(shown: Shown, place: &Place, machine: MachineOptions, talk: Talk) -> Result<Self, Failure> {
+    fn new(shown: Shown, place: &Place, machine: MachineOptions) -> Result<Self, Failure> {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING_THREADS).build();
         let runtime = runtime.map_err(|error| Failure::Internal(format!("cannot serve: {error}")))?;
@@ -140,7 +139,7 @@ impl Stage {
             "background": background.0,
             "pixels_max": request::PIXELS_MAX,
         });
-        let studio = Studio::new(scene, lights.clone(), album, background, start.near, machine, talk)?;
+        let studio = Studio::new(scene, lights.clone(), album, background, start.near, machine)?;
         let queue = Arc::new(Queue::new());
         spawn_renderer(studio, queue.clone(), live.clone());
         let site = Arc::new(Site {
@@ -152,7 +151,6 @@ impl Stage {
             uploads: Site::one_upload(),
             arrivals: arrivals.path().to_owned(),
             sending: Site::room_for_sending(),
-            talk,
         });
         Ok(Self { site, lights, runtime, listener, arrivals })
     }
@@ -194,7 +192,7 @@ fn spawn_renderer(mut studio: Studio, queue: Arc<Queue<Job>>, live: Option<Arc<L
 /// Says where the page is.
 fn announce(listener: &TcpListener, site: &Site) -> Result<(), Failure> {
     let address = listener.local_addr().map_err(|error| Failure::Internal(format!("no address: {error}")))?;
-    announce::announce(address, site.guard.token(), site.talk)
+    announce::announce(address, site.guard.token())
 }
 
 /// The page of a training, in threads of its own.
@@ -208,38 +206,28 @@ pub(crate) struct Watching {
 
 impl Watching {
     /// Shows the scene that a training came to until Ctrl-C, where that is wished for.
-    pub(crate) fn stay(
-        self,
-        result: impl FnOnce() -> Result<(Scene, u32), Failure>,
-        talk: Talk,
-    ) -> Result<(), Failure> {
+    pub(crate) fn stay(self, result: impl FnOnce() -> Result<(Scene, u32), Failure>) -> Result<(), Failure> {
         if !self.stays {
             return Ok(());
         }
         let (scene, iteration) = result()?;
         self.live.finish(scene, iteration);
-        talk.note("the training is finished, and the page stays; Ctrl-C ends it");
+        tracing::info!("the training is finished, and the page stays; Ctrl-C ends it");
         let _ = self.server.join();
         Ok(())
     }
 }
 
 /// Shows a training while it goes on.
-pub(crate) fn watch(
-    args: &Train,
-    address: SocketAddr,
-    shown: Shown,
-    live: Arc<Live>,
-    talk: Talk,
-) -> Result<Watching, Failure> {
+pub(crate) fn watch(args: &Train, address: SocketAddr, shown: Shown, live: Arc<Live>) -> Result<Watching, Failure> {
     let place = Place { address, token: args.watch.token.clone() };
     let machine = MachineOptions::in_full(&args.executor);
     let shown = Shown { live: Some(live.clone()), ..shown };
-    let Stage { site, runtime, listener, arrivals, .. } = Stage::new(shown, &place, machine, talk)?;
+    let Stage { site, runtime, listener, arrivals, .. } = Stage::new(shown, &place, machine)?;
     announce(&listener, &site)?;
     let server = thread::spawn(move || {
         if let Err(failure) = runtime.block_on(server::serve(listener, site)) {
-            talk.note(&format!("{failure}; the training goes on unwatched"));
+            tracing::warn!("{failure}; the training goes on unwatched");
         }
     });
     let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);

@@ -1,7 +1,7 @@
 //! `--max-error`: the cheapest setting for an error, its certificate, and pictures that are
 //! verified one by one.
 
-use crate::{background::Background, failure::Failure, machine::Machine, progress::Talk, scene::into_subject};
+use crate::{background::Background, failure::Failure, machine::Machine, scene::into_subject};
 use specula_accuracy::{
     budget::{Bounds, Certificate, Refusal, cheapest_within},
     reference::Reference,
@@ -33,11 +33,10 @@ pub(crate) fn within(
     background: Background,
     error: f64,
     is_verified: bool,
-    talk: Talk,
 ) -> Result<Within, Failure> {
     let subject = into_subject(scene.clone(), cameras, background.0);
     check(&subject)?;
-    talk.note(&format!("looking for the cheapest setting within {error}"));
+    tracing::info!("looking for the cheapest setting within {error}");
     let reference = Reference::new(&subject);
     let certificate = cheapest_within(&subject, &reference, error).map_err(|refusal| refused(refusal, error))?;
     let words = words(&certificate, &subject);
@@ -58,12 +57,12 @@ impl Within {
     }
 
     /// Outcome of verifying the pictures that were rendered; the time it took is a note.
-    pub(crate) fn report(&self, talk: Talk) -> String {
+    pub(crate) fn report(&self) -> String {
         let verified = self.verified();
         let tally = verified.tally();
         if verified.compares() {
             let [own, all] = tally.milliseconds.map(|time| 1e-3 * time);
-            talk.note(&format!("pictures took {all:.1} s, {:.1} s of which to verify them", all - own));
+            tracing::info!("pictures took {all:.1} s, {:.1} s of which to verify them", all - own);
         }
         report(&tally, verified.compares(), verified.is_exact(), self.asked)
     }

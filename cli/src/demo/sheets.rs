@@ -8,7 +8,7 @@ use crate::{
     look::Tour,
     machine::ExecutorChoice,
     orientation,
-    progress::{Talk, Work},
+    progress::{self, Work},
     scene::{Renderer, relight},
 };
 use glam::Vec3;
@@ -72,20 +72,19 @@ pub(super) fn write(
     mut plain: Renderer,
     mut ours: Renderer,
     scene: Scene,
-    talk: Talk,
 ) -> Result<Sheets, Failure> {
-    let work = talk.work("pictures", 5);
+    let work = progress::work("pictures", 5);
     let step = |done: u64, work: &Work| work.done(done, String::new);
     let comparison = comparison(folder, test, &mut plain, &mut ours)?;
     step(1, &work);
-    let layers = layers(folder, test, &scene, talk)?;
+    let layers = layers(folder, test, &scene)?;
     step(2, &work);
     let true_light = latlong::read(&folder.join("data/light/workshop.hdr"))?.0;
     let lights = lights(folder, &scene, &true_light)?;
     step(3, &work);
     picture::write_animation(&folder.join("turntable.png"), &turntable(test, &mut ours, &scene)?, FRAME_MS)?;
     step(4, &work);
-    let relit = relit(folder, test, scene, talk)?;
+    let relit = relit(folder, test, scene)?;
     step(5, &work);
     work.finish();
     Ok(Sheets { comparison, layers, lights, relit })
@@ -135,9 +134,9 @@ fn comparison(
 }
 
 /// The layers of a shaded scene.
-fn layers(folder: &Path, test: &[View], scene: &Scene, talk: Talk) -> Result<Vec<Vec<Figure>>, Failure> {
+fn layers(folder: &Path, test: &[View], scene: &Scene) -> Result<Vec<Vec<Figure>>, Failure> {
     let options = MachineOptions::in_full(&ExecutorChoice::Cpu);
-    let mut renderer = Renderer::new(scene.clone(), Channels::Layers, &options, talk)?;
+    let mut renderer = Renderer::new(scene.clone(), Channels::Layers, &options)?;
     let mut rows = Vec::new();
     for view in TAKEN_APART.into_iter().flat_map(|name| named(test, name)) {
         let image = renderer.view(&view.camera)?;
@@ -194,16 +193,16 @@ fn turntable(test: &[View], ours: &mut Renderer, scene: &Scene) -> Result<Vec<Rg
 }
 
 /// For each light: the light, and two views under it beside their truth.
-fn relit(folder: &Path, test: &[View], scene: Scene, talk: Talk) -> Result<Vec<Vec<Figure>>, Failure> {
+fn relit(folder: &Path, test: &[View], scene: Scene) -> Result<Vec<Vec<Figure>>, Failure> {
     let mut rows = Vec::new();
     for light in LIGHTS {
         let mut scene = scene.clone();
         let options = EnvOptions { env_up: EnvUp::Z, exposure: 0.0 };
-        relight(&mut scene, &folder.join(format!("data/light/{light}.hdr")), &options, Vec3::Z, talk)?;
+        relight(&mut scene, &folder.join(format!("data/light/{light}.hdr")), &options, Vec3::Z)?;
         let cube = scene.light.as_ref().expect("a light was just put in");
         let map = picture::tone_map_latlong(&preview(&cube.values, cube.resolution));
         let mut row = vec![figure(folder, &format!("light-{light}"), &map, light)?];
-        let mut renderer = Renderer::new(scene, Channels::Color, &MachineOptions::in_full(&ExecutorChoice::Cpu), talk)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, &MachineOptions::in_full(&ExecutorChoice::Cpu))?;
         for view in RELIT.into_iter().flat_map(|name| named(test, name)) {
             let name = format!("{}-{light}", view.name);
             let own = shown(&mut renderer, &view.camera, Layer::Rgb)?;

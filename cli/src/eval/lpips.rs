@@ -1,7 +1,7 @@
 //! LPIPS of a model's views, by a network from a file.
 
 use super::trial::try_network;
-use crate::{background::Background, failure::Failure, progress::Talk, scene::Renderer};
+use crate::{background::Background, failure::Failure, progress, scene::Renderer};
 use specula_accuracy::lpips::{Network, Unfit};
 use specula_core::{metrics::quantize, scene::Image};
 use specula_io::budget::NETWORK;
@@ -50,9 +50,8 @@ impl Judge {
         renderer: &mut Renderer,
         views: &[View],
         background: Background,
-        talk: Talk,
     ) -> Result<Vec<f64>, Failure> {
-        let work = talk.work("LPIPS", views.len() as u64);
+        let work = progress::work("LPIPS", views.len() as u64);
         let mut distances = Vec::new();
         for view in views {
             let image = renderer.view(&view.camera)?;

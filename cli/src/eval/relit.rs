@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
     orientation,
     output::stem,
-    progress::Talk,
+    progress,
     scene::{Renderer, background_of, relight},
     truth::{Relighting, Truths, fit_and_measure},
 };
@@ -64,13 +64,7 @@ pub(super) fn facts(relit: &[Relit]) -> Map<String, Value> {
 }
 
 /// Measures a scene under every light of its data set under which true pictures of these views are known.
-pub(super) fn measure(
-    args: &Eval,
-    opened: &OpenedModel,
-    source: &Path,
-    views: &[View],
-    talk: Talk,
-) -> Result<Vec<Relit>, Failure> {
+pub(super) fn measure(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View]) -> Result<Vec<Relit>, Failure> {
     let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
     let background = background_of(opened, args.background);
     let found = orientation::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
@@ -78,9 +72,9 @@ pub(super) fn measure(
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truths = Truths::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
-        relight(&mut scene, &light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, above, talk)?;
-        let mut renderer = Renderer::new(scene, Channels::Color, &args.machine, talk)?;
-        let work = talk.work("relighting", views.len() as u64);
+        relight(&mut scene, &light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, above)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, &args.machine)?;
+        let work = progress::work("relighting", views.len() as u64);
         let mut pairs = Vec::new();
         for (index, (_, camera)) in cameras.iter().enumerate().filter(|(index, _)| truths.has(*index)) {
             pairs.extend(truths.pair(index, &renderer.view(camera)?));

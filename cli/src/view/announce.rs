@@ -1,12 +1,12 @@
 //! Addresses of a page on stdout, and a code for phones on a terminal.
 
-use crate::{failure::Failure, output, progress::Talk};
+use crate::{failure::Failure, output};
 use core::net::{IpAddr, SocketAddr};
 use qrcode::{EcLevel, QrCode, render::unicode::Dense1x2};
 use std::io::IsTerminal;
 
 /// Says the addresses of a page that is served at this one.
-pub(super) fn announce(served_at: SocketAddr, token: Option<&str>, talk: Talk) -> Result<(), Failure> {
+pub(super) fn announce(served_at: SocketAddr, token: Option<&str>) -> Result<(), Failure> {
     let own = if_addrs::get_if_addrs().unwrap_or_default().into_iter().map(|interface| interface.ip());
     let fragment = token.map_or(String::new(), |token| format!("#token={token}"));
     let addresses: Vec<String> =
@@ -14,7 +14,7 @@ pub(super) fn announce(served_at: SocketAddr, token: Option<&str>, talk: Talk) -
     addresses.iter().try_for_each(|address| output::say(address))?;
     if !served_at.ip().is_loopback() && std::io::stderr().is_terminal() {
         let code = addresses.first().and_then(|address| code_of(address));
-        code.iter().for_each(|code| talk.note(&format!("for a phone:\n{code}")));
+        code.iter().for_each(|code| tracing::info!("for a phone:\n{code}"));
     }
     Ok(())
 }

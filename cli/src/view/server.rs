@@ -10,7 +10,7 @@ use super::{
     studio::Shot,
     upload,
 };
-use crate::{failure::Failure, interrupt, progress::Talk};
+use crate::{failure::Failure, interrupt};
 use axum::{
     Router,
     body::Bytes,
@@ -94,7 +94,6 @@ pub(super) struct Site {
     pub(super) arrivals: PathBuf,
     /// Room for pictures that are being sent, in KiB.
     pub(super) sending: Arc<Semaphore>,
-    pub(super) talk: Talk,
 }
 
 impl Site {

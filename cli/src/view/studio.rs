@@ -10,7 +10,6 @@ use crate::{
     background::{Background, Behind},
     failure::Failure,
     machine::{self, Machine},
-    progress::Talk,
 };
 use core::time::Duration;
 use specula_core::{
@@ -82,12 +81,11 @@ impl Studio {
         background: Background,
         near: f32,
         options: MachineOptions,
-        talk: Talk,
     ) -> Result<Self, Failure> {
         let scene = scene.rounded(options.storage());
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
         let rules = shading_model.plan(layout, &needs, None, Channels::Layers).rules;
-        let machine = machine::load(&options, scene, None, &rules, talk)?;
+        let machine = machine::load(&options, scene, None, &rules)?;
         let filtered = Vec::new();
         Ok(Self { machine, options, layout, shading_model, needs, lights, filtered, album, background, near })
     }

@@ -124,7 +124,7 @@ fn add(site: &Site, Announced { name, up, .. }: &Announced, file: &NamedTempFile
     }
     let (label, notes) = site.lights.add(file.path(), &stem, *up).map_err(named)?;
     let notes: Vec<String> = notes.iter().map(|note| renamed(note)).collect();
-    notes.iter().for_each(|note| site.talk.note(note));
+    notes.iter().for_each(|note| tracing::info!("{note}"));
     Ok(json_of(&json!({"id": label.id, "name": label.name, "notes": notes})))
 }
 
