@@ -6,6 +6,9 @@ use specula_core::{
 };
 use specula_io::latlong::{self, UpAxis};
 
+/// Resolution from which on the exact prefilter takes seconds or more.
+pub const RESOLUTION_SLOW: usize = 256;
+
 /// Linear radiance of an environment's numbers.
 pub fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
     match activation {

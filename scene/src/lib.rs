@@ -21,15 +21,19 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+pub mod device;
 pub mod environment;
+mod error;
 pub mod layer;
 mod opened;
 mod renderer;
 mod scene;
 mod shading_model;
 
+pub use device::{Device, ExecutorChoice, RenderOptions};
+pub use error::SceneError;
 pub use layer::Layer;
 pub use opened::OpenedModel;
-pub use renderer::SceneRenderer;
+pub use renderer::{RenderBackend, SceneRenderer};
 pub use scene::Scene;
 pub use shading_model::ShadingModel;

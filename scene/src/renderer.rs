@@ -1,38 +1,223 @@
-//! A scene on an executor.
+//! Renderer of a scene, whatever its executor.
 
+use crate::{
+    Scene, SceneError,
+    device::{Device, RenderOptions},
+    environment::RESOLUTION_SLOW,
+};
+use core::fmt;
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     executor::{RenderRules, Renderer},
+    pack::Storage,
+    plan::{Channels, Plan},
     scene::{Environment, Gaussians, Image},
 };
+use specula_cpu::{CpuViewer, prefilter::Light};
+#[cfg(feature = "gpu")]
+use specula_gpu::{GpuExecutor, GpuViewer};
 use specula_io::picture::{self, RgbImage};
 use specula_train::evaluate::{over_background, render_view};
 
-/// Scene that was uploaded to an executor, its light filtered, with the rules of its pictures.
-#[derive(Debug)]
-pub struct SceneRenderer<E: Renderer> {
+/// Gaussians and filtered lights on an executor: the object-safe side of a [`SceneRenderer`].
+///
+/// Lights lie in slots, counted from 0. A view under an empty slot has no specular term.
+pub trait RenderBackend: Send {
+    /// Renders a view under the light of a slot: its channels, premultiplied, then transmittance,
+    /// plane by plane.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor.
+    fn render(&mut self, slot: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError>;
+
+    /// Filters a light into a slot, in place of the light that was there.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor, such as a resolution that the prefilter does not take; or
+    /// [`SceneError::Immutable`].
+    fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError>;
+
+    /// Replaces the Gaussians.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor, such as arrays larger than it takes; or [`SceneError::Immutable`].
+    fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError>;
+}
+
+impl fmt::Debug for dyn RenderBackend {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("RenderBackend")
+    }
+}
+
+/// Arrays of an executor.
+struct Uploaded<E: Renderer> {
     exec: E,
     gaussians: Gaussians<E::Array>,
-    light: Option<E::Light>,
+    lights: Vec<Option<E::Light>>,
+    /// Rounds a filtered light to its storage.
+    store: fn(E::Light, Storage) -> E::Light,
+    storage: Storage,
+}
+
+impl<E: Renderer> Uploaded<E>
+where
+    E::Error: Into<SceneError>,
+{
+    fn new(
+        mut exec: E,
+        gaussians: &Gaussians<Vec<f32>>,
+        store: fn(E::Light, Storage) -> E::Light,
+        storage: Storage,
+    ) -> Result<Self, SceneError> {
+        let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
+        Ok(Self { exec, gaussians, lights: Vec::new(), store, storage })
+    }
+}
+
+impl<E> RenderBackend for Uploaded<E>
+where
+    E: Renderer + Send,
+    E::Array: Send,
+    E::Light: Send,
+    E::Error: Into<SceneError>,
+{
+    fn render(&mut self, slot: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
+        let light = self.lights.get(slot).and_then(Option::as_ref);
+        render_view(&mut self.exec, &self.gaussians, light, camera, rules).map_err(Into::into)
+    }
+
+    fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError> {
+        let values = self.exec.upload(&light.values).map_err(Into::into)?;
+        let light = self.exec.prefilter(&light.with_values(values), rules.scheme, rules.levels).map_err(Into::into)?;
+        let count = self.lights.len().max(slot + 1);
+        self.lights.resize_with(count, || None);
+        self.lights[slot] = Some((self.store)(light, self.storage));
+        Ok(())
+    }
+
+    fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+        self.gaussians = self.exec.upload_gaussians(gaussians).map_err(Into::into)?;
+        Ok(())
+    }
+}
+
+/// Uploads Gaussians, which are rounded to their storage, to an executor of these options.
+fn upload(
+    device: Device,
+    gaussians: &Gaussians<Vec<f32>>,
+    cutoffs: Cutoffs,
+    storage: Storage,
+) -> Result<Box<dyn RenderBackend>, SceneError> {
+    Ok(match device {
+        Device::Cpu => Box::new(Uploaded::new(CpuViewer::new(cutoffs), gaussians, rounded, storage)?),
+        // The viewer rounds what it stores.
+        #[cfg(feature = "gpu")]
+        Device::Gpu(gpu) => {
+            let exec = GpuViewer::new(GpuExecutor::new(gpu), storage);
+            Box::new(Uploaded::new(exec, gaussians, |light, _| light, storage)?)
+        }
+    })
+}
+
+fn rounded(mut light: Light, storage: Storage) -> Light {
+    light.round(storage);
+    light
+}
+
+/// Scene on an executor, its light filtered, with the rules of its pictures.
+///
+/// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own
+/// ([`SceneRenderer::with_executor`]). Other lights may be filtered beside the scene's own and looked
+/// up view by view ([`SceneRenderer::render_lit`]).
+#[derive(Debug)]
+pub struct SceneRenderer {
+    backend: Box<dyn RenderBackend>,
     rules: RenderRules,
 }
 
-impl<E: Renderer> SceneRenderer<E> {
-    pub(crate) fn new(
-        mut exec: E,
-        gaussians: &Gaussians<Vec<f32>>,
-        light: Option<&Environment<Vec<f32>>>,
-        rules: RenderRules,
-    ) -> Result<Self, E::Error> {
-        let gaussians = exec.upload_gaussians(gaussians)?;
-        let light = match light {
-            Some(light) => {
-                let values = exec.upload(&light.values)?;
-                Some(exec.prefilter(&light.with_values(values), rules.scheme, rules.levels)?)
-            }
-            None => None,
-        };
-        Ok(Self { exec, gaussians, light, rules })
+impl SceneRenderer {
+    /// Slot of the scene's own light.
+    pub const SCENE_LIGHT: usize = 0;
+
+    /// Renderer of views with these channels. Stages that the scene does not need are left out,
+    /// which changes no bit of its pictures.
+    ///
+    /// # Errors
+    ///
+    /// A device that cannot be opened ([`RenderOptions`]), or those of its executor.
+    pub fn new(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
+        let scene = scene.rounded(options.storage);
+        let Plan { rules, .. } = scene.plan(channels);
+        Self::with_rules(&scene, rules, options)
+    }
+
+    /// Renderer of views with these channels, no stage left out: the reference for
+    /// [`SceneRenderer::new`].
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::new`].
+    pub fn unplanned(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
+        let scene = scene.rounded(options.storage);
+        let Plan { full, .. } = scene.plan(channels);
+        Self::with_rules(&scene, full, options)
+    }
+
+    /// Renderer of views with these channels, for lights that are set later: the scene's own is not
+    /// filtered.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::new`].
+    pub fn without_light(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
+        let scene = Scene { light: None, ..scene.rounded(options.storage) };
+        let Plan { rules, .. } = scene.plan(channels);
+        Self::with_rules(&scene, rules, options)
+    }
+
+    /// Renderer on the caller's executor.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor: a scene larger than its arrays may be.
+    pub fn with_executor<E>(exec: E, scene: &Scene, channels: Channels) -> Result<Self, SceneError>
+    where
+        E: Renderer + Send + 'static,
+        E::Array: Send,
+        E::Light: Send,
+        E::Error: Into<SceneError>,
+    {
+        let Plan { rules, .. } = scene.plan(channels);
+        let backend = Box::new(Uploaded::new(exec, &scene.gaussians, |light, _| light, Storage::F32)?);
+        Self { backend, rules }.lit_by(scene.light_for(&rules))
+    }
+
+    /// Renderer on a backend that holds the Gaussians and the light of `scene`.
+    pub fn with_backend(backend: Box<dyn RenderBackend>, scene: &Scene, channels: Channels) -> Self {
+        Self { backend, rules: scene.plan(channels).rules }
+    }
+
+    /// Renderer of a scene whose Gaussians are rounded already.
+    fn with_rules(scene: &Scene, rules: RenderRules, options: &RenderOptions) -> Result<Self, SceneError> {
+        let light = scene.light_for(&rules);
+        if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
+            tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
+        }
+        let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection);
+        let backend = upload(options.open()?, &scene.gaussians, cutoffs, options.storage)?;
+        Self { backend, rules }.lit_by(light)
+    }
+
+    fn lit_by(mut self, light: Option<Environment<Vec<f32>>>) -> Result<Self, SceneError> {
+        if let Some(light) = light {
+            self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules)?;
+        }
+        Ok(self)
     }
 
     /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that `specula
@@ -41,7 +226,7 @@ impl<E: Renderer> SceneRenderer<E> {
     /// # Errors
     ///
     /// Those of [`SceneRenderer::render`].
-    pub fn picture(&mut self, camera: &Camera, background: [f32; 3]) -> Result<RgbImage, E::Error> {
+    pub fn picture(&mut self, camera: &Camera, background: [f32; 3]) -> Result<RgbImage, SceneError> {
         let image = self.render(camera)?;
         Ok(picture::rgb(image.width, image.height, &over_background(&image, background)))
     }
@@ -54,8 +239,47 @@ impl<E: Renderer> SceneRenderer<E> {
     ///
     /// Those of the executor: a picture with more splats in its tiles than can be counted, or a
     /// device that was lost.
-    pub fn render(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, E::Error> {
-        render_view(&mut self.exec, &self.gaussians, self.light.as_ref(), camera, &self.rules)
+    pub fn render(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, SceneError> {
+        self.backend.render(Self::SCENE_LIGHT, camera, &self.rules)
+    }
+
+    /// View of the scene under the light of a slot, by rules of the caller.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::render`].
+    pub fn render_lit(
+        &mut self,
+        slot: usize,
+        camera: &Camera,
+        rules: &RenderRules,
+    ) -> Result<Image<Vec<f32>>, SceneError> {
+        self.backend.render(slot, camera, rules)
+    }
+
+    /// Filters a light into a slot, by the scheme and the levels of `rules`. Its resolution is one
+    /// that the prefilter takes ([`fitting`](crate::environment::fitting)).
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor; [`SceneError::Immutable`] for backends that keep their light.
+    pub fn set_light(
+        &mut self,
+        slot: usize,
+        light: &Environment<Vec<f32>>,
+        rules: &RenderRules,
+    ) -> Result<(), SceneError> {
+        self.backend.set_light(slot, light, rules)
+    }
+
+    /// Replaces the Gaussians by others, rounded to the storage of the renderer
+    /// ([`Scene::rounded`]).
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor; [`SceneError::Immutable`] for backends that keep their Gaussians.
+    pub fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+        self.backend.set_gaussians(gaussians)
     }
 
     /// Rules of its pictures, without stages that the scene does not need.

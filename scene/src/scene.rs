@@ -1,7 +1,7 @@
 //! Gaussians, their light and their shading model.
 
 use crate::{
-    ShadingModel,
+    SceneError, ShadingModel,
     environment::{fitting, levels_of},
     renderer::SceneRenderer,
 };
@@ -46,14 +46,14 @@ impl Scene {
     /// # Errors
     ///
     /// Those of the executor: a scene larger than its arrays may be.
-    pub fn renderer<E: Renderer>(
-        &self,
-        exec: E,
-        channels: Channels,
-    ) -> core::result::Result<SceneRenderer<E>, E::Error> {
-        let Plan { rules, .. } = self.plan(channels);
-        let light = self.light_for(&rules);
-        SceneRenderer::new(exec, &self.gaussians, light.as_ref(), rules)
+    pub fn renderer<E>(&self, exec: E, channels: Channels) -> core::result::Result<SceneRenderer, SceneError>
+    where
+        E: Renderer + Send + 'static,
+        E::Array: Send,
+        E::Light: Send,
+        E::Error: Into<SceneError>,
+    {
+        SceneRenderer::with_executor(exec, self, channels)
     }
 
     /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.

@@ -1,0 +1,173 @@
+//! Choice of an executor at run time.
+
+use crate::SceneError;
+use core::{fmt, str::FromStr};
+use specula_core::{pack::Storage, perspective::ProjectionModel};
+#[cfg(feature = "gpu")]
+use specula_gpu::{
+    Gpu,
+    device::{AdapterReport, adapters},
+};
+
+/// Executor that is asked for: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum ExecutorChoice {
+    /// First GPU of real hardware, else the CPU.
+    #[default]
+    Auto,
+    /// CPU.
+    Cpu,
+    /// First wgpu adapter with this in its name; any adapter if empty.
+    Gpu(String),
+}
+
+/// Text that names no [`ExecutorChoice`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("use auto, cpu, gpu or gpu:NAME")]
+pub struct InvalidExecutor;
+
+impl FromStr for ExecutorChoice {
+    type Err = InvalidExecutor;
+
+    fn from_str(text: &str) -> Result<Self, InvalidExecutor> {
+        match text.split_once(':').unwrap_or((text, "")) {
+            ("auto", "") => Ok(Self::Auto),
+            ("cpu", "") => Ok(Self::Cpu),
+            ("gpu", name) => Ok(Self::Gpu(name.to_owned())),
+            _ => Err(InvalidExecutor),
+        }
+    }
+}
+
+impl fmt::Display for ExecutorChoice {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => out.write_str("auto"),
+            Self::Cpu => out.write_str("cpu"),
+            Self::Gpu(name) if name.is_empty() => out.write_str("gpu"),
+            Self::Gpu(name) => write!(out, "gpu:{name}"),
+        }
+    }
+}
+
+impl serde::Serialize for ExecutorChoice {
+    fn serialize<S: serde::Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_str(self)
+    }
+}
+
+impl ExecutorChoice {
+    /// Opens the device that is asked for. With [`ExecutorChoice::Auto`], a GPU that cannot be
+    /// opened is logged, and the CPU takes its place.
+    ///
+    /// # Errors
+    ///
+    /// No adapter of that name, an adapter that gives no device, or a build without the feature
+    /// `gpu`.
+    pub fn open(&self) -> Result<Device, SceneError> {
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(name) => Ok(Device::Gpu(Gpu::new(name)?)),
+            #[cfg(feature = "gpu")]
+            Self::Auto => Ok(default_device()),
+            #[cfg(not(feature = "gpu"))]
+            Self::Gpu(_) => Err(SceneError::GpuUnsupported),
+            #[cfg(not(feature = "gpu"))]
+            Self::Auto => Ok(Device::Cpu),
+        }
+    }
+}
+
+/// Device of an executor.
+#[derive(Debug)]
+pub enum Device {
+    /// CPU, on the threads of rayon's current pool.
+    Cpu,
+    /// GPU, opened.
+    #[cfg(feature = "gpu")]
+    Gpu(Gpu),
+}
+
+#[cfg(feature = "gpu")]
+fn default_device() -> Device {
+    if !may_have_hardware() {
+        return Device::Cpu;
+    }
+    let adapters = adapters();
+    let Some(report) = preferred_adapter(&adapters) else { return Device::Cpu };
+    Gpu::new(&report.info.name).map_or_else(
+        |error| {
+            tracing::info!("{error}; the processor takes over");
+            Device::Cpu
+        },
+        Device::Gpu,
+    )
+}
+
+/// Presence of device files of GPUs, which Linux has. Without them drivers are not asked for
+/// adapters, which takes time and makes some of them print warnings.
+#[cfg(feature = "gpu")]
+fn may_have_hardware() -> bool {
+    const DEVICES: [&str; 3] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
+    !cfg!(target_os = "linux") || DEVICES.iter().any(|device| std::path::Path::new(device).exists())
+}
+
+/// Adapter of [`ExecutorChoice::Auto`]: the first of real hardware. Software drivers are slower than
+/// the CPU executor.
+#[cfg(feature = "gpu")]
+pub fn preferred_adapter(adapters: &[AdapterReport]) -> Option<&AdapterReport> {
+    adapters.iter().find(|adapter| !adapter.is_software)
+}
+
+/// Executor of renderings, its numbers in memory, and its projection.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Executor.
+    pub executor: ExecutorChoice,
+    /// Precision of Gaussians and of filtered light in memory.
+    pub storage: Storage,
+    /// Projection of Gaussians; models other than the affine one are computed by the CPU alone.
+    pub projection: ProjectionModel,
+}
+
+impl Default for RenderOptions {
+    /// Options of [`RenderOptions::full_precision`] with [`ExecutorChoice::Auto`].
+    fn default() -> Self {
+        Self::full_precision(ExecutorChoice::Auto)
+    }
+}
+
+impl RenderOptions {
+    /// Executor with 32-bit numbers and the affine projection of training.
+    pub const fn full_precision(executor: ExecutorChoice) -> Self {
+        Self { executor, storage: Storage::F32, projection: ProjectionModel::Affine }
+    }
+
+    /// Opens the device of the executor; the CPU for projection models that it alone has.
+    pub(crate) fn open(&self) -> Result<Device, SceneError> {
+        match (&self.executor, self.projection) {
+            (executor, ProjectionModel::Affine) => executor.open(),
+            (ExecutorChoice::Gpu(_), _) => Err(SceneError::ProjectionUnsupported),
+            _ => Ok(Device::Cpu),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_executor_is_named_with_or_without_its_adapter() {
+        assert_eq!("auto".parse(), Ok(ExecutorChoice::Auto));
+        assert_eq!("cpu".parse(), Ok(ExecutorChoice::Cpu));
+        assert_eq!("gpu".parse(), Ok(ExecutorChoice::Gpu(String::new())));
+        assert_eq!("gpu:llvmpipe".parse(), Ok(ExecutorChoice::Gpu("llvmpipe".to_owned())));
+        for typed in ["auto", "cpu", "gpu", "gpu:llvmpipe"] {
+            assert_eq!(typed.parse().map(|choice: ExecutorChoice| choice.to_string()).as_deref(), Ok(typed));
+        }
+        assert!("cuda".parse::<ExecutorChoice>().is_err());
+        assert!("cpu:0".parse::<ExecutorChoice>().is_err());
+    }
+}
