@@ -5,7 +5,7 @@
 //! Without a model, a ring of Gaussians is drawn.
 
 use core::error::Error;
-use specula_core::{camera::Camera, plan::Channels};
+use specula_core::{camera::Camera, rules::Channels};
 use specula_cpu::CpuExecutor;
 use specula_examples::ring;
 use specula_io::picture;

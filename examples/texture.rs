@@ -4,10 +4,10 @@
 use core::error::Error;
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pipeline,
-    plan::Channels,
     prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
     scene::Gaussians,
     shade::ShadingRules,
 };

@@ -10,7 +10,7 @@ use crate::{
 use specula_core::{
     camera::Camera,
     metrics::{angle_degrees, psnr},
-    plan::channel,
+    rules::channel,
     scene::Image,
 };
 use specula_cpu::CpuError;

@@ -1,11 +1,13 @@
 //! How far alphas are from those along rays, by how far off the axis a Gaussian is seen.
 
 use specula_core::{
-    blend::{self, Splat2d},
+    blend,
     camera::Camera,
+    cutoffs::ProjectionModel,
     double::Double,
-    perspective::{self, Perspective, ProjectionModel, perspective},
-    project::{Shape, Splat, project},
+    perspective::{self, Perspective, perspective},
+    project::{Shape, project},
+    splat::{Splat, Splat2d},
     vector::vec3,
 };
 
@@ -87,7 +89,7 @@ impl Seen {
         let camera = camera.lift(Double(0.0)).for_projection(projection);
         let splat = project(shape, &camera);
         let own = perspective(projection, shape, &splat, &camera);
-        Self { stamp: blend::stamp(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
+        Self { stamp: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
     }
 
     /// Strength at an offset from the mean.

@@ -6,7 +6,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     double::Double,
-    plan::{Channels, channel},
+    rules::{Channels, channel},
     scene::{Gaussians, Image},
     vector::Vec3,
 };

@@ -3,8 +3,12 @@
 use crate::subject::Subject;
 use core::fmt;
 use specula_core::{
-    bin::ALPHA_MIN, blend::TRANSMITTANCE_MIN, cutoffs::Cutoffs, executor::RenderRules, pack::Storage,
-    perspective::ProjectionModel, plan::Channels, prefilter::PrefilterScheme, random, shade::ShadingForm,
+    cutoffs::{ALPHA_MIN, Cutoffs, ProjectionModel, TRANSMITTANCE_MIN},
+    pack::Storage,
+    prefilter::PrefilterScheme,
+    random,
+    rules::{Channels, RenderRules},
+    shade::ShadingForm,
 };
 
 /// How every knob is turned.

@@ -3,9 +3,10 @@
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use specula_core::{
     double::Double,
-    executor::{RenderRules, Renderer},
-    plan::{Channels, Needs, Plan},
+    executor::Renderer,
+    plan::{Needs, Plan},
     prefilter::{Levels, PrefilterScheme},
+    rules::{Channels, RenderRules},
     scene::Image,
     shade::{ShadingForm, ShadingRules},
 };

@@ -4,11 +4,12 @@ use crate::{reference::Reference, setting::Setting, subject::Subject};
 use core::cell::OnceCell;
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::Storage,
     pipeline::render,
-    plan::{Channels, Needs, Plan},
+    plan::{Needs, Plan},
     prefilter::{LevelRange, Levels, PrefilterScheme},
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors};

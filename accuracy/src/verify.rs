@@ -7,7 +7,7 @@ use crate::{
     subject::Subject,
     trial::{Taken, Trial},
 };
-use specula_core::{camera::Camera, plan::Channels, scene::Image};
+use specula_core::{camera::Camera, rules::Channels, scene::Image};
 use specula_cpu::CpuError;
 use specula_train::evaluate::over_background;
 

@@ -11,10 +11,11 @@ use specula_benches::{
     work::{self, Work, work_of},
 };
 use specula_core::{
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::Storage,
-    plan::{Channels, Needs, Plan},
+    plan::{Needs, Plan},
     prefilter::LevelRange,
+    rules::{Channels, RenderRules},
     scene::{Gaussians, TINT},
 };
 use specula_cpu::CpuExecutor;

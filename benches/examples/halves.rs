@@ -5,11 +5,11 @@ use core::ops::Range;
 use specula_benches::{camera, environment, scene::LIGHT, torus, trained::Trained};
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     metrics::psnr,
     pack::{Storage, pack2, unpack2},
-    plan::Channels,
     prefilter::LevelRange,
+    rules::{Channels, RenderRules},
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
 };
 use specula_cpu::{CpuExecutor, prefilter::Light};

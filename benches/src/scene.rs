@@ -3,10 +3,10 @@
 use crate::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
-    pipeline::{Fit, TrainingStep, train_step},
-    plan::Channels,
+    executor::{AdamMoments, Executor, Renderer, Statistics, TrainingStep},
+    pipeline::{Fit, train_step},
     prefilter::LevelRange,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians},
 };
 use specula_train::profile::{Profile, by_name};

@@ -7,11 +7,11 @@ use crate::{
 use core::cell::RefCell;
 use specula_core::{
     cubemap::FACE_COUNT,
-    executor::{Executor, RenderRules, Renderer},
+    executor::{Executor, Renderer},
     pack::{FULL_PLANES, Storage},
     pipeline::render,
-    plan::Channels,
     prefilter::LevelRange,
+    rules::{Channels, RenderRules},
     scene::{DIFFUSE, Layout},
 };
 

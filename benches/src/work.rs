@@ -4,10 +4,11 @@
 use core::fmt;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{Composite, PixelState, Splat2d, alpha, falloff, is_active, may_overlap, stamp, step},
+    blend::{Composite, PixelState, alpha, falloff, is_active, may_overlap, step},
     camera::Camera,
     executor::Renderer,
     scene::Gaussians,
+    splat::Splat2d,
 };
 use specula_cpu::{
     CpuExecutor,
@@ -67,7 +68,7 @@ pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
 }
 
 fn stamp_of(record: &SplatRecord) -> Splat2d<f32> {
-    stamp(record.mean2d, record.root_conic, record.log2_opacity)
+    Splat2d::new(record.mean2d, record.root_conic, record.log2_opacity)
 }
 
 /// From a splat's centre to that of a pixel.
@@ -135,7 +136,7 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
 mod tests {
     use super::{blend_plainly, count};
     use crate::{camera, torus};
-    use specula_core::executor::{RenderRules, Renderer};
+    use specula_core::{executor::Renderer, rules::RenderRules};
     use specula_cpu::CpuExecutor;
     use specula_train::profile::by_name;
 
@@ -146,7 +147,7 @@ mod tests {
     fn the_loop_and_the_kernels_give_the_same_picture() {
         let profile = by_name("3dgs", 100).expect("a profile of that name");
         let (cloud, camera) = (torus(2000, &profile), camera(90));
-        let channels = specula_core::plan::Channels::Color;
+        let channels = specula_core::rules::Channels::Color;
         let rules = RenderRules::full(profile.shading, profile.scheme, channels);
         let mut exec = CpuExecutor::new();
         let mut splats = exec.project(&cloud, &camera).expect("the CPU projects");

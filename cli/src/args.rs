@@ -18,7 +18,7 @@ use clap::{
 use core::net::{Ipv4Addr, SocketAddr};
 use glam::Vec3;
 use serde::{Serialize, Serializer};
-use specula_core::{pack::Storage, perspective::ProjectionModel};
+use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::{
     budget::view_size,
     latlong::{Stand, UpAxis},
@@ -769,7 +769,7 @@ pub(crate) struct Export {
     #[arg(long, alias = "sh_degree", value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
     pub(crate) sh_degree: Option<u8>,
     /// Omit Gaussians whose opacity is below this; below 1/255, the default, they are invisible.
-    #[arg(long, alias = "min_opacity", value_name = "0..1", default_value_t = specula_core::bin::ALPHA_MIN, value_parser = share)]
+    #[arg(long, alias = "min_opacity", value_name = "0..1", default_value_t = specula_core::cutoffs::ALPHA_MIN, value_parser = share)]
     pub(crate) min_opacity: f32,
     /// Another light, instead of the scene's: a lat-long map, .hdr or .exr (.png, .jpg and .webp end at white).
     #[arg(long, value_name = "FILE")]

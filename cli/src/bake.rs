@@ -16,9 +16,9 @@ use rayon::prelude::*;
 use specula_core::{
     activation::sigmoid,
     camera::Camera,
-    executor::{Executor, RenderRules, Renderer},
-    plan::{Channels, channel},
+    executor::{Executor, Renderer},
     prefilter::LevelRange,
+    rules::{Channels, RenderRules, channel},
     scene::{
         BLOCK, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
         ROUGHNESS, TINT, len_of_values,

@@ -18,7 +18,7 @@ use crate::{
     scene::Renderer,
 };
 use serde_json::{Map, Value, json};
-use specula_core::plan::Channels;
+use specula_core::rules::Channels;
 use specula_io::{
     cameras::NamedCamera,
     dataset::LoadOptions,

@@ -20,7 +20,7 @@ use crate::{
 use relit::Relit;
 use seen::Seen;
 use serde_json::{Map, Value};
-use specula_core::plan::Channels;
+use specula_core::rules::Channels;
 use specula_io::{dataset::LoadOptions, model_folder};
 use specula_scene::OpenedModel;
 use specula_train::{evaluate::fitted_psnr, view::View};

@@ -20,7 +20,7 @@ use specula_core::{
     camera::Camera,
     cull::CullReason,
     metrics::psnr,
-    plan::Channels,
+    rules::Channels,
     scene::{Gaussians, Layout, OPACITY, len_of_values},
 };
 use specula_io::{

@@ -5,9 +5,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
     activation::sigmoid,
-    bin::ALPHA_MIN,
     camera::Camera,
-    plan::{Channels, channel},
+    cutoffs::ALPHA_MIN,
+    rules::{Channels, channel},
     scene::{Gaussians, Image, MEAN, OPACITY},
     tsdf::{CORNERS, Voxel, vertex},
 };

@@ -13,9 +13,9 @@ use specula_core::{
     activation::sigmoid,
     cubemap::FACE_COUNT,
     cull::CullStats,
-    executor::RenderRules,
     expose::expose,
-    plan::{Channels, Plan, Unlit, channel},
+    plan::{Plan, Unlit},
+    rules::{Channels, RenderRules, channel},
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
     vector::Vec3,
 };

@@ -9,10 +9,10 @@ use crate::{
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
-    cutoffs::Cutoffs,
-    executor::{Executor, RenderRules, Renderer},
+    cutoffs::{Cutoffs, ProjectionModel},
+    executor::{Executor, Renderer},
     pack::Storage,
-    perspective::ProjectionModel,
+    rules::RenderRules,
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuExecutor, CpuViewer, prefilter::Light};

@@ -9,7 +9,7 @@ use crate::{
     output::stem,
     scene::background_of,
 };
-use specula_core::{pack::Storage, perspective::ProjectionModel};
+use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::{cameras, model_folder::method_of};
 use specula_scene::{Layer, OpenedModel};
 use std::{

@@ -20,7 +20,7 @@ use core::ops::RangeInclusive;
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
-    plan::Channels,
+    rules::Channels,
     scene::{Environment, Image, RadianceActivation},
     shade::ShadingForm,
 };

@@ -15,8 +15,8 @@ use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
     cull::{CullReason, CullStats},
-    executor::RenderRules,
-    plan::{Channels, Plan},
+    plan::Plan,
+    rules::{Channels, RenderRules},
     scene::{Environment, Image},
 };
 use specula_io::{

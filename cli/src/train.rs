@@ -19,7 +19,7 @@ use crate::{
 };
 use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
-use specula_core::{camera::Camera, plan::Channels};
+use specula_core::{camera::Camera, rules::Channels};
 use specula_io::{
     self as io,
     cameras::NamedCamera,

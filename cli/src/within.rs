@@ -11,7 +11,7 @@ use specula_accuracy::{
 };
 use specula_core::{
     camera::Camera,
-    executor::RenderRules,
+    rules::RenderRules,
     scene::{Environment, Gaussians, Image},
 };
 use specula_scene::Scene;

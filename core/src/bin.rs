@@ -1,22 +1,13 @@
 //! Which tiles of the screen a splat touches.
 
-use crate::{cutoffs::Cutoffs, project::Splat, real::Real};
+use crate::{
+    cutoffs::Cutoffs,
+    real::Real,
+    splat::{Footprint, Outline, Splat},
+};
 
 /// Pixels along an edge of a tile.
 pub const TILE_SIZE: u32 = 16;
-/// A splat is not drawn where its alpha is below this: half a step of an 8-bit picture (INRIA's value).
-pub const ALPHA_MIN: f32 = 1.0 / 255.0;
-
-/// Where a splat's alpha reaches [`ALPHA_MIN`]: the ellipse |W δ| ≤ `reach` around its mean.
-#[derive(Clone, Copy, Debug)]
-pub struct Footprint<R> {
-    /// Centre, in pixels.
-    pub mean2d: [R; 2],
-    /// Root of the conic.
-    pub root_conic: [R; 3],
-    /// √(2 ln(opacity / ALPHA_MIN)); negative where nothing is to be drawn.
-    pub reach: R,
-}
 
 /// The footprint of a splat; `reach` is −1 for one that is too faint, too near, or not a number.
 #[inline(always)]
@@ -47,20 +38,6 @@ pub fn footprint_within<R: Real>(splat: &Splat<R>, cutoffs: &Cutoffs) -> Footpri
 #[inline(always)]
 pub fn half_extent<R: Real>(splat: &Splat<R>, reach: R) -> [R; 2] {
     [splat.variance[0].sqrt() * reach, splat.variance[1].sqrt() * reach]
-}
-
-/// The outline of a footprint, a x² + 2 b x y + c y² = reach² around its centre, prepared for many bands of y.
-#[derive(Clone, Copy, Debug)]
-pub struct Outline<R> {
-    center: [R; 2],
-    /// −b / a: how the middle of the outline moves along x with y.
-    slope: R,
-    /// reach² / a and (a c − b²) / a²: the half width at y is √(first − second · y²).
-    half_width: [R; 2],
-    /// y of the rightmost point; that of the leftmost is its negative.
-    extreme_y: R,
-    /// Largest y; NaN or infinite where the outline is no ellipse in `f32`.
-    reach_y: R,
 }
 
 /// The outline of a footprint that is drawn.

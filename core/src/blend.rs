@@ -1,42 +1,20 @@
 //! One step of compositing: a splat over what is already in a pixel (paper, eq. C).
 //!
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that would bring its
-//! transmittance below [`TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
+//! transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
 //! background.
 
-use crate::{cutoffs::Cutoffs, project::SplatGrad, real::Real};
+use crate::{
+    cutoffs::Cutoffs,
+    real::Real,
+    splat::{ROOT_SCALE, Splat2d, SplatGrad},
+};
 
 /// No splat is more opaque than this, so that the light behind it, and its gradient, can be recovered.
 pub const MAX_ALPHA: f32 = 0.99;
-/// (1 − MAX_ALPHA)²: two opaque splats end a pixel.
-pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
-/// log₂ of [`crate::bin::ALPHA_MIN`], 1/255.
-pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;
 /// log₂ of [`MAX_ALPHA`].
 const LOG2_MAX_ALPHA: f32 = -0.014_499_57;
-/// What rounding can make of the logarithm of an alpha, and more.
-const LOG2_ALPHA_MARGIN: f32 = 0.005_646_6;
-/// √(½ log₂ e): scales the root of the conic so that the falloff is a power of two.
-pub const ROOT_SCALE: f32 = 0.849_321_8;
-
-/// A splat as compositing reads it.
-#[derive(Clone, Copy, Debug)]
-pub struct Splat2d<R> {
-    /// Centre, in pixels.
-    pub mean2d: [R; 2],
-    /// Root of the conic, scaled for powers of two.
-    pub root: [R; 3],
-    /// Logarithm of the opacity to base two.
-    pub log2_opacity: R,
-}
-
-/// The stamp of a splat with this centre, root of the conic and logarithm of the opacity to base two.
-#[inline(always)]
-pub fn stamp<R: Real>(mean2d: [R; 2], root_conic: [R; 3], log2_opacity: R) -> Splat2d<R> {
-    let [xx, yx, yy] = root_conic;
-    Splat2d { mean2d, root: [xx * ROOT_SCALE, yx * ROOT_SCALE, yy * ROOT_SCALE], log2_opacity }
-}
 
 /// A splat at one pixel.
 #[derive(Clone, Copy, Debug)]
@@ -49,23 +27,23 @@ pub struct Falloff<R> {
 
 /// How strong a splat is at the offset δ = pixel centre − mean.
 #[inline(always)]
-pub fn falloff<R: Real>(stamp: &Splat2d<R>, dx: R, dy: R) -> Falloff<R> {
-    let offset = scaled_offset(stamp, dx, dy);
-    Falloff { offset, log2_strength: log2_strength(stamp.log2_opacity, offset) }
+pub fn falloff<R: Real>(splat: &Splat2d<R>, dx: R, dy: R) -> Falloff<R> {
+    let offset = scaled_offset(splat, dx, dy);
+    Falloff { offset, log2_strength: log2_strength(splat.log2_opacity, offset) }
 }
 
 /// Scaled W δ.
 #[inline(always)]
-pub fn scaled_offset<R: Real>(stamp: &Splat2d<R>, dx: R, dy: R) -> [R; 2] {
-    let [xx, yx, yy] = stamp.root;
+pub fn scaled_offset<R: Real>(splat: &Splat2d<R>, dx: R, dy: R) -> [R; 2] {
+    let [xx, yx, yy] = splat.root;
     [xx * dx, yx.mul_add(dx, yy * dy)]
 }
 
 /// Scaled W δ of the point from which means are measured, −W mean.
 #[inline(always)]
-pub fn offset_of_origin<R: Real>(stamp: &Splat2d<R>) -> [R; 2] {
-    let [x, y] = stamp.mean2d;
-    scaled_offset(stamp, -x, -y)
+pub fn offset_of_origin<R: Real>(splat: &Splat2d<R>) -> [R; 2] {
+    let [x, y] = splat.mean2d;
+    scaled_offset(splat, -x, -y)
 }
 
 /// Scaled W δ of a pixel: it is linear in the pixel, so what the origin has is added to W p.
@@ -89,8 +67,8 @@ pub fn passes_alpha_test<R: Real>(log2_strength: R) -> R::Mask {
 /// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
 /// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
 #[inline(always)]
-pub fn may_overlap<R: Real>(stamp: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
-    Cutoffs::DEFAULT.may_overlap_column(stamp, &column_of(stamp, dx), dy)
+pub fn may_overlap<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
+    Cutoffs::DEFAULT.may_overlap_column(splat, &column_of(splat, dx), dy)
 }
 
 /// What a splat is in all boxes between the same bounds of δx.
@@ -104,17 +82,17 @@ pub struct Column<R> {
 
 /// A splat between two bounds of δx; see [`Cutoffs::may_overlap_column`].
 #[inline(always)]
-pub fn column_of<R: Real>(stamp: &Splat2d<R>, dx: [R; 2]) -> Column<R> {
-    let [xx, yx, _] = stamp.root;
+pub fn column_of<R: Real>(splat: &Splat2d<R>, dx: [R; 2]) -> Column<R> {
+    let [xx, yx, _] = splat.root;
     let slant = [yx * dx[0], yx * dx[1]];
     let u = distance_to_zero(xx * dx[0], xx * dx[1]);
-    Column { most: (-u).mul_add(u, stamp.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
+    Column { most: (-u).mul_add(u, splat.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
 }
 
 /// Least scaled |W δ|² in a box of offsets, or less.
 #[inline(always)]
-pub(crate) fn least_squared<R: Real>(stamp: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R {
-    let [xx, yx, yy] = stamp.root;
+pub(crate) fn least_squared<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R {
+    let [xx, yx, yy] = splat.root;
     let slant = [yx * dx[0], yx * dx[1]];
     let u = distance_to_zero(xx * dx[0], xx * dx[1]);
     let (low, high) = (slant[0].min(slant[1]), slant[0].max(slant[1]));
@@ -137,7 +115,7 @@ pub fn alpha<R: Real>(log2_strength: R) -> R {
 /// What a pixel lets through while splats come, front to back.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelState<R> {
-    /// Transmittance in front of the next splat. It only falls: once it is below [`TRANSMITTANCE_MIN`], the pixel has
+    /// Transmittance in front of the next splat. It only falls: once it is below [`crate::cutoffs::TRANSMITTANCE_MIN`], the pixel has
     /// ended.
     pub transmittance: R,
     /// Transmittance of the picture: that of a pixel that goes on, and what a pixel that has ended had before.
@@ -175,22 +153,12 @@ pub fn step<R: Real>(alpha: R, front: PixelState<R>) -> Composite<R> {
 
 /// The formulas that know where a picture stops to look further.
 impl Cutoffs {
-    /// Whether a splat of this strength is seen at all.
-    #[inline(always)]
-    pub fn passes_alpha_test<R: Real>(&self, log2_strength: R) -> R::Mask {
-        log2_strength.constant(self.log2_alpha_min).less_or_equal(log2_strength)
-    }
     /// [`may_overlap`] in a box of a column.
     #[inline(always)]
-    pub fn may_overlap_column<R: Real>(&self, stamp: &Splat2d<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
-        let [_, _, yy] = stamp.root;
+    pub fn may_overlap_column<R: Real>(&self, splat: &Splat2d<R>, column: &Column<R>, dy: [R; 2]) -> R::Mask {
+        let [_, _, yy] = splat.root;
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
-        self.may_reach((-w).mul_add(w, column.most))
-    }
-    /// Whether a splat of no more than this strength may be seen, whatever was rounded.
-    #[inline(always)]
-    pub(crate) fn may_reach<R: Real>(&self, log2_strength: R) -> R::Mask {
-        log2_strength.constant(self.log2_alpha_min - LOG2_ALPHA_MARGIN).less_or_equal(log2_strength)
+        self.may_pass_alpha_test((-w).mul_add(w, column.most))
     }
     /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen, which is told by the
     /// logarithm, while its power is still being worked out.
@@ -198,11 +166,6 @@ impl Cutoffs {
     pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
         let strength = log2_strength.exp2_of_small();
         strength.min(strength.constant(MAX_ALPHA)).keep(self.passes_alpha_test(log2_strength))
-    }
-    /// Whether a pixel with this transmittance goes on.
-    #[inline(always)]
-    pub fn is_active<R: Real>(&self, transmittance: R) -> R::Mask {
-        transmittance.constant(self.transmittance_min).less_or_equal(transmittance)
     }
     /// One splat over a pixel.
     #[inline(always)]
@@ -294,8 +257,8 @@ impl<R: Real> OffsetMoments<R> {
 /// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx δx) / W_yy. The depth
 /// gets none: compositing does not read it.
 #[inline(always)]
-pub fn moments_vjp<R: Real>(stamp: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
-    let [xx, yx, yy] = stamp.root;
+pub fn moments_vjp<R: Real>(splat: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
+    let [xx, yx, yy] = splat.root;
     let ([u, w], [uu, uw, ww]) = (moments.first, moments.second);
     let twice_ln_2 = u.constant(4.0).ln();
     let w_dx = uw / xx;

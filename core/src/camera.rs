@@ -1,12 +1,15 @@
 //! A pinhole camera: looks along +z, x to the right, y down; pixel centres at + ½.
 
 use crate::{
-    perspective::ProjectionModel,
-    project::NEAR,
+    cutoffs::ProjectionModel,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
 use glam::{Mat3 as GlamMat3, Vec3 as GlamVec3};
+
+/// Default near plane: Gaussians closer to the camera plane than this are not drawn (INRIA's value,
+/// in scene units).
+pub const NEAR: f32 = 0.2;
 
 /// Where a picture is taken from, and through what.
 #[derive(Clone, Copy, Debug, PartialEq)]

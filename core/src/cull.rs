@@ -148,7 +148,7 @@ fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &
     let lifted = camera.lift(0.0_f32);
     let splat = project(&shape, &lifted);
     let reach = footprint(&splat).reach;
-    if splat.opacity <= crate::bin::ALPHA_MIN {
+    if splat.opacity <= crate::cutoffs::ALPHA_MIN {
         CullReason::Faint
     } else if splat.depth < 0.0 && lifted.to_camera(shape.mean).is_finite() {
         CullReason::Near

@@ -1,31 +1,49 @@
-//! Where a picture stops to look further: what is cut off because it hardly shows, and how splats are projected.
+//! Culling and early-termination thresholds, and the projection model of splats.
 
-use crate::{
-    bin::ALPHA_MIN,
-    blend::{LOG2_ALPHA_MIN, TRANSMITTANCE_MIN},
-    perspective::ProjectionModel,
-    real::Real,
-};
+use crate::real::Real;
 
-/// What is cut off, and how exactly splats are projected. Training and the free functions of [`crate::blend`] and [`mod@crate::bin`] know [`Cutoffs::DEFAULT`]
-/// alone.
+/// Least alpha that is drawn: half a step of an 8-bit picture (INRIA's value).
+pub const ALPHA_MIN: f32 = 1.0 / 255.0;
+/// log₂ of [`ALPHA_MIN`].
+pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;
+/// Margin of log₂ alpha for roundings, and more.
+const LOG2_ALPHA_MARGIN: f32 = 0.005_646_6;
+/// Transmittance at which a pixel ends, (1 − [`MAX_ALPHA`](crate::blend::MAX_ALPHA))²: two opaque
+/// splats end a pixel.
+pub const TRANSMITTANCE_MIN: f32 = 1e-4;
+
+/// Projection of Gaussians to splats. Training supports [`ProjectionModel::Affine`] alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ProjectionModel {
+    /// Local affine (EWA, Zwicker et al. 2001), with INRIA's limit of the slope.
+    Affine,
+    /// Affine onto the plane that touches the unit sphere in the direction of the mean, then exactly
+    /// onto the screen.
+    Tangent,
+    /// Largest response along each pixel's ray ([`crate::perspective`]).
+    Ray,
+    /// [`ProjectionModel::Ray`] for splats whose affine projection is off by more than this alpha,
+    /// to first order; affine for the others.
+    Within(f32),
+}
+
+/// Culling and early-termination thresholds. Training and the free functions of [`crate::blend`] and
+/// [`mod@crate::bin`] use [`Cutoffs::DEFAULT`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutoffs {
-    /// A splat is not drawn where its alpha is below this.
     alpha_min: f32,
-    pub(crate) log2_alpha_min: f32,
-    /// A pixel ends before the splat that would bring its transmittance below this.
-    pub(crate) transmittance_min: f32,
-    /// So many standard deviations a splat reaches into tiles at most.
+    log2_alpha_min: f32,
+    transmittance_min: f32,
     reach_max: f32,
     projection: ProjectionModel,
 }
 
-/// Smaller cutoffs are this: their logarithms and products stay normal numbers.
-const LEAST: f32 = 1e-12;
+/// Floor of the thresholds: logarithms and products of larger ones are normal numbers.
+const THRESHOLD_MIN: f32 = 1e-12;
 
 impl Cutoffs {
-    /// INRIA's: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold a splat wherever it is drawn, and projection is affine.
+    /// INRIA's values: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold each splat as far as its
+    /// alpha is drawn, and projection is affine.
     pub const DEFAULT: Self = Self {
         alpha_min: ALPHA_MIN,
         log2_alpha_min: LOG2_ALPHA_MIN,
@@ -33,51 +51,69 @@ impl Cutoffs {
         reach_max: f32::INFINITY,
         projection: ProjectionModel::Affine,
     };
-    /// As good as none: 10⁻¹² of alpha and of transmittance, and projection along rays.
+    /// Values of the reference renderer: 10⁻¹² of alpha and of transmittance, and projection along
+    /// rays.
     pub const REFERENCE: Self = Self {
-        alpha_min: LEAST,
+        alpha_min: THRESHOLD_MIN,
         log2_alpha_min: -39.863_137,
-        transmittance_min: LEAST,
+        transmittance_min: THRESHOLD_MIN,
         reach_max: f32::INFINITY,
         projection: ProjectionModel::Ray,
     };
 
-    /// Splats are drawn down to an alpha of `alpha_min`, in (0, 1); smaller ones count as 10⁻¹².
+    /// Sets the least alpha that is drawn, in (0, 1); smaller values count as 10⁻¹².
     pub fn with_alpha_min(self, alpha_min: f32) -> Self {
-        let alpha_min = alpha_min.max(LEAST);
+        let alpha_min = alpha_min.max(THRESHOLD_MIN);
         let log2_alpha_min = if alpha_min == ALPHA_MIN { LOG2_ALPHA_MIN } else { Real::log2(alpha_min) };
         Self { alpha_min, log2_alpha_min, ..self }
     }
-    /// Pixels end at a transmittance of `transmittance_min`, in \[0, 1); smaller ones count as 10⁻¹².
+    /// Sets the transmittance at which pixels end, in \[0, 1); smaller values count as 10⁻¹².
     pub fn with_transmittance_min(self, transmittance_min: f32) -> Self {
-        Self { transmittance_min: transmittance_min.max(LEAST), ..self }
+        Self { transmittance_min: transmittance_min.max(THRESHOLD_MIN), ..self }
     }
-    /// Tiles hold splats within so many standard deviations of their means, which is infinite where nothing is cut off.
-    /// In a tile that holds it, a splat is drawn as far as its alpha goes: what is missing ends at the seams of tiles.
+    /// Sets the largest reach of splats into tiles, in standard deviations; infinity cuts nothing
+    /// off. Within a tile that holds it a splat is drawn as far as its alpha allows, so a cut shows
+    /// at the seams of tiles.
     pub fn with_reach_max(self, reach_max: f32) -> Self {
         Self { reach_max, ..self }
     }
-
-    /// Splats are projected so.
+    /// Sets the projection model.
     pub fn with_projection(self, projection: ProjectionModel) -> Self {
         Self { projection, ..self }
     }
 
-    /// The least alpha that is drawn.
+    /// Least alpha that is drawn.
     pub const fn alpha_min(&self) -> f32 {
         self.alpha_min
     }
-    /// The transmittance at which pixels end.
+    /// Transmittance at which pixels end.
     pub const fn transmittance_min(&self) -> f32 {
         self.transmittance_min
     }
-    /// How many standard deviations splats reach into tiles at most.
+    /// Largest reach of splats into tiles, in standard deviations.
     pub const fn reach_max(&self) -> f32 {
         self.reach_max
     }
-    /// How splats are projected.
+    /// Projection model.
     pub const fn projection(&self) -> ProjectionModel {
         self.projection
+    }
+
+    /// Tests log₂ of a splat's strength against the least alpha.
+    #[inline(always)]
+    pub fn passes_alpha_test<R: Real>(&self, log2_strength: R) -> R::Mask {
+        log2_strength.constant(self.log2_alpha_min).less_or_equal(log2_strength)
+    }
+    /// [`Cutoffs::passes_alpha_test`] of an upper bound of log₂ strength, with a margin for its
+    /// rounding.
+    #[inline(always)]
+    pub(crate) fn may_pass_alpha_test<R: Real>(&self, log2_strength: R) -> R::Mask {
+        log2_strength.constant(self.log2_alpha_min - LOG2_ALPHA_MARGIN).less_or_equal(log2_strength)
+    }
+    /// Tests whether a pixel with this transmittance takes further splats.
+    #[inline(always)]
+    pub fn is_active<R: Real>(&self, transmittance: R) -> R::Mask {
+        transmittance.constant(self.transmittance_min).less_or_equal(transmittance)
     }
 }
 

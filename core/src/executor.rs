@@ -4,76 +4,12 @@ use crate::{
     camera::Camera,
     densify::DensifyRules,
     expose::Exposure,
-    loss::LossWeights,
-    pipeline::{StepReport, TrainingStep},
-    plan::Channels,
+    loss::{LossReport, LossWeights},
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
-    scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, TINT},
-    shade::{ShadingForm, ShadingRules},
+    rules::RenderRules,
+    scene::{Environment, Gaussians},
 };
-
-/// How a scene is to be rendered.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RenderRules {
-    /// The shading function.
-    pub shading: ShadingRules,
-    /// The prefilter.
-    pub scheme: PrefilterScheme,
-    /// Highest band of the spherical harmonics that is used; `None` leaves them out.
-    pub sh_degree: Option<u8>,
-    /// Whether residuals are added to normals.
-    pub normal_residuals: bool,
-    /// Whether light is looked up.
-    pub is_lit: bool,
-    /// The levels of the light that are looked up.
-    pub levels: LevelRange,
-    /// What the picture is asked to have: colour, what training reads, or all layers.
-    pub channels: Channels,
-}
-
-impl RenderRules {
-    /// With everything that there is.
-    pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
-        Self {
-            shading,
-            scheme,
-            sh_degree: Some(3),
-            normal_residuals: true,
-            is_lit: true,
-            levels: LevelRange::ALL,
-            channels,
-        }
-    }
-    /// Whether the light of such a scene is added pixel by pixel, after blending.
-    pub fn is_deferred(&self, layout: Layout) -> bool {
-        layout.is_shaded() && self.shading.form == ShadingForm::Deferred
-    }
-    /// What is blended so that the picture has the channels that were asked for.
-    pub fn blended(&self, layout: Layout) -> Channels {
-        let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
-        match self.channels {
-            Channels::Color if is_lit_by_pixel => Channels::Lit,
-            Channels::Training if is_lit_by_pixel => Channels::Surface,
-            channels => channels,
-        }
-    }
-    /// Whether nothing of a surface but its own colour is asked for or lit.
-    pub fn is_color_alone(&self, layout: Layout) -> bool {
-        !self.is_lit && self.blended(layout) == Channels::Color
-    }
-    /// How many numbers of each Gaussian are read.
-    pub fn numbers_read(&self, layout: Layout) -> usize {
-        let shading_end = match layout.is_shaded() {
-            false => DIFFUSE,
-            true if self.is_color_alone(layout) => TINT,
-            true if self.normal_residuals => layout.sh_start(),
-            true => NORMAL_RESIDUAL_1,
-        };
-        let harmonics = Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout };
-        shading_end + 3 * harmonics.sh_count()
-    }
-}
 
 /// Length of a host buffer that does not fit the array or the frame that is read into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,6 +80,42 @@ pub struct RandomKey {
     pub seed: u64,
     /// What it is used for, such as an iteration.
     pub stream: u64,
+}
+
+/// A picture to fit, and how.
+#[derive(Debug)]
+pub struct TrainingStep<'a, E: Executor> {
+    /// From where.
+    pub camera: &'a Camera,
+    /// The picture that was taken there.
+    pub target: &'a E::Target,
+    /// Behind the Gaussians, sRGB.
+    pub background: [f32; 3],
+    /// How the photograph was exposed; none where it shows colours as they are.
+    pub exposure: Option<&'a Exposure<f32>>,
+    /// How it is rendered.
+    pub rules: &'a RenderRules,
+    /// What is minimised.
+    pub weights: &'a LossWeights,
+    /// Learning rate of every plane.
+    pub rates: &'a [f32],
+    /// Learning rate of the light.
+    pub environment_rate: f32,
+    /// Largest radiance that the light keeps.
+    pub radiance_max: f32,
+    /// Number of this step, from 1.
+    pub number: u32,
+}
+
+/// What one step came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// The losses before the step.
+    pub loss: LossReport,
+    /// Gradients that were not finite, and left out.
+    pub nonfinite: usize,
+    /// The gradient of the exposure, if there was one.
+    pub exposure: Option<Exposure<f64>>,
 }
 
 /// A machine that can run the stages that make a picture. Arrays and the results of stages are its own types.
@@ -363,8 +335,8 @@ pub trait Executor: Renderer {
         grads: &Self::SplatGrads,
         camera: &Camera,
     ) -> Result<(), Self::Error>;
-    /// Clones, splits and prunes, and brings Gaussians into the order of space ([`crate::order`]); new Gaussians start
-    /// without momentum, and the statistics start again.
+    /// Clones, splits and prunes, and sorts Gaussians into Morton order ([`crate::morton`]); new
+    /// Gaussians start without momentum, and the statistics start again.
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,

@@ -1,23 +1,26 @@
 //! What specula computes, as pure functions of values: no allocation, no threads, no files, no `unsafe`.
 //!
-//! The modules are the stages of the pipeline, in order, and the formulas that they are made of:
+//! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> (expose) -> loss
-//!   densify <- optimise <- prefilter_vjp <- shade_vjp <- project_vjp <- blend_vjp <-+
+//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> (shade_pixels) -> (expose) -> loss
+//!   densify <- optimise <- prefilter_vjp <- gaussians_vjp <- blend_vjp <-+
 //! ```
 //!
-//! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: who looks from where
-//! * [`plan`]: what a scene needs and a run leaves out; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
-//! * [`project`]: Gaussians to splats; [`shade`]: splats to colours ([`normal`], [`sh`], [`split_sum`], [`color`])
-//! * [`bin`]: which tiles a splat touches; [`blend`]: one compositing step; [`pixel`]: light, looked up pixel by pixel
-//! * [`cutoffs`]: where a picture stops to look further; [`cull`]: which Gaussians are left out, and why
-//! * [`expose`]: what a photograph makes of the scene's colours
-//! * [`loss`], [`depth_normal`]: what is minimised; [`optimise`], [`densify`]: how; [`metrics`]: how well
-//! * [`morton`]: where Gaussians lie in memory; [`pack`]: as halves; [`region`]: parts of space
-//! * [`sh_fit`], [`sh_turn`], [`tsdf`]: what other programs take instead of a shading function: harmonics, a surface
-//! * [`eigen`]: of symmetric matrices; [`sphere`]: directions all around
-//! * [`least_squares`]: fits of harmonics and of exposures
+//! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
+//! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination thresholds;
+//!   [`plan`]: rules without the terms that a scene does not need
+//! * [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
+//! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`], [`perspective`]);
+//!   [`cull`]: reasons for which Gaussians are not drawn
+//! * [`shade`]: attributes and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
+//!   [`pixel`]: the same pixel by pixel, for the stage `shade_pixels`
+//! * [`bin`]: tiles that a splat touches; [`blend`]: one compositing step
+//! * [`expose`]: affine maps of a photograph's colours
+//! * [`loss`], [`depth_normal`]: losses; [`optimise`], [`densify`]: updates; [`metrics`]: measures
+//! * [`morton`]: Morton order; [`pack`]: half precision; [`region`]: parts of space
+//! * [`sh_fit`], [`sh_turn`], [`tsdf`]: harmonics and surfaces for other programs
+//! * [`eigen`]: symmetric matrices; [`sphere`]: directions; [`least_squares`]: normal equations
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
@@ -100,12 +103,14 @@ pub mod project;
 pub mod random;
 pub mod real;
 pub mod region;
+pub mod rules;
 pub mod scene;
 pub mod sh;
 pub mod sh_fit;
 pub mod sh_turn;
 pub mod shade;
 pub mod sphere;
+pub mod splat;
 pub mod split_sum;
 pub mod tsdf;
 pub mod vector;

@@ -17,30 +17,16 @@
 //! Σ holds the low-pass as [`crate::project::BLUR`] does, in the plane of the screen at the mean's depth.
 
 use crate::{
-    bin::Footprint,
-    blend::{ROOT_SCALE, Splat2d, least_squared},
+    blend::least_squared,
     camera::CameraOf,
     covariance::{rotation, scales},
-    cutoffs::Cutoffs,
+    cutoffs::{Cutoffs, ProjectionModel},
     each,
-    project::{BLUR, EXTENT_MAX, Shape, Splat, root_of_conic},
+    project::{BLUR, EXTENT_MAX, Shape, root_of_conic},
     real::Real,
+    splat::{Footprint, ROOT_SCALE, Splat, Splat2d},
     vector::{Vec3, vec3},
 };
-
-/// How Gaussians become splats. Training knows [`ProjectionModel::Affine`] alone.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ProjectionModel {
-    /// Local affine (EWA, Zwicker et al. 2001), with INRIA's limit of the slope.
-    Affine,
-    /// Affine onto the plane that touches the unit sphere where the mean is seen, then exactly onto the screen.
-    Tangent,
-    /// The largest response along each pixel's ray.
-    Ray,
-    /// [`ProjectionModel::Ray`] for splats of which the affine projection would be off by more than this alpha, to first
-    /// order; affine for the others.
-    Within(f32),
-}
 
 /// The perspective inside of a splat.
 #[derive(Clone, Copy, Debug)]
@@ -243,7 +229,7 @@ pub fn log2_strength<R: Real>(log2_opacity: R, squared: R, ray_scale: R, scaled_
 #[inline(always)]
 pub fn may_overlap<R: Real>(
     cutoffs: &Cutoffs,
-    stamp: &Splat2d<R>,
+    splat: &Splat2d<R>,
     perspective: &Perspective<R>,
     dx: [R; 2],
     dy: [R; 2],
@@ -251,5 +237,5 @@ pub fn may_overlap<R: Real>(
     let [lx, ly] = perspective.slope;
     let most = (lx * dx[0]).max(lx * dx[1]) + (ly * dy[0]).max(ly * dy[1]) + 1.0;
     let curvature = scaled_curvature(perspective.curvature);
-    cutoffs.may_reach(log2_strength(stamp.log2_opacity, least_squared(stamp, dx, dy), most, curvature))
+    cutoffs.may_pass_alpha_test(log2_strength(splat.log2_opacity, least_squared(splat, dx, dy), most, curvature))
 }

@@ -2,9 +2,8 @@
 
 use crate::{
     camera::Camera,
-    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
-    expose::Exposure,
-    loss::{LossReport, LossWeights},
+    executor::{AdamMoments, Executor, Renderer, Statistics, StepReport, TrainingStep},
+    rules::RenderRules,
     scene::{Environment, Gaussians},
 };
 
@@ -35,42 +34,6 @@ pub struct Fit<'a, E: Executor> {
     pub environment: Option<(&'a mut Environment<E::Array>, &'a mut AdamMoments<E::Array>)>,
     /// What densification has seen.
     pub statistics: &'a mut Statistics<E::Array>,
-}
-
-/// A picture to fit, and how.
-#[derive(Debug)]
-pub struct TrainingStep<'a, E: Executor> {
-    /// From where.
-    pub camera: &'a Camera,
-    /// The picture that was taken there.
-    pub target: &'a E::Target,
-    /// Behind the Gaussians, sRGB.
-    pub background: [f32; 3],
-    /// How the photograph was exposed; none where it shows colours as they are.
-    pub exposure: Option<&'a Exposure<f32>>,
-    /// How it is rendered.
-    pub rules: &'a RenderRules,
-    /// What is minimised.
-    pub weights: &'a LossWeights,
-    /// Learning rate of every plane.
-    pub rates: &'a [f32],
-    /// Learning rate of the light.
-    pub environment_rate: f32,
-    /// Largest radiance that the light keeps.
-    pub radiance_max: f32,
-    /// Number of this step, from 1.
-    pub number: u32,
-}
-
-/// What one step came to.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepReport {
-    /// The losses before the step.
-    pub loss: LossReport,
-    /// Gradients that were not finite, and left out.
-    pub nonfinite: usize,
-    /// The gradient of the exposure, if there was one.
-    pub exposure: Option<Exposure<f64>>,
 }
 
 /// One step of training: forward, backward, update.

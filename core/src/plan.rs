@@ -2,10 +2,10 @@
 
 use crate::{
     activation::sigmoid,
-    bin::ALPHA_MIN,
-    executor::RenderRules,
+    cutoffs::ALPHA_MIN,
     prefilter::{LevelRange, Levels, level_of_roughness},
     real::Real,
+    rules::{Channels, RenderRules},
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::ShadingForm,
 };
@@ -211,85 +211,4 @@ fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
     is_added_to_diffuse
         && rules.channels != Channels::Layers
         && needs.tint_to_diffuse * needs.radiance < LOST_IN_ROUNDING
-}
-
-/// What is blended into a picture, in one pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Channels {
-    /// Colour alone: 3 channels.
-    Color,
-    /// Colour, normal, depth and |Δn|²: 8 channels, what the losses read.
-    Training,
-    /// Colour, normal, tint and roughness: 10 channels, all that light needs pixel by pixel.
-    Lit,
-    /// Those of training, then tint and roughness: 12 channels.
-    Surface,
-    /// Those of a surface, then diffuse, specular, residual and light: 24 channels.
-    Layers,
-}
-
-impl Channels {
-    const ALL: [Self; 5] = [Self::Color, Self::Training, Self::Lit, Self::Surface, Self::Layers];
-
-    /// How many numbers a Gaussian brings to a pixel.
-    pub const fn count(self) -> usize {
-        match self {
-            Self::Color => channel::NORMAL,
-            Self::Training => channel::TINT,
-            Self::Lit => channel::DEPTH + (channel::DIFFUSE - channel::TINT),
-            Self::Surface => channel::DIFFUSE,
-            Self::Layers => channel::LIGHT + 3,
-        }
-    }
-
-    /// Those that are so many; all layers, if none are.
-    pub const fn of_count(count: usize) -> Self {
-        let mut k = 0;
-        while k < Self::ALL.len() {
-            if Self::ALL[k].count() == count {
-                return Self::ALL[k];
-            }
-            k += 1;
-        }
-        Self::Layers
-    }
-
-    /// Where one of the channels of all layers, as [`mod@channel`] numbers them, lies among these; none if it is left
-    /// out.
-    #[inline(always)]
-    pub const fn index_of(self, of_layers: usize) -> Option<usize> {
-        match self {
-            Self::Lit => match of_layers {
-                ..channel::DEPTH => Some(of_layers),
-                channel::TINT..channel::DIFFUSE => Some(of_layers - channel::TINT + channel::DEPTH),
-                _ => None,
-            },
-            _ if of_layers < self.count() => Some(of_layers),
-            _ => None,
-        }
-    }
-}
-
-/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it lies in others.
-pub mod channel {
-    /// Colour, sRGB-encoded.
-    pub const COLOR: usize = 0;
-    /// World-space normal.
-    pub const NORMAL: usize = 3;
-    /// Depth along the optical axis.
-    pub const DEPTH: usize = 6;
-    /// |Δn|².
-    pub const RESIDUAL_SIZE: usize = 7;
-    /// Specular tint.
-    pub const TINT: usize = 8;
-    /// Perceptual roughness.
-    pub const ROUGHNESS: usize = 11;
-    /// Activated diffuse colour, linear.
-    pub const DIFFUSE: usize = 12;
-    /// Tint times specular light, linear.
-    pub const SPECULAR: usize = 15;
-    /// Residual colour, linear.
-    pub const RESIDUAL: usize = 18;
-    /// Prefiltered light that reaches the surface, linear.
-    pub const LIGHT: usize = 21;
 }

@@ -6,13 +6,12 @@ use crate::{
     covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
     each,
     real::Real,
+    splat::{Splat, SplatGrad},
     vector::{Mat3, Vec3, vec3},
 };
 
 /// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's low-pass).
 pub const BLUR: f32 = 0.3;
-/// Gaussians closer to the camera plane than this are usually not drawn (INRIA's value, in scene units).
-pub const NEAR: f32 = 0.2;
 
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px: no picture tells longer
 /// ones apart, and the determinant of such a splat still is an `f32`.
@@ -50,24 +49,6 @@ impl<R: Real> Shape<R> {
             opacity_logit: self.opacity_logit.keep(mask),
         }
     }
-}
-
-/// A Gaussian's image.
-///
-/// Instead of the conic Q = cov2d⁻¹ its triangular root W is kept, Q = Wᵀ W: the exponent −½ |W δ|² is then never
-/// positive, whatever was rounded.
-#[derive(Clone, Copy, Debug)]
-pub struct Splat<R> {
-    /// Centre, in pixels.
-    pub mean2d: [R; 2],
-    /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
-    pub root_conic: [R; 3],
-    /// Camera-space z of the centre; −1 for a Gaussian that is nearer than the camera draws, or not finite.
-    pub depth: R,
-    /// Opacity, in (0, 1).
-    pub opacity: R,
-    /// Variances along x and y, in px².
-    pub variance: [R; 2],
 }
 
 /// What [`project`] and [`project_vjp`] both need.
@@ -110,19 +91,6 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
         opacity: sigmoid(shape.opacity_logit),
         variance: [p.variance_x, p.half[1].length_squared() + BLUR],
     }
-}
-
-/// Gradient of a splat.
-#[derive(Clone, Copy, Debug)]
-pub struct SplatGrad<R> {
-    /// Gradient of the centre.
-    pub mean2d: [R; 2],
-    /// Gradient of the root of the conic.
-    pub root_conic: [R; 3],
-    /// Gradient of the depth.
-    pub depth: R,
-    /// Gradient of the opacity.
-    pub opacity: R,
 }
 
 /// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient. A Gaussian

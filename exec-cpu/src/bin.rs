@@ -13,10 +13,11 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    bin::{Footprint, TILE_SIZE, outline, span_in_rows, tile_count, tile_range},
+    bin::{TILE_SIZE, outline, span_in_rows, tile_count, tile_range},
     camera::Camera,
     real::Real,
     scene::BLOCK,
+    splat::Footprint,
 };
 
 /// Tiles of a picture and the splats that they hold.

@@ -16,15 +16,15 @@ use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
 use rayon::prelude::*;
 use specula_core::{
     blend::{
-        Composite, OffsetMoments, PixelState, Replay, Splat2d, StepGrad, log2_strength, moments_vjp, offset_from,
-        offset_of_origin, stamp, step_vjp,
+        Composite, OffsetMoments, PixelState, Replay, StepGrad, log2_strength, moments_vjp, offset_from,
+        offset_of_origin, step_vjp,
     },
     camera::Camera,
     cutoffs::Cutoffs,
-    plan::Channels,
-    project::SplatGrad,
     real::Real,
+    rules::Channels,
     scene::BLOCK,
+    splat::{Splat2d, SplatGrad},
 };
 
 /// Splats that are replayed at once: more is kept of each than on the way forth.
@@ -420,7 +420,7 @@ fn splat_vjp<S: Simd, const C: usize>(
     sums[GEOMETRY..GEOMETRY + C].copy_from_slice(&grad_colors);
     sum_each(&sums[..GEOMETRY + C], out);
     let moments = OffsetMoments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
-    let stamp = specula_core::blend::stamp(record.mean2d, record.root_conic, record.log2_opacity);
+    let stamp = Splat2d::new(record.mean2d, record.root_conic, record.log2_opacity);
     write_geometry(&moments_vjp(&stamp, record.opacity, &moments), out);
 }
 
@@ -430,7 +430,7 @@ fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Sp
     let splat = |value: f32| Lanes::splat(simd, value);
     let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
     let mean2d = [splat(x - origin[0]), splat(y - origin[1])];
-    stamp(mean2d, [splat(xx), splat(yx), splat(yy)], splat(record.log2_opacity))
+    Splat2d::new(mean2d, [splat(xx), splat(yx), splat(yy)], splat(record.log2_opacity))
 }
 
 /// Σ color · grad over the channels of a quad, as two sums side by side.

@@ -18,12 +18,14 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     densify::DensifyRules,
-    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{
+        AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, Renderer, Statistics, StepReport, TrainingStep,
+    },
     expose::Exposure,
     loss::LossWeights,
-    pipeline::{StepReport, TrainingStep},
     prefilter::{LevelRange, Levels, PrefilterScheme},
     region::Ball,
+    rules::RenderRules,
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use specula_prefilter::Operator;

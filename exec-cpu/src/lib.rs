@@ -12,10 +12,10 @@
 //! use glam::Vec3;
 //! use specula_core::{
 //!     camera::Camera,
-//!     executor::{RenderRules, Renderer},
+//!     executor::Renderer,
 //!     pipeline::render,
-//!     plan::Channels,
 //!     prefilter::PrefilterScheme,
+//!     rules::{Channels, RenderRules},
 //!     scene::{DIFFUSE, Gaussians, LOG_SCALE, Layout, OPACITY, QUAT, len_of_values},
 //!     shade::ShadingRules,
 //! };

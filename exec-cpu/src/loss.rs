@@ -20,8 +20,8 @@ use specula_core::{
     color::{composite, composite_vjp, from_byte, has_alpha, is_unknown, over},
     depth_normal::{expected_depth, is_surface},
     loss::{LossReport, LossWeights, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
-    plan::{Channels, channel},
     real::Real,
+    rules::{Channels, channel},
     scene::BLOCK,
 };
 use structure::structure_loss;

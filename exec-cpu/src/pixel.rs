@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
-    plan::{Channels, channel},
+    rules::{Channels, channel},
     vector::{Vec3, vec3},
 };
 

@@ -10,12 +10,13 @@ use rayon::prelude::*;
 use specula_core::{
     bin::{footprint_within, half_extent},
     camera::{Camera, CameraOf},
-    cutoffs::Cutoffs,
+    cutoffs::{Cutoffs, ProjectionModel},
     each,
-    perspective::{Perspective, ProjectionModel, footprint_in_perspective, perspective},
-    project::{Shape, Splat, SplatGrad, project, project_vjp},
+    perspective::{Perspective, footprint_in_perspective, perspective},
+    project::{Shape, project, project_vjp},
     real::Real,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
+    splat::{Splat, SplatGrad},
     vector::Vec3,
 };
 

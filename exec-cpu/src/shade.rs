@@ -16,18 +16,17 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     each,
-    executor::{AdamMoments, RenderRules},
+    executor::{AdamMoments, TrainingStep},
     loss::{LossWeights, residual_vjp, sparse_vjp},
-    pipeline::TrainingStep,
-    plan::{Channels, channel},
-    project::SplatGrad,
     real::Real,
+    rules::{Channels, RenderRules, channel},
     scene::{BLOCK, DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, ROUGHNESS, TINT},
     sh,
     shade::{
         Material, ShadingForm, Surface, SurfaceGrad, Terms, diffuse, shade, shade_vjp, surface, surface_vjp, view_dir,
         view_dir_vjp,
     },
+    splat::SplatGrad,
     vector::Vec3,
 };
 

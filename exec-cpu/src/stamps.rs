@@ -8,11 +8,12 @@ use crate::{
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::Simd;
 use specula_core::{
-    blend::{Splat2d, column_of, log2_strength, offset_from, offset_of_origin, stamp},
+    blend::{column_of, log2_strength, offset_from, offset_of_origin},
     cutoffs::Cutoffs,
     perspective::{self, Perspective, may_overlap, ray_scale, ray_scale_of_origin, scaled_curvature},
     real::Real,
     scene::BLOCK,
+    splat::Splat2d,
 };
 
 /// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended: a bit each.
@@ -103,7 +104,7 @@ impl AffineStamps {
     fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Splat2d<Lanes<S>> {
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
-        let stamp = stamp([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
+        let stamp = Splat2d::new([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
         for entry in 0..3 {
             stamp.root[entry].store(&mut self.root[entry][first..]);
         }

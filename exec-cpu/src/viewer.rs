@@ -12,8 +12,9 @@ use crate::{
 use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     prefilter::{LevelRange, PrefilterScheme},
+    rules::RenderRules,
     scene::{Environment, Gaussians},
 };
 

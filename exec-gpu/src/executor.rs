@@ -20,13 +20,13 @@ use crate::{
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, Renderer, Statistics, StepReport},
     expose::Exposure,
     loss::LossWeights,
     pack::Storage,
-    pipeline::StepReport,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
+    rules::RenderRules,
     scene::{Environment, Gaussians},
 };
 use std::sync::Arc;

@@ -12,20 +12,19 @@ pub mod optimise;
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
     bin::{footprint, half_extent},
-    blend::{Splat2d, stamp},
     camera::CameraOf,
     covariance::rotation,
     cubemap::{FacePoint, footprint as texel_footprint, project as project_to_cube},
-    executor::RenderRules,
     normal::{AxisRule, axis, facing},
     pixel::{Pixel, PixelSurface, pixel_color, pixel_surface},
-    plan::{Channels, channel},
     prefilter::{Level, level_of_roughness},
     project::{Shape, project},
     real::{Real, exp2_fraction, log2_mantissa},
+    rules::{Channels, RenderRules, channel},
     scene::{DIFFUSE, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT},
     sh,
     shade::{Material, ShadingForm, Surface, Terms, diffuse, shade, surface, view_dir},
+    splat::Splat2d,
     vector::{Mat3, Vec3},
 };
 
@@ -118,7 +117,7 @@ impl Formula for SplatOf {
         let planes = Planes(inputs.slice(self.layout.plane_count()));
         let splat = project(&planes.shape(), &take_camera(inputs));
         let reach = footprint(&splat).reach;
-        let Splat2d { mean2d, root, log2_opacity } = stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
+        let Splat2d { mean2d, root, log2_opacity } = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());
         let mut numbers = mean2d.to_vec();
         numbers.extend([log2_opacity, splat.opacity]);
         numbers.extend(root);

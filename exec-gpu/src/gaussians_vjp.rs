@@ -22,8 +22,8 @@ use crate::{
 use bytemuck::{Pod, Zeroable};
 use specula_core::{
     camera::Camera,
-    executor::RenderRules,
     loss::LossWeights,
+    rules::RenderRules,
     scene::{BLOCK, Gaussians},
 };
 

@@ -21,7 +21,7 @@ use specula_core::{
     camera::Camera,
     color::has_alpha,
     loss::{LossReport, LossWeights},
-    plan::{Channels, channel},
+    rules::{Channels, channel},
 };
 
 /// A picture to compare with: 8-bit sRGB with straight alpha.

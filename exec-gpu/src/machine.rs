@@ -11,7 +11,7 @@ use crate::{
 };
 use bytemuck::Pod;
 use core::{mem, ops::Range};
-use specula_core::{loss::LossReport, pipeline::StepReport};
+use specula_core::{executor::StepReport, loss::LossReport};
 
 /// A device with memory and kernels.
 #[derive(Debug)]

@@ -16,7 +16,7 @@ use crate::{
     source,
     view::View,
 };
-use specula_core::{camera::Camera, plan::Channels};
+use specula_core::{camera::Camera, rules::Channels};
 
 pub(crate) fn shade_pixels(
     machine: &mut Machine,

@@ -15,7 +15,7 @@ use crate::{
     source,
     view::View,
 };
-use specula_core::{camera::Camera, executor::RenderRules, pack::Storage, scene::Gaussians};
+use specula_core::{camera::Camera, pack::Storage, rules::RenderRules, scene::Gaussians};
 
 /// The channels of each Gaussian, side by side, filled up to whole vectors of four.
 #[derive(Debug)]

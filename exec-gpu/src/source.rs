@@ -25,17 +25,18 @@ use crate::{
 use core::fmt::Write;
 use specula_core::{
     bin::TILE_SIZE,
-    blend::{ROOT_SCALE, TRANSMITTANCE_MIN},
     color::UNKNOWN,
     cubemap::padded_len,
+    cutoffs::TRANSMITTANCE_MIN,
     densify::Action,
     loss::{NormalForm, SSIM_WINDOW},
     optimise::GRAD_MAX,
     pack::{FULL_PLANES, Storage, pack2, unpack2},
-    plan::{Channels, channel},
     real::{EXP2_MAX, EXP2_MIN},
+    rules::{Channels, channel},
     scene::{BLOCK, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY},
     shade::ShadingForm,
+    splat::ROOT_SCALE,
     split_sum,
 };
 

@@ -12,9 +12,10 @@ use crate::{
 };
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::{Storage, pack, unpack},
     prefilter::{LevelRange, PrefilterScheme},
+    rules::RenderRules,
     scene::{BLOCK, Environment, Gaussians, Layout},
 };
 

@@ -8,7 +8,7 @@ use crate::{
 };
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
-use specula_core::{camera::Camera, project::NEAR};
+use specula_core::camera::{Camera, NEAR};
 use std::path::Path;
 
 /// A camera and its name.

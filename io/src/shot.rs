@@ -8,7 +8,7 @@ use crate::{
     pixels::{Mask, NORMALS_RESIZED, Normals, Pixels, len_of},
 };
 use glam::{DMat3, DVec3};
-use specula_core::{camera::Camera, project::NEAR};
+use specula_core::camera::{Camera, NEAR};
 use std::path::{Path, PathBuf};
 
 /// Endings that are tried where an image is named without one, or has another one than its list says.

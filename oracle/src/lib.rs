@@ -26,19 +26,19 @@ use crate::number::Number;
 use specula_core::{
     camera::Camera,
     covariance,
-    cutoffs::Cutoffs,
-    executor::RenderRules,
+    cutoffs::{Cutoffs, ProjectionModel},
     loss::LossWeights,
     normal::{AxisRule, axis, facing},
-    perspective::{Perspective, ProjectionModel, perspective},
-    plan::{Channels, channel},
-    project::{self, Shape, Splat, SplatGrad},
+    perspective::{Perspective, perspective},
+    project::{self, Shape},
+    rules::{Channels, RenderRules, channel},
     scene::{
         DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
         ROUGHNESS, TINT,
     },
     sh,
     shade::{self, Material, Surface, SurfaceGrad, Terms},
+    splat::{Splat, SplatGrad},
     vector::{Vec3, vec3},
 };
 

@@ -10,7 +10,7 @@ use specula_core::{
     camera::Camera,
     depth_normal::{self, Cross},
     loss::{self, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments},
-    plan::channel,
+    rules::channel,
     scene::{Gaussians, NORMAL_RESIDUAL_1, OPACITY},
     vector::{Mat3, Vec3},
 };

@@ -3,12 +3,12 @@
 use crate::number::{Number, take3};
 use specula_core::{
     bin,
-    blend::{self, Composite, OffsetMoments, PixelState, Replay, Splat2d, StepGrad},
+    blend::{self, Composite, OffsetMoments, PixelState, Replay, StepGrad},
     camera::Camera,
     cutoffs::Cutoffs,
     perspective::{self, Perspective},
-    project::{Splat, SplatGrad},
     scene::Image,
+    splat::{Splat, Splat2d, SplatGrad},
     vector::Vec3,
 };
 
@@ -45,7 +45,7 @@ fn log2_strength<R: Number>(stamp: &Splat2d<R>, perspective: Option<&Perspective
 }
 
 fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Splat2d<R>> {
-    splats.iter().map(|splat| blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
+    splats.iter().map(|splat| Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
 /// First row of pixels that a splat may be seen in, and one past the last.

@@ -8,7 +8,7 @@ use crate::number::Number;
 use specula_core::{
     camera::Camera,
     pixel::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
-    plan::{Channels, channel},
+    rules::{Channels, channel},
     vector::Vec3,
 };
 

@@ -3,8 +3,7 @@
 use crate::scenes::{camera, random_cloud, random_environment};
 use glam::{Mat3, Vec3};
 use specula_core::{
-    camera::{Camera, near_of},
-    project::NEAR,
+    camera::{Camera, NEAR, near_of},
     random,
     scene::{
         DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,

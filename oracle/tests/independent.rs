@@ -4,9 +4,8 @@ use glam::{DMat3, DQuat, DVec3};
 use specula_core::{
     cutoffs::Cutoffs,
     double::Double,
-    executor::RenderRules,
-    plan::Channels,
     prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, RadianceActivation},
     shade::ShadingRules,
 };

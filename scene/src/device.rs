@@ -2,7 +2,7 @@
 
 use crate::SceneError;
 use core::{fmt, str::FromStr};
-use specula_core::{pack::Storage, perspective::ProjectionModel};
+use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 #[cfg(feature = "gpu")]
 use specula_gpu::{
     Gpu,

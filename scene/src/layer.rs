@@ -3,7 +3,7 @@
 use core::str::FromStr;
 use specula_core::{
     color::srgb_from_linear,
-    plan::{Channels, channel},
+    rules::{Channels, channel},
     scene::Image,
     shade::ShadingForm,
 };

@@ -6,7 +6,7 @@
 //! [`Scene::renderer`] draws the pictures of `specula render`, bit for bit:
 //!
 //! ```no_run
-//! use specula_core::plan::Channels;
+//! use specula_core::rules::Channels;
 //! use specula_cpu::CpuExecutor;
 //! use specula_io::picture;
 //! use specula_scene::OpenedModel;

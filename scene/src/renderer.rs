@@ -9,9 +9,10 @@ use core::fmt;
 use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::Storage,
-    plan::{Channels, Plan},
+    plan::Plan,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
 use specula_cpu::{CpuViewer, prefilter::Light};
@@ -233,7 +234,7 @@ impl SceneRenderer {
 
     /// View of the scene: its channels, premultiplied, then transmittance, plane by plane. Models that
     /// are shaded per pixel have more channels than were asked for; `Image::channels` counts them, and
-    /// [`Channels::index_of`](specula_core::plan::Channels::index_of) finds one.
+    /// [`Channels::index_of`](specula_core::rules::Channels::index_of) finds one.
     ///
     /// # Errors
     ///

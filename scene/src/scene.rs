@@ -6,10 +6,11 @@ use crate::{
     renderer::SceneRenderer,
 };
 use specula_core::{
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::Storage,
-    plan::{Channels, Needs, Plan},
+    plan::{Needs, Plan},
     prefilter::Levels,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use specula_io::{

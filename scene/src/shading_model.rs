@@ -8,10 +8,10 @@
 
 use serde_json::{Map, Value};
 use specula_core::{
-    executor::RenderRules,
     normal::AxisRule,
-    plan::{Channels, Needs, Plan},
+    plan::{Needs, Plan},
     prefilter::{Levels, PrefilterScheme},
+    rules::{Channels, RenderRules},
     scene::{DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_2},
     shade::{ShadingForm, ShadingRules},
 };

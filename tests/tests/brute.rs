@@ -1,7 +1,11 @@
 //! The plain pipeline, made of core's formulas, against a renderer that has none of them.
 
 use specula_core::{
-    camera::Camera, double::Double, executor::RenderRules, plan::Channels, prefilter::PrefilterScheme, scene::Layout,
+    camera::Camera,
+    double::Double,
+    prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
+    scene::Layout,
     shade::ShadingRules,
 };
 use specula_tests::{

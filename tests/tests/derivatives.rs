@@ -6,7 +6,7 @@
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
     activation, blend,
-    camera::Camera,
+    camera::{Camera, NEAR},
     color, covariance, cubemap, depth_normal,
     double::Double,
     dual::Dual,
@@ -16,10 +16,11 @@ use specula_core::{
     normal::{self, AxisRule},
     pixel::{self, Pixel, PixelSurface},
     prefilter::{self, Levels, PrefilterScheme},
-    project::{self, Shape, SplatGrad},
+    project::{self, Shape},
     real::Real,
     sh,
     shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
+    splat::{Splat2d, SplatGrad},
     vector::{self, Mat3, Vec3},
 };
 use specula_tests::{
@@ -384,7 +385,7 @@ proptest! {
         quat in quat(),
         opacity_logit in -3.0..3.0_f64,
     ) {
-        prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(project::NEAR));
+        prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
         let inputs = [&mean[..], &scales, &quat, &[opacity_logit]].concat();
         assert_vjp(
             &inputs,
@@ -714,10 +715,10 @@ const STACK: usize = 6;
 const PIXELS: [[f32; 2]; 4] = [[0.0, 0.0], [1.0, 0.5], [-1.0, 0.5], [0.5, -2.0]];
 
 /// Splat `k` of a stack: centre, root of the conic, opacity; its colour follows after all splats.
-fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], blend::Splat2d<R>, R, Vec3<R>) {
+fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], Splat2d<R>, R, Vec3<R>) {
     let s = &x[6 * k..];
     let mean2d = [s[0], s[1]];
-    (mean2d, blend::stamp(mean2d, [s[2], s[3], s[4]], s[5].log2()), s[5], take3(&x[6 * STACK + 3 * k..]))
+    (mean2d, Splat2d::new(mean2d, [s[2], s[3], s[4]], s[5].log2()), s[5], take3(&x[6 * STACK + 3 * k..]))
 }
 
 /// Colour and final transmittance of every pixel.

@@ -3,13 +3,13 @@
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{AdamMoments, Executor, RenderRules, Renderer},
+    executor::{AdamMoments, Executor, Renderer, StepReport, TrainingStep},
     expose::expose,
     loss::{LossWeights, NormalForm},
-    pipeline::{StepReport, TrainingStep, render},
-    plan::Channels,
+    pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
+    rules::{Channels, RenderRules},
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
         RadianceActivation, TINT,

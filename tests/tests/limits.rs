@@ -3,13 +3,12 @@
 use specula_core::{
     blend,
     camera::Camera,
-    cutoffs::Cutoffs,
+    cutoffs::{Cutoffs, ProjectionModel},
     double::Double,
-    executor::{RenderRules, Renderer},
-    perspective::ProjectionModel,
+    executor::Renderer,
     pipeline::render,
-    plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Layout, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };

@@ -2,10 +2,10 @@
 
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, RenderRules, Statistics},
+    executor::{AdamMoments, Executor, Statistics, TrainingStep},
     expose::{Exposure, IDENTITY},
-    pipeline::{Fit, TrainingStep, train_step},
-    plan::Channels,
+    pipeline::{Fit, train_step},
+    rules::{Channels, RenderRules},
     scene::RadianceActivation,
 };
 use specula_cpu::CpuExecutor;

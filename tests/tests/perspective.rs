@@ -4,15 +4,15 @@ use glam::{DMat3, DQuat, DVec3};
 use proptest::prelude::*;
 use specula_core::{
     bin::footprint,
-    blend::ROOT_SCALE,
     camera::Camera,
+    cutoffs::ProjectionModel,
     double::Double,
     perspective::{
-        Perspective, ProjectionModel, affine_error, footprint_in_perspective, log2_strength, perspective, ray_scale,
-        scaled_curvature,
+        Perspective, affine_error, footprint_in_perspective, log2_strength, perspective, ray_scale, scaled_curvature,
     },
-    project::{BLUR, Shape, Splat, project},
+    project::{BLUR, Shape, project},
     real::Real,
+    splat::{ROOT_SCALE, Splat},
     vector::vec3,
 };
 use specula_tests::strategies::same_every_time;

@@ -3,10 +3,11 @@
 use proptest::prelude::*;
 use specula_core::{
     camera::Camera,
-    executor::{Executor, RenderRules, Renderer},
+    executor::{Executor, Renderer},
     loss::{LossWeights, NormalForm},
-    plan::{Channels, Needs, Plan, Unlit, channel},
+    plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
+    rules::{Channels, RenderRules, channel},
     scene::{Environment, Gaussians, Image, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::{ShadingForm, ShadingRules},
 };

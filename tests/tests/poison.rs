@@ -10,9 +10,10 @@ use proptest::{
 };
 use specula_core::{
     cull::{CullReason, CullStats},
-    executor::{RenderRules, Renderer},
-    plan::{Channels, Needs, Plan},
+    executor::Renderer,
+    plan::{Needs, Plan},
     prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
     scene::{
         Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY,
         RadianceActivation, len_of_values,

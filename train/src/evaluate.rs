@@ -2,13 +2,13 @@
 
 use crate::view::View;
 use specula_core::{
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     expose::{Exposure, IDENTITY, expose},
     least_squares::{LeastSquares, Row, UNKNOWNS_MAX},
     loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_window},
     metrics::{angle_degrees, psnr, quantize},
     pipeline::render,
-    plan::{Channels, channel},
+    rules::{Channels, RenderRules, channel},
     scene::{Gaussians, Image},
     vector::vec3,
 };

@@ -10,11 +10,11 @@ use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
     densify::DensifyRules,
-    executor::{AdamMoments, DensifyReport, Executor, RandomKey, RenderRules, Statistics},
+    executor::{AdamMoments, DensifyReport, Executor, RandomKey, Statistics, StepReport, TrainingStep},
     metrics::psnr,
-    pipeline::{Fit, StepReport, TrainingStep, train_step},
-    plan::Channels,
+    pipeline::{Fit, train_step},
     random,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, OPACITY, RadianceActivation, TINT, len_of_values},
 };
 

@@ -12,7 +12,7 @@ use crate::{
     scene::{Renderer, relight},
 };
 use glam::Vec3;
-use specula_core::{camera::Camera, plan::Channels, scene::Environment, shade::ShadingForm};
+use specula_core::{camera::Camera, rules::Channels, scene::Environment, shade::ShadingForm};
 use specula_io::{
     cameras::NamedCamera,
     latlong::{self, LatLong, UpAxis},

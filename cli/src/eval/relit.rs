@@ -11,7 +11,7 @@ use crate::{
 };
 use glam::Vec3;
 use serde_json::{Map, Value};
-use specula_core::plan::Channels;
+use specula_core::rules::Channels;
 use specula_io::cameras::NamedCamera;
 use specula_scene::OpenedModel;
 use specula_train::view::View;

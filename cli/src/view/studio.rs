@@ -14,9 +14,9 @@ use crate::{
 use core::time::Duration;
 use specula_core::{
     camera::Camera,
-    executor::RenderRules,
     metrics::psnr,
-    plan::{Channels, Needs, channel},
+    plan::Needs,
+    rules::{Channels, RenderRules, channel},
     scene::{Image, Layout},
 };
 use specula_io::picture::{self, RgbImage};

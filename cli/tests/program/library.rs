@@ -4,7 +4,7 @@ use crate::tiny::{SIZE, Tiny, specula};
 use assert_cmd::assert::Assert;
 use image::RgbImage;
 use serde_json::Value;
-use specula_core::{executor::BufferLength, plan::Channels};
+use specula_core::{executor::BufferLength, rules::Channels};
 use specula_cpu::{CpuError, CpuExecutor};
 use specula_scene::OpenedModel;
 use std::{fs, path::Path};

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use specula_core::{
     depth_normal::{Cross, expected_depth_vjp, is_surface, rays_around, surface_weight},
     loss::{NormalPatch, normal_loss as loss_of_normal},
-    plan::channel,
     real::Real,
+    rules::channel,
     scene::BLOCK,
     vector::vec3,
 };

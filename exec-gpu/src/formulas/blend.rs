@@ -2,8 +2,9 @@
 
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
-    blend::{PixelState, Splat2d, alpha, falloff, step},
+    blend::{PixelState, alpha, falloff, step},
     real::Real,
+    splat::Splat2d,
 };
 
 /// The pixels of one invocation: a small rectangle of a tile.

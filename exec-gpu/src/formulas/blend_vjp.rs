@@ -3,8 +3,9 @@
 use super::blend::{PixelBlock, channel_fields};
 use crate::formula::{Field, Formula, Inputs, call, field, variable};
 use specula_core::{
-    blend::{OffsetMoments, Replay, Splat2d, falloff, moments_vjp, step_vjp},
+    blend::{OffsetMoments, Replay, falloff, moments_vjp, step_vjp},
     real::Real,
+    splat::Splat2d,
 };
 
 /// Numbers that the pixels of a splat are summed up in, before those of its channels: its moments.

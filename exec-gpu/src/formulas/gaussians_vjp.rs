@@ -9,12 +9,13 @@ use specula_core::{
     camera::CameraOf,
     cubemap::bilinear_vjp,
     loss::{residual_vjp, sparse_vjp},
-    plan::{Channels, channel},
-    project::{SplatGrad, project_vjp},
+    project::project_vjp,
     real::Real,
+    rules::{Channels, channel},
     scene::{DIFFUSE, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT},
     sh,
     shade::{SurfaceGrad, Terms, diffuse, shade_vjp, surface_vjp, view_dir, view_dir_vjp},
+    splat::SplatGrad,
     vector::{Vec3, vec3},
 };
 

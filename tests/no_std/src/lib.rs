@@ -13,6 +13,7 @@ use specula_core::{
     random,
     real::Real,
     shade::{Material, ShadingRules, Terms, shade, surface},
+    splat::Splat2d,
     vector::{Vec3, vec3},
 };
 
@@ -31,7 +32,7 @@ pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
         opacity_logit,
     };
     let splat = project(&shape, &camera().lift(0.0));
-    let stamp = blend::stamp(splat.mean2d, splat.root_conic, splat.opacity.log2());
+    let stamp = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());
     let falloff = blend::falloff(&stamp, 32.0 - splat.mean2d[0], 32.0 - splat.mean2d[1]);
     blend::alpha(falloff.log2_strength)
 }

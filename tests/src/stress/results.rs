@@ -2,11 +2,11 @@
 
 use super::Case;
 use specula_core::{
-    executor::{AdamMoments, Executor, RenderRules, Statistics},
+    executor::{AdamMoments, Executor, Statistics, StepReport, TrainingStep},
     loss::{LossReport, LossWeights, NormalForm},
-    pipeline::{Fit, StepReport, TrainingStep, render, train_step},
-    plan::Channels,
+    pipeline::{Fit, render, train_step},
     prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians},
     shade::ShadingRules,
 };

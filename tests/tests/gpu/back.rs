@@ -4,14 +4,14 @@ use core::iter;
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{AdamMoments, Executor, RenderRules, Renderer},
+    executor::{AdamMoments, Executor, Renderer},
     loss::{LossWeights, NormalForm},
-    plan::Channels,
     prefilter::{LevelRange, PrefilterScheme},
-    project::SplatGrad,
     random,
+    rules::{Channels, RenderRules},
     scene::{BLOCK, Environment, Gaussians, Layout, MEAN, OPACITY, RadianceActivation, len_of_values},
     shade::ShadingRules,
+    splat::SplatGrad,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{

@@ -3,12 +3,12 @@
 use specula_core::{
     activation::sigmoid,
     densify::DensifyRules,
-    executor::{AdamMoments, DensifyReport, Executor, RandomKey, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, DensifyReport, Executor, RandomKey, Renderer, Statistics},
     loss::{LossWeights, NormalForm},
-    plan::Channels,
     prefilter::PrefilterScheme,
     random::uniform,
     region::Ball,
+    rules::{Channels, RenderRules},
     scene::{BLOCK, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, TINT},
     shade::ShadingRules,
 };

@@ -2,11 +2,11 @@
 
 use specula_core::{
     camera::Camera,
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pack::{self, FULL_PLANES, Storage},
     pipeline::render,
-    plan::{Channels, channel},
     prefilter::{LevelRange, Levels, PrefilterScheme},
+    rules::{Channels, RenderRules, channel},
     scene::{BLOCK, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };

@@ -3,13 +3,13 @@
 use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, RenderRules, Renderer, Statistics},
+    executor::{AdamMoments, Executor, Renderer, Statistics},
     expose::{Exposure, expose},
     metrics::quantize,
     optimise::Schedule,
-    plan::Channels,
     prefilter::PrefilterScheme,
     random,
+    rules::{Channels, RenderRules},
     scene::{BLOCK, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
     vector::vec3,

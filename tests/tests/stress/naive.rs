@@ -7,8 +7,9 @@ use crate::{
 };
 use specula_core::{
     activation::softplus,
-    bin::{ALPHA_MIN, footprint},
+    bin::footprint,
     blend::MAX_ALPHA,
+    cutoffs::ALPHA_MIN,
     double::Double,
     ggx,
     loss::sparse,
@@ -126,7 +127,7 @@ fn bits_of_depths_of_either_sign_are_in_no_order() {
     assert_ne!(sorted(f32::to_bits), expected, "plain bits put what is behind the eye last, and upside down");
     assert_eq!(sorted(total), expected);
     // Ours sorts plain bits, but of depths that are drawn, all positive: `splats` has the test.
-    let drawn = depths.map(|depth| if depth > specula_core::project::NEAR { depth } else { 0.0 });
+    let drawn = depths.map(|depth| if depth > specula_core::camera::NEAR { depth } else { 0.0 });
     assert!(drawn.map(f32::to_bits).is_sorted());
 }
 
@@ -134,7 +135,7 @@ fn bits_of_depths_of_either_sign_are_in_no_order() {
 fn three_standard_deviations_cut_off_what_is_seen() {
     let at = |deviations: f32| MAX_ALPHA * (-0.5 * deviations * deviations).exp();
     let splat = needle::<f32>(5.0, &lens(64, 64));
-    let splat = specula_core::project::Splat { opacity: MAX_ALPHA, ..splat };
+    let splat = specula_core::splat::Splat { opacity: MAX_ALPHA, ..splat };
     assert!(at(3.0) > 2.0 * ALPHA_MIN, "a seam of {} at the edge of a tile", at(3.0));
     assert!(at(footprint(&splat).reach) <= ALPHA_MIN * 1.000_01, "ours ends where nothing is drawn");
 }

@@ -1,10 +1,10 @@
 //! Scenes and pictures with nothing in them.
 
 use specula_core::{
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     pipeline::render,
-    plan::Channels,
     prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;

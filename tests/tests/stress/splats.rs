@@ -2,19 +2,21 @@
 
 use crate::{assert_at_most, worst};
 use specula_core::{
-    bin::{self, footprint},
-    blend::{self, Splat2d, stamp},
+    bin::footprint,
+    blend,
     camera::Camera,
     covariance::{rotation, rotation_vjp},
     cull::{CullReason, CullStats},
+    cutoffs::ALPHA_MIN,
     double::Double,
-    executor::{RenderRules, Renderer},
-    plan::Channels,
+    executor::Renderer,
     prefilter::PrefilterScheme,
-    project::{BLUR, Shape, Splat, SplatGrad, project, project_vjp},
+    project::{BLUR, Shape, project, project_vjp},
     random,
+    rules::{Channels, RenderRules},
     scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
     shade::ShadingRules,
+    splat::{Splat, Splat2d, SplatGrad},
     vector::Mat3,
 };
 use specula_cpu::CpuExecutor;
@@ -73,7 +75,7 @@ pub(crate) fn determinant<R: Number>(splat: &Splat<R>) -> f64 {
 }
 
 fn stamp_of<R: Number>(splat: &Splat<R>) -> Splat2d<R> {
-    stamp(splat.mean2d, splat.root_conic, splat.opacity.log2())
+    Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2())
 }
 
 fn alpha_at<R: Number>(stamp: &Splat2d<R>, pixel: [f64; 2]) -> f64 {
@@ -120,7 +122,7 @@ fn needles_stay_within_a_thousandth_of_f64_from_a_thousand_cameras() {
             let [own, exact] = [alpha_at(&own, pixel), alpha_at(&exact, pixel)];
             assert!(own <= f64::from(blend::MAX_ALPHA), "an alpha of {own}");
             let is_cut = (own == 0.0) != (exact == 0.0);
-            if is_cut { (own.max(exact) - f64::from(bin::ALPHA_MIN)).abs() } else { (own - exact).abs() }
+            if is_cut { (own.max(exact) - f64::from(ALPHA_MIN)).abs() } else { (own - exact).abs() }
         };
         worst(pixels.map(apart))
     };
@@ -149,7 +151,7 @@ pub(crate) fn point_beside(length: f32) -> [f32; 2] {
 pub(crate) fn exponent<R: Number>(length: f32, camera: &Camera) -> f64 {
     let Splat { mean2d, root_conic, .. } = needle::<R>(length, camera);
     let [dx, dy] = point_beside(length).map(|x| R::of(f64::from(x)));
-    let stamp = stamp(mean2d, root_conic, dx.zero());
+    let stamp = Splat2d::new(mean2d, root_conic, dx.zero());
     blend::falloff(&stamp, dx, dy).log2_strength.value() * core::f64::consts::LN_2
 }
 
@@ -313,7 +315,7 @@ fn a_splat_does_not_depend_on_where_tiles_begin() {
         worst(first.iter().zip(&shifted).map(|(a, b)| {
             // The rim, where an alpha of 1/255 is cut off, hangs on rounding.
             let is_cut = (*a == 1.0) != (*b == 1.0);
-            if is_cut { f64::from((a - b).abs() - bin::ALPHA_MIN).abs() } else { f64::from((a - b).abs()) }
+            if is_cut { f64::from((a - b).abs() - ALPHA_MIN).abs() } else { f64::from((a - b).abs()) }
         }))
     };
     assert_at_most("a splat on shifted tiles", worst((1..16).map(apart)), SHIFTED);
@@ -324,7 +326,7 @@ fn tiles_reach_as_far_as_a_splat_is_seen() {
     let own = splat(&shape::<f32>([0.0; 3], [-1.0; 3], [1.0, 0.0, 0.0, 0.0], 30.0), &lens(64, 64));
     let reach = footprint(&own).reach;
     let at_reach = (-0.5 * reach * reach).exp();
-    assert!((at_reach / bin::ALPHA_MIN - 1.0).abs() < 1e-5, "at {reach} standard deviations it is {at_reach}");
+    assert!((at_reach / ALPHA_MIN - 1.0).abs() < 1e-5, "at {reach} standard deviations it is {at_reach}");
     assert!(reach > 3.3, "an opaque splat is seen beyond three standard deviations");
 }
 

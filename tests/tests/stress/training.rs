@@ -3,11 +3,11 @@
 use crate::assert_at_most;
 use specula_core::{
     camera::{Camera, near_of},
-    executor::{RenderRules, Renderer},
+    executor::Renderer,
     metrics::quantize,
-    plan::Channels,
     prefilter::PrefilterScheme,
     random,
+    rules::{Channels, RenderRules},
     scene::{LOG_SCALE, Layout, RadianceActivation},
     shade::ShadingRules,
 };

@@ -1,0 +1,150 @@
+//! Rendering rules: shading function, prefilter, and the channels of a picture.
+
+use crate::{
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::{DIFFUSE, Layout, NORMAL_RESIDUAL_1, TINT},
+    shade::{ShadingForm, ShadingRules},
+};
+
+/// Rules by which a scene is rendered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderRules {
+    /// The shading function.
+    pub shading: ShadingRules,
+    /// The prefilter.
+    pub scheme: PrefilterScheme,
+    /// Highest band of the spherical harmonics that is used; `None` leaves them out.
+    pub sh_degree: Option<u8>,
+    /// Whether residuals are added to normals.
+    pub normal_residuals: bool,
+    /// Whether light is looked up.
+    pub is_lit: bool,
+    /// The levels of the light that are looked up.
+    pub levels: LevelRange,
+    /// What the picture is asked to have: colour, what training reads, or all layers.
+    pub channels: Channels,
+}
+
+impl RenderRules {
+    /// With everything that there is.
+    pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
+        Self {
+            shading,
+            scheme,
+            sh_degree: Some(3),
+            normal_residuals: true,
+            is_lit: true,
+            levels: LevelRange::ALL,
+            channels,
+        }
+    }
+    /// Whether the light of such a scene is added pixel by pixel, after blending.
+    pub fn is_deferred(&self, layout: Layout) -> bool {
+        layout.is_shaded() && self.shading.form == ShadingForm::Deferred
+    }
+    /// What is blended so that the picture has the channels that were asked for.
+    pub fn blended(&self, layout: Layout) -> Channels {
+        let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
+        match self.channels {
+            Channels::Color if is_lit_by_pixel => Channels::Lit,
+            Channels::Training if is_lit_by_pixel => Channels::Surface,
+            channels => channels,
+        }
+    }
+    /// Whether nothing of a surface but its own colour is asked for or lit.
+    pub fn is_color_alone(&self, layout: Layout) -> bool {
+        !self.is_lit && self.blended(layout) == Channels::Color
+    }
+    /// How many numbers of each Gaussian are read.
+    pub fn numbers_read(&self, layout: Layout) -> usize {
+        let shading_end = match layout.is_shaded() {
+            false => DIFFUSE,
+            true if self.is_color_alone(layout) => TINT,
+            true if self.normal_residuals => layout.sh_start(),
+            true => NORMAL_RESIDUAL_1,
+        };
+        let harmonics = Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout };
+        shading_end + 3 * harmonics.sh_count()
+    }
+}
+
+/// What is blended into a picture, in one pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Channels {
+    /// Colour alone: 3 channels.
+    Color,
+    /// Colour, normal, depth and |Δn|²: 8 channels, what the losses read.
+    Training,
+    /// Colour, normal, tint and roughness: 10 channels, all that light needs pixel by pixel.
+    Lit,
+    /// Those of training, then tint and roughness: 12 channels.
+    Surface,
+    /// Those of a surface, then diffuse, specular, residual and light: 24 channels.
+    Layers,
+}
+
+impl Channels {
+    const ALL: [Self; 5] = [Self::Color, Self::Training, Self::Lit, Self::Surface, Self::Layers];
+
+    /// How many numbers a Gaussian brings to a pixel.
+    pub const fn count(self) -> usize {
+        match self {
+            Self::Color => channel::NORMAL,
+            Self::Training => channel::TINT,
+            Self::Lit => channel::DEPTH + (channel::DIFFUSE - channel::TINT),
+            Self::Surface => channel::DIFFUSE,
+            Self::Layers => channel::LIGHT + 3,
+        }
+    }
+
+    /// Those that are so many; all layers, if none are.
+    pub const fn of_count(count: usize) -> Self {
+        let mut k = 0;
+        while k < Self::ALL.len() {
+            if Self::ALL[k].count() == count {
+                return Self::ALL[k];
+            }
+            k += 1;
+        }
+        Self::Layers
+    }
+
+    /// Where one of the channels of all layers, as [`mod@channel`] numbers them, lies among these; none if it is left
+    /// out.
+    #[inline(always)]
+    pub const fn index_of(self, of_layers: usize) -> Option<usize> {
+        match self {
+            Self::Lit => match of_layers {
+                ..channel::DEPTH => Some(of_layers),
+                channel::TINT..channel::DIFFUSE => Some(of_layers - channel::TINT + channel::DEPTH),
+                _ => None,
+            },
+            _ if of_layers < self.count() => Some(of_layers),
+            _ => None,
+        }
+    }
+}
+
+/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it lies in others.
+pub mod channel {
+    /// Colour, sRGB-encoded.
+    pub const COLOR: usize = 0;
+    /// World-space normal.
+    pub const NORMAL: usize = 3;
+    /// Depth along the optical axis.
+    pub const DEPTH: usize = 6;
+    /// |Δn|².
+    pub const RESIDUAL_SIZE: usize = 7;
+    /// Specular tint.
+    pub const TINT: usize = 8;
+    /// Perceptual roughness.
+    pub const ROUGHNESS: usize = 11;
+    /// Activated diffuse colour, linear.
+    pub const DIFFUSE: usize = 12;
+    /// Tint times specular light, linear.
+    pub const SPECULAR: usize = 15;
+    /// Residual colour, linear.
+    pub const RESIDUAL: usize = 18;
+    /// Prefiltered light that reaches the surface, linear.
+    pub const LIGHT: usize = 21;
+}
