@@ -75,7 +75,7 @@ pub struct ModelInfo {
     pub seed: u64,
     /// Which way is up, where the middle is and how far cameras are from it, in the data set's world; none in models of
     /// before, and where there are no cameras.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(alias = "bearings", skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
     /// Iterations of this training that are saved, the newest last; empty in models of earlier versions.
     #[serde(skip_serializing_if = "Vec::is_empty")]

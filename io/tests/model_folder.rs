@@ -271,6 +271,18 @@ fn what_is_no_model_is_refused() {
 }
 
 #[test]
+fn the_orientation_of_earlier_versions_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    model_folder::save_info(folder.path(), &info()).unwrap();
+    let path = folder.path().join("specula.json");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains("\"orientation\""), "{text}");
+    fs::write(&path, text.replace("\"orientation\"", "\"bearings\"")).unwrap();
+    let read = model_folder::read_info(folder.path()).unwrap().expect("it is there");
+    assert!(read.orientation.is_some() && read == info(), "{read:?}");
+}
+
+#[test]
 fn settings_of_later_versions_are_kept() {
     let info: ModelInfo = serde_json::from_str(r#"{ "profile": "x", "from_the_future": [1, 2] }"#).unwrap();
     assert_eq!(info.rest["from_the_future"], json!([1, 2]));

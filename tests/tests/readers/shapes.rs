@@ -227,7 +227,7 @@ pub(crate) fn json() -> impl Strategy<Value = Vec<u8>> {
     const LEN_MAX: usize = 1 << 15;
     let leaf =
         select(&["0", "[]", "{}", "null", "1e999", "\"\"", "-1", "[[[[", "{\"\":0}"][..]).prop_map(str::to_owned);
-    let key = select(&["version", "iterations", "bearings", "rest", "", "seed"][..]);
+    let key = select(&["version", "iterations", "orientation", "bearings", "rest", "", "seed"][..]);
     let value = leaf.prop_recursive(5, 200, 10, move |inside| {
         prop_oneof![
             vec(inside.clone(), 0..10).prop_map(|values| format!("[{}]", values.join(","))),
