@@ -47,16 +47,17 @@ fn stages_of(
     let mut scene = Scene::new(exec, profile, size, count)?;
     let amounts = Amounts {
         gaussians: count,
-        layout: scene.cloud.layout,
+        layout: scene.state.gaussians.layout,
         storage: Storage::F32,
         pixels: (size * size) as usize,
         rules: scene.rules,
-        work: work_of(&mut cpu, &same.cloud, &same.camera),
+        work: work_of(&mut cpu, &same.state.gaussians, &same.camera),
     };
     let name = format!("{profile}, {count} at {size} on the GPU");
     let mut groups = Groups { criterion, name, samples, amounts, finish: GpuExecutor::finish };
     let light = scene.filtered(exec)?;
-    let view = View { cloud: &scene.cloud, light: light.as_ref(), camera: &scene.camera, rules: &scene.rules };
+    let view =
+        View { cloud: &scene.state.gaussians, light: light.as_ref(), camera: &scene.camera, rules: &scene.rules };
     measure_picture(exec, &view, &mut groups)?;
     measure_step(exec, &mut scene, &mut groups)?;
     groups.measure(exec, Stage::TrainStep, |_| Ok(()), |exec, ()| scene.train(exec))

@@ -17,6 +17,7 @@ use specula_core::{
     prefilter::LevelRange,
     rules::{Channels, RenderRules},
     scene::{Gaussians, TINT},
+    state::SceneState,
 };
 use specula_cpu::CpuExecutor;
 use std::path::Path;
@@ -60,9 +61,10 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
     let mut exec = CpuExecutor::new();
     let mut scene = scene(&mut exec, name, SIZE, GAUSSIANS);
     let light = scene.filtered(&mut exec).expect("64 is a power of two");
-    let work = work_of(&mut exec, &scene.cloud, &scene.camera);
+    let work = work_of(&mut exec, &scene.state.gaussians, &scene.camera);
     println!("{name}: {work}");
-    let view = View { cloud: &scene.cloud, light: light.as_ref(), camera: &scene.camera, rules: &scene.rules };
+    let view =
+        View { cloud: &scene.state.gaussians, light: light.as_ref(), camera: &scene.camera, rules: &scene.rules };
     let mut groups = groups(criterion, name, &view, work);
     picture_stages(&mut exec, &view, &mut groups);
     plain_loop(&mut exec, &view, &mut groups);
@@ -92,7 +94,7 @@ fn steps(criterion: &mut Criterion) {
         let mut exec = CpuExecutor::new();
         let mut scene = scene(&mut exec, profile, size, count);
         let name = format!("{profile}, {count} at {size}");
-        let view = View { cloud: &scene.cloud, light: None, camera: &scene.camera, rules: &scene.rules };
+        let view = View { cloud: &scene.state.gaussians, light: None, camera: &scene.camera, rules: &scene.rules };
         let mut groups = groups(criterion, &name, &view, Work::default());
         groups.measure(&mut exec, Stage::TrainStep, |_| Ok(()), |exec, ()| scene.train(exec)).expect("the CPU trains");
     }
@@ -102,7 +104,8 @@ fn steps(criterion: &mut Criterion) {
 fn diffuse(criterion: &mut Criterion) {
     const NO_TINT: f32 = -100.0;
     let mut exec = CpuExecutor::new();
-    let Scene { mut cloud, camera, rules, .. } = scene(&mut exec, "specula", SIZE, GAUSSIANS);
+    let Scene { state: SceneState { gaussians: mut cloud, .. }, camera, rules, .. } =
+        scene(&mut exec, "specula", SIZE, GAUSSIANS);
     (0..cloud.count).for_each(|index| cloud.set(index, TINT, [NO_TINT; 3]));
     let rules = RenderRules { channels: Channels::Color, ..rules };
     let plan = Plan::new(cloud.layout, &Needs::of(&cloud).under(Some(&environment(LIGHT))), None, &rules);

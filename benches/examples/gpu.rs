@@ -17,6 +17,7 @@ use specula_core::{
     pipeline::render,
     prefilter::LevelRange,
     scene::{Environment, Gaussians},
+    state::SceneState,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{Gpu, GpuError, GpuExecutor, GpuViewer, ceilings::Ceilings, viewer::Stored};
@@ -180,7 +181,7 @@ impl Reference {
         let mut scene = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
         let step = median(|| scene.train(&mut cpu)).expect("the CPU trains");
         let light = scene.filtered(&mut cpu).expect("64 is a power of two");
-        let Scene { rules, camera, cloud, .. } = &scene;
+        let Scene { rules, camera, state: SceneState { gaussians: cloud, .. }, .. } = &scene;
         let image = render_view(&mut cpu, cloud, light.as_ref(), camera, rules).expect("the CPU renders");
         let amounts = Amounts {
             gaussians: count,
@@ -218,8 +219,8 @@ impl fmt::Display for Picture {
 
 impl<'a> Stand<'a> {
     fn new(viewer: &mut GpuViewer, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
-        let sky = like.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
-        Ok(Self { cloud: viewer.upload_gaussians(&like.cloud)?, sky: sky.transpose()?, like })
+        let sky = like.state.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
+        Ok(Self { cloud: viewer.upload_gaussians(&like.state.gaussians)?, sky: sky.transpose()?, like })
     }
 
     fn filtered(&self, viewer: &mut GpuViewer) -> Result<Option<specula_gpu::prefilter::Light>, GpuError> {

@@ -3,11 +3,12 @@
 use crate::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, Renderer, Statistics, TrainingStep},
-    pipeline::{Fit, train_step},
+    executor::{Executor, Renderer, TrainingStep},
+    pipeline::train_step,
     prefilter::LevelRange,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians},
+    state::{AdamMoments, SceneState, Statistics},
 };
 use specula_train::profile::{Profile, by_name};
 
@@ -23,13 +24,8 @@ pub struct Scene<E: Executor> {
     pub rules: RenderRules,
     /// From where.
     pub camera: Camera,
-    /// The Gaussians.
-    pub cloud: Gaussians<E::Array>,
-    /// Their running means.
-    pub moments: AdamMoments<E::Array>,
-    /// The sky and its running means, where the profile has light.
-    pub light: Option<(Environment<E::Array>, AdamMoments<E::Array>)>,
-    statistics: Statistics<E::Array>,
+    /// The Gaussians and the sky, where the profile has light, with their moments.
+    pub state: SceneState<E::Array>,
     /// Grey, to be compared with.
     pub target: E::Target,
     /// Learning rates, all zero.
@@ -60,19 +56,21 @@ impl<E: Executor> Scene<E> {
         Ok(Self {
             rules: RenderRules::full(profile.shading, profile.scheme, channels),
             camera: camera(size),
-            moments: AdamMoments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
-            light: light.transpose()?,
-            statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
+            state: SceneState {
+                moments: AdamMoments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
+                light: light.transpose()?,
+                statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
+                gaussians: exec.upload_gaussians(&cloud)?,
+            },
             target: exec.target(size as usize, size as usize, &grey)?,
             rates: vec![0.0; cloud.layout.plane_count()],
-            cloud: exec.upload_gaussians(&cloud)?,
             profile,
         })
     }
 
     /// The sky, filtered.
     pub fn filtered(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
-        let light = self.light.as_ref();
+        let light = self.state.light.as_ref();
         light.map(|(light, _)| exec.prefilter(light, self.profile.scheme, LevelRange::ALL)).transpose()
     }
 
@@ -90,13 +88,7 @@ impl<E: Executor> Scene<E> {
             radiance_max: 100.0,
             number: 1,
         };
-        let mut fit = Fit {
-            gaussians: &mut self.cloud,
-            moments: &mut self.moments,
-            environment: self.light.as_mut().map(|(light, moments)| (light, moments)),
-            statistics: &mut self.statistics,
-        };
-        train_step(exec, &mut fit, &step).map(drop)
+        train_step(exec, &mut self.state, &step).map(drop)
     }
 }
 

@@ -13,6 +13,7 @@ use specula_core::{
     prefilter::LevelRange,
     rules::{Channels, RenderRules},
     scene::{DIFFUSE, Layout},
+    state::SceneState,
 };
 
 /// A stage, or all stages of a picture or of a step.
@@ -187,7 +188,8 @@ pub fn measure_step<E: Executor>(
 ) -> Result<(), E::Error> {
     let light = scene.filtered(exec)?;
     let light = light.as_ref();
-    let Scene { profile, rules, camera, cloud, moments, target, rates, .. } = scene;
+    let Scene { profile, rules, camera, state, target, rates } = scene;
+    let SceneState { gaussians: cloud, moments, light: sky, .. } = state;
     let (camera, rules, weights) = (&*camera, &*rules, &profile.weights);
     let mut splats = exec.project(cloud, camera)?;
     let colors = exec.shade(cloud, camera, &mut splats, light, rules)?;
@@ -222,7 +224,7 @@ pub fn measure_step<E: Executor>(
     )?;
 
     light_grad = light_grad.or(back(exec)?.1);
-    if let (Some((environment, _)), Some(light), Some(grad)) = (&scene.light, light, &light_grad) {
+    if let (Some((environment, _)), Some(light), Some(grad)) = (sky, light, &light_grad) {
         let (scheme, levels) = (profile.scheme, LevelRange::ALL);
         meter.measure(exec, Stage::Prefilter, nothing, |exec, ()| exec.prefilter(environment, scheme, levels))?;
         meter.measure(exec, Stage::PrefilterVjp, nothing, |exec, ()| exec.prefilter_vjp(environment, light, grad))?;

@@ -1,13 +1,9 @@
 //! A training put aside, and taken up again: what it has learned as a file, and whether it is that of a run.
 
 use crate::failure::Failure;
-use specula_core::{camera::Camera, executor::AdamMoments, scene::Environment};
+use specula_core::{camera::Camera, state::TrainingState};
 use specula_io::checkpoint::{self, Checkpoint, Facts};
-use specula_train::{
-    exposure::Exposures,
-    trainer::{HostScene, Settings, Snapshot},
-    view::View,
-};
+use specula_train::{trainer::Settings, view::View};
 use std::path::{Path, PathBuf};
 
 /// Where the checkpoints of a training go, how often, and what they say of it.
@@ -48,47 +44,16 @@ impl Checkpoints {
     }
 
     /// Writes what was learned.
-    pub(crate) fn write(&mut self, snapshot: Snapshot, seconds: f64) -> Result<(), Failure> {
-        let Snapshot { iteration, psnr, nonfinite, .. } = snapshot;
-        self.facts = Facts { iteration, seconds, psnr, nonfinite, ..core::mem::take(&mut self.facts) };
-        checkpoint::write(&self.folder, &checkpoint_of(snapshot, self.facts.clone()))?;
+    pub(crate) fn write(&mut self, state: TrainingState<Vec<f32>>, seconds: f64) -> Result<(), Failure> {
+        let iteration = state.iteration;
+        checkpoint::write(&self.folder, &Checkpoint { state, facts: Facts { seconds, ..self.facts.clone() } })?;
         self.last = Some(iteration);
         Ok(())
     }
 
     /// Reads the last one.
-    pub(crate) fn read(&self) -> Result<Snapshot, Failure> {
-        Ok(snapshot_of(checkpoint::read(&self.folder)?))
-    }
-}
-
-fn checkpoint_of(snapshot: Snapshot, facts: Facts) -> Checkpoint {
-    let Snapshot { scene, moments, statistics, light_moments, exposures, order, .. } = snapshot;
-    Checkpoint {
-        gaussians: scene.gaussians,
-        moments,
-        statistics,
-        light: scene.environment.zip(light_moments),
-        exposures: exposures.map(|Exposures { maps, mean, square }| (maps, AdamMoments { mean, square })),
-        order: order.into_iter().map(|view| view as u32).collect(),
-        facts,
-    }
-}
-
-/// What a training had learned.
-pub(crate) fn snapshot_of(checkpoint: Checkpoint) -> Snapshot {
-    let Checkpoint { gaussians, moments, statistics, light, exposures, order, facts } = checkpoint;
-    let (environment, light_moments): (Option<Environment<Vec<f32>>>, Option<AdamMoments<Vec<f32>>>) = light.unzip();
-    Snapshot {
-        scene: HostScene { gaussians, environment },
-        moments,
-        statistics,
-        light_moments,
-        exposures: exposures.map(|(maps, AdamMoments { mean, square })| Exposures { maps, mean, square }),
-        iteration: facts.iteration,
-        order: order.into_iter().map(|view| view as usize).collect(),
-        psnr: facts.psnr,
-        nonfinite: facts.nonfinite,
+    pub(crate) fn read(&self) -> Result<TrainingState<Vec<f32>>, Failure> {
+        Ok(checkpoint::read(&self.folder)?.state)
     }
 }
 
@@ -190,7 +155,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("there is room");
         fs::write(checkpoint::place(folder.path()), bytes).expect("there is room");
         let saved = checkpoint::read(folder.path()).expect("it was written");
-        Trainer::resume(CpuExecutor::new(), settings.clone(), &views(), &snapshot_of(saved)).expect("it is the same")
+        Trainer::resume(CpuExecutor::new(), settings.clone(), &views(), &saved.state).expect("it is the same")
     }
 
     #[test]
@@ -227,7 +192,7 @@ mod tests {
             Trainer::new(CpuExecutor::new(), specula.clone(), &views(), &points()).expect("there are views");
         train(&mut trainer, 1);
         let learned = trainer.snapshot().expect("the processor gives back");
-        let go_on = |settings: &Settings, views: &[View], snapshot: &Snapshot| {
+        let go_on = |settings: &Settings, views: &[View], snapshot: &TrainingState<Vec<f32>>| {
             let resumed = Trainer::resume(CpuExecutor::new(), settings.clone(), views, snapshot);
             resumed.map(|_| ()).map_err(|error| error.to_string())
         };
@@ -235,7 +200,7 @@ mod tests {
         let mut other_light = specula.clone();
         other_light.profile.light.as_mut().expect("specula has a light").resolution *= 2;
         let mut short = learned.clone();
-        short.moments.mean.pop();
+        short.scene.moments.mean.pop();
         let mut plain = specula.clone();
         plain.profile.exposure = None;
         for (settings, views, snapshot, word) in [

@@ -9,12 +9,12 @@ use crate::{
     settings::shading_model_of,
     view::live::{Live, Wish},
 };
-use specula_core::{executor::Executor, expose::Exposure};
+use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
 use specula_scene::{Scene, ShadingModel};
 use specula_train::{
     start::Point,
-    trainer::{HostScene, Settings, Snapshot, Trainer},
+    trainer::{HostScene, Settings, Trainer},
     view::View,
 };
 use std::{fmt, sync::Arc, time::Instant};
@@ -36,7 +36,7 @@ pub(crate) trait Run {
     /// The scene on the host.
     fn download(&mut self) -> Result<HostScene, Failure>;
     /// Everything that was learned, on the host.
-    fn snapshot(&mut self) -> Result<Snapshot, Failure>;
+    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure>;
 }
 
 impl fmt::Debug for dyn Run {
@@ -71,7 +71,7 @@ where
     fn download(&mut self) -> Result<HostScene, Failure> {
         self.download().map_err(Failure::from)
     }
-    fn snapshot(&mut self) -> Result<Snapshot, Failure> {
+    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure> {
         self.snapshot().map_err(Failure::from)
     }
 }
@@ -82,7 +82,7 @@ pub(crate) enum Start<'a> {
     /// At its beginning, from points.
     Points(&'a [Point]),
     /// From what it had learned when it was put aside.
-    Learned(&'a Snapshot),
+    Learned(&'a TrainingState<Vec<f32>>),
 }
 
 /// Pictures and points of a training, read again.
@@ -360,7 +360,7 @@ mod tests {
         fn download(&mut self) -> Result<HostScene, Failure> {
             Run::download(&mut self.0)
         }
-        fn snapshot(&mut self) -> Result<Snapshot, Failure> {
+        fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure> {
             Run::snapshot(&mut self.0)
         }
     }
@@ -466,7 +466,7 @@ mod tests {
     }
 
     fn checkpoint_of(folder: &Path) -> u32 {
-        specula_io::checkpoint::read(folder).expect("it was written").facts.iteration
+        specula_io::checkpoint::read(folder).expect("it was written").state.iteration
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::{
 };
 use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
-use specula_core::{camera::Camera, rules::Channels};
+use specula_core::{camera::Camera, rules::Channels, state::TrainingState};
 use specula_io::{
     self as io,
     cameras::NamedCamera,
@@ -32,7 +32,7 @@ use specula_scene::Scene;
 use specula_train::{
     profile::Profile,
     start::{Point, points_behind, random_points},
-    trainer::{Settings, Snapshot},
+    trainer::Settings,
     view::View,
 };
 use std::{path::Path, sync::Arc};
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
         let points = points_of(args, &mut data);
         Ok((data.train, points))
     };
-    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Learned(&saved.snapshot));
+    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Learned(&saved.state));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
@@ -160,7 +160,7 @@ fn settled(args: &Train) -> Result<Train, Failure> {
 /// What a training had come to when it was put aside.
 #[derive(Debug)]
 struct Saved {
-    snapshot: Snapshot,
+    state: TrainingState<Vec<f32>>,
     seconds: f64,
 }
 
@@ -185,10 +185,10 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
             args.source()?
         ));
     }
-    if then.iteration > args.iterations {
+    if saved.state.iteration > args.iterations {
         return refuse(format!(
             "is of iteration {}, and --iterations {} is less; ask for as many at least",
-            then.iteration, args.iterations
+            saved.state.iteration, args.iterations
         ));
     }
     let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
@@ -196,7 +196,7 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
     if checkpoint::words_of(&same) != then.settings {
         return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
     }
-    Ok(Saved { seconds: then.seconds, snapshot: checkpoint::snapshot_of(saved) })
+    Ok(Saved { seconds: then.seconds, state: saved.state })
 }
 
 /// Keeps other trainings out of the folder of the model.
@@ -221,8 +221,8 @@ fn fill_folder(
     }
     config::save(folder, &facts.config)?;
     let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
-    if let Some(Saved { snapshot, .. }) = saved {
-        let (taken, all) = (snapshot.iteration, args.iterations);
+    if let Some(Saved { state, .. }) = saved {
+        let (taken, all) = (state.iteration, args.iterations);
         tracing::info!(
             "{}",
             match taken == all {

@@ -9,6 +9,7 @@ use crate::{
     region::Ball,
     rules::RenderRules,
     scene::{Environment, Gaussians},
+    state::{AdamMoments, Statistics},
 };
 
 /// Length of a host buffer that does not fit the array or the frame that is read into it.
@@ -43,24 +44,6 @@ impl core::fmt::Display for BufferLength {
 }
 
 impl core::error::Error for BufferLength {}
-
-/// Running means of Adam for every number of a scene.
-#[derive(Clone, Debug)]
-pub struct AdamMoments<A> {
-    /// Means of the gradients.
-    pub mean: A,
-    /// Means of the squared gradients.
-    pub square: A,
-}
-
-/// What densification has seen of each Gaussian since it last acted.
-#[derive(Clone, Debug)]
-pub struct Statistics<A> {
-    /// Sum over the views of the gradient's length at the projected centre, in normalised device coordinates.
-    pub grad_sum: A,
-    /// Number of views that saw the Gaussian.
-    pub view_count: A,
-}
 
 /// What densification did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -112,5 +112,6 @@ pub mod shade;
 pub mod sphere;
 pub mod splat;
 pub mod split_sum;
+pub mod state;
 pub mod tsdf;
 pub mod vector;

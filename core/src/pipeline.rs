@@ -2,9 +2,10 @@
 
 use crate::{
     camera::Camera,
-    executor::{AdamMoments, Executor, Renderer, Statistics, StepReport, TrainingStep},
+    executor::{Executor, Renderer, StepReport, TrainingStep},
     rules::RenderRules,
-    scene::{Environment, Gaussians},
+    scene::Gaussians,
+    state::SceneState,
 };
 
 /// A picture of Gaussians under a light.
@@ -23,44 +24,36 @@ pub fn render<E: Renderer>(
     if rules.is_deferred(gaussians.layout) { exec.shade_pixels(frame, light, camera) } else { Ok(frame) }
 }
 
-/// A scene that is being fitted.
-#[derive(Debug)]
-pub struct Fit<'a, E: Executor> {
-    /// The Gaussians.
-    pub gaussians: &'a mut Gaussians<E::Array>,
-    /// Their running means.
-    pub moments: &'a mut AdamMoments<E::Array>,
-    /// The light and its running means; none for plain Gaussian splatting.
-    pub environment: Option<(&'a mut Environment<E::Array>, &'a mut AdamMoments<E::Array>)>,
-    /// What densification has seen.
-    pub statistics: &'a mut Statistics<E::Array>,
-}
-
 /// One step of training: forward, backward, update.
 pub fn train_step<E: Executor>(
     exec: &mut E,
-    fit: &mut Fit<'_, E>,
+    scene: &mut SceneState<E::Array>,
     step: &TrainingStep<'_, E>,
 ) -> Result<StepReport, E::Error> {
     loop {
-        take_step(exec, fit, step)?;
+        take_step(exec, scene, step)?;
         if let Some(report) = exec.report()? {
             return Ok(report);
         }
     }
 }
 
-fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &TrainingStep<'_, E>) -> Result<(), E::Error> {
+fn take_step<E: Executor>(
+    exec: &mut E,
+    scene: &mut SceneState<E::Array>,
+    step: &TrainingStep<'_, E>,
+) -> Result<(), E::Error> {
+    let SceneState { gaussians, moments, statistics, light: fitted_light } = scene;
     let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
-    let light = match &fit.environment {
+    let light = match fitted_light {
         Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
         _ => None,
     };
-    let mut splats = exec.project(fit.gaussians, step.camera)?;
-    let colors = exec.shade(fit.gaussians, step.camera, &mut splats, light.as_ref(), step.rules)?;
+    let mut splats = exec.project(gaussians, step.camera)?;
+    let colors = exec.shade(gaussians, step.camera, &mut splats, light.as_ref(), step.rules)?;
     let tiles = exec.bin_for_step(&splats, step.camera)?;
     let mut frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
-    let is_deferred = step.rules.is_deferred(fit.gaussians.layout);
+    let is_deferred = step.rules.is_deferred(gaussians.layout);
     if is_deferred {
         frame = exec.shade_pixels(frame, light.as_ref(), step.camera)?;
     }
@@ -77,10 +70,10 @@ fn take_step<E: Executor>(exec: &mut E, fit: &mut Fit<'_, E>, step: &TrainingSte
     }
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
-    exec.observe(fit.statistics, &splats, &grads, step.camera)?;
-    let of_light = exec.update(fit.gaussians, fit.moments, &splats, light.as_ref(), &grads, step)?;
+    exec.observe(statistics, &splats, &grads, step.camera)?;
+    let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
     let light_grad = light_grad.or(of_light);
-    if let (Some((environment, moments)), Some(light), Some(light_grad)) = (&mut fit.environment, &light, &light_grad) {
+    if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
         exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
     }

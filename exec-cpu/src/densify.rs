@@ -15,9 +15,10 @@ use specula_core::{
     densify::{
         Action, DensifyRules, decide, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
     },
-    executor::{AdamMoments, DensifyReport, RandomKey, Statistics},
+    executor::{DensifyReport, RandomKey},
     region::Ball,
     scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
+    state::{AdamMoments, Statistics},
     vector::{Vec3, vec3},
 };
 

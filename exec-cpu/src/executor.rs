@@ -18,15 +18,14 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     densify::DensifyRules,
-    executor::{
-        AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, Renderer, Statistics, StepReport, TrainingStep,
-    },
+    executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport, TrainingStep},
     expose::Exposure,
     loss::LossWeights,
     prefilter::{LevelRange, Levels, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
     scene::{Environment, Gaussians, RadianceActivation},
+    state::{AdamMoments, Statistics},
 };
 use specula_prefilter::Operator;
 use std::sync::Arc;

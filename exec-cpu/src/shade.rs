@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     each,
-    executor::{AdamMoments, TrainingStep},
+    executor::TrainingStep,
     loss::{LossWeights, residual_vjp, sparse_vjp},
     real::Real,
     rules::{Channels, RenderRules, channel},
@@ -27,6 +27,7 @@ use specula_core::{
         view_dir_vjp,
     },
     splat::SplatGrad,
+    state::AdamMoments,
     vector::Vec3,
 };
 

@@ -19,10 +19,11 @@ use bytemuck::{Pod, Zeroable};
 use specula_core::{
     camera::Camera,
     densify::{Action, DensifyRules, part_noise},
-    executor::{AdamMoments, DensifyReport, RandomKey, Statistics},
+    executor::{DensifyReport, RandomKey},
     morton::CODE_BITS,
     region::Ball,
     scene::{Gaussians, Layout},
+    state::{AdamMoments, Statistics},
 };
 
 /// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is finite.

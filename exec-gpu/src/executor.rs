@@ -20,7 +20,7 @@ use crate::{
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
-    executor::{AdamMoments, BufferLength, DensifyReport, Executor, RandomKey, Renderer, Statistics, StepReport},
+    executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
     expose::Exposure,
     loss::LossWeights,
     pack::Storage,
@@ -28,6 +28,7 @@ use specula_core::{
     region::Ball,
     rules::RenderRules,
     scene::{Environment, Gaussians},
+    state::{AdamMoments, Statistics},
 };
 use std::sync::Arc;
 

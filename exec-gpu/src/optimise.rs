@@ -12,9 +12,9 @@ use crate::{
 };
 use bytemuck::{Pod, Zeroable};
 use specula_core::{
-    executor::AdamMoments,
     optimise::{corrected_epsilon, corrected_rate},
     scene::{Environment, Gaussians, RadianceActivation},
+    state::AdamMoments,
 };
 
 /// `StepSize` of `optimise.wgsl`.

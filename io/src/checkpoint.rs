@@ -25,9 +25,9 @@ use safetensors::{
 use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
-    executor::{AdamMoments, Statistics},
     expose::Exposure,
     scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
+    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use std::{
     collections::HashMap,
@@ -49,54 +49,60 @@ const NONFINITE_MAX: usize = usize::MAX >> 1;
 /// Numbers turned into bytes at once.
 const PIECE: usize = 1 << 16;
 
-/// Everything that a training needs to go on.
+/// State of a training, and the training that it belongs to.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
-    /// The Gaussians.
-    pub gaussians: Gaussians<Vec<f32>>,
-    /// Adam's moments of the Gaussians.
-    pub moments: AdamMoments<Vec<f32>>,
-    /// What densification has seen since it last acted.
-    pub statistics: Statistics<Vec<f32>>,
-    /// The light and its moments, where there is one.
-    pub light: Option<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)>,
-    /// How photographs were exposed, with Adam's moments, where that is learned.
-    pub exposures: Option<(Vec<Exposure<f32>>, AdamMoments<Vec<Exposure<f32>>>)>,
-    /// Views that come before any comes again, the next one last.
-    pub order: Vec<u32>,
-    /// What else is to be known.
+    /// State between two steps.
+    pub state: TrainingState<Vec<f32>>,
+    /// Description of the training.
     pub facts: Facts,
 }
 
-/// How far a training had come, and what it was told.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Description of a training, by which another run recognises it as its own.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     /// Version of the program.
     pub program: String,
-    /// Steps taken.
-    pub iteration: u32,
     /// Steps of the whole training.
     pub iterations: u32,
-    /// Seconds that they took.
+    /// Seconds that the steps so far took.
     pub seconds: f64,
-    /// PSNR of the training pictures, in dB, a running mean.
-    pub psnr: Option<f64>,
-    /// Gradients left out because they were not finite.
-    pub nonfinite: usize,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// What was asked for: the text of `config.toml`.
+    /// Options as the text of `config.toml`.
     pub config: String,
-    /// What that came to, every number of it.
+    /// Settings that follow from the options, every number of them.
     pub settings: String,
-    /// How many pictures there are.
+    /// Number of training pictures.
     pub views: usize,
-    /// A sum over names, cameras and pixels, which tells one data set from another.
+    /// Checksum of the views' names, cameras and pixels.
     pub pictures: String,
 }
 
-impl Facts {
-    /// Numbers that no training comes to.
+/// [`Facts`] and the counters of the state, in the order of the file.
+#[derive(Serialize, Deserialize)]
+struct FactsHeader {
+    program: String,
+    iteration: u32,
+    iterations: u32,
+    seconds: f64,
+    psnr: Option<f64>,
+    nonfinite: usize,
+    seed: u64,
+    config: String,
+    settings: String,
+    views: usize,
+    pictures: String,
+}
+
+impl FactsHeader {
+    fn of(Checkpoint { state, facts }: &Checkpoint) -> Self {
+        let TrainingState { iteration, psnr, nonfinite, .. } = *state;
+        let Facts { program, iterations, seconds, seed, config, settings, views, pictures } = facts.clone();
+        Self { program, iteration, iterations, seconds, psnr, nonfinite, seed, config, settings, views, pictures }
+    }
+
+    /// Describes the first number that no training can have.
     fn fault(&self) -> Option<String> {
         let Self { iteration, iterations, seconds, psnr, nonfinite, .. } = self;
         if iteration > iterations {
@@ -117,7 +123,7 @@ impl Facts {
 #[derive(Serialize, Deserialize)]
 struct Header {
     format: u32,
-    facts: Facts,
+    facts: FactsHeader,
     gaussians: usize,
     is_shaded: bool,
     sh_degree: Option<u8>,
@@ -163,7 +169,8 @@ struct Tensor<'a> {
 }
 
 fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
-    let Checkpoint { gaussians, moments, statistics, light, exposures, order, .. } = checkpoint;
+    let TrainingState { scene, exposures, order, .. } = &checkpoint.state;
+    let SceneState { gaussians, moments, statistics, light } = scene;
     let blocks = shape_of_gaussians(gaussians.count, gaussians.layout);
     let mut tensors = vec![
         numbers("gaussians", &blocks, &gaussians.values),
@@ -178,7 +185,7 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         tensors.push(numbers("light.mean", &faces, &moments.mean));
         tensors.push(numbers("light.square", &faces, &moments.square));
     }
-    if let Some((maps, moments)) = exposures {
+    if let Some(ExposureState { maps, moments }) = exposures {
         let shape = shape_of_exposures(maps.len());
         tensors.push(numbers("exposure", &shape, in_a_row(maps)));
         tensors.push(numbers("exposure.mean", &shape, in_a_row(&moments.mean)));
@@ -209,10 +216,10 @@ fn in_a_row(exposures: &[Exposure<f32>]) -> &[f32] {
 }
 
 fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<Vec<u8>> {
-    let Checkpoint { gaussians, light, exposures, facts, .. } = checkpoint;
+    let TrainingState { scene: SceneState { gaussians, light, .. }, exposures, .. } = &checkpoint.state;
     let header = Header {
         format: FORMAT,
-        facts: facts.clone(),
+        facts: FactsHeader::of(checkpoint),
         gaussians: gaussians.count,
         is_shaded: gaussians.layout.is_shaded(),
         sh_degree: gaussians.layout.sh_degree,
@@ -220,7 +227,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
             resolution: light.resolution,
             is_exponential: light.activation == RadianceActivation::Exponential,
         }),
-        exposures: exposures.as_ref().map(|(maps, _)| maps.len()),
+        exposures: exposures.as_ref().map(|exposures| exposures.maps.len()),
     };
     let ours = HashMap::from([(KEY.to_owned(), serde_json::to_string(&header)?)]);
     let mut start = 0;
@@ -258,7 +265,7 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
     let layout = Layout { appearance, sh_degree };
     let blocks = shape_of_gaussians(count, layout);
     let values = reader.numbers("gaussians", &blocks)?;
-    Ok(Checkpoint {
+    let scene = SceneState {
         gaussians: Gaussians { count, layout, values },
         moments: reader.moments(["gaussians.mean", "gaussians.square"], &blocks)?,
         statistics: Statistics {
@@ -266,9 +273,14 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
             view_count: reader.numbers("view_count", &[count])?,
         },
         light: light.map(|light| reader.light(light)).transpose()?,
-        exposures: exposures.map(|count| reader.exposures(count)).transpose()?,
-        order: reader.order()?,
-        facts,
+    };
+    let exposures = exposures.map(|count| reader.exposures(count)).transpose()?;
+    let order = reader.order()?;
+    let FactsHeader { program, iteration, iterations, seconds, psnr, nonfinite, .. } = facts;
+    let FactsHeader { seed, config, settings, views, pictures, .. } = facts;
+    Ok(Checkpoint {
+        state: TrainingState { scene, exposures, order, iteration, psnr, nonfinite },
+        facts: Facts { program, iterations, seconds, seed, config, settings, views, pictures },
     })
 }
 
@@ -360,15 +372,17 @@ impl Reader {
         Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
     }
 
-    fn exposures(&mut self, count: usize) -> Result<(Vec<Exposure<f32>>, AdamMoments<Vec<Exposure<f32>>>)> {
+    fn exposures(&mut self, count: usize) -> Result<ExposureState> {
         let shape = shape_of_exposures(count);
         let mut maps = |name: &str| -> Result<Vec<Exposure<f32>>> {
             let numbers = self.numbers(name, &shape)?;
             let rows = numbers.as_chunks::<4>().0;
             Ok(rows.as_chunks::<3>().0.to_vec())
         };
-        let exposures = maps("exposure")?;
-        Ok((exposures, AdamMoments { mean: maps("exposure.mean")?, square: maps("exposure.square")? }))
+        Ok(ExposureState {
+            maps: maps("exposure")?,
+            moments: AdamMoments { mean: maps("exposure.mean")?, square: maps("exposure.square")? },
+        })
     }
 
     /// Of any length: there may be as many views as one likes.

@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 use specula_core::{
-    executor::{AdamMoments, Statistics},
     expose::Exposure,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
+    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use specula_io::{
     Error,
@@ -40,21 +40,23 @@ fn example(layout: Layout) -> Checkpoint {
         let activation = RadianceActivation::Exponential;
         (Environment { resolution: RESOLUTION, activation, values: numbers(10, len) }, moments(11, len))
     });
-    Checkpoint {
+    let scene = SceneState {
         gaussians: Gaussians { count: COUNT, layout, values: numbers(1, len) },
         moments: moments(2, len),
         statistics: Statistics { grad_sum: numbers(4, COUNT), view_count: numbers(5, COUNT) },
         light,
-        exposures: Some((exposures(13), AdamMoments { mean: exposures(14), square: exposures(15) })),
-        order: vec![3, 0, 7],
-        facts: Facts {
+    };
+    let moments = AdamMoments { mean: exposures(14), square: exposures(15) };
+    Checkpoint {
+        state: TrainingState {
+            scene,
+            exposures: Some(ExposureState { maps: exposures(13), moments }),
+            order: vec![3, 0, 7],
             iteration: 40,
-            iterations: 40,
             psnr: Some(21.0 / 0.7),
-            seconds: 0.1 + 0.2,
-            seed: u64::MAX,
-            ..Facts::default()
+            nonfinite: 0,
         },
+        facts: Facts { iterations: 40, seconds: 0.1 + 0.2, seed: u64::MAX, ..Facts::default() },
     }
 }
 
@@ -64,8 +66,9 @@ fn bits(values: &[f32]) -> Vec<u32> {
 
 /// All numbers as bits, in order.
 fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
-    let Checkpoint { gaussians, moments, statistics, light, exposures, .. } = checkpoint;
-    let exposures = exposures.iter().flat_map(|(maps, moments)| [maps, &moments.mean, &moments.square]);
+    let TrainingState { scene, exposures, .. } = &checkpoint.state;
+    let SceneState { gaussians, moments, statistics, light } = scene;
+    let exposures = exposures.iter().flat_map(|ExposureState { maps, moments }| [maps, &moments.mean, &moments.square]);
     let exposures = exposures.map(|maps| maps.as_flattened().as_flattened());
     let light = light.iter().flat_map(|(light, moments)| [&light.values, &moments.mean, &moments.square]);
     [&gaussians.values, &moments.mean, &moments.square, &statistics.grad_sum, &statistics.view_count]
@@ -85,10 +88,14 @@ fn every_bit_comes_back() {
         checkpoint::write(folder.path(), &written).unwrap();
         let read = checkpoint::read(folder.path()).unwrap();
         assert_eq!(all_bits(&read), all_bits(&written));
-        assert_eq!((&read.order, &read.facts), (&written.order, &written.facts));
-        assert_eq!((read.gaussians.count, read.gaussians.layout), (COUNT, layout));
-        let kinds =
-            |checkpoint: &Checkpoint| checkpoint.light.as_ref().map(|(light, _)| (light.resolution, light.activation));
+        assert_eq!((&read.state.order, &read.facts), (&written.state.order, &written.facts));
+        let counters = |state: &TrainingState<Vec<f32>>| (state.iteration, state.psnr, state.nonfinite);
+        assert_eq!(counters(&read.state), counters(&written.state));
+        let gaussians = &read.state.scene.gaussians;
+        assert_eq!((gaussians.count, gaussians.layout), (COUNT, layout));
+        let kinds = |checkpoint: &Checkpoint| {
+            checkpoint.state.scene.light.as_ref().map(|(light, _)| (light.resolution, light.activation))
+        };
         assert_eq!(kinds(&read), kinds(&written));
     }
 }
@@ -241,7 +248,7 @@ fn tensors_that_are_missing_or_odd_are_named() {
 fn numbers_that_are_not_finite_are_counted_by_tensor() {
     let mut written = example(Layout::shaded(Some(1)));
     let folder = tempfile::tempdir().unwrap();
-    let light = &mut written.light.as_mut().unwrap().1;
+    let light = &mut written.state.scene.light.as_mut().unwrap().1;
     light.square[..3].copy_from_slice(&[f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
     checkpoint::write(folder.path(), &written).unwrap();
     let sentence = checkpoint::read(folder.path()).unwrap_err().to_string();

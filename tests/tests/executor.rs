@@ -3,7 +3,7 @@
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{AdamMoments, Executor, Renderer, StepReport, TrainingStep},
+    executor::{Executor, Renderer, StepReport, TrainingStep},
     expose::expose,
     loss::{LossWeights, NormalForm},
     pipeline::render,
@@ -16,6 +16,7 @@ use specula_core::{
     },
     sh,
     shade::ShadingRules,
+    state::{AdamMoments, ExposureState},
     vector::{Vec3, vec3},
 };
 use specula_cpu::{
@@ -35,7 +36,6 @@ use specula_tests::{
     stress::{every_case, results::Results, too_many_splats},
 };
 use specula_train::{
-    exposure::Exposures,
     profile::{by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, TINT_LOGIT_OFF, Trainer},
@@ -371,12 +371,12 @@ fn settings(name: &str) -> Settings {
 }
 
 /// A short training on so many threads.
-fn train(threads: usize, name: &str) -> (HostScene, Option<Exposures>) {
+fn train(threads: usize, name: &str) -> (HostScene, Option<ExposureState>) {
     train_with_pause(threads, &settings(name), None)
 }
 
 /// A training that, if asked to, is given up after some steps and goes on from what it had learned.
-fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> (HostScene, Option<Exposures>) {
+fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> (HostScene, Option<ExposureState>) {
     let views: Vec<View> = (0..4)
         .map(|k| {
             let turn = k as f32 * 1.6;

@@ -2,11 +2,12 @@
 
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, Statistics, TrainingStep},
+    executor::{Executor, TrainingStep},
     expose::{Exposure, IDENTITY},
-    pipeline::{Fit, train_step},
+    pipeline::train_step,
     rules::{Channels, RenderRules},
     scene::RadianceActivation,
+    state::{AdamMoments, SceneState, Statistics},
 };
 use specula_cpu::CpuExecutor;
 use specula_tests::strategies::{random_cloud, random_environment};
@@ -21,7 +22,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
     let profile = by_name(profile, 100).expect("a profile of that name");
     let mut exec = CpuExecutor::new();
-    let mut cloud = random_cloud(300, profile.layout, 3);
+    let cloud = random_cloud(300, profile.layout, 3);
     let camera = |angle: f32| {
         let eye = glam::Vec3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 1.5);
         Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 96, 80)
@@ -30,15 +31,16 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
     let rgba = vec![200; 96 * 80 * 4];
     let target = exec.target(96, 80, &rgba).expect("the bytes fit");
     let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
-    let mut moments = zeros(cloud.values.len());
-    let mut light = profile.light.map(|_| {
+    let moments = zeros(cloud.values.len());
+    let light = profile.light.map(|_| {
         let light = random_environment(16, RadianceActivation::Exponential, 3);
         let moments = zeros(light.values.len());
         (light, moments)
     });
-    let mut statistics = Statistics { grad_sum: vec![0.0; cloud.count], view_count: vec![0.0; cloud.count] };
+    let statistics = Statistics { grad_sum: vec![0.0; cloud.count], view_count: vec![0.0; cloud.count] };
     let rates = vec![1e-4; cloud.layout.plane_count()];
     let channels = if cloud.layout.is_shaded() { Channels::Training } else { Channels::Color };
+    let mut scene = SceneState { gaussians: cloud, moments, statistics, light };
     let rules = RenderRules::full(profile.shading, profile.scheme, channels);
     let mut counter = Region::new(ALLOCATOR);
     for number in 1..=12 {
@@ -57,13 +59,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
             radiance_max: 100.0,
             number,
         };
-        let mut fit = Fit {
-            gaussians: &mut cloud,
-            moments: &mut moments,
-            environment: light.as_mut().map(|(light, moments)| (light, moments)),
-            statistics: &mut statistics,
-        };
-        train_step(&mut exec, &mut fit, &step).expect("the CPU trains");
+        train_step(&mut exec, &mut scene, &step).expect("the CPU trains");
     }
     let change = counter.change();
     change.allocations + change.reallocations

@@ -12,10 +12,10 @@ use proptest::{
 };
 use specula_accuracy::lpips::Network;
 use specula_core::{
-    executor::{AdamMoments, Statistics},
     expose::IDENTITY,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
+    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use specula_io::{
     budget::NETWORK as NETWORK_BUDGET,
@@ -246,15 +246,23 @@ fn make_checkpoint(folder: &Path) {
     let moments = |len: usize| AdamMoments { mean: numbers(3, len), square: numbers(4, len) };
     let light =
         Environment { resolution: 2, activation: RadianceActivation::Exponential, values: numbers(5, 6 * 2 * 2 * 3) };
-    let written = Checkpoint {
+    let scene = SceneState {
         gaussians: cloud(3, layout),
         moments: moments(len),
         statistics: Statistics { grad_sum: numbers(6, 3), view_count: numbers(7, 3) },
         light: Some((light, moments(72))),
-        exposures: Some((vec![IDENTITY; 3], AdamMoments { mean: vec![IDENTITY; 3], square: vec![IDENTITY; 3] })),
-        order: vec![1, 0, 2],
-        facts: Facts::default(),
     };
+    let maps = vec![IDENTITY; 3];
+    let exposures = ExposureState { moments: AdamMoments { mean: maps.clone(), square: maps.clone() }, maps };
+    let state = TrainingState {
+        scene,
+        exposures: Some(exposures),
+        order: vec![1, 0, 2],
+        iteration: 0,
+        psnr: None,
+        nonfinite: 0,
+    };
+    let written = Checkpoint { state, facts: Facts::default() };
     checkpoint::write(folder, &written).unwrap();
 }
 

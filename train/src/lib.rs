@@ -23,7 +23,7 @@
 //! ```
 
 pub mod evaluate;
-pub mod exposure;
+mod exposure;
 pub mod profile;
 pub mod start;
 pub mod trainer;

@@ -1,7 +1,7 @@
 //! The optimisation loop.
 
 use crate::{
-    exposure::Exposures,
+    exposure,
     profile::Profile,
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
@@ -10,12 +10,13 @@ use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
     densify::DensifyRules,
-    executor::{AdamMoments, DensifyReport, Executor, RandomKey, Statistics, StepReport, TrainingStep},
+    executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
     metrics::psnr,
-    pipeline::{Fit, train_step},
+    pipeline::train_step,
     random,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, OPACITY, RadianceActivation, TINT, len_of_values},
+    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 
 /// The raw tint of what reflects nothing: σ(−64) = 1.6e-28 is lost beside any colour, and gradients in its proportion are
@@ -67,17 +68,7 @@ pub struct Trainer<E: Executor> {
     /// Cameras and pictures at full size, and at half.
     pictures: [Vec<(Camera, E::Target)>; 2],
     extent: f32,
-    gaussians: Gaussians<E::Array>,
-    moments: AdamMoments<E::Array>,
-    statistics: Statistics<E::Array>,
-    light: Option<(Environment<E::Array>, AdamMoments<E::Array>)>,
-    /// How the pictures were exposed, if that is learned.
-    exposures: Option<Exposures>,
-    /// Steps taken.
-    iteration: u32,
-    order: Vec<usize>,
-    psnr: Option<f64>,
-    nonfinite: usize,
+    state: TrainingState<E::Array>,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -94,8 +85,8 @@ impl<E: Executor> Trainer<E> {
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = start_light(&settings.profile);
-        let exposures = settings.profile.exposure.map(|_| Exposures::start(views.len()));
-        let mut trainer = Self::resume(exec, settings, views, &Snapshot::start(start, light, exposures))?;
+        let exposures = settings.profile.exposure.map(|_| exposure::identities(views.len()));
+        let mut trainer = Self::resume(exec, settings, views, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
         Ok(trainer)
     }
@@ -106,12 +97,12 @@ impl<E: Executor> Trainer<E> {
         mut exec: E,
         settings: Settings,
         views: &[View],
-        snapshot: &Snapshot,
+        state: &TrainingState<Vec<f32>>,
     ) -> Result<Self, TrainError<E::Error>> {
         if views.is_empty() {
             return Err(TrainError::NoViews);
         }
-        snapshot.belongs_to(&settings, views.len()).map_err(|what| TrainError::OtherRun { what })?;
+        check_state(state, &settings, views.len()).map_err(|what| TrainError::OtherRun { what })?;
         let halved: Vec<View> = if settings.profile.coarse_until > 0.0 && all_can_be_halved(views) {
             views.iter().map(View::halved).collect()
         } else {
@@ -119,112 +110,92 @@ impl<E: Executor> Trainer<E> {
         };
         let extent = extent_of(views);
         let near = near_of(extent);
-        let Snapshot { scene, moments, statistics, light_moments, exposures, iteration, order, psnr, nonfinite } =
-            snapshot;
-        let HostScene { gaussians, environment } = scene;
-        let light = environment.as_ref().zip(light_moments.as_ref()).map(|(light, moments)| -> Result<_, E::Error> {
-            let Environment { resolution, activation, ref values } = *light;
-            let light = Environment { resolution, activation, values: exec.upload(values)? };
-            Ok((light, upload_moments(&mut exec, moments)?))
-        });
-        let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
-        Ok(Self {
-            light: light.transpose()?,
-            gaussians: upload(&gaussians.values)?,
-            moments: AdamMoments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
-            statistics: Statistics {
-                grad_sum: exec.upload(&statistics.grad_sum)?,
-                view_count: exec.upload(&statistics.view_count)?,
-            },
-            pictures: [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?],
-            extent,
+        let TrainingState { scene, exposures, order, iteration, psnr, nonfinite } = state;
+        let state = TrainingState {
+            scene: upload_scene(&mut exec, scene)?,
             exposures: exposures.clone(),
-            iteration: *iteration,
             order: order.clone(),
+            iteration: *iteration,
             psnr: *psnr,
             nonfinite: *nonfinite,
-            settings,
-            exec,
-        })
+        };
+        let pictures = [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?];
+        Ok(Self { exec, settings, pictures, extent, state })
     }
 
-    /// Everything that the run has learned so far, on the host.
-    pub fn snapshot(&mut self) -> Result<Snapshot, TrainError<E::Error>> {
-        let scene = self.download()?;
-        let moments = download_moments(&mut self.exec, &self.moments, scene.gaussians.values.len())?;
-        let statistics = Statistics {
-            grad_sum: download(&mut self.exec, &self.statistics.grad_sum, scene.gaussians.count)?,
-            view_count: download(&mut self.exec, &self.statistics.view_count, scene.gaussians.count)?,
-        };
-        let light_moments = match &self.light {
-            Some((light, moments)) => Some(download_moments(&mut self.exec, moments, light.len_of_values())?),
-            None => None,
-        };
-        let Self { iteration, psnr, nonfinite, .. } = *self;
-        let (exposures, order) = (self.exposures.clone(), self.order.clone());
-        Ok(Snapshot { scene, moments, statistics, light_moments, exposures, iteration, order, psnr, nonfinite })
+    /// The state of the training, copied to the host.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`], where arrays cannot be read back.
+    pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
+        let scene = download_scene(&mut self.exec, &self.state.scene)?;
+        let TrainingState { exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
+        Ok(TrainingState {
+            scene,
+            exposures: exposures.clone(),
+            order: order.clone(),
+            iteration: *iteration,
+            psnr: *psnr,
+            nonfinite: *nonfinite,
+        })
     }
 
     /// Takes one step, and densifies where the schedule says so.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
-        self.iteration += 1;
-        let view = self.next_view();
-        let rules = self.rules_at(self.iteration, Channels::Training);
-        let weights = self.settings.profile.weights_at(self.done(self.iteration));
+        self.state.iteration += 1;
+        let view = self.next_view() as usize;
+        let rules = self.rules_at(self.state.iteration, Channels::Training);
+        let weights = self.settings.profile.weights_at(self.done(self.state.iteration));
         let profile = &self.settings.profile;
-        let is_coarse = self.done(self.iteration) < profile.coarse_until;
+        let is_coarse = self.done(self.state.iteration) < profile.coarse_until;
         let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
         let (camera, target) = &pictures[view];
-        let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.iteration);
+        let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.state.iteration);
         let step = TrainingStep {
             camera,
             target,
             background: self.settings.background,
-            exposure: self.exposures.as_ref().map(|exposures| &exposures.maps[view]),
+            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[view]),
             rules: &rules,
             weights: &weights,
             rates: &rates,
-            environment_rate: profile.rates.environment.at(self.iteration),
+            environment_rate: profile.rates.environment.at(self.state.iteration),
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            number: self.iteration,
+            number: self.state.iteration,
         };
-        let mut fit = Fit {
-            gaussians: &mut self.gaussians,
-            moments: &mut self.moments,
-            environment: self.light.as_mut().map(|(light, moments)| (light, moments)),
-            statistics: &mut self.statistics,
-        };
-        let report = train_step(&mut self.exec, &mut fit, &step)?;
+        let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
         self.note(&report);
         self.expose(view, &report);
         Ok((report, self.refine()?))
     }
 
     /// Pictures in a random order, each once before any comes again.
-    fn next_view(&mut self) -> usize {
-        if self.order.is_empty() {
-            self.order = (0..self.pictures[0].len()).collect();
-            for k in (1..self.order.len()).rev() {
-                let other = random::bits(self.settings.seed, u64::from(self.iteration), k as u64) % (k as u64 + 1);
-                self.order.swap(k, other as usize);
+    fn next_view(&mut self) -> u32 {
+        if self.state.order.is_empty() {
+            self.state.order = (0..self.pictures[0].len() as u32).collect();
+            for k in (1..self.state.order.len()).rev() {
+                let other =
+                    random::bits(self.settings.seed, u64::from(self.state.iteration), k as u64) % (k as u64 + 1);
+                self.state.order.swap(k, other as usize);
             }
         }
-        self.order.pop().expect("the order was just filled")
+        self.state.order.pop().expect("the order was just filled")
     }
 
     fn note(&mut self, report: &StepReport) {
         const MEMORY: f64 = 0.98;
         let now = psnr(report.loss.squared.max(1e-10));
-        self.psnr = Some(self.psnr.map_or(now, |mean| MEMORY * mean + (1.0 - MEMORY) * now));
-        self.nonfinite += report.nonfinite;
+        self.state.psnr = Some(self.state.psnr.map_or(now, |mean| MEMORY * mean + (1.0 - MEMORY) * now));
+        self.state.nonfinite += report.nonfinite;
     }
 
     /// Adam's step for the exposure of a picture. Pictures come in turns, so the number of the turn is that of its step.
     fn expose(&mut self, view: usize, report: &StepReport) {
-        let turn = (self.iteration - 1) / self.pictures[0].len() as u32 + 1;
+        let turn = (self.state.iteration - 1) / self.pictures[0].len() as u32 + 1;
         let schedule = self.settings.profile.exposure;
-        if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.exposures, &report.exposure, schedule) {
-            self.nonfinite += exposures.step(view, grad, schedule.at(self.iteration), turn);
+        if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
+            self.state.nonfinite += exposure::step(exposures, view, grad, schedule.at(self.state.iteration), turn);
         }
     }
 
@@ -254,7 +225,7 @@ impl<E: Executor> Trainer<E> {
 
     fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
         let plan = self.settings.profile.densification;
-        let k = self.iteration;
+        let k = self.state.iteration;
         let mut report = DensifyReport::default();
         if k > plan.from && k < plan.until && k.is_multiple_of(plan.every) {
             let was_reset = plan.reset_every > 0 && k > plan.reset_every;
@@ -265,17 +236,12 @@ impl<E: Executor> Trainer<E> {
                 scale_max: if was_reset { plan.prune_share * self.extent } else { f32::INFINITY },
             };
             let key = RandomKey { seed: self.settings.seed, stream: u64::from(k) };
-            report = self.exec.densify(
-                &mut self.gaussians,
-                &mut self.moments,
-                &mut self.statistics,
-                &rules,
-                plan.count_max,
-                key,
-            )?;
+            let SceneState { gaussians, moments, statistics, .. } = &mut self.state.scene;
+            report = self.exec.densify(gaussians, moments, statistics, &rules, plan.count_max, key)?;
         }
         if plan.reset_every > 0 && k < plan.until && k.is_multiple_of(plan.reset_every) {
-            self.exec.limit_plane(&mut self.gaussians, &mut self.moments, OPACITY, logit(0.01), None)?;
+            let SceneState { gaussians, moments, .. } = &mut self.state.scene;
+            self.exec.limit_plane(gaussians, moments, OPACITY, logit(0.01), None)?;
         }
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
             self.disable_background_specular()?;
@@ -287,8 +253,9 @@ impl<E: Executor> Trainer<E> {
     fn disable_background_specular(&mut self) -> Result<(), TrainError<E::Error>> {
         let Profile { layout, foreground, .. } = self.settings.profile;
         if layout.is_shaded() && foreground.is_some() {
+            let SceneState { gaussians, moments, .. } = &mut self.state.scene;
             for plane in TINT..TINT + 3 {
-                self.exec.limit_plane(&mut self.gaussians, &mut self.moments, plane, TINT_LOGIT_OFF, foreground)?;
+                self.exec.limit_plane(gaussians, moments, plane, TINT_LOGIT_OFF, foreground)?;
             }
         }
         Ok(())
@@ -296,31 +263,31 @@ impl<E: Executor> Trainer<E> {
 
     /// Steps taken so far.
     pub fn iteration(&self) -> u32 {
-        self.iteration
+        self.state.iteration
     }
     /// Whether all steps are taken.
     pub fn is_finished(&self) -> bool {
-        self.iteration >= self.settings.iterations
+        self.state.iteration >= self.settings.iterations
     }
     /// PSNR of the training pictures, in dB, a running mean.
     pub fn psnr(&self) -> Option<f64> {
-        self.psnr
+        self.state.psnr
     }
     /// Gradients left out so far because they were not finite.
     pub fn nonfinite(&self) -> usize {
-        self.nonfinite
+        self.state.nonfinite
     }
     /// The Gaussians now.
     pub fn gaussians(&self) -> &Gaussians<E::Array> {
-        &self.gaussians
+        &self.state.scene.gaussians
     }
     /// The light now, if there is one.
     pub fn environment(&self) -> Option<&Environment<E::Array>> {
-        self.light.as_ref().map(|(light, _)| light)
+        self.state.scene.light.as_ref().map(|(light, _)| light)
     }
     /// How the pictures were exposed, in the order of the views, if that is learned.
-    pub fn exposures(&self) -> Option<&Exposures> {
-        self.exposures.as_ref()
+    pub fn exposures(&self) -> Option<&ExposureState> {
+        self.state.exposures.as_ref()
     }
     /// What the run was told.
     pub fn settings(&self) -> &Settings {
@@ -332,95 +299,119 @@ impl<E: Executor> Trainer<E> {
     }
 
     /// The scene on the host: Gaussians, and the light if there is one.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`], where arrays cannot be read back.
     pub fn download(&mut self) -> Result<HostScene, TrainError<E::Error>> {
-        let Gaussians { count, layout, .. } = self.gaussians;
-        let values = download(&mut self.exec, &self.gaussians.values, len_of_values(count, layout))?;
-        let mut environment = None;
-        if let Some((light, _)) = &self.light {
-            let values = download(&mut self.exec, &light.values, light.len_of_values())?;
-            environment = Some(Environment { resolution: light.resolution, activation: light.activation, values });
-        }
-        Ok(HostScene { gaussians: Gaussians { count, layout, values }, environment })
+        let SceneState { gaussians, light, .. } = &self.state.scene;
+        let gaussians = download_gaussians(&mut self.exec, gaussians)?;
+        let environment = light.as_ref().map(|(light, _)| download_light(&mut self.exec, light)).transpose()?;
+        Ok(HostScene { gaussians, environment })
     }
 }
 
-/// What a run has learned, on the host: enough for it to go on, on any executor.
-#[derive(Clone, Debug)]
-pub struct Snapshot {
-    /// Gaussians, and the light if there is one.
-    pub scene: HostScene,
-    /// Adam's moments of the Gaussians.
-    pub moments: AdamMoments<Vec<f32>>,
-    /// What densification has seen since it last acted, a number for each Gaussian.
-    pub statistics: Statistics<Vec<f32>>,
-    /// Adam's moments of the light.
-    pub light_moments: Option<AdamMoments<Vec<f32>>>,
-    /// How the pictures were exposed, if that is learned.
-    pub exposures: Option<Exposures>,
-    /// Steps that were taken.
-    pub iteration: u32,
-    /// Views that come before any comes again, the next one last.
-    pub order: Vec<usize>,
-    /// PSNR of the training pictures, in dB, a running mean.
-    pub psnr: Option<f64>,
-    /// Gradients left out so far because they were not finite.
-    pub nonfinite: usize,
+/// The state before the first step: moments and statistics are zero.
+fn initial_state(
+    gaussians: Gaussians<Vec<f32>>,
+    environment: Option<Environment<Vec<f32>>>,
+    exposures: Option<ExposureState>,
+) -> TrainingState<Vec<f32>> {
+    let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
+    let with_moments = |light: Environment<Vec<f32>>| {
+        let moments = zeros(light.values.len());
+        (light, moments)
+    };
+    let scene = SceneState {
+        moments: zeros(gaussians.values.len()),
+        statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
+        light: environment.map(with_moments),
+        gaussians,
+    };
+    TrainingState { scene, exposures, order: Vec::new(), iteration: 0, psnr: None, nonfinite: 0 }
 }
 
-impl Snapshot {
-    /// Before the first step.
-    fn start(
-        gaussians: Gaussians<Vec<f32>>,
-        environment: Option<Environment<Vec<f32>>>,
-        exposures: Option<Exposures>,
-    ) -> Self {
-        let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
-        Self {
-            moments: zeros(gaussians.values.len()),
-            statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
-            light_moments: environment.as_ref().map(|light| zeros(light.values.len())),
-            scene: HostScene { gaussians, environment },
-            exposures,
-            iteration: 0,
-            order: Vec::new(),
-            psnr: None,
-            nonfinite: 0,
+/// Compares a state with the settings and the number of views of a training; the error names the first mismatch.
+fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count: usize) -> Result<(), &'static str> {
+    let SceneState { gaussians: Gaussians { count, layout, values }, moments, statistics, light } = &state.scene;
+    let profile = &settings.profile;
+    let has_moments =
+        |moments: &AdamMoments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
+    let is_light = match (light, profile.light) {
+        (Some((light, moments)), Some(start)) => {
+            let len = light.len_of_values();
+            (light.resolution, light.activation) == (start.resolution, start.activation)
+                && light.values.len() == len
+                && has_moments(moments, len)
         }
-    }
+        (None, None) => true,
+        _ => false,
+    };
+    let are_exposures = match (&state.exposures, profile.exposure) {
+        (Some(ExposureState { maps, moments }), Some(_)) => {
+            [maps.len(), moments.mean.len(), moments.square.len()] == [view_count; 3]
+        }
+        (None, None) => true,
+        _ => false,
+    };
+    let Statistics { grad_sum, view_count: seen } = statistics;
+    let checks = [
+        (*layout == profile.layout, "the Gaussians have other attributes"),
+        (values.len() == len_of_values(*count, *layout), "numbers of Gaussians are missing"),
+        (has_moments(moments, values.len()), "moments of Gaussians are missing"),
+        ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
+        (is_light, "the light is another"),
+        (are_exposures, "the exposures are of other photographs"),
+        (state.order.iter().all(|view| (*view as usize) < view_count), "there are fewer views"),
+    ];
+    checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
+}
 
-    /// Whether a run with these settings and so many views can go on from here; if not, what does not fit.
-    fn belongs_to(&self, settings: &Settings, view_count: usize) -> Result<(), &'static str> {
-        let HostScene { gaussians: Gaussians { count, layout, values }, environment } = &self.scene;
-        let profile = &settings.profile;
-        let has_moments =
-            |moments: &AdamMoments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
-        let is_light = match (environment, &self.light_moments, profile.light) {
-            (Some(light), Some(moments), Some(start)) => {
-                let len = light.len_of_values();
-                (light.resolution, light.activation) == (start.resolution, start.activation)
-                    && light.values.len() == len
-                    && has_moments(moments, len)
-            }
-            (None, None, None) => true,
-            _ => false,
-        };
-        let are_exposures = match (&self.exposures, profile.exposure) {
-            (Some(exposures), Some(_)) => exposures.are_of(view_count),
-            (None, None) => true,
-            _ => false,
-        };
-        let Statistics { grad_sum, view_count: seen } = &self.statistics;
-        let checks = [
-            (*layout == profile.layout, "the Gaussians have other attributes"),
-            (values.len() == len_of_values(*count, *layout), "numbers of Gaussians are missing"),
-            (has_moments(&self.moments, values.len()), "moments of Gaussians are missing"),
-            ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
-            (is_light, "the light is another"),
-            (are_exposures, "the exposures are of other photographs"),
-            (self.order.iter().all(|view| *view < view_count), "there are fewer views"),
-        ];
-        checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
-    }
+fn upload_scene<E: Executor>(exec: &mut E, scene: &SceneState<Vec<f32>>) -> Result<SceneState<E::Array>, E::Error> {
+    let SceneState { gaussians, moments, statistics, light } = scene;
+    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
+        let light = light.with_values(exec.upload(&light.values)?);
+        Ok((light, AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? }))
+    });
+    let light = light.transpose()?;
+    let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
+    Ok(SceneState {
+        light,
+        gaussians: upload(&gaussians.values)?,
+        moments: AdamMoments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
+        statistics: Statistics {
+            grad_sum: exec.upload(&statistics.grad_sum)?,
+            view_count: exec.upload(&statistics.view_count)?,
+        },
+    })
+}
+
+fn download_scene<E: Executor>(exec: &mut E, scene: &SceneState<E::Array>) -> Result<SceneState<Vec<f32>>, E::Error> {
+    let SceneState { gaussians, moments, statistics, light } = scene;
+    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
+        Ok((download_light(exec, light)?, download_moments(exec, moments, light.len_of_values())?))
+    });
+    Ok(SceneState {
+        light: light.transpose()?,
+        gaussians: download_gaussians(exec, gaussians)?,
+        moments: download_moments(exec, moments, len_of_values(gaussians.count, gaussians.layout))?,
+        statistics: Statistics {
+            grad_sum: download(exec, &statistics.grad_sum, gaussians.count)?,
+            view_count: download(exec, &statistics.view_count, gaussians.count)?,
+        },
+    })
+}
+
+fn download_gaussians<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+) -> Result<Gaussians<Vec<f32>>, E::Error> {
+    let len = len_of_values(gaussians.count, gaussians.layout);
+    Ok(gaussians.with_values(download(exec, &gaussians.values, len)?))
+}
+
+fn download_light<E: Executor>(exec: &mut E, light: &Environment<E::Array>) -> Result<Environment<Vec<f32>>, E::Error> {
+    Ok(light.with_values(download(exec, &light.values, light.len_of_values())?))
 }
 
 fn download<E: Executor>(exec: &mut E, array: &E::Array, len: usize) -> Result<Vec<f32>, E::Error> {
@@ -435,13 +426,6 @@ fn download_moments<E: Executor>(
     len: usize,
 ) -> Result<AdamMoments<Vec<f32>>, E::Error> {
     Ok(AdamMoments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
-}
-
-fn upload_moments<E: Executor>(
-    exec: &mut E,
-    moments: &AdamMoments<Vec<f32>>,
-) -> Result<AdamMoments<E::Array>, E::Error> {
-    Ok(AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? })
 }
 
 /// A scene in host memory.

@@ -88,7 +88,7 @@ mod killed {
             assert!(codes.contains(&code), "{signal} ended the program with {code:?}");
             if checkpoint::place(&model).is_file() {
                 let saved = checkpoint::read(&model).unwrap();
-                assert!(saved.facts.iteration <= ITERATIONS, "a checkpoint from beyond the end");
+                assert!(saved.state.iteration <= ITERATIONS, "a checkpoint from beyond the end");
             }
         }
         assert!(spawned(&tiny, "model").wait().unwrap().success(), "nothing ended the last one");
@@ -149,7 +149,7 @@ fn a_finished_training_goes_on_for_longer() {
     let seconds = ["ours_10", "ours_30", "ours_40"].map(|key| timeline[key]["seconds"].as_f64().unwrap());
     assert!(seconds.is_sorted(), "time goes on: {seconds:?}");
     assert_eq!(json(&model.join("specula.json"))["iterations"], 40);
-    assert_eq!(checkpoint::read(&model).unwrap().facts.iteration, 40);
+    assert_eq!(checkpoint::read(&model).unwrap().state.iteration, 40);
 
     // And once more, as it was told the last time.
     resumed(&tiny, "model").assert().success();

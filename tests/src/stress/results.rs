@@ -2,13 +2,14 @@
 
 use super::Case;
 use specula_core::{
-    executor::{AdamMoments, Executor, Statistics, StepReport, TrainingStep},
+    executor::{Executor, StepReport, TrainingStep},
     loss::{LossReport, LossWeights, NormalForm},
-    pipeline::{Fit, render, train_step},
+    pipeline::{render, train_step},
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians},
     shade::ShadingRules,
+    state::{AdamMoments, SceneState, Statistics},
 };
 
 /// Every loss that has a gradient of its own.
@@ -54,11 +55,7 @@ impl Results {
 
 /// A case where an executor keeps it.
 struct Scene<A> {
-    gaussians: Gaussians<A>,
-    environment: Option<Environment<A>>,
-    moments: AdamMoments<A>,
-    light_moments: AdamMoments<A>,
-    statistics: Statistics<A>,
+    state: SceneState<A>,
     lens: [usize; 3],
 }
 
@@ -76,12 +73,14 @@ impl<A> Scene<A> {
             let Environment { resolution, activation, values } = light;
             Environment { resolution: *resolution, activation: *activation, values: upload(values) }
         });
+        let light_moments = AdamMoments { mean: light_mean, square: light_square };
         Self {
-            gaussians,
-            environment,
-            moments: AdamMoments { mean: mean.values, square: square.values },
-            light_moments: AdamMoments { mean: light_mean, square: light_square },
-            statistics: Statistics { grad_sum, view_count },
+            state: SceneState {
+                gaussians,
+                moments: AdamMoments { mean: mean.values, square: square.values },
+                statistics: Statistics { grad_sum, view_count },
+                light: environment.map(|light| (light, light_moments)),
+            },
             lens: [values.len(), texels, *count],
         }
     }
@@ -92,10 +91,11 @@ impl<A> Scene<A> {
         case: &Case,
         rules: &RenderRules,
     ) -> Vec<f64> {
-        let light = self.environment.as_ref();
-        let light =
-            light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("the resolution is allowed"));
-        let frame = render(exec, &self.gaussians, light.as_ref(), &case.camera, rules).expect("the executor renders");
+        let light = self.state.light.as_ref();
+        let light = light
+            .map(|(light, _)| exec.prefilter(light, rules.scheme, rules.levels).expect("the resolution is allowed"));
+        let frame =
+            render(exec, &self.state.gaussians, light.as_ref(), &case.camera, rules).expect("the executor renders");
         let channels = rules.blended(case.cloud.layout).count() + 1;
         let mut values = vec![0.0; channels * (case.camera.width * case.camera.height) as usize];
         exec.read_frame(&frame, &mut values).expect("the frame has that size");
@@ -123,10 +123,7 @@ impl<A> Scene<A> {
             radiance_max: f32::MAX,
             number: 1,
         };
-        let Self { gaussians, environment, moments, light_moments, statistics, .. } = self;
-        let environment = environment.as_mut().map(|light| (light, light_moments));
-        let mut fit = Fit { gaussians, moments, environment, statistics };
-        train_step(exec, &mut fit, &step).expect("the executor trains")
+        train_step(exec, &mut self.state, &step).expect("the executor trains")
     }
 
     fn gradient<E: Executor<Array = A, Error: core::fmt::Debug>>(&self, exec: &mut E) -> Vec<f64> {
@@ -135,12 +132,11 @@ impl<A> Scene<A> {
             exec.download(array, &mut values).expect("numbers come back");
             values
         };
-        let [of_gaussians, of_light, lengths] = [
-            download(&self.moments.mean, self.lens[0]),
-            download(&self.light_moments.mean, self.lens[1]),
-            download(&self.statistics.grad_sum, self.lens[2]),
-        ];
-        let Gaussians { count, layout, .. } = self.gaussians;
+        let SceneState { gaussians, moments, statistics, light } = &self.state;
+        let of_gaussians = download(&moments.mean, self.lens[0]);
+        let of_light = light.as_ref().map_or_else(Vec::new, |(_, moments)| download(&moments.mean, self.lens[1]));
+        let lengths = download(&statistics.grad_sum, self.lens[2]);
+        let Gaussians { count, layout, .. } = *gaussians;
         // Without what fills up the last block.
         let of_gaussians = Gaussians { count, layout, values: of_gaussians };
         let planes = (0..layout.plane_count()).flat_map(|plane| of_gaussians.plane(plane).collect::<Vec<f32>>());

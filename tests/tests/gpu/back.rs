@@ -4,7 +4,7 @@ use core::iter;
 use specula_core::{
     camera::Camera,
     double::Double,
-    executor::{AdamMoments, Executor, Renderer},
+    executor::{Executor, Renderer},
     loss::{LossWeights, NormalForm},
     prefilter::{LevelRange, PrefilterScheme},
     random,
@@ -12,6 +12,7 @@ use specula_core::{
     scene::{BLOCK, Environment, Gaussians, Layout, MEAN, OPACITY, RadianceActivation, len_of_values},
     shade::ShadingRules,
     splat::SplatGrad,
+    state::AdamMoments,
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{

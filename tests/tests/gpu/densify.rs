@@ -3,7 +3,7 @@
 use specula_core::{
     activation::sigmoid,
     densify::DensifyRules,
-    executor::{AdamMoments, DensifyReport, Executor, RandomKey, Renderer, Statistics},
+    executor::{DensifyReport, Executor, RandomKey, Renderer},
     loss::{LossWeights, NormalForm},
     prefilter::PrefilterScheme,
     random::uniform,
@@ -11,6 +11,7 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{BLOCK, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, TINT},
     shade::ShadingRules,
+    state::{AdamMoments, Statistics},
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{

@@ -3,7 +3,7 @@
 use core::cell::RefCell;
 use specula_core::{
     camera::Camera,
-    executor::{AdamMoments, Executor, Renderer, Statistics},
+    executor::{Executor, Renderer},
     expose::{Exposure, expose},
     metrics::quantize,
     optimise::Schedule,
@@ -12,6 +12,7 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{BLOCK, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
+    state::{AdamMoments, Statistics},
     vector::vec3,
 };
 use specula_cpu::CpuExecutor;

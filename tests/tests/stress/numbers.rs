@@ -4,7 +4,7 @@ use crate::assert_at_most;
 use specula_core::{
     activation::{sigmoid, softplus},
     color::{srgb_from_linear, srgb_from_linear_vjp},
-    executor::{AdamMoments, Executor, Renderer},
+    executor::{Executor, Renderer},
     loss::{sparse, sparse_vjp},
     normal::facing,
     optimise::{EPSILON, Moment, adam},
@@ -12,6 +12,7 @@ use specula_core::{
     scene::{Gaussians, Layout, RadianceActivation},
     sh,
     shade::{view_dir, view_dir_vjp},
+    state::AdamMoments,
     vector::vec3,
 };
 use specula_cpu::CpuExecutor;

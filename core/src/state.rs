@@ -1,0 +1,66 @@
+//! State of a training: the parameters of a scene, and everything that a step needs beside them. The trainer, a
+//! checkpoint and every executor share these types; `A` is where numbers are kept, as in [`crate::scene`].
+
+use crate::scene::{Environment, Gaussians};
+#[cfg(feature = "std")]
+use {crate::expose::Exposure, std::vec::Vec};
+
+/// Adam's running means, a number for each parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AdamMoments<A> {
+    /// Means of the gradients.
+    pub mean: A,
+    /// Means of the squared gradients.
+    pub square: A,
+}
+
+/// Statistics of each Gaussian since the last densification.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Statistics<A> {
+    /// Sum over the views of the gradient's length at the projected centre, in normalised device coordinates.
+    pub grad_sum: A,
+    /// Number of views that saw the Gaussian.
+    pub view_count: A,
+}
+
+/// A scene under optimisation: everything that a step and densification change.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneState<A> {
+    /// The Gaussians.
+    pub gaussians: Gaussians<A>,
+    /// Adam's moments of the Gaussians.
+    pub moments: AdamMoments<A>,
+    /// Statistics for densification.
+    pub statistics: Statistics<A>,
+    /// The light and its moments; none for plain Gaussian splatting.
+    pub light: Option<(Environment<A>, AdamMoments<A>)>,
+}
+
+/// Exposures of the photographs, in the order of the views, with Adam's moments.
+#[cfg(feature = "std")]
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExposureState {
+    /// One affine map of colours for each photograph.
+    pub maps: Vec<Exposure<f32>>,
+    /// Moments of the maps.
+    pub moments: AdamMoments<Vec<Exposure<f32>>>,
+}
+
+/// A training between two steps. Together with its settings and views it determines every later step, on the same kind
+/// of executor to the last bit.
+#[cfg(feature = "std")]
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainingState<A> {
+    /// The scene and its moments.
+    pub scene: SceneState<A>,
+    /// Exposures, where they are learned.
+    pub exposures: Option<ExposureState>,
+    /// Views that remain of the current pass over all views, the next one last.
+    pub order: Vec<u32>,
+    /// Steps taken.
+    pub iteration: u32,
+    /// PSNR of the training pictures in dB, a running mean; none before the first step.
+    pub psnr: Option<f64>,
+    /// Gradients skipped because they were not finite.
+    pub nonfinite: usize,
+}
