@@ -1,10 +1,9 @@
 //! Settings of a training as a file: every line of `config.toml` is an option of `specula train`.
 
 use crate::{
-    args::{Arguments, Command, Train},
+    args::{self, Arguments, Command, Preset, Train},
     failure::Failure,
     output,
-    preset::Preset,
 };
 use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
 use specula_io::{Error, budget::FACTS, checkpoint};
@@ -49,7 +48,7 @@ pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     if path.is_none() && train.again.preset.is_none() {
         return Ok(arguments);
     }
-    over(path.as_deref(), train.again.preset, &std::env::args_os().collect::<Vec<_>>())
+    over(path.as_deref(), train.again.preset, &args::with_hyphens(std::env::args_os()))
 }
 
 /// The words of a command line over the settings of a file, and those over the settings of a preset.
@@ -141,7 +140,9 @@ pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
     args.start.points = args.start.points.map(|path| absolute(&path));
     let unfit = |error: &dyn core::fmt::Display| Failure::Input(format!("cannot write the settings: {error}"));
     let mut table = Table::new();
-    table.insert("source-path".into(), output::absolute(args.source()?).into());
+    if let Some(source) = args.source() {
+        table.insert("source-path".into(), output::absolute(source).into());
+    }
     table.extend(Table::try_from(&args).map_err(|error| unfit(&error))?);
     toml::to_string(&table).map_err(|error| unfit(&error))
 }

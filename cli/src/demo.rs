@@ -32,10 +32,6 @@ use specula_train::{
 };
 use std::path::PathBuf;
 
-/// Where the demo goes if nothing else is said.
-pub(crate) const FOLDER: &str = "out/demo";
-/// Steps of each training: about a minute on two cores.
-pub(crate) const ITERATIONS: u32 = 1500;
 /// Random points that both trainings start from.
 const POINTS: usize = 10_000;
 /// Seed of both trainings.

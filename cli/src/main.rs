@@ -26,7 +26,6 @@ mod output;
 mod page;
 mod place;
 mod prefilter;
-mod preset;
 mod progress;
 mod quality;
 mod relay;
@@ -43,7 +42,7 @@ mod view;
 mod within;
 
 use args::{Arguments, Command};
-use clap::{Parser, error::ErrorKind};
+use clap::error::ErrorKind;
 use failure::Failure;
 use std::{ffi::OsString, process::ExitCode};
 
@@ -64,7 +63,7 @@ fn shortened(sentence: &str) -> String {
 }
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let arguments = match Arguments::parse_words(std::env::args_os()) {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };

@@ -89,12 +89,12 @@ pub(crate) fn run(args: &Report) -> Result<(), Failure> {
 
 /// The demo's scene: where the demo left it, or else trained now.
 fn demo_model(folder: &Path) -> Result<PathBuf, Failure> {
-    let left = Path::new(demo::FOLDER).join("specula");
+    let left = Path::new(crate::args::demo::FOLDER).join("specula");
     if left.join("specula.json").is_file() {
         return Ok(left);
     }
     tracing::info!("training the demo's scene first, which takes half a minute");
-    demo::train_shaded(&Demo { output: folder.join("demo"), iterations: demo::ITERATIONS })
+    demo::train_shaded(&Demo { output: folder.join("demo"), iterations: crate::args::demo::ITERATIONS })
 }
 
 fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {

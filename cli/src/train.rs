@@ -91,12 +91,18 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     watching.map_or(Ok(()), |watching| watching.stay(result))
 }
 
+/// Folder of the data set.
+fn source_of(args: &Train) -> Result<&Path, Failure> {
+    let none = || Failure::Input("no data set is named, nor in the file of settings; add its folder".into());
+    args.source().ok_or_else(none)
+}
+
 /// Refuses the folder of the data set itself.
 fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     let is_same =
         |source: &Path| source.canonicalize().is_ok_and(|source| folder.canonicalize().is_ok_and(|own| own == source));
-    if args.source().is_ok_and(is_same) {
+    if args.source().is_some_and(is_same) {
         return Err(Failure::Input(format!("{folder:?} is the data set itself; name another folder with -m")));
     }
     Ok(())
@@ -143,7 +149,7 @@ fn settled(args: &Train) -> Result<Train, Failure> {
     let mut settled = args.clone();
     if args.resolution == AT_MOST_1600 {
         settled.resolution = 1;
-        let first = io::dataset::load_one(args.source()?, &options_of(&settled), false, 0)?;
+        let first = io::dataset::load_one(source_of(args)?, &options_of(&settled), false, 0)?;
         let width = first.map_or(0, |view| view.image.width);
         if width > WIDEST {
             settled.resolution = [2, 4, 8].into_iter().find(|factor| width / factor <= WIDEST).unwrap_or(8);
@@ -182,7 +188,7 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
             "is of a training on {} pictures, and the {} in {:?} are not the same; name the folder of those",
             then.views,
             facts.views,
-            args.source()?
+            source_of(args)?
         ));
     }
     if saved.state.iteration > args.iterations {
@@ -245,7 +251,7 @@ fn options_of(args: &Train) -> LoadOptions {
 }
 
 fn load(args: &Train) -> Result<Dataset, Failure> {
-    let source = args.source()?;
+    let source = source_of(args)?;
     let mut data = dataset::load(source, &options_of(args))?;
     if args.photographs.scene_up.is_some() {
         let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
@@ -302,7 +308,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         white_background: background == Background::WHITE,
         eval: args.eval,
         downscale: args.resolution,
-        source_path: output::absolute(args.source()?),
+        source_path: output::absolute(source_of(args)?),
         seed: args.seed,
         orientation: data.orientation,
         rest,
@@ -319,7 +325,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     let is_white = background_of(args, data) == Background::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
-        ("source_path", output::absolute(args.source()?).into()),
+        ("source_path", output::absolute(source_of(args)?).into()),
         ("model_path", output::absolute(&args.model_path).into()),
         ("images", args.photographs.images.as_str().into()),
         ("resolution", args.resolution.into()),
@@ -340,7 +346,7 @@ fn watch(
     background: Background,
 ) -> Result<Watching, Failure> {
     let live = Arc::new(Live::new(args.iterations, training.iteration()));
-    let source = args.source()?.to_owned();
+    let source = source_of(args)?.to_owned();
     let scene = training.scene()?;
     let shown = Shown {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),

@@ -44,9 +44,6 @@ use studio::Studio;
 use tempfile::TempDir;
 use tokio::{net::TcpListener, runtime::Runtime};
 
-/// Where the page is served if nothing else is said.
-pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
-
 /// Threads that pack pictures and read lights.
 const BLOCKING_THREADS: usize = 4;
 

@@ -1,0 +1,134 @@
+//! Parsers of values: from text to a number in its range, or a sentence with the remedy.
+
+use core::net::{Ipv4Addr, SocketAddr};
+use specula_core::cutoffs::ProjectionModel;
+use specula_io::budget::view_size;
+use std::net::ToSocketAddrs;
+
+pub(super) fn finite(text: &str) -> Result<f32, String> {
+    let number: f32 = text.parse().map_err(|_| "use a number".to_owned())?;
+    if number.is_finite() { Ok(number) } else { Err("use a finite number".into()) }
+}
+
+pub(super) fn above_zero(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "use a number".to_owned())?;
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("use a number above zero".into()) }
+}
+
+pub(super) fn weight(text: &str) -> Result<f32, String> {
+    let number = finite(text)?;
+    if number >= 0.0 { Ok(number) } else { Err("use a number that is not negative".into()) }
+}
+
+pub(super) fn share(text: &str) -> Result<f32, String> {
+    let number = finite(text)?;
+    if (0.0..=1.0).contains(&number) { Ok(number) } else { Err("use a number from 0 to 1".into()) }
+}
+
+pub(super) fn error_bound(text: &str) -> Result<f64, String> {
+    let number = above_zero(text)?;
+    if number < 1.0 { Ok(number) } else { Err("use a number below 1, which is white; 5/255 is 0.02".into()) }
+}
+
+pub(super) fn downscale(text: &str) -> Result<u32, String> {
+    match text {
+        "1" => Ok(1),
+        "2" => Ok(2),
+        "4" => Ok(4),
+        "8" => Ok(8),
+        _ => Err("use 1, 2, 4 or 8".into()),
+    }
+}
+
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
+    let number = |part: &str| part.trim().parse().ok();
+    let both = text.split_once([',', 'x']).and_then(|(width, height)| Some([number(width)?, number(height)?]));
+    view_size(both.ok_or("use two numbers, such as 640,480")?)
+}
+
+/// A port of this machine, or a host and a port.
+pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
+    let here = || text.parse().map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port))).ok();
+    let named = || text.to_socket_addrs().ok().and_then(|mut addresses| addresses.next());
+    here().or_else(named).ok_or_else(|| "use a port, or a host and a port, such as 7008 or 0.0.0.0:7008".to_owned())
+}
+
+/// A word that an address and a header can hold.
+pub(super) fn token(text: &str) -> Result<String, String> {
+    const LEAST: usize = 8;
+    let is_fine = text.len() >= LEAST && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LEAST} letters and digits or more")) }
+}
+
+pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {
+    match text {
+        "affine" => Ok(ProjectionModel::Affine),
+        "tangent" => Ok(ProjectionModel::Tangent),
+        "ray" => Ok(ProjectionModel::Ray),
+        alpha => share(alpha)
+            .map(ProjectionModel::Within)
+            .map_err(|_| "use affine, tangent, ray, or the alpha from 0 to 1 that affine may be off by".to_owned()),
+    }
+}
+
+pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {
+    const LARGEST: usize = 2048;
+    let is_fine = |size: &usize| (16..=LARGEST).contains(size) && size.is_power_of_two();
+    text.parse().ok().filter(is_fine).ok_or_else(|| format!("use a power of two from 16 to {LARGEST}"))
+}
+
+/// A count as people write it: 30000, 30_000, 30k, 1.5M or 3e4.
+pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
+    const WRONG: &str = "use a whole number, such as 30000, 30_000, 30k or 3e4";
+    let digits = text.replace('_', "");
+    let (digits, factor) = match digits.strip_suffix(['k', 'K', 'm', 'M']) {
+        Some(digits) => (digits.to_owned(), if text.ends_with(['k', 'K']) { 1e3 } else { 1e6 }),
+        None => (digits, 1.0),
+    };
+    let exact = digits.parse().ok().filter(|_| factor == 1.0);
+    let scaled = || {
+        // From here on not every whole number is one of these.
+        const LARGEST: f64 = (1_u64 << 53) as f64;
+        let is_plain = digits.starts_with(|letter: char| letter.is_ascii_digit() || letter == '.');
+        let number = digits.parse::<f64>().ok().filter(|_| is_plain)? * factor;
+        ((0.0..LARGEST).contains(&number) && number.fract() == 0.0).then_some(number as u64)
+    };
+    let number = exact.or_else(scaled).ok_or_else(|| WRONG.to_owned())?;
+    N::try_from(number).map_err(|_| format!("{number} is too large"))
+}
+
+/// A count of at least one.
+pub(super) fn positive<N: TryFrom<u64> + Default + PartialEq>(text: &str) -> Result<N, String> {
+    count(text).and_then(|number| if number == N::default() { Err("use 1 or more".into()) } else { Ok(number) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_read_as_people_write_them() {
+        for (text, number) in [
+            ("30000", 30_000),
+            ("30_000", 30_000),
+            ("7k", 7000),
+            ("7K", 7000),
+            ("1.5k", 1500),
+            ("1e4", 10_000),
+            ("3E4", 30_000),
+            ("2M", 2_000_000),
+            ("0", 0),
+            ("4294967295", u32::MAX),
+        ] {
+            assert_eq!(count::<u32>(text), Ok(number), "{text}");
+        }
+        for text in
+            ["", "k", "-1", "+-1", "1.5", "7q", "1e-3", "NaN", "inf", "nan_k", "4294967296", "1e300", "7 k", "kk"]
+        {
+            assert!(count::<u32>(text).is_err(), "{text:?} passed for a count");
+        }
+        assert!(count::<u32>("7q").is_err_and(|words| words.contains("30k")));
+        assert_eq!(positive::<u32>("0"), Err("use 1 or more".to_owned()));
+        assert_eq!(positive::<u32>("1k"), Ok(1000));
+    }
+}
