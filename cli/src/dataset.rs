@@ -101,7 +101,7 @@ fn summary(loaded: &dataset::Dataset) -> String {
 /// What all its cameras tell.
 fn bearings_of(loaded: &dataset::Dataset) -> Option<Orientation> {
     let points = loaded.points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
-    Orientation::of(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
+    specula_scene::orientation::estimate(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
 }
 
 /// What to do about pictures that are wider than the field trains on.

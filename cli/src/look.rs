@@ -16,7 +16,7 @@ use specula_io::{
     cameras::{self, NamedCamera},
     orientation::Orientation,
 };
-use specula_scene::OpenedModel;
+use specula_scene::{OpenedModel, orientation::is_upright};
 use specula_train::view::extent_of_cameras;
 
 /// Pixels of a picture where nothing says otherwise.
@@ -179,7 +179,7 @@ impl Surroundings {
             false => near_of(extent_of_cameras(known.iter().map(|(_, camera)| camera))),
         };
         known.iter_mut().for_each(|(_, camera)| camera.near = near);
-        let upright = known.iter().position(|(_, camera)| orientation.is_upright(camera));
+        let upright = known.iter().position(|(_, camera)| is_upright(orientation, camera));
         let first = upright.filter(|_| 2 * orientation.rolled <= orientation.cameras);
         let start = known.first().map_or(around[0], |(_, camera)| levelled(camera, orbit.up));
         Self { start: Camera { near, ..start }, known, first, centre: orbit.centre, up: orbit.up }
@@ -325,6 +325,7 @@ fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
 mod tests {
     use super::*;
     use glam::Mat3;
+    use specula_scene::orientation::estimate;
 
     /// Cameras in a circle, most pictures or some of them turned by 90°.
     fn circle(rolled: usize) -> Vec<NamedCamera> {
@@ -366,7 +367,7 @@ mod tests {
     fn one_begins_upright_whatever_is_rolled() {
         for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
             let known = circle(rolled);
-            let orientation = Orientation::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
             let around = Surroundings::of(&orientation, known.clone());
             assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
             let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
@@ -400,7 +401,7 @@ mod tests {
         let side: Vec<NamedCamera> =
             side.into_iter().chain(others.map(|camera| ("other".to_owned(), camera))).collect();
         let angles = |known: &[NamedCamera]| {
-            let orientation = Orientation::of(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
             let tour = Tour::around(&orientation, known, 12, None);
             let angle = |camera: &Camera| camera.position.y.atan2(camera.position.x).rem_euclid(TAU);
             tour.cameras.iter().map(|(_, camera)| angle(camera)).collect::<Vec<f32>>()

@@ -12,7 +12,7 @@ use specula_io::{
     model_folder::ModelInfo,
     orientation::{Orientation, UpSource},
 };
-use specula_scene::OpenedModel;
+use specula_scene::{OpenedModel, orientation::estimate};
 
 /// The axes of a world, as they are typed.
 const AXES: [(&str, [f64; 3]); 6] = [
@@ -67,8 +67,8 @@ pub(crate) fn found<'a>(
     info: Option<&ModelInfo>,
     cameras: impl IntoIterator<Item = &'a Camera>,
 ) -> Option<Orientation> {
-    let said = info.and_then(|info| info.orientation).filter(Orientation::is_sound);
-    said.or_else(|| Orientation::of(cameras, &[]))
+    let said = info.and_then(|info| info.orientation).filter(Orientation::is_valid);
+    said.or_else(|| estimate(cameras, &[]))
 }
 
 /// The same with what somebody says is above, if anybody does.
@@ -77,7 +77,7 @@ pub(crate) fn with_up<'a>(
     asked: Option<UpChoice>,
     cameras: impl IntoIterator<Item = &'a Camera>,
 ) -> Orientation {
-    asked.map_or(found, |UpChoice(up)| found.with_up(up, cameras))
+    asked.map_or(found, |UpChoice(up)| specula_scene::orientation::with_up(found, up, cameras))
 }
 
 /// Those of Gaussians alone: +z is above, as in Blender, and from the distance all of them are seen.
@@ -87,7 +87,7 @@ pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Orientation {
         up: [0.0, 0.0, 1.0],
         centre: centre.as_dvec3().to_array(),
         distance: distance.into(),
-        told_by: UpSource::Nothing,
+        up_source: UpSource::Nothing,
         cameras: 0,
         rolled: 0,
         error_degrees: None,
@@ -106,10 +106,10 @@ pub(crate) fn centre(orientation: &Orientation) -> Vec3 {
 
 /// What was found of a data set, in a sentence.
 pub(crate) fn words(orientation: &Orientation) -> String {
-    let Orientation { up, told_by, cameras, rolled, error_degrees, .. } = orientation;
+    let Orientation { up, up_source, cameras, rolled, error_degrees, .. } = orientation;
     let up = direction_words(*up);
     let rolled = if *rolled > 0 { format!(", {rolled} of them on their side or upside down") } else { String::new() };
-    match (told_by, error_degrees) {
+    match (up_source, error_degrees) {
         (UpSource::Hand, _) => format!("up is {up}, as given"),
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => format!(
             "up is taken to be {up}: {cameras} cameras are too alike to determine it; if it is wrong, set --scene-up X,Y,Z"
@@ -155,7 +155,7 @@ mod tests {
             up: [0.0, 0.0, 1.0],
             centre: [0.0; 3],
             distance: 1.0,
-            told_by: UpSource::Upright,
+            up_source: UpSource::Upright,
             cameras: 77,
             rolled: 41,
             error_degrees: Some(0.31),
@@ -163,7 +163,7 @@ mod tests {
         let said = words(&sure);
         assert!(said.starts_with("up is +z within 0.3°, from 77 cameras, 41 of them"), "{said}");
         let unsure =
-            Orientation { up: [0.0, 0.6, 0.8], told_by: UpSource::Mean, cameras: 1, error_degrees: None, ..sure };
+            Orientation { up: [0.0, 0.6, 0.8], up_source: UpSource::Mean, cameras: 1, error_degrees: None, ..sure };
         assert!(words(&unsure).contains("(0.000, 0.600, 0.800)") && words(&unsure).contains("--scene-up"));
     }
 }

@@ -5,7 +5,7 @@
 //! untouched.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
-//! * [`orientation`]: which way is up in a scene, where its middle is, how far from it one stands
+//! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces

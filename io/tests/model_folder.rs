@@ -10,7 +10,7 @@ use specula_io::{
     exposure, gaussian_ply,
     latlong::{self, LatLong, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
-    orientation::Orientation,
+    orientation::{Orientation, UpSource},
     points_ply::PointCloud,
 };
 use std::{fs, path::Path};
@@ -28,14 +28,21 @@ fn light(activation: RadianceActivation) -> Environment<Vec<f32>> {
 }
 
 fn info() -> ModelInfo {
-    let camera = Camera::look_at(Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO, Vec3::Z, 0.7, 10, 10);
     let rest = json!({ "gaussian_count": 3, "note": "any" }).as_object().unwrap().clone();
     ModelInfo {
         version: "0.1.0".into(),
         profile: "paper".into(),
         iterations: 7,
         seed: u64::MAX,
-        orientation: Orientation::of(&[camera], &[]),
+        orientation: Some(Orientation {
+            up: [0.0, 0.6, 0.8],
+            centre: [0.1, -2.5, 1.0 / 3.0],
+            distance: 3.7,
+            up_source: UpSource::Mean,
+            cameras: 1,
+            rolled: 0,
+            error_degrees: None,
+        }),
         rest,
         ..ModelInfo::default()
     }

@@ -26,6 +26,7 @@ pub mod environment;
 mod error;
 pub mod layer;
 mod opened;
+pub mod orientation;
 mod renderer;
 mod scene;
 mod shading_model;
