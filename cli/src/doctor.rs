@@ -44,10 +44,10 @@ fn verdict(gpus: &[GpuReport]) -> String {
 
 #[cfg(feature = "gpu")]
 fn gpus() -> Vec<GpuReport> {
-    use crate::machine::device::preferred;
     use specula_gpu::device::adapters;
+    use specula_scene::device::preferred_adapter;
     let adapters = adapters();
-    let used = preferred(&adapters).map(|report| report.info.name.clone());
+    let used = preferred_adapter(&adapters).map(|report| report.info.name.clone());
     adapters
         .iter()
         .map(|report| {

@@ -3,6 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
+use specula_scene::SceneError;
 use specula_train::trainer::TrainError;
 use std::io;
 
@@ -64,6 +65,24 @@ impl From<GpuError> for Failure {
                 Self::Device(with_option(&error.to_string()))
             }
             other => Self::Input(with_option(&other.to_string())),
+        }
+    }
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        match error {
+            SceneError::File(error) => error.into(),
+            SceneError::Cpu(error) => error.into(),
+            #[cfg(feature = "gpu")]
+            SceneError::Gpu(error) => error.into(),
+            SceneError::GpuUnsupported => {
+                Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())
+            }
+            SceneError::ProjectionUnsupported => Self::Input(
+                "the processor alone projects otherwise than affine; use --projection with --executor cpu".into(),
+            ),
+            other => Self::Internal(other.to_string()),
         }
     }
 }

@@ -28,7 +28,6 @@ mod place;
 mod prefilter;
 mod progress;
 mod quality;
-mod relay;
 mod relight;
 mod render;
 mod report;

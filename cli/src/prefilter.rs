@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
     output,
     relight::write_preview,
-    scene::{SLOW_RESOLUTION, read_env},
+    scene::read_env,
 };
 use serde_json::{Value, json};
 use specula_core::{
@@ -18,7 +18,7 @@ use specula_io::{
     ktx::{self, CubeLevel},
     latlong, model_folder,
 };
-use specula_scene::environment::{radiance, resampled};
+use specula_scene::environment::{RESOLUTION_SLOW, radiance, resampled};
 use std::path::{Path, PathBuf};
 
 /// Texels along an edge of a file's light, where nothing else is said: as in Filament's tools.
@@ -43,7 +43,7 @@ fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure
     let levels = levels(args, light.resolution)?;
     let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
     output::make_folder(folder.unwrap_or(Path::new(".")))?;
-    if light.resolution > SLOW_RESOLUTION {
+    if light.resolution > RESOLUTION_SLOW {
         tracing::info!("filtering six times {0} × {0} texels; this takes a while", light.resolution);
     }
     let filtered = CpuExecutor::new().prefilter_into(light, args.scheme.weights(), levels)?;

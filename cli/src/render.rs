@@ -11,9 +11,8 @@ use crate::{
     place::{Place, differences, light_differences, refuse_options_without_light},
     progress,
     quality::picture_name,
-    relay::relay,
     relight::write_light,
-    scene::{self, Renderer, background_of, note_oddities, relight},
+    scene::{self, background_of, note_oddities, relight},
     within::within,
 };
 use core::ops::RangeInclusive;
@@ -29,7 +28,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
-use specula_scene::{Layer, OpenedModel, Scene};
+use specula_scene::{Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, overlap};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;
 
@@ -132,7 +131,7 @@ fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) 
         tracing::info!("only colours are verified; other layers have the same setting");
     }
     let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
-    let renderer = Renderer::of_machine(within.machine(), &opened.scene, Layer::channels(job.layers));
+    let renderer = within.renderer(&opened.scene, Layer::channels(job.layers));
     job.run_with(renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
     output::say(&job.place.folder.display().to_string())?;
     output::say(within.certificate())?;
@@ -142,19 +141,20 @@ fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) 
 /// Whether what the plan leaves out is missed anywhere.
 #[derive(Debug)]
 struct Verification {
-    in_full: Renderer,
+    unplanned: SceneRenderer,
     channels: Channels,
     largest: f32,
 }
 
 impl Verification {
     fn new(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
-        Ok(Self { in_full: Renderer::in_full(scene, channels, options)?, channels, largest: 0.0 })
+        let unplanned = SceneRenderer::unplanned(scene, channels, &options.into())?;
+        Ok(Self { unplanned, channels, largest: 0.0 })
     }
 
     /// Renders a view again with nothing left out.
     fn compare(&mut self, camera: &Camera, planned: &Image<Vec<f32>>) -> Result<(), Failure> {
-        let full = self.in_full.view(camera)?;
+        let full = self.unplanned.render(camera)?;
         self.largest = self.largest.max(largest_difference(planned, &full, self.channels));
         Ok(())
     }
@@ -200,21 +200,22 @@ impl Job<'_> {
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let form = opened.scene.shading_model.shading.form;
-        let renderer = Renderer::new(opened.scene, Layer::channels(self.layers), &self.look.showing.machine)?;
+        let options = RenderOptions::from(&self.look.showing.machine);
+        let renderer = SceneRenderer::new(opened.scene, Layer::channels(self.layers), &options)?;
         self.run_with(renderer, form, each)
     }
 
     /// The same with a renderer of one's own.
     pub(crate) fn run_with(
         &self,
-        mut renderer: Renderer,
+        mut renderer: SceneRenderer,
         form: ShadingForm,
 
         mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let work = progress::work("rendering", self.tour.cameras.len() as u64);
-        let make = |index: usize| {
-            let image = renderer.view(&self.tour.cameras[index].1)?;
+        let make = |index: usize| -> Result<_, Failure> {
+            let image = renderer.render(&self.tour.cameras[index].1)?;
             each(index, &image)?;
             Ok(image)
         };
@@ -222,7 +223,8 @@ impl Job<'_> {
             let colors = self.write(index, &image, form)?;
             Ok(colors.filter(|_| self.tour.is_turntable))
         };
-        let frames = relay(self.tour.cameras.len(), &work, make, finish)?;
+        let progress = |done| work.done(done as u64, String::new);
+        let frames = overlap(self.tour.cameras.len(), progress, make, finish)?;
         work.finish();
         let frames: Vec<RgbImage> = frames.into_iter().flatten().collect();
         if frames.len() > 1 {
@@ -295,7 +297,8 @@ mod tests {
     fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
         let options = MachineOptions::in_full(&ExecutorChoice::Cpu);
-        let mut planned = Renderer::new(scene(), Channels::Color, &options).unwrap().view(&camera).unwrap();
+        let mut renderer = SceneRenderer::new(scene(), Channels::Color, &(&options).into()).unwrap();
+        let mut planned = renderer.render(&camera).unwrap();
         let mut verification = Verification::new(scene(), Channels::Color, &options).unwrap();
         verification.compare(&camera, &planned).unwrap();
         assert_eq!(verification.largest, 0.0);

@@ -4,35 +4,29 @@ use crate::{
     args::{EnvOptions, MachineOptions, ProfileName},
     background::Background,
     failure::Failure,
-    machine::{self, Machine, OWN_LIGHT},
     output,
     progress::Work,
     quality::{FITTED, Measured},
-    relay::relay,
 };
 use glam::Vec3;
 use specula_accuracy::subject::Subject;
 use specula_core::{
     camera::Camera,
     cull::{CullReason, CullStats},
-    plan::Plan,
-    rules::{Channels, RenderRules},
-    scene::{Environment, Image},
+    rules::Channels,
+    scene::Image,
 };
 use specula_io::{
     Error,
     latlong::{self, LatLong},
     model_folder::{self, Model},
 };
-use specula_scene::{OpenedModel, Scene, ShadingModel, environment::fitting};
+use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, environment::fitting};
 use specula_train::{
-    evaluate::{fitted_psnr, measure_view, rules_to_measure},
+    evaluate::{fitted_psnr, measure_view},
     view::View,
 };
 use std::path::{Path, PathBuf};
-
-/// From this resolution on one has to wait for the prefilter.
-pub(crate) const SLOW_RESOLUTION: usize = 256;
 
 /// Opens the folder of a model, or a PLY file, under the shading model that it names, or that of a
 /// profile.
@@ -133,48 +127,22 @@ pub(crate) fn into_subject(scene: Scene, cameras: Vec<Camera>, background: [f32;
     Subject { gaussians, light, shading, scheme, cameras, background }
 }
 
-/// A scene where it is rendered, and how.
+/// Renderer of a scene for commands that measure views.
 #[derive(Debug)]
-pub(crate) struct Renderer {
-    machine: Box<dyn Machine>,
-    rules: RenderRules,
-}
+pub(crate) struct Renderer(SceneRenderer);
 
 impl Renderer {
-    /// Renders with nothing but what these channels need.
+    /// Renderer of views with these channels ([`SceneRenderer::new`]).
     pub(crate) fn new(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
-        let scene = scene.rounded(options.storage());
-        let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(scene, rules, options)
+        Ok(Self(SceneRenderer::new(scene, channels, &options.into())?))
     }
 
-    /// Renders the same with nothing left out.
-    pub(crate) fn in_full(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
-        let scene = scene.rounded(options.storage());
-        let Plan { full, .. } = scene.plan(channels);
-        Self::with_rules(scene, full, options)
-    }
-
-    /// Renders a scene on a machine that has its own ways with it.
-    pub(crate) fn of_machine(machine: Box<dyn Machine>, scene: &Scene, channels: Channels) -> Self {
-        Self { machine, rules: scene.plan(channels).rules }
-    }
-
-    /// Filters the light, if it is looked up.
-    fn with_rules(scene: Scene, rules: RenderRules, options: &MachineOptions) -> Result<Self, Failure> {
-        let light = scene.light_for(&rules);
-        if let Some(Environment { resolution: resolution @ SLOW_RESOLUTION.., .. }) = light {
-            tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
-        }
-        Ok(Self { machine: machine::load(options, scene, light, &rules)?, rules })
-    }
-
-    /// A view: the channels, then transmittance.
+    /// View of the scene: its channels, then transmittance.
     pub(crate) fn view(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, Failure> {
-        self.machine.view(OWN_LIGHT, camera, &self.rules)
+        Ok(self.0.render(camera)?)
     }
 
-    /// Measures every view, and once more after the exposure that fits it best, where `is_exposed`.
+    /// Measures every view ([`measure`]).
     pub(crate) fn measure(
         &mut self,
         views: &[View],
@@ -182,28 +150,34 @@ impl Renderer {
         is_exposed: bool,
         work: &Work,
     ) -> Result<Vec<Measured>, Failure> {
-        self.for_each_view(views, work, |view, image| {
-            let mut measured: Measured = measure_view(image, view, background.0).into();
-            measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
-            Ok(measured)
-        })
+        measure(&mut self.0, views, background, is_exposed, work)
     }
 
-    /// What is made of every view and its picture, which has normals where the view has true ones.
+    /// Applies `make` to every view and its picture ([`SceneRenderer::render_views`]).
     pub(crate) fn for_each_view<T: Send>(
         &mut self,
         views: &[View],
         work: &Work,
         make: impl Fn(&View, &Image<Vec<f32>>) -> Result<T, Failure> + Sync,
     ) -> Result<Vec<T>, Failure> {
-        let rules = self.rules;
-        relay(
-            views.len(),
-            work,
-            |index| self.machine.view(OWN_LIGHT, &views[index].camera, &rules_to_measure(&views[index], &rules)),
-            |index, image| make(&views[index], &image),
-        )
+        self.0.render_views(views, |done| work.done(done as u64, String::new), make)
     }
+}
+
+/// Measures every view; once more after the exposure that fits it best, if `is_exposed`.
+pub(crate) fn measure(
+    renderer: &mut SceneRenderer,
+    views: &[View],
+    background: Background,
+    is_exposed: bool,
+    work: &Work,
+) -> Result<Vec<Measured>, Failure> {
+    let progress = |done| work.done(done as u64, String::new);
+    renderer.render_views(views, progress, |view, image| {
+        let mut measured: Measured = measure_view(image, view, background.0).into();
+        measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        Ok(measured)
+    })
 }
 
 /// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.

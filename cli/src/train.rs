@@ -12,7 +12,7 @@ use crate::{
     lock::Lock,
     orientation, output, progress,
     quality::{self, Measured},
-    scene::Renderer,
+    scene::{Renderer, measure},
     settings,
     view::{self, Shown, Source, Watching, live::Live},
     within::{Within, within},
@@ -28,7 +28,7 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
-use specula_scene::Scene;
+use specula_scene::{RenderOptions, Scene, SceneRenderer};
 use specula_train::{
     profile::Profile,
     start::{Point, points_behind, random_points},
@@ -455,12 +455,14 @@ fn finish(
     }
     let is_lit = scene.light.is_some();
     let mut renderer = match &within {
-        Some(within) => Renderer::of_machine(within.machine(), &scene, Channels::Training),
-        None => Renderer::new(scene, Channels::Training, &MachineOptions::in_full(training.choice()))?,
+        Some(within) => within.renderer(&scene, Channels::Training),
+        None => {
+            SceneRenderer::new(scene, Channels::Training, &RenderOptions::full_precision(training.choice().clone()))?
+        }
     };
     let test = views.test;
     let work = progress::work("measuring", test.len() as u64);
-    let measured = renderer.measure(test, views.background, training.exposures().is_some(), &work)?;
+    let measured = measure(&mut renderer, test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
     if let Some(within) = &within {
         let report = within.report();

@@ -1,7 +1,7 @@
 //! `--max-error`: the cheapest setting for an error, its certificate, and pictures that are
 //! verified one by one.
 
-use crate::{background::Background, failure::Failure, machine::Machine, scene::into_subject};
+use crate::{background::Background, failure::Failure, scene::into_subject};
 use specula_accuracy::{
     budget::{Bounds, Certificate, Refusal, cheapest_within},
     reference::Reference,
@@ -11,10 +11,10 @@ use specula_accuracy::{
 };
 use specula_core::{
     camera::Camera,
-    rules::RenderRules,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
-use specula_scene::Scene;
+use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A scene whose pictures are within an error, and by what right.
@@ -51,9 +51,9 @@ impl Within {
         &self.certificate
     }
 
-    /// Machine that renders its pictures.
-    pub(crate) fn machine(&self) -> Box<dyn Machine> {
-        Box::new(self.clone())
+    /// Renderer of its pictures, which are those of `scene`.
+    pub(crate) fn renderer(&self, scene: &Scene, channels: Channels) -> SceneRenderer {
+        SceneRenderer::with_backend(Box::new(self.clone()), scene, channels)
     }
 
     /// Outcome of verifying the pictures that were rendered; the time it took is a note.
@@ -72,18 +72,18 @@ impl Within {
     }
 }
 
-/// The light is the scene's own, and all Gaussians are there from the beginning.
-impl Machine for Within {
-    fn view(&mut self, _place: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, Failure> {
-        self.verified().view(camera, rules.channels).map_err(Into::into)
+/// The certificate holds for one scene under one light.
+impl RenderBackend for Within {
+    fn render(&mut self, _: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
+        Ok(self.verified().view(camera, rules.channels)?)
     }
 
-    fn put_light(&mut self, _: usize, _: &Environment<Vec<f32>>, _: &RenderRules) -> Result<(), Failure> {
-        Err(Failure::Internal("pictures within an error were certified under one light".into()))
+    fn set_light(&mut self, _: usize, _: &Environment<Vec<f32>>, _: &RenderRules) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
     }
 
-    fn put_gaussians(&mut self, _: &Gaussians<Vec<f32>>) -> Result<(), Failure> {
-        Err(Failure::Internal("pictures within an error were certified of one scene".into()))
+    fn set_gaussians(&mut self, _: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
     }
 }
 

@@ -68,7 +68,7 @@ impl ExecutorChoice {
         match self {
             Self::Cpu => Ok(Device::Cpu),
             #[cfg(feature = "gpu")]
-            Self::Gpu(name) => Ok(Device::Gpu(Gpu::new(name)?)),
+            Self::Gpu(name) => Ok(Device::Gpu(Box::new(Gpu::new(name)?))),
             #[cfg(feature = "gpu")]
             Self::Auto => Ok(default_device()),
             #[cfg(not(feature = "gpu"))]
@@ -81,12 +81,13 @@ impl ExecutorChoice {
 
 /// Device of an executor.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Device {
     /// CPU, on the threads of rayon's current pool.
     Cpu,
     /// GPU, opened.
     #[cfg(feature = "gpu")]
-    Gpu(Gpu),
+    Gpu(Box<Gpu>),
 }
 
 #[cfg(feature = "gpu")]
@@ -98,10 +99,10 @@ fn default_device() -> Device {
     let Some(report) = preferred_adapter(&adapters) else { return Device::Cpu };
     Gpu::new(&report.info.name).map_or_else(
         |error| {
-            tracing::info!("{error}; the processor takes over");
+            tracing::warn!("{error}; the processor takes over");
             Device::Cpu
         },
-        Device::Gpu,
+        |gpu| Device::Gpu(Box::new(gpu)),
     )
 }
 

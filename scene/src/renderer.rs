@@ -4,6 +4,7 @@ use crate::{
     Scene, SceneError,
     device::{Device, RenderOptions},
     environment::RESOLUTION_SLOW,
+    overlap::overlap,
 };
 use core::fmt;
 use specula_core::{
@@ -19,7 +20,10 @@ use specula_cpu::{CpuViewer, prefilter::Light};
 #[cfg(feature = "gpu")]
 use specula_gpu::{GpuExecutor, GpuViewer};
 use specula_io::picture::{self, RgbImage};
-use specula_train::evaluate::{over_background, render_view};
+use specula_train::{
+    evaluate::{over_background, render_view, rules_to_measure},
+    view::View,
+};
 
 /// Gaussians and filtered lights on an executor: the object-safe side of a [`SceneRenderer`].
 ///
@@ -119,7 +123,7 @@ fn upload(
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
-            let exec = GpuViewer::new(GpuExecutor::new(gpu), storage);
+            let exec = GpuViewer::new(GpuExecutor::new(*gpu), storage);
             Box::new(Uploaded::new(exec, gaussians, |light, _| light, storage)?)
         }
     })
@@ -256,6 +260,30 @@ impl SceneRenderer {
         rules: &RenderRules,
     ) -> Result<Image<Vec<f32>>, SceneError> {
         self.backend.render(slot, camera, rules)
+    }
+
+    /// Renders views of a data set one after another, each with normals if its true ones are known,
+    /// and hands them to `finish` on other threads meanwhile ([`overlap`]).
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::render`] and of `finish`.
+    pub fn render_views<T, E>(
+        &mut self,
+        views: &[View],
+        progress: impl FnMut(usize) + Send,
+        finish: impl Fn(&View, &Image<Vec<f32>>) -> Result<T, E> + Sync,
+    ) -> Result<Vec<T>, E>
+    where
+        T: Send,
+        E: From<SceneError> + Send,
+    {
+        let Self { backend, rules } = self;
+        let render = |index: usize| {
+            let View { camera, .. } = &views[index];
+            Ok(backend.render(Self::SCENE_LIGHT, camera, &rules_to_measure(&views[index], rules))?)
+        };
+        overlap(views.len(), progress, render, |index, image| finish(&views[index], &image))
     }
 
     /// Filters a light into a slot, by the scheme and the levels of `rules`. Its resolution is one

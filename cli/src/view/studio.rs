@@ -9,7 +9,6 @@ use crate::{
     args::MachineOptions,
     background::{Background, Behind},
     failure::Failure,
-    machine::{self, Machine},
 };
 use core::time::Duration;
 use specula_core::{
@@ -21,7 +20,7 @@ use specula_core::{
 };
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
-    Layer, Scene, ShadingModel,
+    Layer, Scene, SceneRenderer, ShadingModel,
     environment::{fitting, levels_of},
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
@@ -59,7 +58,7 @@ const KINDS: [Channels; 3] = [Channels::Color, Channels::Training, Channels::Lay
 /// A scene that is looked at.
 #[derive(Debug)]
 pub(super) struct Studio {
-    machine: Box<dyn Machine>,
+    renderer: SceneRenderer,
     options: MachineOptions,
     layout: Layout,
     shading_model: ShadingModel,
@@ -84,17 +83,16 @@ impl Studio {
     ) -> Result<Self, Failure> {
         let scene = scene.rounded(options.storage());
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
-        let rules = shading_model.plan(layout, &needs, None, Channels::Layers).rules;
-        let machine = machine::load(&options, scene, None, &rules)?;
+        let renderer = SceneRenderer::without_light(scene, Channels::Layers, &(&options).into())?;
         let filtered = Vec::new();
-        Ok(Self { machine, options, layout, shading_model, needs, lights, filtered, album, background, near })
+        Ok(Self { renderer, options, layout, shading_model, needs, lights, filtered, album, background, near })
     }
 
     /// Shows another scene of the same training from now on.
     pub(super) fn put(&mut self, scene: Scene) -> Result<(), Failure> {
         let scene = scene.rounded(self.options.storage());
         self.needs = Needs::of(&scene.gaussians);
-        self.machine.put_gaussians(&scene.gaussians)?;
+        self.renderer.set_gaussians(&scene.gaussians)?;
         self.lights.set_own(scene.light);
         self.filtered.clear();
         Ok(())
@@ -163,7 +161,7 @@ impl Studio {
         let kind = KINDS.iter().position(|kind| *kind == channels).expect("layers are of these kinds");
         let Filtered { place, rules, .. } = self.filtered(ask)?;
         let (place, rules) = (*place, rules[kind]);
-        self.machine.view(place, camera, &rules)
+        Ok(self.renderer.render_lit(place, camera, &rules)?)
     }
 
     /// The light as it is asked for, filtered unless it is already.
@@ -182,7 +180,7 @@ impl Studio {
         let place = self.free_place();
         let [.., of_layers] = &rules;
         if let Some(cube) = cube.filter(|_| of_layers.is_lit) {
-            self.machine.put_light(place, &fitting(&cube, self.shading_model.scheme), of_layers)?;
+            self.renderer.set_light(place, &fitting(&cube, self.shading_model.scheme), of_layers)?;
         }
         Ok(Filtered { ask, place, rules })
     }
