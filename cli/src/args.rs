@@ -15,7 +15,6 @@ mod scene;
 mod train;
 pub(crate) mod view;
 
-use crate::machine::ExecutorChoice;
 use clap::{Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
@@ -25,6 +24,7 @@ pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
 pub(crate) use render::{Look, Relight, Render, Split};
 pub(crate) use scene::{EnvOptions, EnvUp, MachineOptions, ProfileName, Up};
+use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{AT_MOST_1600, Densify, LightPer, Losses, Photographs, Start, Train, ViewUntil};
 pub(crate) use view::View;

@@ -12,7 +12,6 @@ use crate::{
     fit::{Start, Training, thousands},
     interrupt,
     lock::Lock,
-    machine::ExecutorChoice,
     output, progress,
     quality::{self, MAE, MEASURES, PSNR, SSIM, Values},
     scene::Renderer,
@@ -24,7 +23,7 @@ use specula_io::{
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
 };
-use specula_scene::Scene;
+use specula_scene::{ExecutorChoice, Scene};
 use specula_train::{
     profile,
     start::{Point, random_points},

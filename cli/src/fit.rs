@@ -3,15 +3,14 @@
 use crate::{
     checkpoint::Checkpoints,
     failure::Failure,
-    interrupt,
-    machine::{self, ExecutorChoice},
+    interrupt, machine,
     progress::{self, Work},
     settings::shading_model_of,
     view::live::{Live, Wish},
 };
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
-use specula_scene::{Scene, ShadingModel};
+use specula_scene::{ExecutorChoice, Scene, ShadingModel};
 use specula_train::{
     start::Point,
     trainer::{HostScene, Settings, Trainer},

@@ -7,8 +7,7 @@ use crate::{
 };
 use specula_core::executor::Executor;
 use specula_cpu::CpuExecutor;
-pub(crate) use specula_scene::ExecutorChoice;
-use specula_scene::RenderOptions;
+use specula_scene::{ExecutorChoice, RenderOptions};
 use specula_train::{
     trainer::{Settings, TrainError, Trainer},
     view::View,

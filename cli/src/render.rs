@@ -6,7 +6,6 @@ use crate::{
     dataset,
     failure::Failure,
     look::Tour,
-    machine::ExecutorChoice,
     orientation, output,
     place::{Place, differences, light_differences, refuse_options_without_light},
     progress,
@@ -28,7 +27,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
-use specula_scene::{Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, overlap};
+use specula_scene::{ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, overlap};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;
 

@@ -3,6 +3,7 @@
 use core::net::{Ipv4Addr, SocketAddr};
 use specula_core::cutoffs::ProjectionModel;
 use specula_io::budget::view_size;
+use specula_scene::{ExecutorChoice, device::InvalidExecutor};
 use std::net::ToSocketAddrs;
 
 pub(super) fn finite(text: &str) -> Result<f32, String> {
@@ -69,6 +70,10 @@ pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {
             .map(ProjectionModel::Within)
             .map_err(|_| "use affine, tangent, ray, or the alpha from 0 to 1 that affine may be off by".to_owned()),
     }
+}
+
+pub(super) fn executor(text: &str) -> Result<ExecutorChoice, String> {
+    text.parse().map_err(|error: InvalidExecutor| format!("{error}, where `specula doctor` lists the names"))
 }
 
 pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {

@@ -1,12 +1,13 @@
 //! Arguments of every command that opens a scene: profile, orientation, executor, light.
 
-use super::parse::{finite, projection};
-use crate::{machine::ExecutorChoice, orientation::UpChoice};
+use super::parse::{executor, finite, projection};
+use crate::orientation::UpChoice;
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use serde::Serialize;
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::latlong::{Stand, UpAxis};
+use specula_scene::ExecutorChoice;
 
 /// Reading and showing a scene.
 #[derive(Args, Debug)]
@@ -25,7 +26,7 @@ pub(crate) struct Showing {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct MachineOptions {
     /// A GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula doctor lists them.
-    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto", value_parser = executor)]
     pub(crate) executor: ExecutorChoice,
     /// Numbers of Gaussians and light in memory: f16 takes about half of f32 (docs/performance.md).
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]

@@ -1,15 +1,16 @@
 //! Arguments of `specula train`. Those that shape the model are serialized into its `config.toml`.
 
 use super::{
-    parse::{address, count, downscale, error_bound, positive, share, token, weight},
+    parse::{address, count, downscale, error_bound, executor, positive, share, token, weight},
     preset::Preset,
     scene::ProfileName,
     view,
 };
-use crate::{background::Background, foreground::Foreground, machine::ExecutorChoice, orientation::UpChoice};
+use crate::{background::Background, foreground::Foreground, orientation::UpChoice};
 use clap::{Args, ValueEnum};
 use core::net::SocketAddr;
 use serde::{Serialize, Serializer};
+use specula_scene::ExecutorChoice;
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -90,7 +91,7 @@ pub(crate) struct Train {
     #[arg(long, value_name = "N", num_args = 1.., value_delimiter = ',', requires = "eval", value_parser = count::<u32>)]
     pub(crate) test_iterations: Vec<u32>,
     /// A GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula doctor lists them.
-    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto")]
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto", value_parser = executor)]
     pub(crate) executor: ExecutorChoice,
     /// Look for the cheapest setting whose pictures are within E of exact ones (RMS, 1 is white), measure with it, each
     /// picture verified, and write its certificate into specula.json; docs/accuracy.md.

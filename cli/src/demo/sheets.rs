@@ -6,7 +6,6 @@ use crate::{
     background::{Background, truth},
     failure::Failure,
     look::Tour,
-    machine::ExecutorChoice,
     orientation,
     progress::{self, Work},
     scene::{Renderer, relight},
@@ -19,7 +18,7 @@ use specula_io::{
     picture::{self, RgbImage},
     pixels::Pixels,
 };
-use specula_scene::{Layer, Scene};
+use specula_scene::{ExecutorChoice, Layer, Scene};
 use specula_train::view::{Normals, View};
 use std::path::Path;
 
