@@ -1,6 +1,6 @@
 //! What the robust forms are for: the textbook's forms break the promises that ours keep.
 
-use crate::{
+use super::{
     blending, numbers,
     splats::{DETERMINANT, EXPONENT, LENGTHS, determinant, exponent, lens, needle, point_beside},
     worst,

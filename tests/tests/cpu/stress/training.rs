@@ -1,6 +1,6 @@
 //! Trainings of scenes in unusual units, of Gaussians of very different size, and under a sun.
 
-use crate::assert_at_most;
+use super::assert_at_most;
 use specula_core::{
     camera::{Camera, near_of},
     executor::Renderer,

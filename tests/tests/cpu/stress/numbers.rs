@@ -1,6 +1,6 @@
 //! Functions of one number at its ends, directions that there are none of, and the optimiser's step.
 
-use crate::assert_at_most;
+use super::assert_at_most;
 use specula_core::{
     activation::{sigmoid, softplus},
     color::{srgb_from_linear, srgb_from_linear_vjp},

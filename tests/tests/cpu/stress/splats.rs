@@ -1,6 +1,6 @@
 //! Gaussians of extreme shape and place on the screen.
 
-use crate::{assert_at_most, worst};
+use super::{assert_at_most, worst};
 use specula_core::{
     bin::footprint,
     blend,

@@ -1,6 +1,6 @@
 //! Deep, opaque and faint stacks of splats.
 
-use crate::{assert_at_most, worst};
+use super::{assert_at_most, worst};
 use specula_core::{
     blend::{self, MAX_ALPHA, PixelState, Replay},
     cutoffs::Cutoffs,

@@ -42,15 +42,15 @@ const SOURCES: [&str; 11] = [
     include_str!("splats.rs"),
     include_str!("training.rs"),
     include_str!("../executor.rs"),
-    include_str!("../gpu/stages.rs"),
-    include_str!("../gpu/stress.rs"),
-    include_str!("../gpu/train.rs"),
+    include_str!("../../gpu/stages.rs"),
+    include_str!("../../gpu/stress.rs"),
+    include_str!("../../gpu/train.rs"),
     include_str!("../invariants.rs"),
 ];
 
 #[test]
 fn every_row_of_the_table_is_there_and_names_tests_that_exist() {
-    let table = include_str!("../../../docs/stability.md");
+    let table = include_str!("../../../../docs/stability.md");
     let rows: Vec<&str> =
         table.lines().filter(|line| line.starts_with("| ") && line.matches('|').count() == 6).collect();
     for number in 1..=31 {

@@ -1,0 +1,14 @@
+//! Tests of the examples, in one program, so that the crates they use are compiled and linked once.
+
+#![expect(dead_code, reason = "the examples' entry points")]
+
+#[path = "../prefilter.rs"]
+mod prefilter;
+#[path = "../render.rs"]
+mod render;
+#[path = "../shade.rs"]
+mod shade;
+#[path = "../texture.rs"]
+mod texture;
+#[path = "../train.rs"]
+mod train;

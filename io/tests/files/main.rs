@@ -1,0 +1,11 @@
+//! Files of every format, read and written: one test program, so that it is compiled and linked once.
+
+mod checkpoint;
+mod dataset;
+mod ktx;
+mod light;
+mod model_folder;
+mod photographs;
+mod pictures;
+mod ply;
+mod real_data;

@@ -1,0 +1,17 @@
+//! Formulas of core, the CPU executor and the documentation: one test program, so that generic
+//! code is compiled and linked once. Tests that replace the global allocator are programs of
+//! their own.
+
+mod brute;
+mod cutoffs;
+mod derivatives;
+mod documentation;
+mod executor;
+mod exports;
+mod invariants;
+mod perspective;
+mod pipeline_gradients;
+mod plan;
+mod poison;
+mod prefilter;
+mod stress;
