@@ -1,5 +1,5 @@
-//! Arguments of the program as plain data: types, defaults, help and parsers, and nothing of the program itself. Commands
-//! import this; it imports none of them.
+//! Command-line arguments as plain data: types, defaults, help texts and parsers. Commands import
+//! this module; it imports nothing of the program.
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
@@ -29,35 +29,36 @@ use std::ffi::OsString;
 pub(crate) use train::{AT_MOST_1600, Densify, LightPer, Losses, Photographs, Start, Train, ViewUntil};
 pub(crate) use view::View;
 
-/// Scenes of 3D Gaussians that carry a shading function: fitted to pictures, rendered, taken apart, relit.
+/// Train, render and relight scenes of 3D Gaussians with a shading function.
 ///
-/// Each Gaussian has a diffuse colour, a specular tint, a roughness and a normal; they share one light, a cube map
-/// that is fitted along with them. So glossy things look right from everywhere, and another light can be put in.
+/// Each Gaussian has a diffuse colour, a specular tint, a roughness and a normal. All Gaussians
+/// share one environment light, a cube map that is trained along with them. Glossy surfaces keep
+/// their reflections in new views, and the light can be replaced.
 #[derive(Debug, Parser)]
 #[command(name = "specula", version, max_term_width = 110, after_help = EXAMPLES)]
 pub(crate) struct Arguments {
-    /// The command.
+    /// Command to run.
     #[command(subcommand)]
     pub(crate) command: Command,
-    /// Print results and errors alone.
+    /// Print only results and errors.
     #[arg(long, short, global = true, help_heading = "General")]
     pub(crate) quiet: bool,
-    /// Threads to use; all cores by default. Results do not depend on it.
+    /// Number of threads; all cores by default. Results do not depend on it.
     #[arg(long, global = true, value_name = "N", help_heading = "General", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) threads: Option<u16>,
 }
 
 const EXAMPLES: &str = "\
 Examples:
-  specula demo                                    see everything, without any data
-  specula train data/chair -m out/chair --eval    fit a scene, measure held-out views
-  specula render out/chair --layers rgb,normal    pictures of the test views
-  specula relight out/chair --env sunset.hdr      the same scene under another light
-  specula compare out/chair out/plain             a table of their quality, size and time
-  specula view out/chair                          look around in it, in a browser
-  specula export out/chair -o chair.ply           for any viewer of Gaussians
-  specula prefilter sunset.hdr -o sunset.ktx2     a light for other programs, filtered for every roughness
-  specula info out/chair                          what is in it";
+  specula demo                                    try everything, without any data
+  specula train data/chair -m out/chair --eval    train a scene, measure held-out views
+  specula render out/chair --layers rgb,normal    render the test views
+  specula relight out/chair --env sunset.hdr      render them under another light
+  specula compare out/chair out/plain             tabulate quality, size and training time
+  specula view out/chair                          explore the scene in a browser
+  specula export out/chair -o chair.ply           convert it for other viewers
+  specula prefilter sunset.hdr -o sunset.ktx2     prefilter a light for game engines
+  specula info out/chair                          print its contents";
 
 impl Arguments {
     /// Parses the words of a command line, the program's name first.
@@ -69,8 +70,9 @@ impl Arguments {
     }
 }
 
-/// Command line with hyphens in the names of long options, which the authors' tools spell with underscores:
-/// `--save_iterations=7000` becomes `--save-iterations=7000`. Values, and words after `--`, are kept.
+/// Command line with hyphens in the names of long options, which the authors' tools spell with
+/// underscores: `--save_iterations=7000` becomes `--save-iterations=7000`. Values, and words after
+/// `--`, are kept.
 pub(crate) fn with_hyphens(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut are_options = true;
     let renamed = |word: OsString| {
@@ -86,7 +88,7 @@ pub(crate) fn with_hyphens(words: impl IntoIterator<Item = OsString>) -> Vec<OsS
     words.into_iter().map(renamed).collect()
 }
 
-/// The commands.
+/// Commands of the program.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(Demo),
@@ -101,13 +103,13 @@ pub(crate) enum Command {
     Report(Report),
     Info(Info),
     Doctor(Doctor),
-    /// Read a network for LPIPS and nothing else; eval does so in a process that may only take so much.
+    /// Read a network for LPIPS and nothing else; eval runs this in a process with limited memory.
     #[command(hide = true)]
     TryNetwork(TryNetwork),
 }
 
 impl Command {
-    /// Executor that was asked for, where there is a choice.
+    /// Executor of the command; `None` for commands that have no such option.
     pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
         match self {
             Self::Train(args) => Some(&args.executor),

@@ -1,4 +1,4 @@
-//! Parsers of values: from text to a number in its range, or a sentence with the remedy.
+//! Parsers of option values. Errors are sentences that name the valid values.
 
 use core::net::{Ipv4Addr, SocketAddr};
 use specula_core::cutoffs::ProjectionModel;
@@ -47,14 +47,14 @@ pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     view_size(both.ok_or("use two numbers, such as 640,480")?)
 }
 
-/// A port of this machine, or a host and a port.
+/// Socket address: a port on loopback, or a host and a port.
 pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
     let here = || text.parse().map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port))).ok();
     let named = || text.to_socket_addrs().ok().and_then(|mut addresses| addresses.next());
     here().or_else(named).ok_or_else(|| "use a port, or a host and a port, such as 7008 or 0.0.0.0:7008".to_owned())
 }
 
-/// A word that an address and a header can hold.
+/// Token of letters and digits, which URLs and headers can contain.
 pub(super) fn token(text: &str) -> Result<String, String> {
     const LEAST: usize = 8;
     let is_fine = text.len() >= LEAST && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
@@ -82,7 +82,7 @@ pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(is_fine).ok_or_else(|| format!("use a power of two from 16 to {LARGEST}"))
 }
 
-/// A count as people write it: 30000, 30_000, 30k, 1.5M or 3e4.
+/// Whole number as 30000, 30_000, 30k, 1.5M or 3e4.
 pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     const WRONG: &str = "use a whole number, such as 30000, 30_000, 30k or 3e4";
     let digits = text.replace('_', "");
@@ -92,7 +92,7 @@ pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     };
     let exact = digits.parse().ok().filter(|_| factor == 1.0);
     let scaled = || {
-        // From here on not every whole number is one of these.
+        // Largest power of two up to which f64 represents every whole number.
         const LARGEST: f64 = (1_u64 << 53) as f64;
         let is_plain = digits.starts_with(|letter: char| letter.is_ascii_digit() || letter == '.');
         let number = digits.parse::<f64>().ok().filter(|_| is_plain)? * factor;
@@ -102,7 +102,7 @@ pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     N::try_from(number).map_err(|_| format!("{number} is too large"))
 }
 
-/// A count of at least one.
+/// Whole number of at least 1.
 pub(super) fn positive<N: TryFrom<u64> + Default + PartialEq>(text: &str) -> Result<N, String> {
     count(text).and_then(|number| if number == N::default() { Err("use 1 or more".into()) } else { Ok(number) })
 }

@@ -7,15 +7,17 @@ use super::{
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// Filter a light for every roughness, and write it as a cube map that other programs load.
+/// Prefilter an environment map for every roughness, as a cube map for other programs.
 ///
-/// ENV is a lat-long map of linear radiance, .hdr or .exr, or the folder of a model, whose light is taken. OUT.ktx2
-/// becomes a cube map of halves with a mip level for each roughness, as engines look reflections up; OUT.exr becomes a
-/// file for each level, OUT.level0.exr and so on, six faces in a column, for programs that read no KTX 2.0. OUT.json
-/// says which level has which roughness, how faces lie, and what to multiply by.
+/// ENV is a lat-long map of linear radiance, .hdr or .exr, or a model folder, whose light is used.
+/// OUT.ktx2 is a half-float cube map with a mip level per roughness, ready for reflection look-ups.
+/// OUT.exr is one file per level, OUT.level0.exr and so on, with the six faces in a column, for
+/// programs without KTX 2.0. OUT.json describes the roughness of each level, the layout of the
+/// faces and the scale of the values.
 ///
-/// Faces are +X -X +Y -Y +Z -Z, as graphics interfaces look them up. With --up y, as engines have it, +y is above, and
-/// the light of a model, whose world has z above, is turned: (x, y, z) becomes (x, z, -y).
+/// Faces are in the order +X -X +Y -Y +Z -Z, in the convention of graphics APIs. With --up y, the
+/// convention of most engines, the light of a model, whose world is z-up, is rotated: (x, y, z)
+/// becomes (x, z, -y).
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -23,58 +25,62 @@ Examples:
   specula prefilter sunset.hdr -o sunset.ktx2 --resolution 128 --roughness filament --previews
   specula prefilter out/chair -o chair.ktx2
 Schemes:
-  specula    a mip chain from a mirror to roughness 1, from the light's integral; the default
-  paper      the levels of the authors' code (0.08 to 0.5, then 1), from the light's integral
-  official   those levels with the weights of the authors' code, to compare with
-Light far from a lobe's middle is taken in pieces that stand for many texels, so levels are close to the integral and
-not equal to it. Beside a sun of a single texel, 65 536 times as bright as the sky, the second level of a chain from 64
-texels on is up to 104 per cent off, the third 33, the fourth 9 and the last 3, which shows as blotches.")]
+  specula    a mip chain from roughness 0 to 1, integrated over the light; the default
+  paper      the levels of the authors' code (0.08 to 0.5, then 1), integrated over the light
+  official   the same levels with the weights of the authors' code, for comparison
+Light far from the centre of a lobe is integrated over blocks of texels, so levels approximate the
+integral. Next to a sun of a single texel, 65 536 times as bright as the sky, the second level of a
+chain from 64 texels on is off by up to 104 %, the third by 33 %, the fourth by 9 % and the last by
+3 %, which is visible as blotches.")]
 pub(crate) struct Prefilter {
-    /// A lat-long map, or the folder of a model.
+    /// Lat-long map or model folder.
     #[arg(value_name = "ENV")]
     pub(crate) env: PathBuf,
-    /// The cube map; its ending says what is written.
+    /// Output file; the extension selects the format.
     #[arg(long, short, value_name = "OUT.ktx2|OUT.exr")]
     pub(crate) output: PathBuf,
-    /// Texels along an edge of the sharpest level, a power of two; 256 by default, or that of the model's light.
+    /// Face resolution of the sharpest level, a power of two; by default 256, or that of the
+    /// model's light.
     #[arg(long, value_name = "N", value_parser = cube_resolution)]
     pub(crate) resolution: Option<usize>,
-    /// Levels, each half as wide as the one before; by default down to 4 texels, which measures best.
+    /// Number of levels, each half as wide as the one before; by default down to 4 texels, which
+    /// measures best.
     #[arg(long, value_name = "N")]
     pub(crate) levels: Option<usize>,
-    /// Roughness ρ of the levels: level / last = ρ, as in glTF and Bevy, the default; or ρ (2 − ρ), as in Filament.
+    /// Roughness ρ of the levels: level / last = ρ (linear, as in glTF and Bevy; the default), or
+    /// ρ (2 − ρ) (filament).
     #[arg(long, value_enum)]
     pub(crate) roughness: Option<MipName>,
-    /// Levels and weights.
+    /// Levels and their weights; see below.
     #[arg(long, value_enum, default_value_t = SchemeName::Specula)]
     pub(crate) scheme: SchemeName,
-    /// Up axis of the cube.
+    /// Up axis of the cube map.
     #[arg(long, value_enum, default_value_t = Up::Y)]
     pub(crate) up: Up,
-    /// Brightness of the light, in stops: 1 doubles it.
+    /// Exposure of the light in stops; 1 doubles it.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     pub(crate) exposure: f32,
-    /// A picture of each level beside it, lat-long: OUT.level0.png and so on.
+    /// Also write a lat-long preview of each level: OUT.level0.png and so on.
     #[arg(long)]
     pub(crate) previews: bool,
 }
 
-/// Levels of a light and their weights.
+/// Levels of a prefiltered light and their weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SchemeName {
-    /// A mip chain, from the light's integral.
+    /// Mip chain, integrated over the light.
     Specula,
-    /// The authors' levels, from the light's integral.
+    /// Levels of the authors' code, integrated over the light.
     Paper,
-    /// The authors' levels and weights.
+    /// Levels and weights of the authors' code.
     Official,
 }
 
-/// Which roughness the levels of a mip chain have.
+/// Roughness of the levels of a mip chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MipName {
-    /// As in glTF and Bevy.
+    /// Linear in the level, as in glTF and Bevy.
     Linear,
-    /// As in Filament.
+    /// Filament's mapping.
     Filament,
 }

@@ -1,4 +1,4 @@
-//! Arguments of every command that opens a scene: profile, orientation, executor, light.
+//! Arguments that commands share: profile, orientation, executor, environment map.
 
 use super::parse::{executor, finite, projection};
 use crate::orientation::UpChoice;
@@ -9,40 +9,43 @@ use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::latlong::{Stand, UpAxis};
 use specula_scene::ExecutorChoice;
 
-/// Reading and showing a scene.
+/// Interpretation of a scene, and its executor.
 #[derive(Args, Debug)]
 pub(crate) struct Showing {
-    /// Profile to read the attributes by, where the scene names none or a wrong one.
+    /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
-    /// The scene's up direction, instead of the model's: an axis such as z or -y, or a vector.
+    /// Up direction of the scene, instead of that of the model: an axis such as z or -y, or a
+    /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpChoice>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
 }
 
-/// The executor of renderings.
+/// Executor of renderings.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct MachineOptions {
-    /// A GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula doctor lists them.
+    /// Executor: a GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula
+    /// doctor lists them.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto", value_parser = executor)]
     pub(crate) executor: ExecutorChoice,
-    /// Numbers of Gaussians and light in memory: f16 takes about half of f32 (docs/performance.md).
+    /// Precision of Gaussians and light in memory; f16 takes about half the memory of f32 (see
+    /// docs/performance.md).
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
-    /// ProjectionModel of Gaussians: affine as in training, exact (ray, tangent; on the CPU), or exact where affine is off by
-    /// more than ALPHA (docs/accuracy.md).
+    /// Projection of Gaussians: affine, as in training; exact (ray, tangent; CPU only); or exact
+    /// where the affine one is off by more than ALPHA (see docs/accuracy.md).
     #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
     pub(crate) projection: ProjectionModel,
 }
 
 impl MachineOptions {
-    /// An executor with its numbers in full.
+    /// Executor with 32-bit numbers and affine projection.
     pub(crate) fn in_full(executor: &ExecutorChoice) -> Self {
         Self { executor: executor.clone(), storage: StorageName::F32, projection: ProjectionModel::Affine }
     }
-    /// How it stores numbers.
+    /// Precision of numbers in memory.
     pub(crate) fn storage(&self) -> Storage {
         match self.storage {
             StorageName::F32 => Storage::F32,
@@ -51,26 +54,27 @@ impl MachineOptions {
     }
 }
 
-/// Reading a file of light.
+/// Interpretation of an environment map.
 #[derive(Args, Debug)]
 pub(crate) struct EnvOptions {
-    /// Direction of the file's upper edge: the scene's up, Blender's z, or y as in GaussianShader's files.
+    /// Up direction of the file: that of the scene, z as in Blender, or y as in GaussianShader's
+    /// files.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// Brightness of the light, in stops: 1 doubles it.
+    /// Exposure of the light in stops; 1 doubles it.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     pub(crate) exposure: f32,
 }
 
-/// Kinds of training, and of reading what was trained.
+/// Names of the profiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ProfileName {
-    /// Whatever measures best.
+    /// Best measured quality.
     Specula,
-    /// The paper to the letter.
+    /// Equations and weights of the paper.
     Paper,
-    /// What the authors' code does.
+    /// Behaviour of the authors' code.
     Official,
     /// Plain Gaussian splatting.
     #[value(name = "3dgs")]
@@ -79,7 +83,7 @@ pub(crate) enum ProfileName {
 }
 
 impl ProfileName {
-    /// The name, as typed.
+    /// Name on the command line.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Specula => "specula",
@@ -90,28 +94,28 @@ impl ProfileName {
     }
 }
 
-/// How numbers are stored where a scene is rendered.
+/// Precision of numbers in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum StorageName {
-    /// In full.
+    /// 32 bits.
     F32,
-    /// As halves, two to a word.
+    /// 16 bits.
     F16,
 }
 
-/// What a file of light has above.
+/// Up direction of an environment map that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum EnvUp {
-    /// What is above in the scene.
+    /// Up direction of the scene.
     Scene,
-    /// The axis of GaussianShader and nvdiffrec.
+    /// +Y, as in GaussianShader and nvdiffrec.
     Y,
-    /// Blender's axis.
+    /// +Z, as in Blender.
     Z,
 }
 
 impl EnvUp {
-    /// How the file stands in a scene that has this above.
+    /// Orientation of the file in a scene with this up direction.
     pub(crate) fn stand(self, above: Vec3) -> Stand {
         match self {
             Self::Scene => Stand::above(above.as_dvec3().to_array()),
@@ -121,17 +125,17 @@ impl EnvUp {
     }
 }
 
-/// Which axis a file of light has above.
+/// Up axis of an environment map that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Up {
-    /// That of GaussianShader and nvdiffrec.
+    /// +Y, as in GaussianShader and nvdiffrec.
     Y,
-    /// Blender's.
+    /// +Z, as in Blender.
     Z,
 }
 
 impl Up {
-    /// What a file with this has above.
+    /// Axis.
     pub(crate) fn axis(self) -> UpAxis {
         match self {
             Self::Y => UpAxis::Y,
@@ -139,7 +143,7 @@ impl Up {
         }
     }
 
-    /// How a file with this above stands in a world.
+    /// Orientation of the file in the world.
     pub(crate) fn stand(self) -> Stand {
         self.axis().into()
     }

@@ -12,41 +12,43 @@ use std::path::PathBuf;
 /// Default address of the page.
 pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 
-/// Look around in a scene, in a browser.
+/// Explore a scene in a browser.
 ///
-/// Serves a page at an address that goes to stdout, until Ctrl-C. Pictures are rendered here and sent as they are asked
-/// for: open it on a phone or over a slow link, and they become smaller while one moves. Drag to turn, scroll or pinch
-/// to come closer, press ? for all keys. Layers are chosen with 1 to 0; a lat-long map of light (.hdr, .exr) can be dropped
-/// onto the page, and dragged to be turned; the camera can be sent along a path, whose frames come as a ZIP file.
+/// Serves a page until Ctrl-C and prints its address. Pictures are rendered on this machine and
+/// sent on demand; on phones and slow connections they become smaller while the camera moves. Drag
+/// to rotate, scroll or pinch to zoom, press ? for all keys. Keys 1 to 0 select layers. An
+/// environment map (.hdr, .exr) can be dropped onto the page and rotated by dragging. Camera paths
+/// can be recorded and rendered to a ZIP file of frames.
 ///
-/// Only this machine can open the page, unless --listen names an address that others reach. Then whoever opens it needs
-/// a token, which is part of the address that is printed. Nothing is encrypted: over a network that is not trusted, use
-/// ssh -L 7008:localhost:7008 instead.
+/// The page is only reachable from this machine, unless --listen names another address. It then
+/// requires a token, which is part of the printed address. Connections are not encrypted: in
+/// untrusted networks, use ssh -L 7008:localhost:7008 instead.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula view out/chair
   specula view out/spheres --env sunset.hdr forest.hdr
   specula view scene.ply --background white
-  specula view out/chair --listen 0.0.0.0:7008      for a phone in the same network
-  specula train data/chair -m out/chair --view      a scene while it is trained")]
+  specula view out/chair --listen 0.0.0.0:7008      from a phone in the same network
+  specula train data/chair -m out/chair --view      a scene during its training")]
 pub(crate) struct View {
-    /// Folder of a model, or a PLY file.
+    /// Model folder or PLY file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
-    /// Address of the page; port 0 takes any that is free.
+    /// Address to listen on; port 0 selects a free one.
     #[arg(long, value_name = "[HOST:]PORT", default_value = ADDRESS, value_parser = address)]
     pub(crate) listen: SocketAddr,
-    /// Password of the page; by default a random one where other machines can reach it, else none.
+    /// Access token; generated when listening beyond loopback.
     #[arg(long, value_name = "WORD", value_parser = token)]
     pub(crate) token: Option<String>,
-    /// Lights to choose from, beside the scene's: lat-long maps, .hdr or .exr.
+    /// Environment maps to choose from, in addition to the light of the scene: lat-long, .hdr or
+    /// .exr.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub(crate) env: Vec<PathBuf>,
-    /// Direction of these files' upper edges: the scene's up, or an axis of the world.
+    /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// Behind the scene; the training's background by default, else black.
+    /// Background; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<Background>,
     #[command(flatten)]
