@@ -1,8 +1,8 @@
 //! Scenes of NeRF Synthetic and Shiny Blender: a list of views to fit, and one of views to judge by.
 
 use crate::{
-    dataset::{Listing, LoadOptions},
     error::Result,
+    listing::{Listing, LoadOptions},
     shot::Shot,
     transforms::{Frame, Transforms},
 };

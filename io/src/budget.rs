@@ -5,7 +5,11 @@
 
 use crate::error::{Error, Result};
 use core::fmt::Display;
-use std::{fs::File, io::Read, path::Path};
+use std::{
+    fs::{self, File},
+    io::Read,
+    path::Path,
+};
 
 /// Pixels along an edge of any picture that a camera may see; COLMAP's own files are held to it as well.
 pub const EDGE_MAX: u32 = 1 << 16;
@@ -89,6 +93,11 @@ impl Budget {
         self.ask(path, 0, "it", bytes.len() as u64)?;
         Ok(bytes)
     }
+}
+
+/// Length of a file in bytes.
+pub(crate) fn len_of(path: &Path) -> Result<u64> {
+    Ok(fs::metadata(path).map_err(Error::reading(path))?.len())
 }
 
 /// The size of a picture that can be rendered.

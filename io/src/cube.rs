@@ -1,6 +1,5 @@
 //! Looking a direction up in a cube map, continuous across edges and corners.
 
-use crate::latlong::{floor_and_rest, mix};
 use specula_core::cubemap::{FACE_COUNT, apron_sources, face_of, padded_index, padded_len, texel_index};
 
 /// A cube map whose faces are surrounded by the texels of their neighbours.
@@ -46,6 +45,16 @@ fn padded_texels(resolution: usize) -> impl Iterator<Item = (usize, isize, isize
     let line = -1..=resolution as isize;
     let rows = (0..FACE_COUNT).flat_map(move |face| (-1..=resolution as isize).map(move |row| (face, row)));
     rows.flat_map(move |(face, row)| line.clone().map(move |column| (face, row, column)))
+}
+
+/// Integer and fractional part of a texel coordinate.
+pub(crate) fn floor_and_rest(x: f64) -> (isize, f32) {
+    (x.floor() as isize, (x - x.floor()) as f32)
+}
+
+/// Linear interpolation from `a` to `b`.
+pub(crate) fn mix(a: [f32; 3], b: [f32; 3], share_of_b: f32) -> [f32; 3] {
+    core::array::from_fn(|k| a[k] * (1.0 - share_of_b) + b[k] * share_of_b)
 }
 
 fn mean(colors: impl ExactSizeIterator<Item = [f32; 3]>) -> [f32; 3] {

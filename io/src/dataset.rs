@@ -8,56 +8,19 @@
 use crate::{
     blender, colmap,
     error::{Error, Result},
+    listing::Listing,
     nerfstudio,
-    pixels::{Normals, Pixels},
     points_ply::{self, PointCloud},
     shot::{Opened, Shot},
 };
 use core::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
-use specula_core::camera::Camera;
 use std::path::{Path, PathBuf};
 
-/// What to read of a data set, and how.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LoadOptions {
-    /// How many times smaller images become: 1, 2, 4 or 8. Sizes are rounded.
-    pub downscale: u32,
-    /// Whether the test views are held out; if not, they are trained on as well.
-    pub with_test: bool,
-    /// A point cloud to start from, instead of the data set's own.
-    pub points: Option<PathBuf>,
-    /// The folder of images that COLMAP has looked at, within the data set. Where there are smaller copies in a folder
-    /// such as `images_4`, those are read instead of being made.
-    pub images: String,
-    /// Every so manieth photograph by name, from the first, is a test view, where nothing else says which are; none
-    /// for 0.
-    pub test_every: u32,
-}
-
-impl Default for LoadOptions {
-    fn default() -> Self {
-        Self { downscale: 1, with_test: true, points: None, images: IMAGES.into(), test_every: TEST_EVERY }
-    }
-}
-
-/// The usual folder of images.
-pub const IMAGES: &str = "images";
-/// Every so manieth photograph is a test view, usually: the field's choice.
-pub const TEST_EVERY: u32 = 8;
-
-/// One photograph.
-#[derive(Clone, Debug, PartialEq)]
-pub struct View {
-    /// The image's name, without folder and ending.
-    pub name: String,
-    /// Where it was taken from; of the image's size.
-    pub camera: Camera,
-    /// What was seen.
-    pub image: Pixels,
-    /// True normals, where a test view has them.
-    pub normal: Option<Normals>,
-}
+pub use crate::{
+    listing::{IMAGES, LoadOptions, TEST_EVERY},
+    shot::View,
+};
 
 /// Photographs to fit, photographs to judge by, and points to start from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,16 +35,6 @@ pub struct Dataset {
     pub source: String,
     /// What was left out, changed or assumed, and why: one sentence each.
     pub notes: Vec<String>,
-}
-
-/// What there is in a data set, before any picture is opened.
-#[derive(Debug, Default)]
-pub(crate) struct Listing {
-    pub(crate) train: Vec<Shot>,
-    pub(crate) test: Vec<Shot>,
-    pub(crate) points: Option<PointCloud>,
-    pub(crate) source: String,
-    pub(crate) notes: Vec<String>,
 }
 
 /// Reads a data set on all cores. `progress` is called with the number of images done and of all images, from any

@@ -5,9 +5,8 @@
 //! mean over areas does the rest: what remains of the difference is less than a step of 8 bits.
 
 use crate::{
-    budget::{JPEG_SCANS_MAX, PICTURE},
+    budget::{JPEG_SCANS_MAX, PICTURE, len_of},
     error::{Error, Result},
-    pixels::len_of,
 };
 use image::{DynamicImage, GrayImage, RgbImage, metadata::Orientation};
 use jpeg_decoder::{Decoder, PixelFormat};

@@ -1,7 +1,7 @@
 //! Light as files: lat-long maps and cube maps of linear radiance, and the way from one to the other.
 
 use crate::{
-    cube::Cube,
+    cube::{Cube, floor_and_rest, mix},
     error::{Error, Result},
     pixels::{Future, ask_for, decode, refuse_many_attributes, with_pixels},
     whole_file,
@@ -168,14 +168,6 @@ impl LatLong {
         let lower = mix(self.pixel(column, row + 1), self.pixel(column + 1, row + 1), across);
         mix(upper, lower, down)
     }
-}
-
-pub(crate) fn floor_and_rest(x: f64) -> (isize, f32) {
-    (x.floor() as isize, (x - x.floor()) as f32)
-}
-
-pub(crate) fn mix(a: [f32; 3], b: [f32; 3], share_of_b: f32) -> [f32; 3] {
-    core::array::from_fn(|k| a[k] * (1.0 - share_of_b) + b[k] * share_of_b)
 }
 
 /// Reads a map of any format: `.hdr` and `.exr` as they are, `.png`, `.jpg` and `.webp` decoded from sRGB.

@@ -48,6 +48,7 @@ mod json;
 pub mod ktx;
 pub mod latlong;
 pub mod lens;
+mod listing;
 pub mod mesh;
 pub mod model_folder;
 mod nerfstudio;

@@ -2,8 +2,8 @@
 
 use crate::{
     colmap,
-    dataset::{Listing, LoadOptions},
     error::Result,
+    listing::{Listing, LoadOptions},
     photographs::{self, Folders, HeldOut, Posed},
     points_ply::{self, PointCloud},
     transforms::{Frame, Transforms},

@@ -2,9 +2,9 @@
 //! and one list of cameras, of which every so manieth is held out.
 
 use crate::{
-    dataset::{Listing, LoadOptions},
     error::{Error, Result},
     lens::Lens,
+    listing::{Listing, LoadOptions},
     shot::{Pose, Shot, find_image, find_mask, is_macos_shadow, name_of, without_image_ending},
 };
 use std::{collections::HashSet, path::PathBuf};

@@ -1,7 +1,7 @@
 //! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
 
 use crate::{
-    budget::{PICTURE, PICTURE_NOTES_MAX},
+    budget::{PICTURE, PICTURE_NOTES_MAX, len_of},
     error::{Error, Result},
     jpeg,
 };
@@ -10,7 +10,7 @@ use glam::Vec3;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
 use specula_core::color::{UNKNOWN, is_unknown};
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{BufRead, BufReader, Read, Seek},
     path::Path,
 };
@@ -394,11 +394,6 @@ fn bytes_of_block(header: &exr::meta::header::Header) -> u64 {
 fn swaps_sides(orientation: Orientation) -> bool {
     use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
     matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
-}
-
-/// Length of a file in bytes.
-pub(crate) fn len_of(path: &Path) -> Result<u64> {
-    Ok(fs::metadata(path).map_err(Error::reading(path))?.len())
 }
 
 pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicImage> {

@@ -1,11 +1,10 @@
 //! One photograph before it is opened: its file, where it was taken from, and through what.
 
 use crate::{
-    budget::PICTURE,
-    dataset::View,
+    budget::{PICTURE, len_of},
     error::{Error, Result},
     lens::{Distortion, Lens},
-    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels, len_of},
+    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels},
 };
 use glam::{DMat3, DVec3};
 use specula_core::camera::{Camera, NEAR};
@@ -15,6 +14,19 @@ use std::path::{Path, PathBuf};
 pub(crate) const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
 /// How much wider or narrower a picture may be than its camera, as a share: sizes are rounded when they are made smaller.
 const SHAPE_TOLERANCE: f64 = 0.02;
+
+/// A photograph with its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Name of the image, without folder and extension.
+    pub name: String,
+    /// Camera of the image's size.
+    pub camera: Camera,
+    /// Pixels of the image.
+    pub image: Pixels,
+    /// Ground-truth normals, where a test view has them.
+    pub normal: Option<Normals>,
+}
 
 /// Where a camera is.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! COLMAP's binary files: counts, identifiers and numbers in little endian, one record after the other.
 
-use super::{Camera, Image, KINDS, Point, refuse, unknown_model};
+use super::record::{Camera, Image, KINDS, Point, refuse, unknown_model};
 use crate::{
     budget::SCENE,
     error::{Error, Result},

@@ -1,6 +1,6 @@
 //! COLMAP's text files: a record a line, of an image two, words apart by spaces; lines that begin with # say nothing.
 
-use super::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
+use super::record::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
 use crate::{
     budget::COLMAP_LINE_MAX,
     error::{Error, Result},

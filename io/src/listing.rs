@@ -1,0 +1,41 @@
+//! Options and listings that all data-set formats share.
+
+use crate::{points_ply::PointCloud, shot::Shot};
+use std::path::PathBuf;
+
+/// Options for reading a data set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Factor by which images are made smaller: 1, 2, 4 or 8. Sizes are rounded.
+    pub downscale: u32,
+    /// Whether test views are held out; otherwise they are trained on as well.
+    pub with_test: bool,
+    /// Point cloud to start from, in place of the data set's.
+    pub points: Option<PathBuf>,
+    /// Folder of images that COLMAP reconstructed, within the data set. Smaller copies in a folder such as `images_4`
+    /// are read where there are any.
+    pub images: String,
+    /// Every Nth photograph by name, from the first, is held out where the data set names no test views; none for 0.
+    pub test_every: u32,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self { downscale: 1, with_test: true, points: None, images: IMAGES.into(), test_every: TEST_EVERY }
+    }
+}
+
+/// Default folder of images.
+pub const IMAGES: &str = "images";
+/// Default N where every Nth photograph is held out, as in the literature.
+pub const TEST_EVERY: u32 = 8;
+
+/// Content of a data set before any picture is opened.
+#[derive(Debug, Default)]
+pub(crate) struct Listing {
+    pub(crate) train: Vec<Shot>,
+    pub(crate) test: Vec<Shot>,
+    pub(crate) points: Option<PointCloud>,
+    pub(crate) source: String,
+    pub(crate) notes: Vec<String>,
+}
