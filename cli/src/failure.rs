@@ -11,7 +11,7 @@ use std::io;
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
     /// A file cannot be read or written.
-    #[error(transparent)]
+    #[error("{0}{hint}", hint = hint_of(.0))]
     File(#[from] specula_io::Error),
     /// What was asked for cannot be.
     #[error("{0}")]
@@ -44,6 +44,22 @@ impl Failure {
     /// Whether it lies with a device, so that the processor may do better.
     pub(crate) fn is_of_device(&self) -> bool {
         matches!(self, Self::Device(_) | Self::Internal(_))
+    }
+}
+
+/// Options that help against an error of a file, as the end of its sentence.
+fn hint_of(error: &specula_io::Error) -> &'static str {
+    use specula_io::Error::{Checkpoint, CheckpointFormat, NoCheckpoint, NoImages, TooLong};
+    match error {
+        TooLong { .. } => "; omit Gaussians with --min-opacity, or harmonics with --sh-degree",
+        NoImages { .. } => "; name the folder that has them with --images, within the data set",
+        NoCheckpoint { .. } => {
+            "; a training writes one every --checkpoint-every steps, on Ctrl-C and at its end: name its folder, or \
+             start without --resume"
+        }
+        Checkpoint { .. } => "; copy the file again, or start without --resume",
+        CheckpointFormat { .. } => "; go on with the program that wrote it, or start without --resume",
+        _ => "",
     }
 }
 
@@ -126,6 +142,30 @@ impl From<io::Error> for Failure {
         match error.kind() {
             io::ErrorKind::BrokenPipe => Self::BrokenPipe,
             _ => Self::Input(format!("cannot write the results to stdout: {error}")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_io::Error;
+
+    #[test]
+    fn errors_of_files_end_with_the_option_that_helps() {
+        let (path, place, cause) = ("model".into(), "the header".to_owned(), "it is cut short".to_owned());
+        let sentence = Failure::from(Error::Checkpoint { path, place, cause }).to_string();
+        assert!(sentence.ends_with("it is cut short; copy the file again, or start without --resume"), "{sentence}");
+        for (error, option) in [
+            (Error::TooLong { path: "a.glb".into(), len: 1 << 33 }, "--min-opacity"),
+            (Error::NoCheckpoint { path: "model".into() }, "--checkpoint-every"),
+            (Error::CheckpointFormat { path: "model".into(), found: 2, known: 1 }, "--resume"),
+            (Error::NoImages { data: "data".into(), path: "images".into(), first: "b.png".into() }, "--images"),
+        ] {
+            let fact = error.to_string();
+            let sentence = Failure::from(error).to_string();
+            assert!(!fact.contains("--") && sentence.starts_with(&fact), "{fact}");
+            assert!(sentence.contains(option), "{option} is not in: {sentence}");
         }
     }
 }

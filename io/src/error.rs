@@ -34,9 +34,7 @@ pub enum Error {
         expected: &'static str,
     },
     /// More bytes than the format can count.
-    #[error(
-        "{path:?} would have {len} bytes, and the format ends at 4 GiB; omit Gaussians with --min-opacity, or harmonics with --sh-degree"
-    )]
+    #[error("{path:?} would have {len} bytes, and the format ends at 4 GiB")]
     TooLong {
         /// The file.
         path: PathBuf,
@@ -81,10 +79,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// Cameras, but not one of their images.
-    #[error(
-        "none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}; name the folder that has \
-         them with --images, within the data set"
-    )]
+    #[error("none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}")]
     NoImages {
         /// The folder of the data set.
         data: PathBuf,
@@ -277,16 +272,13 @@ pub enum Error {
         height: usize,
     },
     /// No training was put aside in a folder.
-    #[error(
-        "no checkpoint.safetensors in {path:?}; a training writes one every --checkpoint-every steps, on Ctrl-C and at \
-         its end: name its folder, or start without --resume"
-    )]
+    #[error("no checkpoint.safetensors in {path:?}")]
     NoCheckpoint {
         /// The folder.
         path: PathBuf,
     },
     /// A checkpoint that says or holds something else than it should.
-    #[error("cannot read {place} of the checkpoint {path:?}: {cause}; copy the file again, or start without --resume")]
+    #[error("cannot read {place} of the checkpoint {path:?}: {cause}")]
     Checkpoint {
         /// The file.
         path: PathBuf,
@@ -296,10 +288,7 @@ pub enum Error {
         cause: String,
     },
     /// A checkpoint of another version of the format.
-    #[error(
-        "the checkpoint {path:?} is of format {found}, and this program knows format {known}; go on with the program \
-         that wrote it, or start without --resume"
-    )]
+    #[error("the checkpoint {path:?} is of format {found}, and this program knows format {known}")]
     CheckpointFormat {
         /// The file.
         path: PathBuf,

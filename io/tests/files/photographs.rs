@@ -244,7 +244,7 @@ fn another_folder_of_images_may_be_named() {
     let folder = Scene::pinhole().folder();
     fs::rename(folder.path().join("images"), folder.path().join("photos")).unwrap();
     let refusal = load(folder.path()).unwrap_err().to_string();
-    assert_says(&refusal, &["images", "b.png", "--images"]);
+    assert_says(&refusal, &["images", "b.png", "none of the images"]);
     let data = load_with(&folder, LoadOptions { images: "photos".into(), ..LoadOptions::default() });
     assert_eq!(data.train.len(), 2);
 }
