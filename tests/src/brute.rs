@@ -1,10 +1,11 @@
-//! Plain Gaussian splatting in INRIA's conventions, in `f64`: a renderer that shares no formula with core. Written from the
-//! published constants of the reference rasteriser (Kerbl et al. 2023): affine projection, depths of means, covariance by
-//! matrix products, conic by the adjugate, no tiles; a splat reaches as far as its alpha is at least 1/255. What Gaussians
-//! are, and their colours, it has from [`specula_oracle::independent`], which is exact along rays.
+//! Plain Gaussian splatting in INRIA's conventions, in `f64`: a renderer that shares no formula
+//! with core. Written from the published constants of the reference rasteriser (Kerbl et al. 2023):
+//! affine projection, depths of means, covariance by matrix products, conic by the adjugate, no
+//! tiles; a splat reaches as far as its alpha is at least 1/255. What Gaussians are, and their
+//! colours, it has from [`specula_oracle::independent`], which is exact along rays.
 //!
-//! One difference is meant: the reference leaves a splat out beyond three standard deviations, rounded up to whole
-//! pixels and tiles; here, as in an exact picture, only its alpha decides.
+//! One difference is meant: the reference leaves a splat out beyond three standard deviations,
+//! rounded up to whole pixels and tiles; here, as in an exact picture, only its alpha decides.
 
 use glam::{DMat3, DVec3};
 use specula_oracle::independent::{

@@ -16,7 +16,8 @@ pub fn assert_close(actual: f64, expected: f64, tolerance: f64) {
     assert!(difference <= tolerance, "{actual} is {difference:e} from {expected}, allowed are {tolerance:e}");
 }
 
-/// The largest difference of two lists, as a share of the largest number expected; infinite for NaN.
+/// The largest difference of two lists, as a share of the largest number expected; infinite for
+/// NaN.
 #[track_caller]
 pub fn relative_difference(actual: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
@@ -39,7 +40,8 @@ pub fn assert_all_close(actual: &[f64], expected: &[f64], tolerance: f64) {
     );
 }
 
-/// Peak signal-to-noise ratio of two pictures in [0, 1], in dB; values outside are limited first, as a screen does.
+/// Peak signal-to-noise ratio of two pictures in [0, 1], in dB; values outside are limited first,
+/// as a screen does.
 #[track_caller]
 pub fn psnr(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len(), "pictures of different sizes have no distance");

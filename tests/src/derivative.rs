@@ -24,8 +24,8 @@ pub fn gradient(f: impl Fn(&[Dual]) -> Dual, inputs: &[f64]) -> Vec<f64> {
 
 /// Holds a hand-written pull-back against dual numbers, for random cotangents.
 ///
-/// `f` maps inputs to outputs; `vjp` maps inputs and a gradient of the outputs to a gradient of the inputs. The
-/// largest difference may be `tolerance` times the largest component.
+/// `f` maps inputs to outputs; `vjp` maps inputs and a gradient of the outputs to a gradient of the
+/// inputs. The largest difference may be `tolerance` times the largest component.
 #[track_caller]
 pub fn assert_vjp(
     inputs: &[f64],

@@ -8,8 +8,8 @@ use specula_gpu::{
 };
 pub use specula_oracle::scenes::camera;
 
-/// What a device may round worse than `f32` does, as a multiple: divisions and roots are allowed 2.5 units in the last
-/// place, and operations may be fused.
+/// Rounding of a device as a multiple of that of `f32`: divisions and roots are allowed 2.5 units
+/// in the last place, and operations may be fused.
 const WORSE_ROUNDING: f64 = 16.0;
 /// Below this share of the largest result nothing is compared: a few units in the last place.
 const LAST_PLACES: f64 = 2e-6;
@@ -62,8 +62,8 @@ fn on_host<R: Real>(formula: &impl Formula, rows: &[f32], number: impl Fn(f32) -
     rows.chunks(width).flat_map(evaluate).collect()
 }
 
-/// How much further the device is from the exact results than `f32` on the host may be, as a share of what is allowed;
-/// the largest of all results, of which each is compared with its own kind.
+/// Error of the device beyond the allowance for `f32` on the host, as a share of that allowance.
+/// Its scale is the largest of all results of the same kind.
 fn excess(device: &[f32], host: &[f32], exact: &[f64]) -> f64 {
     let height = exact.len() / ROWS;
     let column = |k: usize| (k..exact.len()).step_by(height);
@@ -80,8 +80,8 @@ fn nan_wins(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// A formula is on the device what it is on the host: no result is further from the exact one than `f32` on the host
-/// may be.
+/// A formula is on the device what it is on the host: no result is further from the exact one than
+/// `f32` on the host may be.
 #[track_caller]
 pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) {
     let device = gpu.evaluate(formula, rows).expect("the device computes");

@@ -1,14 +1,15 @@
-//! What the tests of every executor share: comparisons, random input, exact derivatives, and two renderers to
-//! compare with.
+//! Shared parts of the tests of every executor: comparisons, random input, exact derivatives, and
+//! two renderers to compare with.
 //!
-//! * [`compare`]: named tolerances and comparisons that can fail; [`strategies`]: random directions, cameras, scenes
+//! * [`compare`]: named tolerances and comparisons that can fail; [`strategies`]: random
+//!   directions, cameras, scenes
 //! * [`derivative`]: gradients by dual numbers, to hold every `_vjp` against
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`stress`]: scenes at the edges of what is valid, by name
 //! * [`prefilter_error`]: how far filtered light is from its integral
-//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly along rays; both in
-//!   `f64`, sharing no formula with core
+//! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly
+//!   along rays; both in `f64`, sharing no formula with core
 
 pub mod brute;
 pub mod compare;

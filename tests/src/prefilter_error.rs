@@ -1,4 +1,5 @@
-//! How far filtered light is from its integral: the measurement behind every figure about prefilters.
+//! Distance of filtered light from its integral: the measurement behind every figure about
+//! prefilters.
 
 use crate::{
     lobe::{CubeMap, filtered, studio},
@@ -20,7 +21,8 @@ pub const DIRECTIONS: usize = 160;
 /// Samples along the edge of a texel of the base.
 const SAMPLES: usize = 8;
 
-/// [`studio`] as a base map, and what lobes of every roughness see of it, by quadrature of the bilinear map.
+/// [`studio`] as a base map, and what lobes of every roughness see of it, by quadrature of the
+/// bilinear map.
 #[derive(Debug)]
 pub struct Truth {
     /// The base: three numbers as a display shows them, then three of full range.
@@ -30,7 +32,8 @@ pub struct Truth {
     light: Vec<[f64; 6]>,
 }
 
-/// Relative errors √(Σ |found − true|² / Σ |true|²) over all directions, one for each of [`ROUGHNESS`].
+/// Relative errors √(Σ |found − true|² / Σ |true|²) over all directions, one for each of
+/// [`ROUGHNESS`].
 #[derive(Clone, Copy, Debug)]
 pub struct Errors(pub [f64; ROUGHNESS.len()]);
 
@@ -70,7 +73,8 @@ impl Truth {
         })
     }
 
-    /// Errors of both kinds of light, from texels of their levels with aprons, one level after the other.
+    /// Errors of both kinds of light, from texels of their levels with aprons, one level after the
+    /// other.
     pub fn errors(&self, levels: &[Level], texels: [&[[f32; 4]]; 2]) -> [Errors; 2] {
         let lights = texels.map(|texels| opened(levels, texels));
         [0, 1].map(|kind| Errors(core::array::from_fn(|index| self.error(index, kind, &lights[kind]))))

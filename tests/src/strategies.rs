@@ -10,13 +10,14 @@ use specula_core::{
 pub use specula_oracle::scenes::{random_cloud, random_environment};
 use std::env;
 
-/// The same input in every run, so that a test that passes keeps passing; failures need no file to be found again.
+/// The same input in every run, so that a test that passes keeps passing; failures need no file to
+/// be found again.
 pub fn same_every_time() -> ProptestConfig {
     ProptestConfig { rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// Cases that are the same in every run, unless the environment asks for others: `SPECULA_FUZZ_SEED` and
-/// `SPECULA_FUZZ_CASES`, which `scripts/fuzz` sets.
+/// Cases that are the same in every run, unless the environment asks for others:
+/// `SPECULA_FUZZ_SEED` and `SPECULA_FUZZ_CASES`, which `scripts/fuzz` sets.
 pub fn as_many_as_wanted(usual: u32) -> ProptestConfig {
     let cases = from_env("SPECULA_FUZZ_CASES").unwrap_or(usual);
     let seed = from_env("SPECULA_FUZZ_SEED").unwrap_or(1);
@@ -61,7 +62,8 @@ fn unit_quat() -> impl Strategy<Value = [f64; 4]> {
     })
 }
 
-/// Three logarithms of scales in so wide a range, further apart than a difference of derivatives would notice.
+/// Three logarithms of scales in so wide a range, further apart than a difference of derivatives
+/// would notice.
 pub fn log_scales(range: core::ops::Range<f64>) -> impl Strategy<Value = [f64; 3]> {
     const APART: f64 = 1e-3;
     [range.clone(), range.clone(), range].prop_filter("scales of a clear order", |[a, b, c]| {
@@ -69,7 +71,8 @@ pub fn log_scales(range: core::ops::Range<f64>) -> impl Strategy<Value = [f64; 3
     })
 }
 
-/// A camera at a distance of 3 to 6 that looks near the origin, with pixels that need not be square.
+/// A camera at a distance of 3 to 6 that looks near the origin, with pixels that need not be
+/// square.
 pub fn camera() -> impl Strategy<Value = Camera> {
     let views = (unit_vector(), 3.0..6.0_f64, unit_vector());
     let lenses = (0.4..1.2_f32, 0.9..1.1_f32, -4.0..4.0_f32, -4.0..4.0_f32);

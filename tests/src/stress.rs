@@ -9,7 +9,8 @@ use specula_core::{
 };
 pub use specula_oracle::stress::{Case, LAYOUT, every_case};
 
-/// Gaussians that cover a large view, each of them, and so have more splats in its tiles than 32 bits count.
+/// Gaussians that cover a large view, each of them, and so have more splats in its tiles than 32
+/// bits count.
 pub fn too_many_splats() -> (Gaussians<Vec<f32>>, Camera) {
     const COUNT: usize = 70_000;
     let mut cloud = random_cloud(COUNT, Layout::radiance(0), 1);

@@ -1,5 +1,5 @@
-//! Files that hold anything at all: every reader of `io` comes to an end with a result or an error, and takes no more
-//! memory than it may. `scripts/fuzz` looks for longer, with other seeds.
+//! Files that hold anything at all: every reader of `io` comes to an end with a result or an error,
+//! and takes no more memory than it may. `scripts/fuzz` looks for longer, with other seeds.
 
 #[path = "readers/shapes.rs"]
 mod shapes;
@@ -52,7 +52,8 @@ const LEN_MAX: usize = 4096;
 const BYTES_FOR_EACH: usize = 64;
 /// Bytes that a reader of text and tables may take besides.
 const BYTES_OF_TABLES: usize = 1 << 21;
-/// Bytes that a reader of pictures may take besides: what it may unpack of any file, in several kinds of numbers.
+/// Bytes that a reader of pictures may take besides: what it may unpack of any file, in several
+/// kinds of numbers.
 const BYTES_OF_PICTURES: usize = 1 << 30;
 /// Bytes that reading a network may take besides: the pictures of its check, layer by layer.
 const BYTES_OF_NETWORKS: usize = 1 << 27;
@@ -96,7 +97,7 @@ impl<'a> Place<'a> {
         place
     }
 
-    /// What comes of other bytes in the file, in little memory.
+    /// Outcome of reading a file with other bytes, in little memory.
     fn read(&self, bytes: &[u8]) -> Result<(), String> {
         fs::write(self.folder.path().join(self.target.file), bytes).unwrap();
         let counter = Region::new(ALLOCATOR);
@@ -202,7 +203,7 @@ impl Edit {
     }
 }
 
-/// Where the next number written out in digits stands, or nothing at the end.
+/// Range of the next number in digits, or nothing at the end.
 fn number_from(bytes: &[u8], first: usize) -> core::ops::Range<usize> {
     let is_digit = |byte: &u8| byte.is_ascii_digit();
     let start = first + bytes[first..].iter().position(is_digit).unwrap_or(bytes.len() - first);
@@ -579,14 +580,16 @@ fn images_that_are_missed_elsewhere_are_missed_by_a_data_set() {
     assert!(refusal.contains("nowhere"), "{refusal}");
 }
 
-/// A tile of two gigabytes in a picture of 4 × 24 pixels: a header that promises it, and a block that says it is so long.
+/// A tile of two gigabytes in a picture of 4 × 24 pixels: a header that promises it, and a block
+/// that says it is so long.
 #[test]
 fn a_tile_far_larger_than_its_picture_is_refused() {
     const BYTES_OF_TILE: u32 = 2_000_000_000;
     let place = Place::new(&CUBE);
     let mut bytes = place.right.clone();
     let after = |name: &[u8]| place.right.windows(name.len()).position(|window| window == name).unwrap() + name.len();
-    // Behind the attribute's length stands the tile's width; the only block begins where the table of blocks ends.
+    // Behind the attribute's length stands the tile's width; the only block begins where the table
+    // of blocks ends.
     let width_at = after(b"tiledesc\0") + 4;
     let table = (0..bytes.len() - 8).find(|at| bytes[*at..at + 8] == (*at as u64 + 8).to_le_bytes()).unwrap();
     // A block has the place of its tile as four numbers, then its length.

@@ -14,7 +14,7 @@ use tungstenite::{Message, WebSocket, client};
 
 /// Names of browsers that speak the protocol.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
-/// How long a page may take for anything.
+/// Time limit of every wait for a page.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A browser without a window, which ends when it is dropped.
@@ -25,7 +25,8 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none, or "none" is named.
+    /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none, or
+    /// "none" is named.
     pub(crate) fn start() -> Option<Self> {
         let named = std::env::var("SPECULA_BROWSER").ok();
         if named.as_deref() == Some("none") {
@@ -68,7 +69,7 @@ impl Browser {
         self.asked(session, method, params).unwrap_or_else(|error| panic!("{method}: {error}"))
     }
 
-    /// What the browser answers, or why it does not.
+    /// Answer of the browser, or the reason for none.
     fn asked(&self, session: Option<&str>, method: &str, params: Value) -> Result<Value, Value> {
         let (socket, count) = &mut *self.socket.borrow_mut();
         *count += 1;
@@ -122,14 +123,14 @@ impl Page<'_> {
         self.call("Page.navigate", json!({"url": url}));
     }
 
-    /// As large as this, as on a phone if it is one.
+    /// Sets the window's size, with a phone's touch screen where `phone` asks for one.
     pub(crate) fn resize(&self, [width, height]: [u32; 2], is_phone: bool) {
         let size = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": is_phone});
         self.call("Emulation.setDeviceMetricsOverride", size);
         self.call("Emulation.setTouchEmulationEnabled", json!({"enabled": is_phone}));
     }
 
-    /// What an expression comes to; a promise is waited for.
+    /// Value of an expression; promises are awaited.
     pub(crate) fn eval(&self, expression: &str) -> Value {
         self.try_eval(expression).unwrap_or_else(|error| panic!("{expression}: {error}"))
     }

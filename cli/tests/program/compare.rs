@@ -1,4 +1,4 @@
-//! What `compare` prints of runs whose files are known.
+//! Output of `compare` for runs with known files.
 
 use crate::tiny::specula;
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ use tempfile::TempDir;
 /// A folder with runs that nobody trained.
 struct Runs(TempDir);
 
-/// What a run says of itself.
+/// Description of a run in `specula.json`.
 struct Said {
     name: &'static str,
     scene: &'static str,
@@ -82,7 +82,7 @@ fn method(iterations: u32) -> String {
     format!("ours_{iterations}")
 }
 
-/// What is printed, and what is said beside it.
+/// Standard output and standard error.
 fn compared(folders: &[PathBuf], words: &[&str]) -> (String, String) {
     let output = specula().arg("compare").args(folders).args(words).assert().success().get_output().clone();
     (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())

@@ -19,7 +19,8 @@ fn printed(command: &mut assert_cmd::Command) -> String {
     String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
 }
 
-/// Nine photographs of a ball on a wall, taken through a lens with distortion, as COLMAP leaves them.
+/// Nine photographs of a ball on a wall, taken through a lens with distortion, as COLMAP leaves
+/// them.
 fn write_photographs(folder: &Path) {
     let sparse = folder.join("sparse/0");
     fs::create_dir_all(&sparse).unwrap();

@@ -1,4 +1,4 @@
-//! What `eval` measures, writes down and shows, on a data set of a few pixels.
+//! Measures, files and pages of `eval` on a data set of a few pixels.
 
 use crate::tiny::{Tiny, specula, train};
 use serde_json::Value;
@@ -132,7 +132,8 @@ fn relighting_is_measured_where_its_truth_is_known() {
     assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("Under other lights"));
 }
 
-/// A network of a few channels with random weights; what it says is compared with the reference package elsewhere.
+/// A network of a few channels with random weights; what it says is compared with the reference
+/// package elsewhere.
 const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.onnx");
 
 #[test]

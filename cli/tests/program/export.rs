@@ -1,4 +1,5 @@
-//! Scenes for other programs: every file is opened by a reader that is not ours, and holds what the scene holds.
+//! Scenes for other programs: every file is opened by a reader that is not ours, and holds what the
+//! scene holds.
 
 use crate::tiny::{Tiny, specula};
 use core::f32::consts::{PI, TAU};
@@ -34,7 +35,7 @@ const COUNT: usize = 2500;
 const CAMERAS: usize = 24;
 const TEST_VIEWS: usize = 6;
 const LIGHT_RESOLUTION: usize = 16;
-/// What is copied bit by bit but for σ(σ⁻¹(x)), exp and normalising in `f32`.
+/// Tolerance for values that pass through σ(σ⁻¹(x)), exp and normalisation in `f32`.
 const ROUNDED: f32 = 1e-5;
 /// Half a step of 8 bits, and the roundings on the way.
 const HALF_A_BYTE: f32 = 0.5 / 255.0 + 1e-5;
@@ -205,7 +206,8 @@ fn a_ply_has_the_layout_of_inria_and_the_shapes_and_normals_of_the_scene() {
 
 #[test]
 fn harmonics_of_three_colours_lie_colour_by_colour() {
-    // A light that is brighter above in red alone: of the harmonics of degree 1, z's of red must stand out.
+    // A light that is brighter above in red alone: of the harmonics of degree 1, z's of red must
+    // stand out.
     let ball = Ball::under(|[_, _, z]| [(0.5 + 0.4 * z) as f32, 0.2, 0.2]);
     let (path, _) = ball.export("ball.ply", &["--no-error"]);
     let energy = |name: &str| ply_rows(&path).iter().map(|row| row[name].powi(2)).sum::<f32>();
@@ -215,8 +217,8 @@ fn harmonics_of_three_colours_lie_colour_by_colour() {
 
 #[test]
 fn constant_light_bakes_to_constants() {
-    /// The prefilter's weights sum to one, and the fit solves for what is there, up to rounding and the 2⁻¹² of texels
-    /// that are looked up between.
+    /// The prefilter's weights sum to one, and the fit solves for what is there, up to rounding and
+    /// the 2⁻¹² of texels that are looked up between.
     const CONSTANT: f32 = 1e-3;
     let ball = Ball::under(|_| [0.5, 0.25, 1.0]);
     let (path, said) = ball.export("ball.ply", &[]);
@@ -227,7 +229,8 @@ fn constant_light_bakes_to_constants() {
         let rest: Vec<f32> = (0..45).map(|k| row[&format!("f_rest_{k}")]).collect();
         assert_near(&rest, &[0.0; 45], CONSTANT, "whatever depends on the direction");
     }
-    // Colours are within a thousandth; what remains is rounding to 8 bits, which moves by a step here and there.
+    // Colours are within a thousandth; what remains is rounding to 8 bits, which moves by a step
+    // here and there.
     assert!(decibels(&said) > 50.0, "{said}");
 }
 
@@ -245,7 +248,8 @@ fn compared(one: &Path, other: &Path) -> f64 {
 
 #[test]
 fn a_baked_scene_looks_as_the_scene_does_and_its_error_is_said() {
-    /// The soft light is of degree 1 before the curve of sRGB; what degree 3 leaves of that curve is a hundredth.
+    /// The soft light is of degree 1 before the curve of sRGB; what degree 3 leaves of that curve
+    /// is a hundredth.
     const ENOUGH: f64 = 38.0;
     /// Pictures are the same; the last digit that is printed is not.
     const PRINTED: f64 = 0.006;
@@ -457,8 +461,8 @@ fn the_light_of_a_model_is_read_by_other_programs() {
 #[test]
 fn a_mesh_of_a_ball_is_a_ball() {
     const VOXELS: usize = 48;
-    /// The volume is 2.2 wide. A surface may be a voxel and a half off: half of one by its grid, the rest where flat
-    /// Gaussians stand off the ball.
+    /// The volume is 2.2 wide. A surface may be a voxel and a half off: half of one by its grid,
+    /// the rest where flat Gaussians stand off the ball.
     const OFF: f32 = 1.5 * 2.3 / VOXELS as f32;
     let ball = Ball::of(|_| [0.0; 3], |normal| if normal.z > 0.0 { [0.8, 0.1, 0.1] } else { [0.1, 0.1, 0.8] }, 0.5);
     let voxels = VOXELS.to_string();
@@ -547,12 +551,13 @@ fn what_cannot_be_exported_is_refused_in_one_sentence() {
     refuses(tiny, &none, "ball.obj", &["--quiet"], &["none.ply", "no Gaussian"]);
 }
 
-/// What is above for the scenes that are put upright, of no special length.
+/// Up direction of the scenes that are rotated upright; its length is arbitrary.
 const ABOVE: Vec3 = Vec3::new(0.9, -0.72, 0.96);
 /// Harmonics and places that went through a rotation of `f64` and were rounded to `f32`.
 const TURNED: f32 = 2e-6;
 
-/// A ball under a soft light whose cameras are twice as far away as upright ones, and what turns it upright, with y above.
+/// A ball under a soft light whose cameras are twice as far away as upright ones, and what turns it
+/// upright, with y above.
 fn lying_ball() -> (Ball, Mat3) {
     let ball = Ball::under(soft);
     let path = ball.model().join("cameras.json");
@@ -637,7 +642,8 @@ fn upright_files_have_above_what_their_readers_take_for_it() {
 
 #[test]
 fn upright_light_and_meshes_have_the_scenes_above_above() {
-    /// Twice a pixel's or texel's width, along which the light changes by a third at most, and RGBE.
+    /// Twice a pixel's or texel's width, along which the light changes by a third at most, and
+    /// RGBE.
     const NEARLY: f32 = 0.06;
     /// Normals have four digits behind the point in a file.
     const WRITTEN: f32 = 2e-4;
@@ -646,8 +652,8 @@ fn upright_light_and_meshes_have_the_scenes_above_above() {
     let up = upright_words();
     let words = |more: &[&'static str]| [&["--upright", "--scene-up", up.as_str(), "--no-error"], more].concat();
     let coming_from = |direction: Vec3| soft((y_up.transpose() * direction).as_dvec3().to_array());
-    // Of a file with y above the middle is −z and x lies to the right of it; of one with z above, where −z is +y, the middle
-    // is +x and y lies to the left.
+    // Of a file with y above the middle is −z and x lies to the right of it; of one with z above,
+    // where −z is +y, the middle is +x and y lies to the left.
     for (name, axis, right) in [("y.exr", "y", Vec3::X), ("z.exr", "z", Vec3::Z)] {
         let (path, said) = ball.export(name, &words(&["--up", axis]));
         let picture = image::open(path).unwrap().to_rgb32f();

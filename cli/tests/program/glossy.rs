@@ -1,4 +1,5 @@
-//! `scripts/glossy-synthetic.py`, where there is a Python with what it needs: `python3`, or `$SPECULA_PYTHON`.
+//! `scripts/glossy-synthetic.py`, where there is a Python with what it needs: `python3`, or
+//! `$SPECULA_PYTHON`.
 
 use specula_io::{
     cameras,
@@ -14,7 +15,8 @@ const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../scripts/glossy-syn
 /// Numbers go through text with seventeen digits, and then to `f32`.
 const ROUNDING_PX: f32 = 1e-3;
 
-/// Twelve views of a scene as its authors lay it out, a list of test views, and where a point is seen in each.
+/// Twelve views of a scene as its authors lay it out, a list of test views, and where a point is
+/// seen in each.
 const SCENE: &str = r#"
 import json, pickle, sys
 from pathlib import Path

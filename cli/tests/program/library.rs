@@ -96,7 +96,8 @@ fn a_buffer_that_is_too_short_for_a_frame_is_refused() {
     let (_, camera) = model.cameras().unwrap().remove(0);
     let rules = model.scene.plan(Channels::Color).full;
     let frame = render(&mut exec, &gaussians, None, &camera, &rules).unwrap();
-    // Colour and transmittance, as was asked for; but light per pixel blends normals, tint and roughness as well.
+    // Colour and transmittance, as was asked for; but light per pixel blends normals, tint and
+    // roughness as well.
     let pixels = (camera.width * camera.height) as usize;
     let [found, expected] = [4, rules.blended(model.scene.gaussians.layout).count() + 1].map(|planes| planes * pixels);
     let refusal = exec.read_frame(&frame, &mut vec![0.0; found]);

@@ -1,9 +1,10 @@
-//! The page of each command in docs/commands is what the command says of itself; `scripts/pages` writes them anew.
+//! The page of each command in docs/commands is what the command says of itself; `scripts/pages`
+//! writes them anew.
 
 use assert_cmd::Command;
 use std::{env, fs, path::PathBuf};
 
-/// Where this is set, pages are written instead of compared.
+/// Environment variable that writes the pages instead of comparing them.
 const WRITES: &str = "SPECULA_WRITE_PAGES";
 
 fn help(words: &[&str]) -> String {

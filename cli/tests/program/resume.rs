@@ -24,7 +24,7 @@ const WORDS: [&str; 10] = [
     "1",
 ];
 
-/// What a training leaves: Gaussians and light, to the last bit.
+/// Result of a training: Gaussians and light, to the last bit.
 fn model_of(folder: &Path, iteration: u32) -> [Vec<u8>; 2] {
     [gaussians_at(folder, iteration), specula_io::model_folder::light_at(folder, iteration)]
         .map(|path| fs::read(path).unwrap())
@@ -42,7 +42,7 @@ fn resumed(tiny: &Tiny, model: &str) -> assert_cmd::Command {
     command
 }
 
-/// What a command says on stderr when it is refused.
+/// Standard error of a command that is refused.
 fn refusal(command: &mut assert_cmd::Command) -> String {
     let output = command.assert().code(2).get_output().clone();
     String::from_utf8(output.stderr).unwrap()
@@ -57,7 +57,8 @@ mod killed {
     use super::*;
     use std::process::{Child, Command};
 
-    /// The training of `WORDS` as a process: from its start, or from its checkpoint where there is one.
+    /// The training of `WORDS` as a process: from its start, or from its checkpoint where there is
+    /// one.
     fn spawned(tiny: &Tiny, model: &str) -> Child {
         let mut command = Command::new(cargo_bin!("specula"));
         command.arg("train").arg("-m").arg(tiny.path(model));
@@ -285,7 +286,8 @@ fn a_checkpoint_with_numbers_that_are_none_is_refused_by_tensor_and_count() {
     }
 }
 
-/// Where files may only be so large (`ulimit -f`), a checkpoint that would be larger is told, and the one before stays.
+/// A checkpoint beyond the limit of file sizes (`ulimit -f`) is an error, and the previous one
+/// stays.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_before() {

@@ -22,8 +22,8 @@ pub(crate) fn with_descriptors(command: &Command, limit: usize) -> Command {
     limited
 }
 
-/// Connections that keep a server busy: unfinished headers, nothing at all, slow bodies, garbage, headers without end, and
-/// some of which one half is closed.
+/// Connections that keep a server busy: unfinished headers, nothing at all, slow bodies, garbage,
+/// headers without end, and some of which one half is closed.
 pub(crate) fn crowd(port: u16, count: usize) -> Vec<TcpStream> {
     let long = format!("GET / HTTP/1.1\r\nhost: localhost\r\nx: {}", "x".repeat(100_000));
     let slow = "POST /light?name=a.hdr HTTP/1.1\r\nhost: localhost\r\ncontent-length: 1000000\r\n\r\n#?RADIANCE";
@@ -45,7 +45,7 @@ pub(crate) struct Site {
     child: Child,
     /// Stays open: what is written later has to go somewhere.
     _output: BufReader<ChildStdout>,
-    /// As it was printed, with what is behind the `#`.
+    /// Printed address, including the fragment behind `#`.
     pub(crate) url: String,
     pub(crate) port: u16,
 }
@@ -104,7 +104,7 @@ impl Drop for Site {
     }
 }
 
-/// What a server answered.
+/// Response of a server.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: u16,

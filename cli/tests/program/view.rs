@@ -286,7 +286,7 @@ fn a_plain_scene_has_no_light() {
 /// Steps of a training that is watched: enough to be paused on the way.
 const STEPS: u32 = 400;
 
-/// What a training leaves: Gaussians and light, to the last bit.
+/// Result of a training: Gaussians and light, to the last bit.
 fn learned(model: &Path) -> [Vec<u8>; 2] {
     [gaussians_at(model, STEPS), light_at(model, STEPS)].map(|path| fs::read(path).unwrap())
 }
@@ -497,7 +497,7 @@ const PIXELS: &str = "(() => {
   return JSON.stringify([canvas.width, canvas.height, Array.from(data).filter((_, k) => k % 4 < 3)]);
 })()";
 
-/// What a page shows once it rests.
+/// State of a page that no longer changes.
 fn shown(page: &Page<'_>) -> RgbImage {
     page.wait(STILL);
     let text = page.eval(PIXELS);
@@ -741,7 +741,8 @@ fn the_address_says_what_is_shown(browser: &Browser, page: &Page<'_>, first: &Rg
 fn a_change_while_a_picture_is_unpacked_is_waited_for(page: &Page<'_>, first: &RgbImage) {
     page.drag([120.0, 160.0], [180.0, 200.0]);
     shown(page);
-    // The first picture that comes is out of date as soon as it is unpacked, and the next one takes its time.
+    // The first picture that comes is out of date as soon as it is unpacked, and the next one takes
+    // its time.
     page.eval(
         "(() => {
           const unpack = window.createImageBitmap;

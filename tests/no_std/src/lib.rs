@@ -1,7 +1,8 @@
 //! Links specula-core into a library without `std` and without an allocator.
 //!
-//! If anything in core reached `std`, there would be two panic handlers, and the compiler would stop with "found
-//! duplicate lang item `panic_impl`". It has C's calling convention so that any program can call it.
+//! A use of `std` in core would bring a second panic handler, and the compiler would stop with
+//! "found duplicate lang item `panic_impl`". It has C's calling convention so that any program can
+//! call it.
 #![no_std]
 
 use core::panic::PanicInfo;
@@ -22,7 +23,8 @@ fn panic(_: &PanicInfo<'_>) -> ! {
     loop {}
 }
 
-/// The alpha that a Gaussian at the origin has in the middle of a picture of it, as a function of its logit.
+/// The alpha that a Gaussian at the origin has in the middle of a picture of it, as a function of
+/// its logit.
 #[unsafe(no_mangle)]
 pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
     let shape = Shape {

@@ -1,4 +1,4 @@
-//! What an executor makes of a case: a picture, and the gradients of a step of training.
+//! Results of an executor for a case: a picture, and the gradients of a training step.
 
 use super::Case;
 use specula_core::{
@@ -26,15 +26,15 @@ const WEIGHTS: LossWeights = LossWeights {
     residual: 1e-2,
 };
 
-/// What an executor makes of a case.
+/// Results of an executor for a case.
 #[derive(Clone, Debug)]
 pub struct Results {
     /// The picture, channel after channel, and its transmittance.
     pub picture: Vec<f64>,
-    /// A tenth of the gradients of the Gaussians and of the light behind them, and the lengths that densification goes
-    /// by.
+    /// A tenth of the gradients of the Gaussians and of the light behind them, and the lengths that
+    /// densification goes by.
     pub gradient: Vec<f64>,
-    /// What the losses came to.
+    /// Values of the losses.
     pub losses: Vec<f64>,
     /// Gradients that were not finite.
     pub nonfinite: usize,

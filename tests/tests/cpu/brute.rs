@@ -16,8 +16,8 @@ use specula_tests::{
     strategies::random_cloud,
 };
 
-/// Both compute the same picture in `f64`; what differs is core's constants of `f32`, 1e-8, which is 160 dB. A single
-/// pixel on the wrong side of the cut at 1/255 would be 88 dB.
+/// Both compute the same picture in `f64`; what differs is core's constants of `f32`, 1e-8, which
+/// is 160 dB. A single pixel on the wrong side of the cut at 1/255 would be 88 dB.
 const SAME_PICTURE: f64 = 120.0;
 const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
 

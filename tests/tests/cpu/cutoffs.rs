@@ -1,4 +1,4 @@
-//! What is cut off, and what that costs: the viewer against the executor, and against the plain pipeline.
+//! Cutoffs and their cost: the viewer against the executor, and against the plain pipeline.
 
 use specula_core::{
     blend,
@@ -20,11 +20,11 @@ use specula_tests::{
     strategies::{random_cloud, random_environment},
 };
 
-/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single pixel on the other
-/// side of a cut at 1/255 brings a small picture down to 85 dB.
+/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single
+/// pixel on the other side of a cut at 1/255 brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
 const RESOLUTION: usize = 16;
-/// How far `f32` may be from `f64` where nothing is cut off that could be seen, as a share of one or of the number.
+/// Tolerance of `f32` against `f64` where no cutoff is visible, relative to one or to the number.
 const SAME_NUMBER: f64 = 1e-5;
 
 fn cloud() -> Gaussians<Vec<f32>> {

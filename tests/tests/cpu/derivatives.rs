@@ -1,7 +1,8 @@
 //! Every `_vjp` of core is the derivative of its function: held against dual numbers in `f64`.
 //!
-//! Dual numbers are exact on either side of a jump, so input is not kept away from limits, cuts and changes of sides;
-//! only on a jump itself there is no derivative, and random input does not hit one.
+//! Dual numbers are exact on either side of a jump, so input is not kept away from limits, cuts and
+//! changes of sides; only on a jump itself there is no derivative, and random input does not hit
+//! one.
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
@@ -43,7 +44,8 @@ fn join<R: Number>(parts: &[&[R]]) -> Vec<R> {
 proptest! {
     #![proptest_config(same_every_time())]
 
-    /// Beyond ±10 the value no longer holds the digits of its distance from 1, which its gradient is made of.
+    /// Beyond ±10 the value no longer holds the digits of its distance from 1, which its gradient
+    /// is made of.
     #[test]
     fn activations_are_derived_right(x in -10.0..10.0_f64) {
         assert_vjp(
@@ -123,7 +125,7 @@ proptest! {
         }, SAME_DERIVATIVE);
     }
 
-    /// Which texels there are is locally constant, so any four will do.
+    /// The choice of texels is locally constant, so any four will do.
     #[test]
     fn a_lookup_is_derived_right_from_direction_to_texels(
         around in vec(0.0..2.0_f64, 12),

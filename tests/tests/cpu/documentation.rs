@@ -1,5 +1,5 @@
-//! Links of the documentation: each relative link, image and anchor of README, ARCHITECTURE, CHANGELOG and `docs` resolves,
-//! and the book's table of contents lists each page.
+//! Links of the documentation: each relative link, image and anchor of README, ARCHITECTURE,
+//! CHANGELOG and `docs` resolves, and the book's table of contents lists each page.
 
 use std::{
     collections::BTreeSet,
@@ -76,7 +76,8 @@ fn anchors(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// Broken links of a page: the target does not exist, has no such heading, or lies outside of the folder `within`.
+/// Broken links of a page: the target does not exist, has no such heading, or lies outside of the
+/// folder `within`.
 fn broken(page: &Path, text: &str, within: &Path) -> Vec<String> {
     let is_external = |link: &str| link.starts_with("https://") || link.starts_with("mailto:");
     let is_broken = |link: &String| {

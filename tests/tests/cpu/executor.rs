@@ -1,4 +1,5 @@
-//! The CPU executor against the plain pipeline, against the independent renderer, and against itself on other threads.
+//! The CPU executor against the plain pipeline, against the independent renderer, and against
+//! itself on other threads.
 
 use specula_core::{
     camera::Camera,
@@ -42,12 +43,12 @@ use specula_train::{
     view::View,
 };
 
-/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single pixel on the other
-/// side of the cut at 1/255 brings a small picture down to 85 dB.
+/// `f32` on lanes against `f64`: rounding of a few hundred operations, 1e-5, is 100 dB; a single
+/// pixel on the other side of the cut at 1/255 brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
 /// Gradients of a small picture in `f32`, by attribute, relative to the largest.
 const SAME_GRADIENT: f64 = 2e-4;
-/// What the field's own renderers differ by among themselves in 8 bits.
+/// Difference in 8 bits among the field's own renderers.
 const AS_THE_FIELD_RENDERS: f64 = 50.0;
 const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
 const RESOLUTION: usize = 16;
@@ -107,7 +108,7 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
 
 #[test]
 fn an_exposure_of_a_picture_is_one_of_every_gaussian() {
-    /// What it makes of colours between 0.1 and 0.9 is positive, so none is limited.
+    /// Maps colours between 0.1 and 0.9 to positive ones, so none is clamped.
     const EXPOSURE: [[f32; 4]; 3] = [[0.7, 0.1, 0.1, 0.05], [0.2, 0.8, 0.0, 0.1], [0.0, 0.1, 0.9, 0.02]];
     let mut cloud = random_cloud(80, Layout::radiance(0), 4);
     let mut exposed = cloud.clone();
@@ -137,7 +138,7 @@ fn gradients_are_those_of_the_plain_pipeline() {
     }
 }
 
-/// What a picture is compared with, and how.
+/// Target of a picture and the weights of its losses.
 struct Comparison<'a> {
     camera: &'a Camera,
     target: &'a Target,
@@ -145,7 +146,8 @@ struct Comparison<'a> {
     weights: &'a LossWeights,
 }
 
-/// Forward to the loss and back: splats, their gradients, and that of the light where pixels looked it up.
+/// Forward to the loss and back: splats, their gradients, and that of the light where pixels looked
+/// it up.
 fn back_to_splats(
     exec: &mut CpuExecutor,
     cloud: &Gaussians<Vec<f32>>,
@@ -312,7 +314,8 @@ fn numbers_of(frame: &Frame) -> Vec<f32> {
     numbers
 }
 
-/// The executor's picture of a plain cloud and the independent renderer's, red then green then blue.
+/// The executor's picture of a plain cloud and the independent renderer's, red then green then
+/// blue.
 fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
     let mut exec = CpuExecutor::new();
     let frame =
@@ -337,7 +340,8 @@ fn a_plain_cloud_renders_as_the_field_renders_it() {
     }
 }
 
-/// With `SPECULA_DATA` naming a folder with `splats/*.ply` in INRIA's layout, real scenes are compared too.
+/// With `SPECULA_DATA` naming a folder with `splats/*.ply` in INRIA's layout, real scenes are
+/// compared too.
 #[test]
 fn a_trained_ply_renders_as_the_field_renders_it() {
     let Some(folder) = std::env::var_os("SPECULA_DATA") else {
@@ -362,7 +366,7 @@ fn median(mut values: Vec<f32>) -> f32 {
     values[values.len() / 2]
 }
 
-/// What a short training is told.
+/// Settings of a short training.
 fn settings(name: &str) -> Settings {
     let mut profile = by_name(name, 60).expect("a profile of that name");
     profile.densification.every = 10;
@@ -429,7 +433,7 @@ fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
     }
 }
 
-/// What a step of Adam for gradients that are lost beside its ε may move a number by, sixty times.
+/// Largest change in sixty steps of Adam with gradients that are negligible beside its ε.
 const NO_STEP: f32 = 1e-12;
 
 #[test]

@@ -1,4 +1,4 @@
-//! What other programs take instead of a shading function: harmonics that are fitted, surfaces that are fused.
+//! Exports to other programs in place of a shading function: fitted harmonics and fused surfaces.
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
@@ -8,8 +8,8 @@ use specula_core::{
 };
 use specula_tests::strategies::{same_every_time, unit_vector};
 
-/// Coefficients are `f32`; the fit is in `f64`, its normal equations of random directions are conditioned well enough
-/// that nothing of that is seen.
+/// Coefficients are `f32`; the fit is in `f64`, its normal equations of random directions are
+/// conditioned well enough that nothing of that is seen.
 const ROUNDING: f32 = 1e-5;
 
 fn color_of(harmonics: &Harmonics, coefficients: &[[f32; 3]]) -> [f32; 3] {

@@ -1,4 +1,4 @@
-//! What mathematics gives for free: sums, symmetries, inverses, continuity, published values.
+//! Mathematical invariants: sums, symmetries, inverses, continuity, published values.
 
 use core::f64::consts::{FRAC_PI_2, LN_2, PI, SQRT_2, TAU};
 use proptest::{collection::vec, prelude::*};
@@ -255,8 +255,8 @@ mod light {
 
     const RESOLUTION: usize = 8;
 
-    /// Rows of the adjacency table of seamless cube maps: for each face the texel beyond its left, right, top and
-    /// bottom edge, as (face, column, row), k along the edge and m the last index.
+    /// Rows of the adjacency table of seamless cube maps: for each face the texel beyond its left,
+    /// right, top and bottom edge, as (face, column, row), k along the edge and m the last index.
     #[derive(Clone, Copy)]
     enum At {
         First,
@@ -367,7 +367,8 @@ mod light {
 
     fn assert_continuous(map: &[Vec3<Double>], at: [f64; 3], step: [f64; 3]) {
         const STEP: f64 = 1e-7;
-        /// Texels per unit of direction at a cube's corner, for both axes; neighbours differ by at most 1.
+        /// Texels per unit of direction at a cube's corner, for both axes; neighbours differ by at
+        /// most 1.
         const STEEPEST: f64 = 6.0 * RESOLUTION as f64;
         let side = |sign: f64| core::array::from_fn(|k| at[k] + sign * STEP * step[k]);
         let [there, here] = [1.0, -1.0].map(|sign| look_up(map, RESOLUTION, side(sign)));
@@ -392,9 +393,10 @@ mod light {
             }
         }
 
-        /// What is left is the curvature of the map from the face to the sphere: along either axis an eighth of the second
-        /// derivative, 1, times a texel's width squared. Within half a texel of an edge, the apron's texels lie along the edge
-        /// v/n off the place they are taken for, and count half: √2 v / (2 + v²) / 2n, which is largest in the corners.
+        /// The remaining error is the curvature of the map from the face to the sphere: along
+        /// either axis an eighth of the second derivative, 1, times a texel's width squared. Within
+        /// half a texel of an edge, the apron's texels lie along the edge v/n off the place they
+        /// are taken for, and count half: √2 v / (2 + v²) / 2n, which is largest in the corners.
         #[test]
         fn a_linear_function_of_direction_is_reproduced(direction in unit_vector(), slope in unit_vector()) {
             const FINE: usize = 32;
@@ -503,7 +505,8 @@ mod light {
         }
     }
 
-    /// The bilinear mean of the four texels around a point, as a table looked up with clamped edges gives it.
+    /// The bilinear mean of the four texels around a point, as a table looked up with clamped edges
+    /// gives it.
     fn table_at(n_dot_v: f64, roughness: f64) -> [f64; 2] {
         const SIZE: f64 = split_sum::RESOLUTION as f64;
         const SAMPLES: u32 = 1024;
@@ -662,9 +665,10 @@ mod numbers {
         assert_close(moment(4), 3.0, deviations * 96.0_f64.sqrt());
     }
 
-    /// The determinant of the conic, `(W_xx W_yy)²`, of needles up to 10⁵ px long, `f32` against `f64`. A needle that
-    /// points to the eye is short on the screen, and its length there is as uncertain as its direction: errors are
-    /// those of a needle seen from the side. Half of them are due to the exponentials: e^x of an `f32` is off by
+    /// The determinant of the conic, `(W_xx W_yy)²`, of needles up to 10⁵ px long, `f32` against
+    /// `f64`. A needle that points to the eye is short on the screen, and its length there is as
+    /// uncertain as its direction: errors are those of a needle seen from the side. Half of them
+    /// are due to the exponentials: e^x of an `f32` is off by
     /// |x| / 10⁷, and the determinant holds the square of two of them.
     #[test]
     fn needles_keep_the_digits_of_their_determinant() {
@@ -676,7 +680,8 @@ mod numbers {
         assert!(worst <= 3e-6, "the worst needle is off by {worst:e}");
     }
 
-    /// Relative error of a random needle's determinant, times the sine of the angle that it is seen at.
+    /// Relative error of a random needle's determinant, times the sine of the angle that it is seen
+    /// at.
     fn needle_error(seed: u64) -> f64 {
         let draw = |index: u64, low: f32, high: f32| low + (high - low) * random::uniform(seed, 1, index);
         let eye = glam::Vec3::new(0.0, 0.0, -4.0);

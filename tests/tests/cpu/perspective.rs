@@ -1,4 +1,5 @@
-//! The perspective inside of splats: against rays through Gaussians, worked out with no formula of core.
+//! The perspective inside of splats: against rays through Gaussians, worked out with no formula of
+//! core.
 
 use glam::{DMat3, DQuat, DVec3};
 use proptest::prelude::*;
@@ -19,7 +20,8 @@ use specula_tests::strategies::same_every_time;
 
 /// `f64`, but for constants of formulas, which are `f32`'s.
 const SAME: f64 = 1e-6;
-/// `f32` through the same: a few hundred units in the last place, of which the mean's distance from the axis has most.
+/// `f32` through the same: a few hundred units in the last place, of which the mean's distance from
+/// the axis has most.
 const SAME_IN_F32: f64 = 2e-4;
 /// The published table has two or three digits.
 const OF_TABLE: f64 = 0.06;
@@ -63,7 +65,8 @@ fn straight(focal: [f32; 2]) -> Camera {
     }
 }
 
-/// Least squared distance from the mean, in standard deviations, of a point of the ray in front of the eye.
+/// Least squared distance from the mean, in standard deviations, of a point of the ray in front of
+/// the eye.
 fn along_the_ray(ball: &Ball, camera: &Camera, pixel: [f64; 2], blur: f64) -> f64 {
     let axis = |k: usize| (pixel[k] - f64::from(camera.principal_px[k])) / f64::from(camera.focal_px[k]);
     let ray = DVec3::new(axis(0), axis(1), 1.0);
@@ -74,7 +77,8 @@ fn along_the_ray(ball: &Ball, camera: &Camera, pixel: [f64; 2], blur: f64) -> f6
     distance((ray.dot(mean) / ray.length_squared()).max(0.0))
 }
 
-/// L⁻¹ v with L Lᵀ = Σ: unlike Σ⁻¹ by its adjugate it keeps the digits of needles, which have lengths of 1 : 1000.
+/// L⁻¹ v with L Lᵀ = Σ: unlike Σ⁻¹ by its adjugate it keeps the digits of needles, which have
+/// lengths of 1 : 1000.
 fn in_deviations(covariance: DMat3, v: DVec3) -> DVec3 {
     let [a, b, c] = covariance.to_cols_array_2d();
     let xx = a[0].sqrt();

@@ -1,4 +1,5 @@
-//! The plain pipeline's gradients are those of its loss, and its prefilter is the integral that it stands for.
+//! The plain pipeline's gradients are those of its loss, and its prefilter is the integral that it
+//! stands for.
 
 use specula_core::{
     camera::Camera,
@@ -26,12 +27,15 @@ use specula_tests::{
     strategies::{random_cloud, random_environment},
 };
 
-/// What differences of a loss near 1 in `f64` can tell, of the largest gradient of an attribute.
+/// Resolution of differences of a loss near 1 in `f64`, relative to the largest gradient of an
+/// attribute.
 const SAME_GRADIENT: f64 = 1e-6;
-/// Step of the differences. Their error is h⁴ after Richardson's extrapolation, and 1e-16 / h from rounding.
+/// Step of the differences. Their error is h⁴ after Richardson's extrapolation, and 1e-16 / h from
+/// rounding.
 const STEP: f64 = 2e-5;
-/// Differences over h and over h / 2 that disagree by more than this have a jump or a kink between them: a pixel that
-/// a splat leaves, two splats that swap, a colour that crosses its target, a texel's border. They are left out.
+/// Differences over h and over h / 2 that disagree by more than this have a jump or a kink between
+/// them: a pixel that a splat leaves, two splats that swap, a colour that crosses its target, a
+/// texel's border. They are left out.
 const SMOOTH: f64 = 2e-6;
 /// No more than this share may be left out.
 const ROUGH_SHARE: f64 = 0.1;
@@ -367,8 +371,8 @@ fn sky(d: Vec3<Double>, sun: f64) -> f64 {
     0.4 + 0.3 * z + 0.2 * (5.0 * x).sin() * (4.0 * y).cos() + sun + window
 }
 
-/// Relative L2 distance between the operator, whose rows are cuts through a pyramid, and the integral over a base of
-/// piecewise constant texels, each taken in 4 × 4 parts.
+/// Relative L2 distance between the operator, whose rows are cuts through a pyramid, and the
+/// integral over a base of piecewise constant texels, each taken in 4 × 4 parts.
 fn cut_error(operator: &Operator, level: usize, base: usize, sun: f64) -> f64 {
     const PARTS: usize = 4;
     const EVERY: usize = 29;
@@ -417,8 +421,8 @@ fn directions(resolution: usize) -> impl Iterator<Item = (Vec3<Double>, f64)> {
 #[test]
 fn a_cut_through_the_pyramid_is_close_to_the_integral() {
     const BASE: usize = 32;
-    /// A node across which the lobe changes by a third weighs its four quarters alike; a bright window with hard edges
-    /// shows it, most of all where the lobe is as wide as few nodes.
+    /// A node across which the lobe changes by a third weighs its four quarters alike; a bright
+    /// window with hard edges shows it, most of all where the lobe is as wide as few nodes.
     const CUT: f64 = 0.025;
     let operator = Operator::new(BASE);
     for sun in [0.0, 30.0] {

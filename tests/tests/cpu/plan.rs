@@ -1,4 +1,4 @@
-//! What a plan leaves out is not missed: its picture is the full one to the last bit.
+//! Pictures rendered by a plan, equal to the full ones to the last bit.
 
 use proptest::prelude::*;
 use specula_core::{
@@ -29,7 +29,8 @@ fn on_executor<T>(rules: &RenderRules, work: impl FnOnce(&mut CpuExecutor) -> Re
     work(executors.entry((rules.scheme, rules.levels)).or_default()).expect("the CPU renders")
 }
 
-/// A raw tint that activates to 1e-13: it reflects less than the last bit of a diffuse colour holds.
+/// A raw tint that activates to 1e-13: it reflects less than the last bit of a diffuse colour
+/// holds.
 const NO_TINT: f32 = -30.0;
 /// Raw light that activates to zero.
 const BLACK: f32 = -200.0;
@@ -104,7 +105,7 @@ impl Scene {
     }
 }
 
-/// What is taken out of a scene; a roughness is the same for all Gaussians.
+/// Features removed from a scene; a roughness is the same for all Gaussians.
 #[derive(Clone, Debug)]
 struct Cleared {
     roughness: Option<f32>,

@@ -1,5 +1,5 @@
-//! Scenes with any bits for numbers: Gaussians that are not finite are left out to the last bit and counted, finite ones
-//! of any size make finite pictures and gradients.
+//! Scenes with any bits for numbers: Gaussians that are not finite are left out to the last bit and
+//! counted, finite ones of any size make finite pictures and gradients.
 
 use core::cell::RefCell;
 use proptest::{
@@ -100,7 +100,7 @@ fn results(
     Results::new(exec, &case, shading)
 }
 
-/// What of the contract a cloud breaks, if anything.
+/// The clause of the contract that a cloud breaks, if any.
 fn fault(
     exec: &mut CpuExecutor,
     cloud: &Cloud,
@@ -150,7 +150,7 @@ fn any_bits_are_drawn_or_left_out_and_nothing_else_changes() {
     assert!(outcome.is_ok(), "{}", outcome.unwrap_err());
 }
 
-/// What a number of a plane may be, and whether it is finite.
+/// Value of a plane under test, and whether it is finite.
 const WRONG: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 const HUGE: [f32; 2] = [3e38, -3e38];
 /// The Gaussians that are changed: in different blocks, near and far.
@@ -214,7 +214,7 @@ fn what_a_plan_leaves_out_hides_nothing_that_is_not_finite() {
     }
 }
 
-/// What a plane that is not finite counts as.
+/// Cull reason of a plane that is not finite.
 fn reason(plane: usize) -> CullReason {
     match plane {
         MEAN..LOG_SCALE => CullReason::NonfiniteMean,
@@ -244,7 +244,8 @@ fn what_is_not_finite_is_counted_by_reason() {
     }
 }
 
-/// Gaussians that a picture has splats for are those that the cull statistics count as drawn, or outside.
+/// Gaussians that a picture has splats for are those that the cull statistics count as drawn, or
+/// outside.
 #[test]
 fn a_census_counts_what_the_executor_draws() {
     let mut exec = CpuExecutor::new();

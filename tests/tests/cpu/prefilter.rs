@@ -19,9 +19,9 @@ use specula_tests::{
 const BASE: usize = 64;
 /// A quarter of the directions of the published figures.
 const DIRECTIONS: usize = 40;
-/// So few directions find errors that are up to a seventh larger.
+/// With this few directions the errors found are up to a seventh larger.
 const FEW_DIRECTIONS: f64 = 1.15;
-/// What is promised of light as a display shows it, and of light of full range.
+/// Guaranteed errors for light in display range and for light of full range.
 const BOUNDS: [f64; 2] = [0.01, 0.05];
 /// Halves are 2⁻¹¹ apart at most, relatively.
 const HALVES: f64 = 5e-4;

@@ -1,4 +1,5 @@
-//! The GPU executor's way back from pictures to Gaussians, and its optimiser, against core and the CPU executor.
+//! The GPU executor's way back from pictures to Gaussians, and its optimiser, against core and the
+//! CPU executor.
 
 use core::iter;
 use specula_core::{
@@ -34,13 +35,14 @@ use specula_tests::{
     strategies::{random_cloud, random_environment},
 };
 
-/// Gradients of a small picture in `f32`, number by number, relative to the largest of its kind: a pixel on the other
-/// side of the cut at 1/255 makes a few in ten thousand.
+/// Gradients of a small picture in `f32`, number by number, relative to the largest of its kind: a
+/// pixel on the other side of the cut at 1/255 makes a few in ten thousand.
 const SAME_SPLAT_GRADIENT: f64 = 5e-4;
-/// The same for what follows from equal gradients of splats, where nothing is cut off: a few hundred roundings.
+/// The same for what follows from equal gradients of splats, where nothing is cut off: a few
+/// hundred roundings.
 const SAME_GRADIENT: f64 = 1e-5;
-/// The same where light is looked up whose texels have nothing in common with their neighbours: a direction that is
-/// rounded moves by 4e-6 of a texel on a map of 64.
+/// The same where light is looked up whose texels have nothing in common with their neighbours: a
+/// direction that is rounded moves by 4e-6 of a texel on a map of 64.
 const SAME_GRADIENT_UNDER_LIGHT: f64 = 1e-4;
 /// Numbers of a splat's gradient before its channels.
 const GEOMETRY: usize = 6;
@@ -189,7 +191,8 @@ impl Scene {
         exec.numbers_of(&grads.expect("the executor goes back"))
     }
 
-    /// From the gradients of splats to those of the Gaussians, and of the environment where Gaussians look light up.
+    /// From the gradients of splats to those of the Gaussians, and of the environment where
+    /// Gaussians look light up.
     fn gradients<E: Back>(&self, exec: &mut E, splat_grads: &[f32], weights: &LossWeights) -> (Vec<f32>, Vec<f32>) {
         let cloud = uploaded(exec, &self.cloud);
         let light = self.light(exec);
@@ -247,12 +250,13 @@ impl Back for GpuExecutor {
     }
 }
 
-/// Where a number of a Gaussian lies among as many planes.
+/// Index of a number of a Gaussian in an array of planes.
 fn place(gaussian: usize, planes: usize, plane: usize) -> usize {
     (gaussian / BLOCK * planes + plane) * BLOCK + gaussian % BLOCK
 }
 
-/// The largest difference of any plane, as a share of the largest number in it or in those that it belongs to.
+/// The largest difference of any plane, as a share of the largest number in it or in those that it
+/// belongs to.
 #[track_caller]
 fn difference(actual: &[f32], expected: &[f64], count: usize, kinds: &[usize]) -> f64 {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
@@ -271,12 +275,12 @@ fn difference(actual: &[f32], expected: &[f64], count: usize, kinds: &[usize]) -
     groups.map(of_group).fold(0.0, f64::max)
 }
 
-/// Which planes of a splat's gradient belong together.
+/// Groups of planes in a splat's gradient.
 fn splat_kinds(channels: usize) -> Vec<usize> {
     [0, 0, 1, 1, 1, 2].into_iter().chain((0..channels).map(|channel| 3 + channel / 3)).collect()
 }
 
-/// Which planes of a Gaussian belong together.
+/// Groups of planes of a Gaussian.
 fn plane_kinds(layout: Layout) -> Vec<usize> {
     let kind = |plane: usize| match plane {
         0..3 => 0,
@@ -496,7 +500,7 @@ fn a_gradient_that_is_not_a_number_stays_with_its_gaussian_and_is_counted() {
     }
 }
 
-/// What a step of Adam reads, and writes.
+/// Input and output of a step of Adam.
 #[derive(Clone, Debug, PartialEq)]
 struct Numbers {
     values: Vec<f32>,
@@ -506,7 +510,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// Whose gradients are not finite here and there.
+    /// Sets some gradients to numbers that are not finite.
     fn new(len: usize) -> Self {
         let draw = |stream: u64, low: f32, high: f32| {
             (0..len).map(move |k| low + (high - low) * random::uniform(5, stream, k as u64)).collect::<Vec<f32>>()
@@ -522,7 +526,8 @@ impl Numbers {
         self.grad.iter().filter(|x| !x.is_finite()).count()
     }
 
-    /// Some steps, one after the other, by what takes one; returns how many gradients were left out.
+    /// Some steps, one after the other, by what takes one; returns how many gradients were left
+    /// out.
     fn step<E: Executor<Error: core::fmt::Debug>>(
         &self,
         exec: &mut E,

@@ -72,9 +72,10 @@ struct Scene<A> {
 type HostScene = Scene<Vec<f32>>;
 
 impl HostScene {
-    /// A scene no number of which is near a threshold or the border of a cell, however a machine rounds: centres lie in
-    /// the middle of cells, and logarithms of scales, logits of opacities and mean gradients are multiples of what
-    /// [`step`] gives. The first colour of each Gaussian is its number.
+    /// A scene no number of which is near a threshold or the border of a cell, however a machine
+    /// rounds: centres lie in the middle of cells, and logarithms of scales, logits of opacities
+    /// and mean gradients are multiples of what [`step`] gives. The first colour of each Gaussian
+    /// is its number.
     fn new(count: usize, layout: Layout, seed: u64) -> Self {
         let draw = |index: usize, what: u64| uniform(seed, index as u64, 5000 + what);
         let gaussians = snapped(random_cloud(count, layout, seed));
@@ -179,8 +180,8 @@ impl<A> Scene<A> {
     }
 }
 
-/// Where the device's scene after densification is not that of the CPU: to the last bit, but for centres and scales of
-/// parts, which are the same up to rounding.
+/// First difference of the device's scene after densification from that of the CPU: to the last
+/// bit, but for means and scales of children, which are the same up to rounding.
 fn difference(ours: &HostScene, theirs: &HostScene, before: &Gaussians<Vec<f32>>) -> Option<String> {
     let (cloud, planes) = (&theirs.gaussians, theirs.gaussians.layout.plane_count());
     if ours.gaussians.count != cloud.count {

@@ -33,16 +33,19 @@ use specula_tests::{
 
 /// Sums of some thousand products, each executor's in its own order, as a share of the largest.
 const SAME_SUM: f64 = 1e-6;
-/// Gradients of looking light up, as a share of their root mean square and of themselves: they are differences of
-/// texels, and the irradiance changes by less than a hundredth of itself from one to the next.
+/// Gradients of looking light up, as a share of their root mean square and of themselves: they are
+/// differences of texels, and the irradiance changes by less than a hundredth of itself from one to
+/// the next.
 const SAME_SLOPE: f64 = 2e-4;
-/// A gradient of a pixel, as a share of its plane's root mean square and of itself: it divides by the coverage and by
-/// the length of a mean normal, so roundings of what was blended count more where either is small.
+/// A gradient of a pixel, as a share of its plane's root mean square and of itself: it divides by
+/// the coverage and by the length of a mean normal, so roundings of what was blended count more
+/// where either is small.
 const SAME_PIXEL: f64 = 1e-3;
-/// Share of the pixels that may be further apart. The slope of a bilinear mean jumps from texel to texel, so directions
-/// next to a border fall to either side.
+/// Share of the pixels that may be further apart. The slope of a bilinear mean jumps from texel to
+/// texel, so directions next to a border fall to either side.
 const ON_A_BORDER: f64 = 0.003;
-/// A light's gradient from a picture, root mean square: that of pixels, of which none counts for much.
+/// A light's gradient from a picture, root mean square: that of pixels, of which none counts for
+/// much.
 const SAME_LIGHT_GRAD: f64 = 1e-4;
 
 #[test]
@@ -143,7 +146,7 @@ fn sums_of_a_light_hold_the_largest_numbers_and_tell_what_is_none() {
     assert_eq!(sums[16..20], [0.5, 0.5, 0.5, 0.0], "other sums stay numbers");
 }
 
-/// Where the levels of a light lie, and the irradiance map behind them.
+/// Offsets of the levels of a light, and of the irradiance map behind them.
 struct Maps {
     levels: Vec<Level>,
     /// First texel and resolution.
@@ -199,7 +202,7 @@ fn looks(count: usize) -> Vec<[f32; 8]> {
     (0..count).map(|index| core::array::from_fn(|k| draw(index, k))).collect()
 }
 
-/// What a look at a light gives back: the gradient of direction and roughness; adds that of the texels.
+/// Gradient of a light lookup with respect to direction and roughness; adds that of the texels.
 fn look_vjp(maps: &Maps, texels: &[f32], look: &[f32; 8], is_irradiance: bool, of_texels: &mut [f64]) -> Vec<f64> {
     let numbers = look.map(f64::from);
     let seen = |input: &[Dual]| {
@@ -271,14 +274,16 @@ fn gradients_of_looking_light_up_are_derivatives() {
     }
 }
 
-/// Numbers agree up to `tolerance` times their own size and the root mean square, but for a share of them.
+/// Numbers agree up to `tolerance` times their own size and the root mean square, but for a share
+/// of them.
 #[track_caller]
 fn assert_mostly_close(actual: &[f64], expected: &[f64], tolerance: f64, share: f64) {
     let (far, largest) = far_apart(actual, expected, tolerance);
     assert!(far <= share, "{far} of all numbers are further apart than {tolerance:e}, at most {largest:e}");
 }
 
-/// The share of numbers that are further apart than that, and the largest distance of those that are not.
+/// The share of numbers that are further apart than that, and the largest distance of those that
+/// are not.
 #[track_caller]
 fn far_apart(actual: &[f64], expected: &[f64], tolerance: f64) -> (f64, f64) {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
@@ -335,7 +340,7 @@ struct Scene {
     seed: u64,
 }
 
-/// What a scene's pixels give back.
+/// Gradients of a scene's pixels.
 struct Gradient {
     /// Planes of what was blended, and their gradient.
     blended: Vec<f32>,
@@ -345,7 +350,7 @@ struct Gradient {
     environment: Vec<f64>,
 }
 
-/// How an executor's results are read; a frame's gradient is made from planes and read back.
+/// Access to an executor's results; a frame's gradient is made from planes and read back.
 trait Read: Executor {
     fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad;
     fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]);

@@ -1,4 +1,5 @@
-//! The losses of the GPU executor against core, against the plain pipeline in `f64`, and against the CPU executor.
+//! The losses of the GPU executor against core, against the plain pipeline in `f64`, and against
+//! the CPU executor.
 
 use core::ops::Range;
 use specula_core::{
@@ -87,18 +88,18 @@ fn no_formula_of_the_losses_is_left_out() {
     assert!(count.count() > 10, "formulas are found by how they are written");
 }
 
-/// Numbers of a picture in `f32` on a device against the same in `f64`: roundings of a few hundred operations, and
-/// SSIM's differences of mean squares, whose roundings 1/C₂ = 1100 makes larger.
+/// Numbers of a picture in `f32` on a device against the same in `f64`: roundings of a few hundred
+/// operations, and SSIM's differences of mean squares, whose roundings 1/C₂ = 1100 makes larger.
 const SAME_GRADIENT: f64 = 1e-4;
 /// Both executors blend in their own order before they compare.
 const AS_THE_CPU_COMPARES: f64 = 1e-3;
-/// Means over a picture, in which roundings of single pixels cancel; those of SSIM all lean to one side where a picture
-/// is flat.
+/// Means over a picture, in which roundings of single pixels cancel; those of SSIM all lean to one
+/// side where a picture is flat.
 const SAME_REPORT: f64 = 4e-6;
 /// Means over two pictures that were blended in different orders.
 const AS_THE_CPU_REPORTS: f64 = 5e-6;
 
-/// What is rendered, and what it is compared with.
+/// Scene under test and its target.
 struct Scene {
     cloud: Gaussians<Vec<f32>>,
     environment: Environment<Vec<f32>>,
@@ -277,7 +278,7 @@ const NO_WEIGHTS: LossWeights = LossWeights {
     residual: 0.0,
 };
 
-/// What an executor made of a scene.
+/// Results of an executor for a scene.
 #[derive(Clone, Debug, PartialEq)]
 struct Compared {
     frame: Vec<f32>,
@@ -285,7 +286,7 @@ struct Compared {
     report: LossReport,
 }
 
-/// What the plain pipeline makes of it.
+/// Results of the plain pipeline.
 struct Exact {
     grad: Vec<f64>,
     report: LossReport,
@@ -298,7 +299,8 @@ impl Compared {
     }
 }
 
-/// Planes that belong together: colour, normal, depth, the size of residuals, what no loss looks at, transmittance.
+/// Planes that belong together: colour, normal, depth, the size of residuals, what no loss looks
+/// at, transmittance.
 fn groups(channels: usize) -> Vec<(&'static str, Range<usize>)> {
     let all = [
         ("colour", 0..3),
@@ -323,7 +325,7 @@ fn where_rendered(scene: &Scene, frame: &[f32], grad: &[f64]) -> Vec<f64> {
     grad.iter().enumerate().map(|(k, x)| if seen.contains(&tile_of(k % count)) { *x } else { 0.0 }).collect()
 }
 
-/// How far two gradients are apart, by planes that belong together, each as a share of the largest number.
+/// Distance of two gradients by groups of planes, each relative to its largest number.
 fn differences(scene: &Scene, ours: &[f32], theirs: &[f64]) -> Vec<(&'static str, f64)> {
     let count = scene.pixel_count();
     let difference = |planes: Range<usize>| {
@@ -344,7 +346,8 @@ fn assert_grad(what: &str, scene: &Scene, ours: &[f32], theirs: &[f64], toleranc
     }
 }
 
-/// The largest difference of two reports, each number as a share of what is expected; infinite for NaN.
+/// The largest difference of two reports, each number as a share of what is expected; infinite for
+/// NaN.
 fn difference_of_reports(ours: &LossReport, theirs: &LossReport) -> f64 {
     let numbers = |report: &LossReport| {
         [report.total, report.absolute, report.squared, report.ssim, report.normal, report.coverage]
@@ -391,7 +394,8 @@ fn shaded() -> Layout {
     Layout::shaded(Some(1))
 }
 
-/// Every form of shading, plain Gaussians, colours alone; pictures of every shape; nothing, one and many Gaussians.
+/// Every form of shading, plain Gaussians, colours alone; pictures of every shape; nothing, one and
+/// many Gaussians.
 fn scenes() -> Vec<(String, Scene)> {
     let [paper, deferred, official] =
         [ShadingRules::PAPER, ShadingRules::DEFERRED, ShadingRules::OFFICIAL].map(training);
@@ -446,7 +450,8 @@ fn losses_and_gradients_are_those_of_the_cpu() {
     }
 }
 
-/// Scenes of whose pictures nothing is known in places: a band from edge to edge, and single pixels.
+/// Scenes of whose pictures nothing is known in places: a band from edge to edge, and single
+/// pixels.
 fn torn_scenes() -> Vec<Scene> {
     let mut scenes: Vec<Scene> = scenes().into_iter().map(|(_, scene)| scene).collect();
     for scene in &mut scenes {
@@ -550,7 +555,8 @@ fn pictures_of_another_size_are_refused() {
 /// Some exposure that mixes all channels.
 const EXPOSURE: Exposure<f32> = [[0.8, 0.1, -0.05, 0.03], [0.02, 1.1, 0.07, -0.06], [-0.04, 0.05, 0.9, 0.1]];
 
-/// A picture before and after its exposure, the gradient of the photograph, and what the way back makes of it.
+/// A picture before and after its exposure, the gradient of the photograph, and what the way back
+/// makes of it.
 struct Exposed {
     before: Vec<f32>,
     after: Vec<f32>,
@@ -580,7 +586,7 @@ impl Scene {
         Exposed { before, after, of_photograph, of_picture, of_exposure: report.exposure.expect("there was one") }
     }
 
-    /// What core makes of the same picture and gradient in `f64`, pixel by pixel.
+    /// Core's result for the same picture and gradient in `f64`, pixel by pixel.
     fn expose_exactly(&self, exposed: &Exposed) -> (Vec<f64>, Vec<f64>, Exposure<f64>) {
         let (size, channels) = (self.pixel_count(), self.channels());
         let exposure = EXPOSURE.map(|row| row.map(|number| Double(f64::from(number))));

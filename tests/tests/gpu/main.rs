@@ -1,4 +1,5 @@
-//! The GPU executor, stage by stage and as a whole: one test program, so that it is compiled and linked once.
+//! The GPU executor, stage by stage and as a whole: one test program, so that it is compiled and
+//! linked once.
 
 mod back;
 mod densify;

@@ -107,7 +107,7 @@ fn as_many_gaussians_are_trained_as_an_array_holds_splats_and_no_more() {
     assert!(refused.to_string().contains("use fewer Gaussians"), "{refused}");
 }
 
-/// How far two lists are apart, as a share of the first.
+/// Distance of two lists, relative to the first.
 fn apart<'a>(expected: impl Iterator<Item = &'a f64> + Clone, actual: impl Iterator<Item = &'a f64>) -> f64 {
     let size: f64 = expected.clone().map(|x| x * x).sum();
     let difference: f64 = expected.zip(actual).map(|(x, y)| (x - y).powi(2)).sum();

@@ -26,8 +26,8 @@ use specula_tests::{
     strategies::{random_cloud, random_environment},
 };
 
-/// Both executors round a few hundred operations, each in its own order; a pixel on the other side of the cut at 1/255
-/// brings a small picture down to 85 dB.
+/// Both executors round a few hundred operations, each in its own order; a pixel on the other side
+/// of the cut at 1/255 brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
 const RESOLUTION: usize = 16;
 
@@ -277,7 +277,8 @@ fn a_viewer_shows_the_same_in_pieces() {
     }
 }
 
-/// Numbers at the edges of halves: the largest, beyond it, steps between two halves, the smallest, and none at all.
+/// Numbers at the edges of halves: the largest, beyond it, steps between two halves, the smallest,
+/// and none at all.
 const EDGES: [f32; 20] = [
     65_504.0,
     65_519.0,
@@ -323,7 +324,7 @@ fn gaussians_come_back_from_a_device_as_the_processor_rounds_them() {
 
 #[test]
 fn kernels_read_halves_at_the_edges() {
-    /// As a share of the largest number of a colour.
+    /// Tolerance relative to the largest number of a colour.
     const SAME_COLOR: f64 = 1e-6;
     let Some(mut viewer) = viewer(Storage::F16) else { return };
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Layers);

@@ -14,25 +14,26 @@ use specula_tests::{
     stress::{Case, LAYOUT, every_case, results::Results, too_many_splats},
 };
 
-/// By how much numbers are moved to see what their rounding does: 16 units in the last place, more than a formula of
-/// some dozen operations loses.
+/// By how much numbers are moved to see what their rounding does: 16 units in the last place, more
+/// than a formula of some dozen operations loses.
 const NUDGE: f32 = 1e-6;
-/// How often: a decision that hangs on rounding falls the same way every time once in 65 536.
+/// Number of nudges: a decision that hangs on rounding falls the same way every time once in 65
+/// 536.
 const NUDGES: u64 = 16;
-/// How many times as far as those nudges move a result the executors may be apart.
+/// Allowed distance of the executors, as a multiple of the distance that nudges move a result.
 const AS_FAR: f64 = 4.0;
-/// And some hundred roundings of the result itself.
+/// Further allowance of some hundred roundings of the result itself.
 const ROUNDINGS: f64 = 2e-5;
-/// The most of a picture, or of a gradient, that may hang on rounding: pixels where a splat ends, numbers that are sums
-/// of what cancels, a loss of normals.
+/// The most of a picture, or of a gradient, that may hang on rounding: pixels where a splat ends,
+/// numbers that are sums of what cancels, a loss of normals.
 const LOOSE_MAX: f64 = 0.05;
-/// What is smaller is no number that executors have to keep: devices may take it for zero.
+/// Smaller numbers need not be kept by executors: devices may flush them to zero.
 const LEAST: f64 = 1e-37;
 
 /// Texels along an edge of the light.
 const RESOLUTION: usize = 16;
 
-/// How far from each number those of nudged cases are, at most.
+/// Largest distance of nudged cases from each number.
 fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Vec<f64> {
     nudged.fold(vec![0.0; expected.len()], |reach, numbers| {
         let further = |k: usize| f64::max(reach[k], (numbers[k] - expected[k]).abs());
@@ -40,8 +41,8 @@ fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Ve
     })
 }
 
-/// The number that is furthest off, and its difference as a multiple of what is allowed: some times what rounding moves
-/// it by, and some roundings of its own. Infinite for what is not finite.
+/// The number that is furthest off, and its difference as a multiple of what is allowed: some times
+/// what rounding moves it by, and some roundings of its own. Infinite for what is not finite.
 fn excess(actual: &[f64], expected: &[f64], reach: &[f64]) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
     let of = |k: usize| {
@@ -52,7 +53,8 @@ fn excess(actual: &[f64], expected: &[f64], reach: &[f64]) -> (usize, f64) {
     (0..actual.len()).map(|k| (k, of(k))).fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
 }
 
-/// The share of the numbers that nudges move by more than a hundredth of themselves: nothing can be said of them.
+/// The share of the numbers that nudges move by more than a hundredth of themselves: nothing can be
+/// said of them.
 fn share_loose(expected: &[f64], reach: &[f64]) -> f64 {
     let loose = expected.iter().zip(reach).filter(|(x, reach)| **reach > 0.01 * x.abs()).count();
     loose as f64 / expected.len().max(1) as f64
@@ -72,7 +74,7 @@ fn the_comparison_can_fail() {
     }
 }
 
-/// What is wrong with the GPU executor's results, in words.
+/// Description of the first fault in the GPU executor's results.
 fn faults(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, case: &Case, shading: ShadingRules) -> Vec<String> {
     let (ours, theirs) = (Results::new(gpu, case, shading), Results::new(cpu, case, shading));
     let nudged: Vec<Results> = (0..NUDGES).map(|seed| Results::new(cpu, &case.nudged(NUDGE, seed), shading)).collect();
@@ -114,7 +116,7 @@ fn both_executors_render_and_train_alike_at_every_edge() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// What a number of a Gaussian may be that is none, and what is none but for its size.
+/// Non-finite values of a Gaussian, and finite ones that overflow.
 const POISON: [f32; 5] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38, -3e38];
 /// The Gaussians whose numbers are changed.
 const POISONED: [usize; 3] = [0, 17, 39];

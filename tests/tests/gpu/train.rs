@@ -32,13 +32,13 @@ use specula_train::{
     view::View,
 };
 
-/// What two trainings may end apart by, in dB: they start equal, and rounding sends them on ways of their own.
+/// Tolerance in dB between two trainings that start equal and diverge by rounding.
 const SAME_QUALITY: f64 = 0.05;
-/// And where light is looked up by pixels: the CPU executor's own results lie 0.09 dB apart once the points that it
-/// starts from are moved by 1e-7.
+/// The same for deferred shading: the CPU executor's own results lie 0.09 dB apart once the points
+/// that it starts from are moved by 1e-7.
 const SAME_QUALITY_OF_MIRRORS: f64 = 0.15;
-/// Where Gaussians are split and cloned, each decision moves all that follow: so many trainings on the CPU executor, from
-/// points that are moved a little, tell how far apart they end.
+/// Number of trainings on the CPU executor, each from slightly moved points, that measure the
+/// spread of results with densification, where each decision affects all that follow.
 const GROWN: u64 = 6;
 /// By so much, of the scene's size.
 const MOVED: f32 = 1e-6;
@@ -161,7 +161,8 @@ fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_l
     assert!(least < count && count < most, "{count} Gaussians on the GPU, {counts:?} on the CPU");
 }
 
-/// Where one more of some results may lie of which these are the least and the most: as far out again as they are apart.
+/// Interval for one more result beside these: the range of those known, widened by its own width on
+/// either side.
 fn within(least: f64, most: f64) -> [f64; 2] {
     let apart = most - least;
     [least - apart, most + apart]
@@ -195,8 +196,8 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     assert!(first == again, "a second run with room for fewer splats at once differs");
 }
 
-/// A training of so many steps that is interrupted after some of them, and goes on from its snapshot on the other
-/// executor.
+/// A training of so many steps that is interrupted after some of them, and goes on from its
+/// snapshot on the other executor.
 fn train_in_turns([first, second]: [GpuExecutor; 2], settings: &Settings, turns: [u32; 2]) -> (HostScene, usize) {
     let views: Vec<View> = (1..=VIEWS).map(view).collect();
     let mut trainer = Trainer::new(first, settings.clone(), &views, &points(0)).expect("there are views");
@@ -255,7 +256,8 @@ fn a_step_waits_for_the_device_once() {
     train_with(gpu, settings("specula"), &points(0), 12, |exec, _| waits.borrow_mut().push(exec.gpu().waits()));
     let waits = waits.into_inner();
     let of_steps: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    // The first step cannot go by any other; some may find out that others need more than those before.
+    // The first step cannot go by any other; some may find out that others need more than those
+    // before.
     assert!(of_steps.iter().filter(|waits| **waits == 1).count() >= 8, "{of_steps:?}");
 }
 
@@ -300,12 +302,14 @@ fn a_step_without_room_changes_nothing_and_says_so() {
 
 /// Steps until exposures are found: each photograph comes fifteen times.
 const EXPOSED_ITERATIONS: u32 = 300;
-/// By so much unseen views are better at least where it is learned how photographs were exposed, in dB.
+/// By so much unseen views are better at least where it is learned how photographs were exposed, in
+/// dB.
 const GAINED: f64 = 3.0;
-/// What is left of an exposure's changes once it is found, a root of means of squares.
+/// Remaining error of an estimated exposure, a root mean square.
 const UNEXPLAINED: f32 = 0.2;
 
-/// How a photograph was exposed: darker or brighter, a little tinted, with a veil. None is so bright that colours end.
+/// Exposure of a photograph: darker or brighter, a little tinted, with a veil. None is so bright
+/// that colours clip.
 fn exposure_of(number: usize) -> Exposure<f32> {
     let draw = |row: u64, k: u64| random::uniform(77, number as u64, 4 * row + k) - 0.5;
     let gain = 0.6 + 0.3 * draw(3, 0);
@@ -348,8 +352,8 @@ fn photograph(number: usize, exposure: &Exposure<f32>) -> View {
     view
 }
 
-/// By how much photographs differ from what the scene and the exposures that were found say, as a share of how they differ
-/// from the scene alone.
+/// By how much photographs differ from what the scene and the exposures that were found say, as a
+/// share of how they differ from the scene alone.
 fn unexplained(found: &[Exposure<f32>]) -> f32 {
     let usual = mean_exposure();
     let (mut rest, mut all) = (0.0, 0.0);

@@ -1,5 +1,5 @@
-//! Files as their formats have them, in which any count, size and length may stand: a header that fits itself gets farther
-//! into a reader than noise does.
+//! Files as their formats have them, in which any count, size and length may stand: a header that
+//! fits itself gets farther into a reader than noise does.
 
 use flate2::{Compression, write::ZlibEncoder};
 use proptest::{collection::vec, option, prelude::*, sample::select};
@@ -45,7 +45,8 @@ pub(crate) fn ply() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
-/// PNG: any kind of pixels and size, chunks with the sums that belong to them, and streams that unpack to far more.
+/// PNG: any kind of pixels and size, chunks with the sums that belong to them, and streams that
+/// unpack to far more.
 pub(crate) fn png() -> impl Strategy<Value = Vec<u8>> {
     let stream = || {
         (0..1_usize << 20, any::<u8>()).prop_map(|(len, byte)| {
@@ -83,7 +84,8 @@ fn put_chunk(file: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
     file.extend(crc32fast::hash(&inside).to_be_bytes());
 }
 
-/// Checkpoints: tensors of any type, shape and place, and any numbers in what the header says besides.
+/// Checkpoints: tensors of any type, shape and place, and any numbers in what the header says
+/// besides.
 pub(crate) fn safetensors() -> impl Strategy<Value = Vec<u8>> {
     let names =
         ["gaussians", "gaussians.mean", "gaussians.square", "grad_sum", "view_count", "light", "order", "other"];

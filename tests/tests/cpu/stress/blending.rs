@@ -9,9 +9,11 @@ use specula_core::{
 };
 use specula_tests::number::Number;
 
-/// Gradients of three layers are sums and quotients of a few numbers, of which 1 − 0.99 has lost two digits.
+/// Gradients of three layers are sums and quotients of a few numbers, of which 1 − 0.99 has lost
+/// two digits.
 const GRADIENT: f64 = 1e-4;
-/// The transmittance of a stack is a product of thousands of factors, each rounded: √5000 · 6e-8, and twice that.
+/// The transmittance of a stack is a product of thousands of factors, each rounded: √5000 · 6e-8,
+/// and twice that.
 const STACK: f64 = 1e-5;
 /// A haze of a thousand layers, of which each is rounded.
 const HAZE: f64 = 1e-4;
@@ -23,7 +25,7 @@ fn strengths<R: Number>(alphas: &[f64]) -> Vec<R> {
     alphas.iter().map(|alpha| R::of(f64::from((*alpha as f32).log2()))).collect()
 }
 
-/// What is left behind a stack, and its colour where each layer has one.
+/// Transmittance behind a stack, and its colour where each layer has one.
 fn front_to_back<R: Number>(cutoffs: &Cutoffs, strengths: &[R], colors: &[f64]) -> [f64; 2] {
     let (mut passage, mut sum) = (PixelState::open(strengths[0]), R::of(0.0));
     for (strength, color) in strengths.iter().zip(colors) {

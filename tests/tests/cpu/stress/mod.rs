@@ -1,4 +1,4 @@
-//! What must hold where numbers are extreme: the rows of `docs/stability.md`, each with a test or more.
+//! Guarantees for extreme numbers: the rows of `docs/stability.md`, each with a test or more.
 //!
 //! Each test prints the worst value that it saw.
 

@@ -14,7 +14,7 @@ use specula_tests::{
     stress::{LAYOUT, every_case, results::Results},
 };
 
-/// Where losses of normals stand among the losses.
+/// Index of the normal loss among the losses.
 const NORMAL: usize = 4;
 
 #[test]

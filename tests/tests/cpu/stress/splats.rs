@@ -34,11 +34,13 @@ type Cloud = Gaussians<Vec<f32>>;
 const NEEDLE_ALPHA: f64 = 1e-3;
 /// Half a dozen roundings, and those of two exponentials.
 pub(crate) const DETERMINANT: f64 = 1e-6;
-/// The exponent of a needle of 10⁵ px is a difference of products of that size, a rounding of which is 6e-3 px across.
+/// The exponent of a needle of 10⁵ px is a difference of products of that size, a rounding of which
+/// is 6e-3 px across.
 pub(crate) const EXPONENT: f64 = 1e-2;
 /// The area of a splat is a sum over pixels of a curve of half a pixel's width: the sampling shows.
 const AREA: f64 = 0.03;
-/// Shifted by whole pixels, a splat's place is rounded elsewhere: some units in the last place of a coordinate of 64.
+/// Shifted by whole pixels, a splat's place is rounded elsewhere: some units in the last place of a
+/// coordinate of 64.
 const SHIFTED: f64 = 2e-5;
 /// Lengths of needles on the screen, in px.
 pub(crate) const LENGTHS: [f32; 6] = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5];
@@ -176,7 +178,8 @@ fn a_gaussian_through_the_plane_of_the_eye_makes_no_number_that_is_none_and_no_f
             let z = 0.05 * step as f32;
             let picture = picture(&mut exec, &one([1.0, 0.2, z], [scale.ln(); 3], 3.0), &camera);
             assert!(picture.iter().all(|x| x.is_finite()), "a scale of {scale} at {z}");
-            // Four of its standard deviations lie outside of the view, which is 20° wide to this side.
+            // Four of its standard deviations lie outside of the view, which is 20° wide to this
+            // side.
             let is_beside = scale <= 0.1;
             let is_empty = passed(&picture, &camera).iter().all(|passed| *passed == 1.0);
             assert!(!is_beside || is_empty, "a Gaussian of {scale} beside the view shows at {z}");
@@ -341,10 +344,10 @@ fn every_gaussian_of_the_hard_scenes_has_a_fate_and_none_is_not_finite_but_where
     }
 }
 
-/// How far a picture may be from that of `f64`, as a share of a number or of one.
+/// Tolerance of a picture against that of `f64`, relative to a number or to one.
 const SAME_PICTURE: f64 = 1e-4;
 
-/// How far the picture of a case is from that of `f64`, number by number, the furthest last.
+/// Errors of the picture of a case against that of `f64`, number by number, the largest last.
 fn distances(name: &str) -> Vec<f64> {
     let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);

@@ -24,7 +24,8 @@ use std::sync::OnceLock;
 
 /// By how much a training may end below its twin, in dB.
 const AS_GOOD: f64 = 0.2;
-/// By how much the mean PSNR of the pictures of a training may fall below the highest that it had, in dB.
+/// By how much the mean PSNR of the pictures of a training may fall below the highest that it had,
+/// in dB.
 const FALL: f64 = 1.0;
 const SIZE: u32 = 40;
 const VIEWS: usize = 16;
@@ -33,14 +34,14 @@ const UNSEEN: usize = 6;
 const POINTS: u64 = 400;
 const ITERATIONS: u32 = 100;
 
-/// What is fitted: in which units, and under how bright a spot of light.
+/// Units of the fitted scene, and the radiance of a spot of its light.
 #[derive(Clone, Copy, Debug)]
 struct Scene {
     unit: f32,
     sun: f32,
 }
 
-/// As scenes usually are.
+/// The usual scene.
 const TWIN: Scene = Scene { unit: 1.0, sun: 2.0 };
 
 impl Scene {
@@ -110,7 +111,8 @@ fn straight(planes: &[f32]) -> Vec<u8> {
 
 fn settings(name: &str, iterations: u32) -> Settings {
     let mut profile = by_name(name, iterations).expect("a profile of that name");
-    // Each decision to split or to clone moves all that follow, and with it the quality by half a decibel.
+    // Each decision to split or to clone moves all that follow, and with it the quality by half a
+    // decibel.
     profile.densification.until = 0;
     if let Some(light) = &mut profile.light {
         light.resolution = 16;
@@ -159,7 +161,8 @@ fn random_points_fill_scenes_in_any_units() {
 fn gaussians_of_very_different_size_train_as_well_as_equal_ones() {
     let settings = settings("specula", 3 * ITERATIONS);
     let twin = trained(TWIN, &TWIN.points(), &settings);
-    // A cluster of a thousandth of the scene's size, and some points that Gaussians as large as the scene start from.
+    // A cluster of a thousandth of the scene's size, and some points that Gaussians as large as the
+    // scene start from.
     let mut points = TWIN.points();
     let draw = |k: u64, axis: u64| random::uniform(2, axis, k) - 0.5;
     let scattered = |k: u64, size: f32| Point { position: [0, 1, 2].map(|axis| size * draw(k, axis)), color: [0.5; 3] };
