@@ -3,8 +3,8 @@
 use specula_core::{
     camera::Camera,
     cubemap::{FACE_COUNT, texel_index, texel_solid_angle},
+    environment::radiance,
     prefilter::PrefilterScheme,
-    real::Real,
     scene::{Environment, Gaussians, RadianceActivation},
     shade::{ShadingForm, ShadingRules},
 };
@@ -53,13 +53,7 @@ impl Subject {
 /// whole stays as bright.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
-    let radiance = |texel: usize, c: usize| {
-        let number = light.values[3 * texel + c];
-        match light.activation {
-            RadianceActivation::Identity => number,
-            RadianceActivation::Exponential => Real::exp(number),
-        }
-    };
+    let radiance = |texel: usize, c: usize| radiance(light.activation, light.values[3 * texel + c]);
     let mut values = Vec::with_capacity(3 * FACE_COUNT * resolution * resolution);
     for index in 0..FACE_COUNT * resolution * resolution {
         let (face, row, column) =

@@ -1,15 +1,14 @@
 //! What becomes of the Gaussians of a cloud in a picture: drawn, or left out and why. Counted when asked for.
 
 use crate::{
+    attributes::{AttributePlanes, Harmonics, StoredGaussian},
     bin::{footprint, half_extent},
     camera::Camera,
+    cutoffs::ALPHA_MIN,
     project::{Shape, project},
     scene::{
         DIFFUSE, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
     },
-    sh,
-    shade::view_dir,
-    vector::{Vec3, vec3},
 };
 
 /// What becomes of a Gaussian. Of several reasons to leave it out, the first counts.
@@ -138,42 +137,24 @@ fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Opti
 }
 
 fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> CullReason {
-    let take3 = |plane: usize| {
-        let [x, y, z] = gaussians.get::<3>(gaussian, plane);
-        vec3(x, y, z)
-    };
-    let [opacity_logit] = gaussians.get::<1>(gaussian, OPACITY);
-    let shape =
-        Shape { mean: take3(MEAN), log_scales: take3(LOG_SCALE), quat: gaussians.get(gaussian, QUAT), opacity_logit };
+    let planes = StoredGaussian { gaussians, index: gaussian };
+    let shape: Shape<f32> = planes.shape();
     let lifted = camera.lift(0.0_f32);
     let splat = project(&shape, &lifted);
     let reach = footprint(&splat).reach;
-    if splat.opacity <= crate::cutoffs::ALPHA_MIN {
+    let layout = gaussians.layout;
+    let harmonics = || Harmonics::new(&planes, layout.sh_start(), layout.sh_count(), lifted.position);
+    if splat.opacity <= ALPHA_MIN {
         CullReason::Faint
     } else if splat.depth < 0.0 && lifted.to_camera(shape.mean).is_finite() {
         CullReason::Near
-    } else if reach < 0.0 || !harmonics(gaussians, gaussian, shape.mean, camera).is_finite() {
+    } else if reach < 0.0 || !harmonics().sum.is_finite() {
         CullReason::TooLarge
     } else if misses_picture(splat.mean2d, half_extent(&splat, reach), camera) {
         CullReason::Outside
     } else {
         CullReason::Drawn
     }
-}
-
-/// The sum of a Gaussian's harmonics.
-fn harmonics<A: AsRef<[f32]>>(
-    gaussians: &Gaussians<A>,
-    gaussian: usize,
-    mean: Vec3<f32>,
-    camera: &Camera,
-) -> Vec3<f32> {
-    let count = gaussians.layout.sh_count();
-    let basis = sh::basis(-view_dir(mean, camera.position.into()), count);
-    (0..count).fold(Vec3::zero(0.0), |sum, k| {
-        let [x, y, z] = gaussians.get::<3>(gaussian, gaussians.layout.sh_start() + 3 * k);
-        sum.add_scaled(basis[k], vec3(x, y, z))
-    })
 }
 
 fn misses_picture(center: [f32; 2], half: [f32; 2], camera: &Camera) -> bool {

@@ -10,10 +10,11 @@
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
 //! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination thresholds;
 //!   [`plan`]: rules without the terms that a scene does not need
-//! * [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
+//! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
 //! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`], [`perspective`]);
 //!   [`cull`]: reasons for which Gaussians are not drawn
-//! * [`shade`]: attributes and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
+//! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
+//! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`pixel`]: the same pixel by pixel, for the stage `shade_pixels`
 //! * [`bin`]: tiles that a splat touches; [`blend`]: one compositing step
 //! * [`expose`]: affine maps of a photograph's colours
@@ -70,6 +71,7 @@ extern crate std;
 compile_error!("specula-core needs the feature `std` or the feature `libm` for its mathematics");
 
 pub mod activation;
+pub mod attributes;
 pub mod bin;
 pub mod blend;
 pub mod camera;
@@ -83,6 +85,7 @@ pub mod depth_normal;
 pub mod double;
 pub mod dual;
 pub mod eigen;
+pub mod environment;
 pub mod executor;
 pub mod expose;
 pub mod ggx;

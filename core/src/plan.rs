@@ -3,8 +3,8 @@
 use crate::{
     activation::sigmoid,
     cutoffs::ALPHA_MIN,
+    environment::radiance,
     prefilter::{LevelRange, Levels, level_of_roughness},
-    real::Real,
     rules::{Channels, RenderRules},
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::ShadingForm,
@@ -58,7 +58,7 @@ impl Needs {
     /// The same Gaussians under a light, if there is one.
     pub fn under<A: AsRef<[f32]>>(self, light: Option<&Environment<A>>) -> Self {
         let radiance = light.map_or(0.0, |light| {
-            light.values.as_ref().iter().fold(0.0, |max, x| larger(max, radiance(light.activation, *x)))
+            light.values.as_ref().iter().fold(0.0, |max, x| larger(max, radiance_bound(light.activation, *x)))
         });
         Self { radiance, ..self }
     }
@@ -115,10 +115,11 @@ impl Needs {
     }
 }
 
-fn radiance(activation: RadianceActivation, number: f32) -> f32 {
+/// Radiance that a number may have on any executor: zero only where it is zero on all of them.
+fn radiance_bound(activation: RadianceActivation, number: f32) -> f32 {
     match activation {
         RadianceActivation::Exponential if number < EXPONENT_OF_ZERO => 0.0,
-        RadianceActivation::Exponential => Real::exp(number),
+        RadianceActivation::Exponential => radiance(activation, number).max(f32::MIN_POSITIVE),
         RadianceActivation::Identity => number,
     }
 }

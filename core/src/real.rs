@@ -80,6 +80,12 @@ pub trait Real:
     fn exp(self) -> Self {
         (self * core::f32::consts::LOG2_E).exp2()
     }
+    /// Power of e over the whole range of the numbers: for `f32` the library's, which ends in zero
+    /// and in infinity.
+    #[inline(always)]
+    fn exp_wide(self) -> Self {
+        self.exp()
+    }
     /// Natural logarithm, for positive normal numbers.
     #[inline(always)]
     fn ln(self) -> Self {
@@ -153,6 +159,10 @@ impl Real for f32 {
         let whole = shifted - ROUND_MAGIC;
         let exponent = (shifted.to_bits() << 23).wrapping_add(127 << 23);
         exp2_fraction(x - whole) * Self::from_bits(exponent)
+    }
+    #[inline(always)]
+    fn exp_wide(self) -> Self {
+        crate::math::exp(self)
     }
     #[inline(always)]
     fn log2(self) -> Self {

@@ -55,7 +55,12 @@ impl RenderRules {
     pub fn is_color_alone(&self, layout: Layout) -> bool {
         !self.is_lit && self.blended(layout) == Channels::Color
     }
-    /// How many numbers of each Gaussian are read.
+    /// Harmonics that are read, for each colour: those that are present and in use.
+    #[inline]
+    pub fn sh_count(&self, layout: Layout) -> usize {
+        Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout }.sh_count()
+    }
+    /// Number of planes that are read of each Gaussian.
     pub fn numbers_read(&self, layout: Layout) -> usize {
         let shading_end = match layout.is_shaded() {
             false => DIFFUSE,
@@ -63,8 +68,7 @@ impl RenderRules {
             true if self.normal_residuals => layout.sh_start(),
             true => NORMAL_RESIDUAL_1,
         };
-        let harmonics = Layout { sh_degree: self.sh_degree.min(layout.sh_degree), ..layout };
-        shading_end + 3 * harmonics.sh_count()
+        shading_end + 3 * self.sh_count(layout)
     }
 }
 

@@ -250,6 +250,18 @@ pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     }
 }
 
+/// Specular part of the colour of a Gaussian, linear: its layer of a picture.
+#[inline(always)]
+pub fn specular<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
+    match form {
+        ShadingForm::Paper | ShadingForm::Deferred => terms.tint.times(terms.specular_light),
+        ShadingForm::Official => {
+            let none = Vec3::zero(terms.diffuse.x);
+            shade(form, &Terms { diffuse: none, residual: none, ..*terms })
+        }
+    }
+}
+
 /// Gradient of [`shade`]; that of a residual is zero where it was limited.
 #[inline(always)]
 pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) -> Terms<R> {

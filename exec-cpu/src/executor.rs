@@ -15,6 +15,7 @@ use crate::{
     shade::{Colors, Scene, gaussians_vjp, shade_all, update},
 };
 use specula_core::{
+    attributes::GaussianShading,
     camera::Camera,
     cutoffs::Cutoffs,
     densify::DensifyRules,
@@ -193,7 +194,7 @@ impl Renderer for CpuExecutor {
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {
-        let scene = Scene { layout: gaussians.layout, light, rules };
+        let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
         Ok(shade_all(&self.machine, gaussians, camera, splats, scene))
     }
 
@@ -283,7 +284,7 @@ impl Executor for CpuExecutor {
         weights: &LossWeights,
         grads: &SplatGrads,
     ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>), CpuError> {
-        let scene = Scene { layout: gaussians.layout, light, rules };
+        let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
         Ok(gaussians_vjp(&self.machine, gaussians, camera, splats, scene, weights, grads))
     }
 
@@ -320,7 +321,7 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
         step: &TrainingStep<'_, Self>,
     ) -> Result<Option<LightGrad>, CpuError> {
-        let scene = Scene { layout: gaussians.layout, light, rules: step.rules };
+        let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *step.rules }, light };
         let size = StepSize::new(&self.machine, step.rates, step.number);
         let (nonfinite, of_light) = update(&self.machine, gaussians, moments, step, splats, scene, grads, &size);
         self.report.nonfinite += nonfinite;

@@ -44,6 +44,7 @@
 
 pub mod bin;
 pub mod blend;
+mod block;
 mod buffer;
 mod densify;
 mod executor;

@@ -5,6 +5,7 @@ use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, padded_index},
+    environment::{radiance, radiance_vjp},
     pack::Storage,
     prefilter::Level,
     scene::{Environment, RadianceActivation},
@@ -120,18 +121,11 @@ impl Light {
 }
 
 fn activate(activation: RadianceActivation, rgb: &[f32]) -> Texel {
-    let of = |x: f32| match activation {
-        RadianceActivation::Identity => x,
-        RadianceActivation::Exponential => x.exp(),
-    };
-    [of(rgb[0]), of(rgb[1]), of(rgb[2]), 0.0]
+    [radiance(activation, rgb[0]), radiance(activation, rgb[1]), radiance(activation, rgb[2]), 0.0]
 }
 
 fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) -> [f32; 3] {
-    core::array::from_fn(|c| match activation {
-        RadianceActivation::Identity => grad[c],
-        RadianceActivation::Exponential => grad[c] * radiance[c],
-    })
+    core::array::from_fn(|c| radiance_vjp(activation, radiance[c], grad[c]))
 }
 
 /// From the radiance of the base, at the front, to the pyramid and the rows behind it.

@@ -1,23 +1,18 @@
 //! Gaussians to splats, sixteen at a time.
 
-use crate::{
-    buffer::Buffer,
-    lanes::{Lanes, store3},
-    machine::Machine,
-};
+use crate::{block::BlockPlanes, buffer::Buffer, lanes::Lanes, machine::Machine};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
+    attributes::AttributePlanes,
     bin::{footprint_within, half_extent},
-    camera::{Camera, CameraOf},
+    camera::Camera,
     cutoffs::{Cutoffs, ProjectionModel},
-    each,
     perspective::{Perspective, footprint_in_perspective, perspective},
-    project::{Shape, project, project_vjp},
+    project::project,
     real::Real,
-    scene::{BLOCK, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
-    splat::{Splat, SplatGrad},
-    vector::Vec3,
+    scene::{BLOCK, Gaussians},
+    splat::Splat,
 };
 
 /// A Gaussian on the screen.
@@ -161,7 +156,7 @@ fn project_blocks<S: Simd>(
     let camera = camera.lift(Lanes::splat(simd, 0.0));
     let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
     for ((block, records), drawn) in blocks.zip(drawn) {
-        let splat = project(&load_shape(simd, block), &camera);
+        let splat = project(&BlockPlanes { simd, values: block }.shape(), &camera);
         let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
         store_records(&splat, reach, half_extent(&splat, reach), records);
     }
@@ -181,7 +176,7 @@ fn project_in_perspective<S: Simd>(
     let camera = camera.lift(Lanes::splat(simd, 0.0)).for_projection(cutoffs.projection());
     let records = records.chunks_mut(BLOCK).zip(splats.chunks_mut(BLOCK));
     for ((block, (records, splats)), drawn) in blocks.chunks_exact(block_len).zip(records).zip(drawn) {
-        let shape = load_shape(simd, block);
+        let shape = BlockPlanes { simd, values: block }.shape();
         let splat = project(&shape, &camera);
         let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
         let own = perspective(cutoffs.projection(), &shape, &splat, &camera);
@@ -239,35 +234,4 @@ fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes
             half_extent: [half_x[lane], half_y[lane]],
         };
     }
-}
-
-#[inline(always)]
-pub(crate) fn load_shape<S: Simd>(simd: S, block: &[f32]) -> Shape<Lanes<S>> {
-    let at = |plane: usize| Lanes::load(simd, &block[plane * BLOCK..]);
-    Shape {
-        mean: Lanes::load3(simd, block, MEAN),
-        log_scales: Lanes::load3(simd, block, LOG_SCALE),
-        quat: [at(QUAT), at(QUAT + 1), at(QUAT + 2), at(QUAT + 3)],
-        opacity_logit: at(OPACITY),
-    }
-}
-
-/// Adds the gradient of a block's shapes to the gradients that shading has already left there.
-#[inline(always)]
-pub(crate) fn project_block_vjp<S: Simd>(
-    shape: &Shape<Lanes<S>>,
-    camera: &CameraOf<Lanes<S>>,
-    grad: &SplatGrad<Lanes<S>>,
-    shading_mean: Vec3<Lanes<S>>,
-    shading_quat: [Lanes<S>; 4],
-    is_drawn: <Lanes<S> as Real>::Mask,
-    out: &mut [f32],
-) {
-    let grad = project_vjp(shape, camera, grad);
-    store3(each!(grad.mean + shading_mean, x => x.keep(is_drawn)), out, MEAN);
-    store3(each!(grad.log_scales, x => x.keep(is_drawn)), out, LOG_SCALE);
-    for (k, shading) in shading_quat.into_iter().enumerate() {
-        (grad.quat[k] + shading).keep(is_drawn).store(&mut out[(QUAT + k) * BLOCK..]);
-    }
-    grad.opacity_logit.keep(is_drawn).store(&mut out[OPACITY * BLOCK..]);
 }

@@ -3,29 +3,29 @@
 use crate::{
     CpuExecutor,
     blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
+    block::{BlockGrads, BlockPlanes},
     buffer::Buffer,
-    lanes::{LaneMask, Lanes, store3},
+    lanes::{LaneMask, Lanes},
     light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
     machine::Machine,
     optimise::{StepSize, adam_chunk},
     prefilter::{Light, LightGrad, Texel},
-    project::{BLOCKS_AT_ONCE, Splats, load_shape, project_block_vjp},
+    project::{BLOCKS_AT_ONCE, Splats},
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
+    attributes::{
+        AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, PoseGrad, ShadedGaussian, shape_vjp,
+    },
     camera::{Camera, CameraOf},
     each,
     executor::TrainingStep,
     loss::{LossWeights, residual_vjp, sparse_vjp},
     real::Real,
-    rules::{Channels, RenderRules, channel},
-    scene::{BLOCK, DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, ROUGHNESS, TINT},
-    sh,
-    shade::{
-        Material, ShadingForm, Surface, SurfaceGrad, Terms, diffuse, shade, shade_vjp, surface, surface_vjp, view_dir,
-        view_dir_vjp,
-    },
+    rules::{Channels, channel},
+    scene::{BLOCK, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
+    shade::{ShadingForm, Terms},
     splat::SplatGrad,
     state::AdamMoments,
     vector::Vec3,
@@ -50,26 +50,14 @@ impl Colors {
 /// What shading needs beside the Gaussians.
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
-    pub(crate) layout: Layout,
+    pub(crate) shading: GaussianShading,
     pub(crate) light: Option<&'a Light>,
-    pub(crate) rules: &'a RenderRules,
 }
 
 impl Scene<'_> {
-    /// The channels that a Gaussian has.
-    fn channels(&self) -> Channels {
-        self.rules.blended(self.layout)
-    }
     /// The light, if Gaussians look it up.
     fn own_light(&self) -> Option<&Light> {
-        self.light.filter(|_| !self.rules.is_deferred(self.layout))
-    }
-    /// Harmonics that are in use.
-    fn sh_count(&self) -> usize {
-        match (self.rules.sh_degree, self.layout.sh_degree) {
-            (Some(wanted), Some(present)) => (usize::from(wanted.min(present)) + 1).pow(2),
-            _ => 0,
-        }
+        self.light.filter(|_| !self.shading.rules.is_deferred(self.shading.layout))
     }
 }
 
@@ -81,7 +69,7 @@ pub(crate) fn shade_all(
     splats: &mut Splats,
     scene: Scene<'_>,
 ) -> Colors {
-    let channels = scene.channels().count();
+    let channels = scene.shading.channels().count();
     let mut values = machine.numbers.take(gaussians.count * channels);
     let block_len = gaussians.block_len();
     let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
@@ -101,9 +89,6 @@ pub(crate) fn shade_all(
     Colors { channels, values }
 }
 
-/// The channels of a block, as lanes.
-type BlockChannels<S> = [Lanes<S>; CHANNELS_MAX];
-
 /// Writes the channels of a block, and says whose attributes are finite, of those that were read.
 #[inline(always)]
 fn shade_block<S: Simd>(
@@ -113,40 +98,20 @@ fn shade_block<S: Simd>(
     scene: Scene<'_>,
     out: &mut [f32],
 ) -> LaneMask<S> {
-    let shape = load_shape(simd, block);
-    let mut channels = [Lanes::splat(simd, 0.0); CHANNELS_MAX];
-    channels[channel::DEPTH] = camera.to_camera(shape.mean).z;
-    let is_finite;
-    if scene.layout.is_shaded() && scene.rules.is_color_alone(scene.layout) {
-        let color;
-        (color, is_finite) = unlit_color(simd, block, camera, scene);
-        put(&mut channels, channel::COLOR, color);
-    } else if scene.layout.is_shaded() {
-        let shaded = Shaded::new(simd, block, camera, scene);
-        let color = shade(scene.rules.shading.form, &shaded.terms);
-        put(&mut channels, channel::COLOR, color);
-        put(&mut channels, channel::NORMAL, shaded.surface.facing.normal);
-        channels[channel::RESIDUAL_SIZE] = shaded.surface.facing.residual_squared;
-        put(&mut channels, channel::TINT, shaded.terms.tint);
-        channels[channel::ROUGHNESS] = shaded.surface.roughness;
-        if scene.channels() == Channels::Layers {
-            put_layers(&mut channels, &shaded, scene.rules.shading.form);
-        }
-        is_finite = shaded.material.is_finite() & shaded.terms.residual.is_finite();
+    let planes = BlockPlanes { simd, values: block };
+    let (channels, is_finite) = if scene.shading.reads_surface() {
+        let lit = Lit::new(simd, &planes, camera, scene);
+        (scene.shading.surface_channels(&lit.shaded, &lit.terms, camera), lit.shaded.is_finite())
     } else {
-        let seen = Harmonics::new(simd, block, camera, scene);
-        put(&mut channels, channel::COLOR, sh::radiance(seen.sum));
-        let axis = plain_normal(simd, block, camera);
-        put(&mut channels, channel::NORMAL, axis);
-        is_finite = seen.sum.is_finite();
-    }
-    interleave(&channels, scene.channels(), out);
+        scene.shading.color_channels(&planes, camera)
+    };
+    interleave(&channels, scene.shading.channels(), out);
     is_finite
 }
 
 /// The channels of each Gaussian side by side, of those that are blended.
-fn interleave<S: Simd>(channels: &BlockChannels<S>, blended: Channels, out: &mut [f32]) {
-    for (c, lanes) in channels.iter().enumerate() {
+fn interleave<S: Simd>(channels: &LayerChannels<Lanes<S>>, blended: Channels, out: &mut [f32]) {
+    for (c, lanes) in channels.0.iter().enumerate() {
         let Some(place) = blended.index_of(c) else { continue };
         let lanes = lanes.to_array();
         for (gaussian, value) in out.chunks_exact_mut(blended.count()).zip(lanes) {
@@ -155,142 +120,40 @@ fn interleave<S: Simd>(channels: &BlockChannels<S>, blended: Channels, out: &mut
     }
 }
 
-/// The colour of a block that no light reaches, and whose is finite: of all that shading knows it takes the diffuse colour
-/// and the residual.
-#[inline(always)]
-fn unlit_color<S: Simd>(
-    simd: S,
-    block: &[f32],
-    camera: &CameraOf<Lanes<S>>,
-    scene: Scene<'_>,
-) -> (Vec3<Lanes<S>>, LaneMask<S>) {
-    let rules = scene.rules.shading;
-    let residual = Harmonics::new(simd, block, camera, scene).sum;
-    let raw = Lanes::load3(simd, block, DIFFUSE);
-    (shade(rules.form, &Terms::unlit(diffuse(raw, rules), residual)), raw.is_finite() & residual.is_finite())
-}
-
-#[inline(always)]
-fn put<S: Simd>(channels: &mut BlockChannels<S>, first: usize, v: Vec3<Lanes<S>>) {
-    channels[first..first + 3].copy_from_slice(&v.to_array());
-}
-
-#[inline(always)]
-fn put_layers<S: Simd>(channels: &mut BlockChannels<S>, shaded: &Shaded<S>, form: ShadingForm) {
-    let terms = &shaded.terms;
-    let specular = match form {
-        ShadingForm::Paper | ShadingForm::Deferred => terms.tint.times(terms.specular_light),
-        ShadingForm::Official => shade(
-            form,
-            &Terms {
-                diffuse: terms.diffuse * terms.diffuse.x.zero(),
-                residual: terms.residual * terms.diffuse.x.zero(),
-                ..*terms
-            },
-        ),
-    };
-    put(channels, channel::DIFFUSE, terms.diffuse);
-    put(channels, channel::SPECULAR, specular);
-    put(channels, channel::RESIDUAL, terms.residual);
-    put(channels, channel::LIGHT, terms.specular_light);
-}
-
-/// The shortest axis of a plain Gaussian, turned to the viewer: what its normal layer shows.
-#[inline(always)]
-fn plain_normal<S: Simd>(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>) -> Vec3<Lanes<S>> {
-    use specula_core::{
-        covariance::rotation,
-        normal::{AxisRule, axis, facing},
-    };
-    let shape = load_shape(simd, block);
-    let axis = axis(AxisRule::Shortest, &rotation(shape.quat), shape.log_scales);
-    let none = Vec3::zero(shape.opacity_logit);
-    facing(axis, view_dir(shape.mean, camera.position), [none; 2], true).normal
-}
-
-/// Spherical harmonics of a block towards the camera, and what their gradient needs.
-struct Harmonics<S: Simd> {
-    count: usize,
-    ray_dir: Vec3<Lanes<S>>,
-    basis: [Lanes<S>; sh::MAX_COUNT],
-    sum: Vec3<Lanes<S>>,
-}
-
-impl<S: Simd> Harmonics<S> {
-    #[inline(always)]
-    fn new(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
-        let shape = load_shape(simd, block);
-        let ray_dir = -view_dir(shape.mean, camera.position);
-        let count = scene.sh_count();
-        let basis = sh::basis(ray_dir, count);
-        let mut sum = Vec3::zero(shape.opacity_logit);
-        for k in 0..count {
-            sum = sum.add_scaled(basis[k], Lanes::load3(simd, block, scene.layout.sh_start() + 3 * k));
-        }
-        Self { count, ray_dir, basis, sum }
-    }
-
-    /// Writes the coefficients' gradients, zero for Gaussians that are not touched, and returns the gradient of the
-    /// direction to the eye.
-    #[inline(always)]
-    fn vjp(
-        &self,
-        simd: S,
-        block: &[f32],
-        first_plane: usize,
-        grad: Vec3<Lanes<S>>,
-        is_touched: <Lanes<S> as Real>::Mask,
-        out: &mut [f32],
-    ) -> Vec3<Lanes<S>> {
-        let mut grad_basis = [Lanes::splat(simd, 0.0); sh::MAX_COUNT];
-        for k in 0..self.count {
-            let plane = first_plane + 3 * k;
-            store3(each!(grad * self.basis[k], x => x.keep(is_touched)), out, plane);
-            grad_basis[k] = grad.dot(Lanes::load3(simd, block, plane));
-        }
-        -sh::basis_vjp(self.ray_dir, self.count, &grad_basis)
-    }
-}
-
-/// A block with its light.
-struct Shaded<S: Simd> {
-    material: Material<Lanes<S>>,
-    surface: Surface<Lanes<S>>,
-    harmonics: Harmonics<S>,
+/// A block under its light.
+struct Lit<S: Simd> {
+    shaded: ShadedGaussian<Lanes<S>>,
     specular: Option<Lookup<S>>,
     ambient: Option<Lookup<S>>,
     terms: Terms<Lanes<S>>,
 }
 
-impl<S: Simd> Shaded<S> {
+impl<S: Simd> Lit<S> {
     #[inline(always)]
-    fn new(simd: S, block: &[f32], camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
-        let material = load_material(simd, block, scene.rules);
-        let surface = surface(&material, camera.position, scene.rules.shading);
-        let harmonics = Harmonics::new(simd, block, camera, scene);
+    fn new(simd: S, planes: &BlockPlanes<'_, S>, camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
+        let shaded = scene.shading.shaded(planes, camera.position);
+        let surface = &shaded.surface;
         #[expect(clippy::manual_map, reason = "a closure is compiled without the machine's vector features")]
         let specular = match scene.own_light() {
             Some(light) => Some(look_up(simd, light, surface.reflection_dir, surface.roughness)),
             None => None,
         };
-        let is_official = scene.rules.shading.form == ShadingForm::Official;
+        let is_official = scene.shading.rules.shading.form == ShadingForm::Official;
         let ambient = match scene.light {
             Some(light) if is_official => Some(look_up_irradiance(simd, light, surface.facing.normal)),
             _ => None,
         };
-        let terms = Terms {
-            diffuse: surface.diffuse,
-            tint: surface.tint,
-            specular_light: radiance_of(&specular, surface.roughness),
-            residual: harmonics.sum,
-            ambient_light: radiance_of(&ambient, surface.roughness),
+        let light = LightSample {
+            specular: radiance_of(&specular, surface.roughness),
+            ambient: radiance_of(&ambient, surface.roughness),
             split_sum: if is_official {
                 split_sum(simd, surface.n_dot_v, surface.roughness)
             } else {
                 [surface.roughness.zero(); 2]
             },
         };
-        Self { material, surface, harmonics, specular, ambient, terms }
+        let terms = shaded.terms(&light);
+        Self { shaded, specular, ambient, terms }
     }
 }
 
@@ -300,23 +163,6 @@ fn radiance_of<S: Simd>(lookup: &Option<Lookup<S>>, like: Lanes<S>) -> Vec3<Lane
     match lookup {
         Some(lookup) => lookup.radiance(),
         None => Vec3::zero(like),
-    }
-}
-
-#[inline(always)]
-fn load_material<S: Simd>(simd: S, block: &[f32], rules: &RenderRules) -> Material<Lanes<S>> {
-    let shape = load_shape(simd, block);
-    let load3 = |plane: usize| Lanes::load3(simd, block, plane);
-    let load_residual =
-        |plane: usize| if rules.normal_residuals { load3(plane) } else { Vec3::zero(shape.opacity_logit) };
-    Material {
-        mean: shape.mean,
-        quat: shape.quat,
-        log_scales: shape.log_scales,
-        diffuse: load3(DIFFUSE),
-        tint: load3(TINT),
-        roughness: Lanes::load(simd, &block[ROUGHNESS * BLOCK..]),
-        normal_residuals: [load_residual(NORMAL_RESIDUAL_1), load_residual(NORMAL_RESIDUAL_2)],
     }
 }
 
@@ -451,7 +297,7 @@ impl Backwards<'_> {
     ) {
         out.fill(0.0);
         if self.splats.block_is_drawn(number) {
-            let grads = BlockGrads::new(simd, self.grads, number);
+            let grads = SplatGradLanes::new(simd, self.grads, number);
             block_vjp(simd, block, camera, self.scene, &grads, out, light_grad);
         }
         attribute_losses_vjp(simd, block, self.scene, self.weights, self.count, out);
@@ -479,14 +325,14 @@ pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_coun
 }
 
 /// Gradients of a block's splats as lanes; zero for what is not there or not drawn.
-struct BlockGrads<S: Simd> {
+struct SplatGradLanes<S: Simd> {
     geometry: [Lanes<S>; GEOMETRY],
-    channels: BlockChannels<S>,
+    channels: LayerChannels<Lanes<S>>,
     /// Where any gradient is not zero.
     is_touched: <Lanes<S> as Real>::Mask,
 }
 
-impl<S: Simd> BlockGrads<S> {
+impl<S: Simd> SplatGradLanes<S> {
     #[inline(always)]
     fn new(simd: S, grads: &SplatGrads, block: usize) -> Self {
         let planes = grads.block(block);
@@ -498,12 +344,12 @@ impl<S: Simd> BlockGrads<S> {
         for plane in 1..planes.len() / BLOCK {
             are_zero = are_zero & is_zero(load(plane));
         }
-        let (mut geometry, mut channels) = ([zero; GEOMETRY], [zero; CHANNELS_MAX]);
+        let (mut geometry, mut channels) = ([zero; GEOMETRY], LayerChannels([zero; CHANNELS_MAX]));
         for k in 0..GEOMETRY {
             geometry[k] = load(k);
         }
         let blended = Channels::of_count(grads.channels);
-        for (k, lanes) in channels.iter_mut().enumerate() {
+        for (k, lanes) in channels.0.iter_mut().enumerate() {
             if let Some(place) = blended.index_of(k) {
                 *lanes = load(GEOMETRY + place);
             }
@@ -513,17 +359,12 @@ impl<S: Simd> BlockGrads<S> {
 }
 
 #[inline(always)]
-fn take3<S: Simd>(channels: &BlockChannels<S>, first: usize) -> Vec3<Lanes<S>> {
-    Vec3 { x: channels[first], y: channels[first + 1], z: channels[first + 2] }
-}
-
-#[inline(always)]
 fn block_vjp<S: Simd>(
     simd: S,
     block: &[f32],
     camera: &CameraOf<Lanes<S>>,
     scene: Scene<'_>,
-    grads: &BlockGrads<S>,
+    grads: &SplatGradLanes<S>,
     out: &mut [f32],
     light_grad: &mut [Texel],
 ) {
@@ -531,78 +372,48 @@ fn block_vjp<S: Simd>(
     if is_touched.bits() == 0 {
         return;
     }
-    let shape = load_shape(simd, block);
-    let grad_color = take3(&grads.channels, channel::COLOR);
-    let (grad_mean, grad_quat) = if scene.layout.is_shaded() {
-        shaded_vjp(simd, block, camera, scene, grads, is_touched, out, light_grad)
+    let planes = BlockPlanes { simd, values: block };
+    let mut out = BlockGrads { values: out, is_touched };
+    let pose = if scene.shading.layout.is_shaded() {
+        lit_vjp(simd, &planes, camera, scene, grads, &mut out, light_grad)
     } else {
-        let seen = Harmonics::new(simd, block, camera, scene);
-        let grad_sum = sh::radiance_vjp(seen.sum, grad_color);
-        let grad_view = seen.vjp(simd, block, scene.layout.sh_start(), grad_sum, is_touched, out);
-        (view_dir_vjp(shape.mean, camera.position, grad_view), [shape.opacity_logit.zero(); 4])
+        scene.shading.radiance_vjp(&planes, camera.position, &grads.channels, &mut out)
     };
     let g = grads.geometry;
     let splat_grad = SplatGrad {
         mean2d: [g[0], g[1]],
         root_conic: [g[2], g[3], g[4]],
-        depth: grads.channels[channel::DEPTH],
+        depth: grads.channels.0[channel::DEPTH],
         opacity: g[5],
     };
-    project_block_vjp(&shape, camera, &splat_grad, grad_mean, grad_quat, is_touched, out);
+    shape_vjp(&planes.shape(), camera, &splat_grad, &pose, &mut out);
 }
 
-/// Writes the gradients of the shading attributes, and returns those of means and quats.
+/// Writes the gradients of the shading attributes and adds those of the light.
 #[inline(always)]
-fn shaded_vjp<S: Simd>(
+fn lit_vjp<S: Simd>(
     simd: S,
-    block: &[f32],
+    planes: &BlockPlanes<'_, S>,
     camera: &CameraOf<Lanes<S>>,
     scene: Scene<'_>,
-    grads: &BlockGrads<S>,
-    is_touched: <Lanes<S> as Real>::Mask,
-    out: &mut [f32],
+    grads: &SplatGradLanes<S>,
+    out: &mut BlockGrads<'_, S>,
     light_grad: &mut [Texel],
-) -> (Vec3<Lanes<S>>, [Lanes<S>; 4]) {
-    let shaded = Shaded::new(simd, block, camera, scene);
-    let rules = scene.rules.shading;
-    let grad = shade_vjp(rules.form, &shaded.terms, take3(&grads.channels, channel::COLOR));
-    let grad = Terms { specular_light: each!(grad.specular_light, g => g.keep(is_touched)), ..grad };
-
-    let zero = shaded.surface.roughness.zero();
-    let mut grad_surface = SurfaceGrad {
-        normal: take3(&grads.channels, channel::NORMAL),
-        residual_squared: grads.channels[channel::RESIDUAL_SIZE],
-        reflection_dir: Vec3::splat(zero),
-        view_dir: shaded.harmonics.vjp(simd, block, scene.layout.sh_start(), grad.residual, is_touched, out),
-        n_dot_v: zero,
-        diffuse: grad.diffuse,
-        tint: grad.tint + take3(&grads.channels, channel::TINT),
-        roughness: grads.channels[channel::ROUGHNESS],
-    };
-    if let (Some(lookup), Some(light)) = (&shaded.specular, scene.own_light()) {
-        let (direction, roughness) =
-            look_up_vjp(simd, light, lookup, shaded.surface.roughness, grad.specular_light, light_grad);
-        grad_surface.reflection_dir = direction;
-        grad_surface.roughness = grad_surface.roughness + roughness;
+) -> PoseGrad<Lanes<S>> {
+    let lit = Lit::new(simd, planes, camera, scene);
+    let grad = scene.shading.terms_vjp(&lit.terms, &grads.channels);
+    let surface = &lit.shaded.surface;
+    let mut lookup = LookupGrad { specular: None, ambient: None };
+    if let (Some(found), Some(light)) = (&lit.specular, scene.own_light()) {
+        let of_light = each!(grad.specular_light, g => g.keep(out.is_touched));
+        lookup.specular = Some(look_up_vjp(simd, light, found, surface.roughness, of_light, light_grad));
     }
-    if let (Some(lookup), Some(light)) = (&shaded.ambient, scene.light) {
-        let ambient = each!(grad.ambient_light, g => g.keep(is_touched));
-        let (direction, _) = look_up_vjp(simd, light, lookup, shaded.surface.roughness, ambient, light_grad);
-        grad_surface.normal = grad_surface.normal + direction;
-        let [n_dot_v, roughness] =
-            split_sum_vjp(simd, shaded.surface.n_dot_v, shaded.surface.roughness, grad.split_sum);
-        grad_surface.n_dot_v = n_dot_v;
-        grad_surface.roughness = grad_surface.roughness + roughness;
+    if let (Some(found), Some(light)) = (&lit.ambient, scene.light) {
+        let of_light = each!(grad.ambient_light, g => g.keep(out.is_touched));
+        let (normal, _) = look_up_vjp(simd, light, found, surface.roughness, of_light, light_grad);
+        lookup.ambient = Some((normal, split_sum_vjp(simd, surface.n_dot_v, surface.roughness, grad.split_sum)));
     }
-
-    let grad = surface_vjp(&shaded.material, camera.position, rules, &shaded.surface, &grad_surface);
-    let keep = |v: Vec3<Lanes<S>>| each!(v, x => x.keep(is_touched));
-    store3(keep(grad.diffuse), out, DIFFUSE);
-    store3(keep(grad.tint), out, TINT);
-    grad.roughness.keep(is_touched).store(&mut out[ROUGHNESS * BLOCK..]);
-    store3(keep(grad.normal_residuals[0]), out, NORMAL_RESIDUAL_1);
-    store3(keep(grad.normal_residuals[1]), out, NORMAL_RESIDUAL_2);
-    (grad.mean, grad.quat)
+    scene.shading.surface_vjp(planes, camera.position, &lit.shaded, &grad, &grads.channels, &lookup, out)
 }
 
 /// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal residuals.
@@ -624,7 +435,7 @@ fn attribute_losses_vjp<S: Simd>(
         let logit = Lanes::load(simd, &block[OPACITY * BLOCK..]);
         add(OPACITY, sparse_vjp(logit, logit.constant(weights.sparse * share)));
     }
-    if weights.residual != 0.0 && scene.layout.is_shaded() {
+    if weights.residual != 0.0 && scene.shading.layout.is_shaded() {
         for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
             let number = Lanes::load(simd, &block[plane * BLOCK..]);
             add(plane, residual_vjp(number, number.constant(2.0 * weights.residual * share)));

@@ -26,7 +26,10 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use specula_core::scene::{Environment, Gaussians, RadianceActivation};
+use specula_core::{
+    environment::radiance,
+    scene::{Environment, Gaussians, RadianceActivation},
+};
 use std::{
     fs, io,
     path::{Path, PathBuf},
@@ -242,10 +245,7 @@ fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> R
 }
 
 fn radiance_of(light: &Environment<Vec<f32>>) -> Vec<f32> {
-    match light.activation {
-        RadianceActivation::Identity => light.values.clone(),
-        RadianceActivation::Exponential => light.values.iter().map(|value| value.exp()).collect(),
-    }
+    light.values.iter().map(|number| radiance(light.activation, *number)).collect()
 }
 
 /// Quality on the test views: for each measure its mean, and its value for each view.

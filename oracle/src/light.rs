@@ -4,8 +4,9 @@ use crate::number::{Number, take3};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{self, FACE_COUNT},
+    environment::{self, radiance_vjp},
     prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
-    scene::{Environment, RadianceActivation},
+    scene::Environment,
     vector::Vec3,
 };
 
@@ -170,10 +171,7 @@ fn aprons(resolution: usize) -> impl Iterator<Item = (usize, cubemap::Apron)> {
 }
 
 fn radiance<R: Number>(environment: &Environment<Vec<R>>) -> Vec<Vec3<R>> {
-    let activate = |x: R| match environment.activation {
-        RadianceActivation::Identity => x,
-        RadianceActivation::Exponential => x.exp(),
-    };
+    let activate = |number: R| environment::radiance(environment.activation, number);
     environment.values.chunks_exact(3).map(|rgb| take3(rgb).map(activate)).collect()
 }
 
@@ -206,11 +204,10 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
     };
     let grads: Vec<_> = grad.maps.iter().zip(operator.levels.as_slice()).map(unpad).collect();
     let base = operator.apply_transposed(&grads);
-    let deactivate = |(grad, radiance): (&Vec3<R>, Vec3<R>)| match environment.activation {
-        RadianceActivation::Identity => grad.to_array(),
-        RadianceActivation::Exponential => grad.times(radiance).to_array(),
-    };
-    base.iter().zip(radiance(environment)).flat_map(deactivate).collect()
+    let radiance = radiance(environment);
+    let components =
+        base.iter().zip(&radiance).flat_map(|(grad, radiance)| grad.to_array().into_iter().zip(radiance.to_array()));
+    components.map(|(grad, radiance)| radiance_vjp(environment.activation, radiance, grad)).collect()
 }
 
 /// Light from a direction at one level: its radiance, and what the gradient needs.

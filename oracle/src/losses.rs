@@ -1,17 +1,17 @@
 //! What training minimises, pixel by pixel and Gaussian by Gaussian.
 
-use super::{
-    add,
+use crate::{
+    cloud::{AddedGrads, gaussian},
+    number::{Number, take3},
     picture::{Frame, composite, vector_at},
-    planes,
 };
-use crate::number::{Number, take3};
 use specula_core::{
+    attributes::{AttributeGrads, AttributePlanes},
     camera::Camera,
     depth_normal::{self, Cross},
     loss::{self, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments},
     rules::channel,
-    scene::{Gaussians, NORMAL_RESIDUAL_1, OPACITY},
+    scene::{Gaussians, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
     vector::{Mat3, Vec3},
 };
 
@@ -295,12 +295,12 @@ fn mean_ssim_vjp<R: Number>(frame: &Frame<R>, x: &[R], y: &[R], grad: R) -> Vec<
 pub fn attribute_loss<R: Number>(gaussians: &Gaussians<Vec<R>>, weights: &LossWeights) -> R {
     let share = |weight: f32| R::of(f64::from(weight) / gaussians.count as f64);
     let mut total = R::of(0.0);
-    for gaussian in 0..gaussians.count {
-        let [logit] = planes(gaussians, gaussian, OPACITY);
-        total = total + loss::sparse(logit) * share(weights.sparse);
+    for index in 0..gaussians.count {
+        let planes = gaussian(gaussians, index);
+        total = total + loss::sparse(planes.number(OPACITY)) * share(weights.sparse);
         if gaussians.layout.is_shaded() {
-            let residuals: [R; 6] = planes(gaussians, gaussian, NORMAL_RESIDUAL_1);
-            let squared = residuals.iter().fold(R::of(0.0), |sum, x| sum + *x * *x);
+            let residuals = NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3;
+            let squared = residuals.fold(R::of(0.0), |sum, plane| sum + planes.number(plane).squared());
             total = total + squared * share(weights.residual);
         }
     }
@@ -314,12 +314,14 @@ pub fn attribute_loss_vjp<R: Number>(
     out: &mut Gaussians<Vec<R>>,
 ) {
     let share = |weight: f32| R::of(f64::from(weight) / gaussians.count as f64);
-    for gaussian in 0..gaussians.count {
-        let [logit] = planes(gaussians, gaussian, OPACITY);
-        add(out, gaussian, OPACITY, [loss::sparse_vjp(logit, share(weights.sparse))]);
+    for index in 0..gaussians.count {
+        let planes = gaussian(gaussians, index);
+        let mut out = AddedGrads { gaussians: out, index };
+        out.put(OPACITY, loss::sparse_vjp(planes.number(OPACITY), share(weights.sparse)));
         if gaussians.layout.is_shaded() {
-            let residuals: [R; 6] = planes(gaussians, gaussian, NORMAL_RESIDUAL_1);
-            add(out, gaussian, NORMAL_RESIDUAL_1, residuals.map(|x| x * share(weights.residual) * 2.0));
+            for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
+                out.put(plane, loss::residual_vjp(planes.number(plane), share(weights.residual) * 2.0));
+            }
         }
     }
 }

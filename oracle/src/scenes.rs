@@ -2,6 +2,7 @@
 
 use specula_core::{
     camera::Camera,
+    environment::number_of,
     random,
     scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values},
 };
@@ -38,9 +39,7 @@ pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f3
 pub fn random_environment(resolution: usize, activation: RadianceActivation, seed: u64) -> Environment<Vec<f32>> {
     let mut environment = Environment { resolution, activation, values: Vec::new() };
     let radiance = |index: usize| 0.1 + 1.9 * random::uniform(seed, 0x11, index as u64);
-    environment.values = (0..environment.len_of_values())
-        .map(radiance)
-        .map(|x| if activation == RadianceActivation::Exponential { x.ln() } else { x })
-        .collect();
+    environment.values =
+        (0..environment.len_of_values()).map(radiance).map(|radiance| number_of(activation, radiance)).collect();
     environment
 }

@@ -1,6 +1,7 @@
 //! Environment maps at the resolutions that prefilters take.
 
 use specula_core::{
+    environment,
     prefilter::{Levels, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
@@ -11,10 +12,7 @@ pub const RESOLUTION_SLOW: usize = 256;
 
 /// Linear radiance of an environment's numbers.
 pub fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
-    match activation {
-        RadianceActivation::Identity => values.to_vec(),
-        RadianceActivation::Exponential => values.iter().map(|number| number.exp()).collect(),
-    }
+    values.iter().map(|number| environment::radiance(activation, *number)).collect()
 }
 
 /// Roughness levels that an environment is filtered into, at the resolution of [`fitting`].

@@ -10,12 +10,13 @@ use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
     densify::DensifyRules,
+    environment::number_of,
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
     metrics::psnr,
     pipeline::train_step,
     random,
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, OPACITY, RadianceActivation, TINT, len_of_values},
+    scene::{Environment, Gaussians, OPACITY, TINT, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 
@@ -454,10 +455,7 @@ fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Resu
 
 fn start_light(profile: &Profile) -> Option<Environment<Vec<f32>>> {
     let start = profile.light?;
-    let number = match start.activation {
-        RadianceActivation::Identity => start.radiance,
-        RadianceActivation::Exponential => start.radiance.ln(),
-    };
+    let number = number_of(start.activation, start.radiance);
     let values = vec![number; 6 * start.resolution * start.resolution * 3];
     Some(Environment { resolution: start.resolution, activation: start.activation, values })
 }

@@ -6,11 +6,16 @@
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    activation, blend,
-    camera::{Camera, NEAR},
+    activation,
+    attributes::{
+        self, AttributeGrads, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, ShadedGaussian,
+    },
+    blend,
+    camera::{Camera, CameraOf, NEAR},
     color, covariance, cubemap, depth_normal,
     double::Double,
     dual::Dual,
+    environment,
     expose::{self, Exposure},
     ggx,
     loss::{self, NormalForm, NormalPatch},
@@ -19,6 +24,8 @@ use specula_core::{
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape},
     real::Real,
+    rules::{Channels, RenderRules, channel},
+    scene::{Layout, RadianceActivation},
     sh,
     shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
     splat::{Splat2d, SplatGrad},
@@ -60,6 +67,14 @@ proptest! {
             |x, g| vec![activation::softplus_vjp(x[0], g[0])],
             SAME_DERIVATIVE,
         );
+        for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+            assert_vjp(
+                &[x],
+                |x| vec![environment::radiance(activation, x[0])],
+                |x, g| vec![environment::radiance_vjp(activation, environment::radiance(activation, x[0]), g[0])],
+                SAME_DERIVATIVE,
+            );
+        }
     }
 
     #[test]
@@ -409,6 +424,33 @@ proptest! {
         );
     }
 
+    /// From stored planes to splats and channels, with lookups of a light that is a formula.
+    #[test]
+    fn attributes_are_derived_right(
+        camera in camera(),
+        mean in [-2.5..2.5_f64, -2.5..2.5, -2.5..2.5],
+        scales in log_scales(-3.0..0.5),
+        quat in quat(),
+        rest in vec(-0.4..0.4_f64, 26),
+    ) {
+        prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
+        let shaded = [&mean[..], &scales, &quat, &rest].concat();
+        let plain = &shaded[..Layout::radiance(1).plane_count()];
+        let shadings = [ShadingRules::PAPER, ShadingRules::OFFICIAL, ShadingRules::DEFERRED];
+        let shadings = shadings.map(|shading| (Layout::shaded(Some(1)), shading));
+        for (layout, shading) in shadings.into_iter().chain([(Layout::radiance(1), ShadingRules::PAPER)]) {
+            let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
+            let shading = GaussianShading { layout, rules };
+            let inputs = if layout.is_shaded() { &shaded } else { plain };
+            assert_vjp(
+                inputs,
+                |x| splat_and_channels(&shading, &camera.lift(x[0]), x),
+                |x, g| splat_and_channels_vjp(&shading, &camera.lift(x[0]), x, g),
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
     /// Opaque splats that are limited or end a pixel, and faint ones that are cut, are among them.
     #[test]
     fn stacks_of_splats_are_derived_right(
@@ -597,7 +639,87 @@ fn vectors_without_a_direction_have_no_gradient() {
     assert_eq!(grad, [Double(0.0); 4], "nor has the identity");
 }
 
-/// A `_vjp` that nobody holds against anything is found here.
+/// Planes of one Gaussian, side by side.
+struct PlaneRow<'a, R>(&'a [R]);
+
+impl<R: Number> AttributePlanes<R> for PlaneRow<'_, R> {
+    fn number(&self, plane: usize) -> R {
+        self.0[plane]
+    }
+}
+
+/// Gradients of the planes of one Gaussian, side by side.
+struct PlaneRowGrads<R>(Vec<R>);
+
+impl<R: Number> AttributeGrads<R> for PlaneRowGrads<R> {
+    fn put(&mut self, plane: usize, grad: R) {
+        self.0[plane] = grad;
+    }
+}
+
+/// A light that is a formula of the directions and the roughness in which it is looked up.
+fn light_of<R: Number>(shaded: &ShadedGaussian<R>) -> LightSample<R> {
+    let surface = &shaded.surface;
+    LightSample {
+        specular: surface.reflection_dir * surface.roughness,
+        ambient: surface.facing.normal * R::of(2.0),
+        split_sum: [surface.n_dot_v * surface.roughness, surface.n_dot_v],
+    }
+}
+
+fn light_of_vjp<R: Number>(shaded: &ShadedGaussian<R>, grad: &Terms<R>) -> LookupGrad<R> {
+    let surface = &shaded.surface;
+    let along = grad.specular_light.dot(surface.reflection_dir);
+    let [scale, bias] = grad.split_sum;
+    LookupGrad {
+        specular: Some((grad.specular_light * surface.roughness, along)),
+        ambient: Some((grad.ambient_light * R::of(2.0), [scale * surface.roughness + bias, scale * surface.n_dot_v])),
+    }
+}
+
+/// Channels that have a gradient.
+fn channels_with_grad(shading: &GaussianShading) -> Vec<usize> {
+    let all = 0..Channels::Surface.count();
+    all.filter(|k| shading.layout.is_shaded() || *k < channel::NORMAL || *k == channel::DEPTH).collect()
+}
+
+/// Centre, root of the conic and opacity of the splat, then the channels.
+fn splat_and_channels<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R]) -> Vec<R> {
+    let planes = PlaneRow(x);
+    let splat = project::project(&planes.shape(), camera);
+    let channels = if shading.layout.is_shaded() {
+        let shaded = shading.shaded(&planes, camera.position);
+        shading.surface_channels(&shaded, &shaded.terms(&light_of(&shaded)), camera)
+    } else {
+        shading.color_channels(&planes, camera).0
+    };
+    let channels: Vec<R> = channels_with_grad(shading).into_iter().map(|k| channels.0[k]).collect();
+    join(&[&splat.mean2d, &splat.root_conic, &[splat.opacity], &channels])
+}
+
+fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R], g: &[R]) -> Vec<R> {
+    let planes = PlaneRow(x);
+    let mut channels = LayerChannels([R::of(0.0); Channels::Layers.count()]);
+    for (k, grad) in channels_with_grad(shading).into_iter().zip(&g[6..]) {
+        channels.0[k] = *grad;
+    }
+    let mut out = PlaneRowGrads(vec![R::of(0.0); x.len()]);
+    let pose = if shading.layout.is_shaded() {
+        let shaded = shading.shaded(&planes, camera.position);
+        let grad = shading.terms_vjp(&shaded.terms(&light_of(&shaded)), &channels);
+        let lookup = light_of_vjp(&shaded, &grad);
+        shading.surface_vjp(&planes, camera.position, &shaded, &grad, &channels, &lookup, &mut out)
+    } else {
+        shading.radiance_vjp(&planes, camera.position, &channels, &mut out)
+    };
+    let depth = channels.0[channel::DEPTH];
+    let splat = SplatGrad { mean2d: [g[0], g[1]], root_conic: [g[2], g[3], g[4]], depth, opacity: g[5] };
+    attributes::shape_vjp(&planes.shape(), camera, &splat, &pose, &mut out);
+    out.0
+}
+
+/// A `_vjp` that nobody holds against anything is found here. Methods are called on a value.
+
 #[test]
 fn every_vjp_of_core_is_held_against_dual_numbers() {
     let here = include_str!("derivatives.rs");
@@ -611,7 +733,9 @@ fn every_vjp_of_core_is_held_against_dual_numbers() {
             let name = rest.split(['<', '(']).next().unwrap_or_default();
             if name.ends_with("_vjp") {
                 found += 1;
-                assert!(here.contains(&format!("{module}::{name}(")), "nothing here calls {module}::{name}");
+                let is_method = line.starts_with(' ');
+                let call = if is_method { format!(".{name}(") } else { format!("{module}::{name}(") };
+                assert!(here.contains(&call), "nothing here calls {module}::{name}");
             }
         }
     }
