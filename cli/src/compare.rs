@@ -1,46 +1,60 @@
-//! `specula compare`: a table of what runs came to, as papers have them.
-
-mod format;
-mod grid;
-mod label;
-mod run;
+//! `specula compare`: a table of runs, as papers print them.
 
 use crate::{
     args::{Compare, TableFormat},
     failure::Failure,
     output,
 };
-use grid::{Quantity, blocks};
-use run::Run;
+use specula_report::comparison::{Comparison, Format, Measurement, Missing};
 
-/// Reads what every run says of itself, and prints or writes the table.
+/// Reads the files of every run, and prints or writes the table.
 pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     let format = format_of(args)?;
-    let runs: Vec<Run> = args.runs.iter().map(|folder| Run::read(folder)).collect::<Result<_, _>>()?;
-    if runs.iter().all(|run| run.measured.iter().all(Option::is_none)) {
+    let comparison = Comparison::read(&args.runs)?;
+    if !comparison.is_measured() {
         let first = args.runs[0].display();
         return Err(Failure::Input(format!("none of the runs was measured; run specula eval {first}, and so on")));
     }
-    let lacks = Quantity::ALL.iter().flat_map(|quantity| quantity.lacks(&runs)).collect::<Vec<String>>();
-    let doubts = grid::doubts(&runs);
-    lacks.iter().chain(&doubts).for_each(|note| tracing::warn!("{note}"));
+    let warnings = warnings(&comparison);
+    comparison.missing().iter().map(advice).chain(warnings.iter().cloned()).for_each(|note| tracing::info!("{note}"));
 
-    let text = format::text(format, &blocks(&runs, &label::labels(&runs)), &doubts);
+    let text = comparison.to_text(format, &warnings);
     match &args.output {
         Some(path) => output::write_text(path, &text),
         None => output::say(text.trim_end()),
     }
 }
 
-/// The format that was asked for, or that of the file's ending.
-fn format_of(args: &Compare) -> Result<TableFormat, Failure> {
+/// Sentence about a missing measure, with the command that takes it.
+fn advice(missing: &Missing) -> String {
+    let option = match missing.measurement {
+        Measurement::Standard => "",
+        Measurement::Lpips => " --lpips FILE.onnx",
+        Measurement::FittedExposure => " --exposure",
+    };
+    let folder = missing.folder.display();
+    format!("{folder} has no {}; run specula eval {folder}{option}", missing.measure)
+}
+
+/// Sentences about runs that are not comparable.
+fn warnings(comparison: &Comparison) -> Vec<String> {
+    let unmeasured = comparison.unmeasured().map(|(folder, iteration)| {
+        let folder = folder.display();
+        format!("{folder} holds iteration {iteration}, which was not measured; specula eval {folder} does")
+    });
+    unmeasured.chain(comparison.differences()).collect()
+}
+
+/// Format that was requested, or that of the file's extension.
+fn format_of(args: &Compare) -> Result<Format, Failure> {
     match (args.format, &args.output) {
-        (Some(format), _) => Ok(format),
-        (None, None) => Ok(TableFormat::Markdown),
+        (Some(TableFormat::Markdown), _) | (None, None) => Ok(Format::Markdown),
+        (Some(TableFormat::Csv), _) => Ok(Format::Csv),
+        (Some(TableFormat::Latex), _) => Ok(Format::Latex),
         (None, Some(path)) => match output::ending(path).as_deref() {
-            Some("md" | "markdown") => Ok(TableFormat::Markdown),
-            Some("csv") => Ok(TableFormat::Csv),
-            Some("tex") => Ok(TableFormat::Latex),
+            Some("md" | "markdown") => Ok(Format::Markdown),
+            Some("csv") => Ok(Format::Csv),
+            Some("tex") => Ok(Format::Latex),
             _ => Err(Failure::Input(format!("{path:?} does not say its format; let it end in .md, .csv or .tex"))),
         },
     }

@@ -1,27 +1,30 @@
 //! `specula demo`: a small scene from pictures to relit pictures, beside plain Gaussian splatting.
 
 mod data;
-mod page;
-mod sheets;
 
 use crate::{
     args::{Demo, MachineOptions},
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Start, Training, thousands},
+    fit::{Start, Training},
     interrupt,
     lock::Lock,
-    output, progress,
-    quality::{self, MAE, MEASURES, PSNR, SSIM, Values},
+    look::Tour,
+    orientation, output, progress,
     scene::Renderer,
 };
 use serde_json::{Map, Value, json};
-use specula_core::rules::Channels;
+use specula_core::{camera::Camera, rules::Channels};
 use specula_io::{
     cameras::NamedCamera,
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
+};
+use specula_report::{
+    demo::{self, Pictures},
+    measure::{self, MAE, MEASURES, PSNR, SSIM, Values},
+    number::group_digits,
 };
 use specula_scene::{ExecutorChoice, Scene};
 use specula_train::{
@@ -31,40 +34,48 @@ use specula_train::{
 };
 use std::path::PathBuf;
 
-/// Random points that both trainings start from.
+/// Number of random points that both trainings start from.
 const POINTS: usize = 10_000;
 /// Seed of both trainings.
 const SEED: u64 = 0;
-/// What is compared, and in which order.
+/// Profiles of the trainings: plain, then shaded.
 const PROFILES: [&str; 2] = ["3dgs", "specula"];
+/// Frames of the animation.
+const FRAMES: u32 = 36;
+/// Width and height of a frame in pixels.
+const FRAME_SIZE: [u32; 2] = [240, 240];
 
-/// One of the two trainings.
+/// One of the two trainings, measured.
 #[derive(Debug)]
-struct Contestant {
+struct Trained {
     name: &'static str,
-    quality: Values,
+    measures: Values,
     seconds: f64,
-    gaussians: usize,
     scene: Scene,
-    renderer: Renderer,
 }
 
-/// Unpacks, trains twice, measures, and makes pictures of everything.
+/// Unpacks the data, trains twice, measures, and writes pictures and page.
 pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     let _lock = lock(args)?;
     PROFILES.iter().try_for_each(|name| refuse_to_hide(args, name))?;
     let (data, points) = prepare(args)?;
-    let mut contestants = Vec::new();
-    for name in PROFILES {
-        contestants.push(contest(name, args, &data, &points)?);
-    }
-    let table = table(&contestants);
-    output::write_json(&args.output.join("results.json"), &results(&contestants))?;
-    let [plain, ours] = contestants.try_into().expect("there are two of them");
-    let sheets = sheets::write(&args.output, &data.test, plain.renderer, ours.renderer, ours.scene)?;
-    page::write(&args.output, &table, args.iterations, &sheets)?;
+    let train = |name| train(name, args, &data, &points);
+    let [plain, shaded] = [train(PROFILES[0])?, train(PROFILES[1])?];
+    let rows = table([&plain, &shaded]);
+    output::write_json(&args.output.join("results.json"), &results([&plain, &shaded]))?;
+
+    let work = progress::work("pictures", Pictures::STEPS);
+    let orbit = orbit(&data, &shaded.scene);
+    let pictures = Pictures::write(&args.output, &data.test, &plain.scene, &shaded.scene, &orbit, &|done| {
+        work.done(done, String::new);
+    })?;
+    work.finish();
     let page = args.output.join("index.html");
-    output::say(&format!("{}\n\nPictures: {}", table.lines.join("\n"), page.display()))
+    output::write_text(&page, &demo::page(&args.output, &rows, args.iterations, &pictures)?)?;
+    let line = |[name, rest @ ..]: &[String; 6]| {
+        format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
+    };
+    output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), page.display()))
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
@@ -72,11 +83,21 @@ pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
     let _lock = lock(args)?;
     refuse_to_hide(args, PROFILES[1])?;
     let (data, points) = prepare(args)?;
-    let Contestant { name, .. } = contest(PROFILES[1], args, &data, &points)?;
+    let Trained { name, .. } = train(PROFILES[1], args, &data, &points)?;
     Ok(args.output.join(name))
 }
 
-/// Refuses a folder that holds another training than an earlier demo, whose place this one takes.
+/// Cameras of the animation.
+fn orbit(data: &Dataset, scene: &Scene) -> Vec<Camera> {
+    let [width, height] = FRAME_SIZE;
+    let known = data.test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height)));
+    let known: Vec<NamedCamera> = known.collect();
+    let found = orientation::found(None, known.iter().map(|(_, camera)| camera));
+    let orientation = found.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians));
+    Tour::around(&orientation, &known, FRAMES, None).cameras.into_iter().map(|(_, camera)| camera).collect()
+}
+
+/// Refuses a folder with a training that is not of an earlier demo; one of a demo is replaced.
 fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     let folder = args.output.join(name);
     let data = output::absolute(&args.output.join("data"));
@@ -87,13 +108,13 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     Err(Failure::Input(format!("{folder:?} holds a model that is not of a demo; name another folder with -o")))
 }
 
-/// Keeps other trainings out of the demo's folder, which it makes.
+/// Creates the demo's folder and locks it against other trainings.
 fn lock(args: &Demo) -> Result<Lock, Failure> {
     output::make_folder(&args.output)?;
     Lock::take(&args.output, "wait until it ends, or name another folder with -o")
 }
 
-/// Unpacks the data, and draws the points.
+/// Unpacks the data and draws random points.
 fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
     let source = args.output.join("data");
     data::unpack(&source)?;
@@ -103,7 +124,7 @@ fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
     Ok((data, points))
 }
 
-fn contest(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<Contestant, Failure> {
+fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<Trained, Failure> {
     let settings = Settings {
         profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
         iterations: args.iterations,
@@ -118,7 +139,6 @@ fn contest(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) ->
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
     }
     let scene = training.scene()?;
-    let gaussians = scene.gaussians.count;
     let folder = args.output.join(name);
     let named = |views: &[specula_train::view::View]| {
         views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>()
@@ -132,8 +152,8 @@ fn contest(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) ->
     let work = progress::work("measuring", data.test.len() as u64);
     let measured = renderer.measure(&data.test, Background::WHITE, false, &work)?;
     work.finish();
-    model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &quality::for_files(&measured))?;
-    Ok(Contestant { name, quality: quality::means(&measured), seconds: outcome.seconds, gaussians, scene, renderer })
+    model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &measure::quality(&measured))?;
+    Ok(Trained { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
 }
 
 fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo {
@@ -161,40 +181,30 @@ fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo
     }
 }
 
-fn results(contestants: &[Contestant]) -> Value {
-    let entry = |contestant: &Contestant| {
-        let mut measures = quality::for_programs(&contestant.quality);
-        measures["seconds"] = ((contestant.seconds * 10.0).round() / 10.0).into();
-        measures["gaussians"] = contestant.gaussians.into();
-        (contestant.name.to_owned(), measures)
+fn results(trained: [&Trained; 2]) -> Value {
+    let entry = |trained: &Trained| {
+        let mut measures = measure::json_of_values(&trained.measures);
+        measures["seconds"] = ((trained.seconds * 10.0).round() / 10.0).into();
+        measures["gaussians"] = trained.scene.gaussians.count.into();
+        (trained.name.to_owned(), measures)
     };
-    Value::Object(contestants.iter().map(entry).collect())
+    Value::Object(trained.into_iter().map(entry).collect())
 }
 
-/// The two trainings side by side.
-#[derive(Debug)]
-struct Table {
-    cells: Vec<[String; 6]>,
-    lines: Vec<String>,
-}
-
-fn table(contestants: &[Contestant]) -> Table {
+/// Both trainings as rows of a table, heads first.
+fn table([plain, shaded]: [&Trained; 2]) -> [[String; 6]; 3] {
     let heads = ["profile", "PSNR dB", "SSIM", "normals °", "seconds", "Gaussians"].map(str::to_owned);
-    let row = |contestant: &Contestant| {
-        let number =
-            |measure: usize| contestant.quality[measure].map_or(String::new(), |value| MEASURES[measure].number(value));
+    let row = |trained: &Trained| {
+        let value =
+            |measure: usize| trained.measures[measure].map_or(String::new(), |value| MEASURES[measure].format(value));
         [
-            contestant.name.to_owned(),
-            number(PSNR),
-            number(SSIM),
-            number(MAE),
-            format!("{:.0}", contestant.seconds),
-            thousands(contestant.gaussians),
+            trained.name.to_owned(),
+            value(PSNR),
+            value(SSIM),
+            value(MAE),
+            format!("{:.0}", trained.seconds),
+            group_digits(trained.scene.gaussians.count),
         ]
     };
-    let cells: Vec<[String; 6]> = core::iter::once(heads).chain(contestants.iter().map(row)).collect();
-    let line = |[name, rest @ ..]: &[String; 6]| {
-        format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
-    };
-    Table { lines: cells.iter().map(line).collect(), cells }
+    [heads, row(plain), row(shaded)]
 }

@@ -1,27 +1,26 @@
-//! `specula eval`: how good a model is on views that it was not fitted to.
+//! `specula eval`: quality of a model on views that it was not fitted to.
 
-mod lpips;
-mod page;
-mod relit;
-mod seen;
 pub(crate) mod trial;
 
 use crate::{
-    args::{Eval, Split},
+    args::{EnvOptions, EnvUp, Eval, Split},
     background::{Backdrop, Background},
     dataset,
     failure::Failure,
-    output,
+    orientation, output,
     place::differences,
     progress,
-    quality::{self, FITTED, LPIPS, Measured},
-    scene::{self, Renderer, background_of, note_oddities},
+    scene::{self, Renderer, background_of, note_oddities, relight},
 };
-use relit::Relit;
-use seen::Seen;
-use serde_json::{Map, Value};
+use glam::Vec3;
 use specula_core::rules::Channels;
-use specula_io::{dataset::LoadOptions, model_folder};
+use specula_io::{cameras::NamedCamera, dataset::LoadOptions, model_folder};
+use specula_report::{
+    evaluation::{self, EvaluatedView, Evaluation, RelitScene},
+    lpips::LpipsNetwork,
+    measure::{self, LPIPS, PSNR_FITTED},
+    relighting::{GroundTruth, RelightingQuality},
+};
 use specula_scene::OpenedModel;
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::{
@@ -29,7 +28,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Measures, prints, and writes down what belongs into the model's folder.
+/// Measures, prints, and writes results and page.
 pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.profile)?;
     note_oddities(&opened);
@@ -37,120 +36,144 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let views = views_of(args, &opened, &source)?;
     let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);
-    let place = opened.folder.clone().zip(method.clone());
-    let sizes = views.iter().map(|view| [view.camera.width, view.camera.height]);
-    let largest = sizes.max_by_key(|[width, height]| u64::from(*width) * u64::from(*height)).unwrap_or_default();
-    let network = args.lpips.as_deref().map(|path| lpips::Judge::read(path, largest)).transpose()?;
-    let folder = page_of(args, place.as_ref());
+    let results = opened.folder.clone().zip(method.clone());
+    let network = args.lpips.as_deref().map(|path| trusted_network(path, &views)).transpose()?;
+    let folder = page_folder(args, results.as_ref());
     if let Some(folder) = &folder {
         output::make_folder(folder)?;
     }
 
-    let mut findings = Findings {
+    let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
+    let mut evaluation = Evaluation {
         scene: args.scene.clone(),
         method,
-        split: args.split,
-        background,
+        split: args.split.name(),
+        background: background.0,
         gaussians: opened.scene.gaussians.count,
-        network: network.as_ref().map(|network| network.name.clone()),
+        lpips_network: network.as_ref().map(|network| network.name.clone()),
         views: Vec::new(),
-        relit: Vec::new(),
+        relit: if is_relit { measure_relit(args, &opened, &source, &views)? } else { Vec::new() },
     };
-    let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
-    findings.relit = if is_relit { relit::measure(args, &opened, &source, &views)? } else { Vec::new() };
 
     let is_exposed = args.exposure || opened.exposures()?.is_some();
     let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine)?;
     let work = progress::work("measuring", views.len() as u64);
     let with_pictures = folder.is_some();
-    findings.views = renderer.for_each_view(&views, &work, |view, image| {
-        let mut seen = Seen::new(view, image, background, with_pictures);
-        seen.measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
-        Ok(seen)
+    evaluation.views = renderer.for_each_view(&views, &work, |view, image| {
+        let mut evaluated = EvaluatedView::new(view, image, background.0, with_pictures);
+        evaluated.measures.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        Ok(evaluated)
     })?;
     work.finish();
     if let Some(network) = &network {
-        let distances = network.measure(&mut renderer, &views, background)?;
-        findings.views.iter_mut().zip(distances).for_each(|(view, own)| view.measured.values[LPIPS] = Some(own));
+        measure_lpips(network, &mut renderer, &views, background, &mut evaluation.views)?;
     }
-    if let (Some((folder, method)), Split::Test) = (place, args.split) {
-        model_folder::add_quality(&folder, &method, &quality::for_files(&findings.measured()), findings.facts())?;
+    if let (Some((folder, method)), Split::Test) = (results, args.split) {
+        let quality = measure::quality(&evaluation.measures());
+        model_folder::add_quality(&folder, &method, &quality, evaluation.facts())?;
     }
     if let Some(folder) = &folder {
-        page::write(folder, &findings)?;
+        write_page(folder, &evaluation)?;
     }
-    findings.say(args.json, folder.as_deref())
+    if args.json {
+        return output::say_json(&evaluation.to_json());
+    }
+    output::say(&evaluation.summary())?;
+    folder.map_or(Ok(()), |folder| output::say(&format!("Page: {}", page_in(&folder).display())))
 }
 
-/// Everything that was found.
-#[derive(Debug)]
-struct Findings {
-    scene: PathBuf,
-    /// What the results are filed under; none for a PLY file on its own.
-    method: Option<String>,
-    split: Split,
+fn page_in(folder: &Path) -> PathBuf {
+    folder.join("index.html")
+}
+
+fn write_page(folder: &Path, evaluation: &Evaluation) -> Result<(), Failure> {
+    let page = evaluation::page(evaluation)?;
+    for (path, bytes) in &page.pictures {
+        output::write_bytes(&folder.join(path), bytes)?;
+    }
+    output::write_text(&page_in(folder), &page.html)
+}
+
+/// Network that was tried in a process with limits, on pictures as large as the largest view.
+fn trusted_network(path: &Path, views: &[View]) -> Result<LpipsNetwork, Failure> {
+    let sizes = views.iter().map(|view| [view.camera.width, view.camera.height]);
+    let largest = sizes.max_by_key(|[width, height]| u64::from(*width) * u64::from(*height)).unwrap_or_default();
+    trial::try_network(path, largest)?;
+    Ok(LpipsNetwork::read(path)?)
+}
+
+/// Adds LPIPS to the measures of each view. All threads work on one view, so that the features of
+/// one at a time are held.
+fn measure_lpips(
+    network: &LpipsNetwork,
+    renderer: &mut Renderer,
+    views: &[View],
     background: Background,
-    gaussians: usize,
-    /// What measured LPIPS.
-    network: Option<String>,
-    views: Vec<Seen>,
-    relit: Vec<Relit>,
+    evaluated: &mut [EvaluatedView],
+) -> Result<(), Failure> {
+    let work = progress::work("LPIPS", views.len() as u64);
+    for (index, (view, evaluated)) in views.iter().zip(evaluated).enumerate() {
+        let distance = network.distance(view, &renderer.view(&view.camera)?, background.0).map_err(|error| {
+            Failure::Input(format!(
+                "{error}; leave --lpips out, or measure larger pictures with -r 1 if nothing of these reaches the last \
+                 layer"
+            ))
+        })?;
+        evaluated.measures.values[LPIPS] = Some(distance);
+        work.done(index as u64 + 1, String::new);
+    }
+    work.finish();
+    Ok(())
 }
 
-impl Findings {
-    fn measured(&self) -> Vec<Measured> {
-        self.views.iter().map(|view| view.measured.clone()).collect()
-    }
-
-    /// What else `results.json` says.
-    fn facts(&self) -> Map<String, Value> {
-        let mut facts = relit::facts(&self.relit);
-        facts.extend(self.network.iter().map(|network| ("LPIPS_network".to_owned(), network.as_str().into())));
-        facts
-    }
-
-    fn say(&self, as_json: bool, page: Option<&Path>) -> Result<(), Failure> {
-        let measured = self.measured();
-        if as_json {
-            let mut report = quality::report(&measured);
-            if let Some(network) = &self.network {
-                report["LPIPS_network"] = network.as_str().into();
-            }
-            if !self.relit.is_empty() {
-                report["relit"] = self.relit.iter().map(Relit::for_programs).collect::<Vec<Value>>().into();
-            }
-            return output::say_json(&report);
+/// Measures a scene under every light of its data set with ground truth of these views.
+fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View]) -> Result<Vec<RelitScene>, Failure> {
+    let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
+    let background = background_of(opened, args.background);
+    let found = orientation::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
+    let up = found.map_or(Vec3::Z, |found| orientation::up(&found));
+    let measured = |(light, folder): (PathBuf, PathBuf)| {
+        let truth = GroundTruth::read(&folder, &cameras)?;
+        let mut scene = opened.scene.clone();
+        relight(&mut scene, &light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, up)?;
+        let mut renderer = Renderer::new(scene, Channels::Color, &args.machine)?;
+        let work = progress::work("relighting", views.len() as u64);
+        let mut pairs = Vec::new();
+        for (index, (_, camera)) in cameras.iter().enumerate().filter(|(index, _)| truth.has(*index)) {
+            pairs.extend(truth.pair(index, &renderer.view(camera)?));
+            work.done(index as u64 + 1, String::new);
         }
-        let line = quality::line(&quality::means(&measured));
-        output::say(&format!("{line}  ({} {} views)", measured.len(), self.split.name()))?;
-        self.relit.iter().try_for_each(|relit| output::say(&relit.line()))?;
-        page.map_or(Ok(()), |folder| output::say(&format!("Page: {}", page::at(folder).display())))
-    }
+        work.finish();
+        let quality = RelightingQuality::of(&pairs, background.0);
+        Ok(RelitScene { light: output::stem(&light), views: pairs.len(), quality })
+    };
+    evaluation::lights(source).into_iter().map(measured).collect()
 }
 
-/// What the results are filed under: `ours_N`, and everything in which they are not those of `specula eval MODEL`.
+/// Key of the results: `ours_N`, followed by every difference from `specula eval MODEL`.
 fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
-    let mut words = vec![model_folder::method_of(opened.iteration?)];
-    let usual = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
-    words.extend(args.resolution.filter(|resolution| *resolution != usual).map(|resolution| format!("r{resolution}")));
-    words.extend(differences(opened, &args.machine, args.background.map(Backdrop::Color), args.profile));
-    words.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
+    let mut parts = vec![model_folder::method_of(opened.iteration?)];
+    let default = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
+    parts
+        .extend(args.resolution.filter(|resolution| *resolution != default).map(|resolution| format!("r{resolution}")));
+    parts.extend(differences(opened, &args.machine, args.background.map(Backdrop::Color), args.profile));
+    parts.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
         let name = fs::canonicalize(source).unwrap_or_else(|_| source.to_owned());
         format!("of-{}", name.file_name().unwrap_or_default().to_string_lossy())
     }));
-    Some(words.join("_"))
+    Some(parts.join("_"))
 }
 
-/// Whether a data set is another than that of the training; one that was moved is the same.
+/// Whether a data set differs from that of the training. One that was moved cannot be told apart.
 fn is_other_source(source: &Path, opened: &OpenedModel) -> bool {
     let trained_on = opened.info.as_ref().and_then(|info| fs::canonicalize(&info.source_path).ok());
     trained_on.is_some_and(|trained_on| fs::canonicalize(source).is_ok_and(|source| source != trained_on))
 }
 
-/// Where the page goes: where it was asked for, else beside the pictures of `specula render`.
-fn page_of(args: &Eval, place: Option<&(PathBuf, String)>) -> Option<PathBuf> {
-    let usual = || place.map(|(folder, method)| folder.join(args.split.name()).join(method));
-    args.output.clone().or_else(usual)
+/// Folder of the page: the requested one, else that of the pictures of `specula render`.
+fn page_folder(args: &Eval, results: Option<&(PathBuf, String)>) -> Option<PathBuf> {
+    let default = || results.map(|(folder, method)| folder.join(args.split.name()).join(method));
+    args.output.clone().or_else(default)
 }
 
 fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {

@@ -72,6 +72,19 @@ impl From<CpuError> for Failure {
     }
 }
 
+impl From<specula_report::Error> for Failure {
+    fn from(error: specula_report::Error) -> Self {
+        use specula_report::Error;
+        match error {
+            Error::File(error) => error.into(),
+            Error::Cpu(error) => error.into(),
+            Error::Scene(error) => error.into(),
+            Error::Input(sentence) => Self::Input(sentence),
+            error @ (Error::Plot(_) | Error::Page(_)) => Self::Internal(error.to_string()),
+        }
+    }
+}
+
 #[cfg(feature = "gpu")]
 impl From<GpuError> for Failure {
     fn from(error: GpuError) -> Self {

@@ -121,7 +121,7 @@ impl Place {
     }
 }
 
-/// Whether a file is named as [`crate::quality::picture_name`] names pictures.
+/// Whether a file is named as [`specula_report::measure::picture_name`] names pictures.
 fn is_numbered(path: &Path) -> bool {
     let stem = stem(path);
     path.extension().is_some_and(|ending| ending == "png")

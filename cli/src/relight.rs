@@ -9,7 +9,6 @@ use crate::{
     place::{Place, differences, light_differences},
     render::{Job, behind},
     scene::{self, relight},
-    truth::{Truths, fit_and_measure},
 };
 use glam::Vec3;
 use specula_core::scene::Environment;
@@ -17,6 +16,7 @@ use specula_io::{
     latlong::{self, Stand},
     picture,
 };
+use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::Layer;
 use std::path::Path;
 
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
     let tour = Tour::choose(&args.look, &opened)?;
-    let truths = args.truth.as_deref().map(|folder| Truths::read(folder, &tour.cameras)).transpose()?;
+    let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &tour.cameras)).transpose()?;
     let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
     let map = relight(&mut opened.scene, &args.env, &args.env_options, above)?;
     let Look { background, showing, .. } = &args.look;
@@ -54,9 +54,9 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     if truths.is_none() {
         return output::say(&place.folder.display().to_string());
     }
-    let measured = fit_and_measure(&pairs, behind.color());
+    let measured = RelightingQuality::of(&pairs, behind.color().0);
     if args.json {
-        return output::say_json(&measured.for_programs(pairs.len()));
+        return output::say_json(&measured.to_json(pairs.len()));
     }
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
 }

@@ -9,7 +9,6 @@ use crate::{
     orientation, output,
     place::{Place, differences, light_differences, refuse_options_without_light},
     progress,
-    quality::picture_name,
     relight::write_light,
     scene::{self, background_of, note_oddities, relight},
     within::within,
@@ -27,6 +26,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
+use specula_report::measure::picture_name;
 use specula_scene::{ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, overlap};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;

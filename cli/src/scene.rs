@@ -6,7 +6,6 @@ use crate::{
     failure::Failure,
     output,
     progress::Work,
-    quality::{FITTED, Measured},
 };
 use glam::Vec3;
 use specula_accuracy::subject::Subject;
@@ -21,6 +20,7 @@ use specula_io::{
     latlong::{self, LatLong},
     model_folder::{self, Model},
 };
+use specula_report::measure::{PSNR_FITTED, ViewMeasures};
 use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, environment::fitting};
 use specula_train::{
     evaluate::{fitted_psnr, measure_view},
@@ -142,15 +142,15 @@ impl Renderer {
         Ok(self.0.render(camera)?)
     }
 
-    /// Measures every view ([`measure`]).
+    /// Measures every view ([`measure_views`]).
     pub(crate) fn measure(
         &mut self,
         views: &[View],
         background: Background,
         is_exposed: bool,
         work: &Work,
-    ) -> Result<Vec<Measured>, Failure> {
-        measure(&mut self.0, views, background, is_exposed, work)
+    ) -> Result<Vec<ViewMeasures>, Failure> {
+        measure_views(&mut self.0, views, background, is_exposed, work)
     }
 
     /// Applies `make` to every view and its picture ([`SceneRenderer::render_views`]).
@@ -165,17 +165,17 @@ impl Renderer {
 }
 
 /// Measures every view; once more after the exposure that fits it best, if `is_exposed`.
-pub(crate) fn measure(
+pub(crate) fn measure_views(
     renderer: &mut SceneRenderer,
     views: &[View],
     background: Background,
     is_exposed: bool,
     work: &Work,
-) -> Result<Vec<Measured>, Failure> {
+) -> Result<Vec<ViewMeasures>, Failure> {
     let progress = |done| work.done(done as u64, String::new);
     renderer.render_views(views, progress, |view, image| {
-        let mut measured: Measured = measure_view(image, view, background.0).into();
-        measured.values[FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        let mut measured: ViewMeasures = measure_view(image, view, background.0).into();
+        measured.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
         Ok(measured)
     })
 }

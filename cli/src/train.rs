@@ -11,8 +11,7 @@ use crate::{
     foreground, interrupt,
     lock::Lock,
     orientation, output, progress,
-    quality::{self, Measured},
-    scene::{Renderer, measure},
+    scene::{Renderer, measure_views},
     settings,
     view::{self, Shown, Source, Watching, live::Live},
     within::{Within, within},
@@ -28,6 +27,7 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
+use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{RenderOptions, Scene, SceneRenderer};
 use specula_train::{
     profile::Profile,
@@ -383,7 +383,7 @@ fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Vi
             )
         })?;
         save_quality(&args.model_path, iteration, training.seconds(), count, &measured)?;
-        tracing::info!("iteration {iteration}: {}", quality::line(&quality::means(&measured)));
+        tracing::info!("iteration {iteration}: {}", measure::summary(&measure::means(&measured)));
     }
     Ok(())
 }
@@ -462,7 +462,7 @@ fn finish(
     };
     let test = views.test;
     let work = progress::work("measuring", test.len() as u64);
-    let measured = measure(&mut renderer, test, views.background, training.exposures().is_some(), &work)?;
+    let measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
     if let Some(within) = &within {
         let report = within.report();
@@ -470,7 +470,7 @@ fn finish(
         save_certificate(args, &mut info, format!("{}; {report}", within.certificate()))?;
     }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
-    output::say(&format!("{}  ({} test views; {facts})", quality::line(&quality::means(&measured)), test.len()))?;
+    output::say(&format!("{}  ({} test views; {facts})", measure::summary(&measure::means(&measured)), test.len()))?;
     tracing::info!("{}", next(args, is_lit));
     Ok(())
 }
@@ -517,9 +517,9 @@ fn save_quality(
     iteration: u32,
     seconds: f64,
     gaussians: usize,
-    measured: &[Measured],
+    measured: &[ViewMeasures],
 ) -> Result<(), Failure> {
-    let quality = quality::for_files(measured);
+    let quality = measure::quality(measured);
     model_folder::save_quality(folder, &method_of(iteration), &quality)?;
     Ok(model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)?)
 }

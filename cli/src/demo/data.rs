@@ -1,4 +1,4 @@
-//! The scene that comes with the program.
+//! Data set of the demo, inside the program.
 
 use crate::{failure::Failure, output};
 use include_dir::{Dir, include_dir};
@@ -6,10 +6,7 @@ use std::path::Path;
 
 static DATA: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/data/demo");
 
-/// Lights that the scene can be put under.
-pub(super) const LIGHTS: [&str; 2] = ["forest", "sunset"];
-
-/// Writes the files of the scene to a folder, as a data set.
+/// Writes the data set to a folder.
 pub(super) fn unpack(folder: &Path) -> Result<(), Failure> {
     unpack_all(&DATA, folder)
 }
@@ -24,6 +21,7 @@ fn unpack_all(from: &Dir<'_>, folder: &Path) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_report::demo::LIGHTS;
 
     #[test]
     fn the_scene_is_small() {

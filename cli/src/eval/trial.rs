@@ -1,46 +1,52 @@
-//! A network is a program that somebody wrote: it may run for ever, or ask for any memory, before it has seen a view. So it
-//! is read and run over the pictures of its check in a process of its own first, which may take so much and no more.
+//! Trial of a network for LPIPS in a process with limits on time and memory. A network is a
+//! program: one from a stranger may run for ever, or allocate any amount of memory, before it has
+//! seen a view.
 
-use crate::{args::TryNetwork, eval::lpips::Judge, failure::Failure};
+use crate::{args::TryNetwork, failure::Failure};
+use specula_report::lpips::LpipsNetwork;
 use std::{
     fs,
     path::Path,
     process::{Command, Output, Stdio},
 };
 
-/// Seconds of a processor for a network of ten megabytes; larger ones have a second more for each megabyte. VGG takes one.
+/// CPU seconds for a network of at most [`BYTES_FREE`]; VGG takes one.
 const SECONDS: u64 = 10;
-const SECONDS_OF_BYTES: u64 = 10_000_000;
-const BYTES_A_SECOND: u64 = 1_000_000;
-/// Addresses that the process may have, the program itself included, and for each byte of the file.
+/// Bytes of a network beyond which it has more time.
+const BYTES_FREE: u64 = 10_000_000;
+/// Bytes beyond [`BYTES_FREE`] for which it has one more second.
+const BYTES_PER_SECOND: u64 = 1_000_000;
+/// Bytes of address space for the program.
 const MEMORY: u64 = 1 << 30;
-const MEMORY_OF_BYTE: u64 = 16;
-/// The same for a view: VGG holds 64 numbers of a pixel a few times over, and multiplies as often as a
-/// slow core does in a minute.
-const SECONDS_OF_MEGAPIXEL: u64 = 120;
-const MEMORY_OF_PIXEL: u64 = 6 << 10;
-/// Sets limits, where the system has them, and becomes the program.
+/// Bytes of address space per byte of the file.
+const MEMORY_PER_BYTE: u64 = 16;
+/// CPU seconds per megapixel of a view; a slow core takes a minute with VGG.
+const SECONDS_PER_MEGAPIXEL: u64 = 120;
+/// Bytes of address space per pixel of a view; VGG holds several copies of 64 numbers.
+const MEMORY_PER_PIXEL: u64 = 6 << 10;
+/// Shell script that sets limits, where the system has them, and becomes the program.
 const LIMITED: &str = "ulimit -c 0; ulimit -t $0; ulimit -v $1 2>/dev/null; shift; exec \"$@\"";
-/// The runtime's threads, each of which would take addresses.
+/// Variable of the runtime's number of threads, each of which takes address space.
 const THREADS: &str = "RTEN_NUM_THREADS";
 
-/// Reads a network in this process, which is one of its own.
+/// Reads a network in this process, which has limits, and compares two pictures.
 pub(crate) fn run(args: &TryNetwork) -> Result<(), Failure> {
-    let judge = Judge::trusted(&args.network)?;
+    let network = LpipsNetwork::read(&args.network)?;
     if let [width, height] = args.size[..] {
-        judge.try_size([width, height]);
+        network.try_size([width, height]);
     }
     Ok(())
 }
 
-/// Tries within bounds whether a network can be read, and compares pictures of this width and height.
+/// Tries in a process with limits to read a network and to compare pictures of this width and
+/// height.
 pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
     let len = fs::metadata(path).map_or(0, |file| file.len());
     let pixels = size.into_iter().map(u64::from).product::<u64>();
     let seconds = SECONDS
-        + len.saturating_sub(SECONDS_OF_BYTES) / BYTES_A_SECOND
-        + pixels.saturating_mul(SECONDS_OF_MEGAPIXEL) / 1_000_000;
-    let memory = MEMORY + len.saturating_mul(MEMORY_OF_BYTE) + pixels.saturating_mul(MEMORY_OF_PIXEL);
+        + len.saturating_sub(BYTES_FREE) / BYTES_PER_SECOND
+        + pixels.saturating_mul(SECONDS_PER_MEGAPIXEL) / 1_000_000;
+    let memory = MEMORY + len.saturating_mul(MEMORY_PER_BYTE) + pixels.saturating_mul(MEMORY_PER_PIXEL);
     let output = output_of(path, size, seconds, memory)
         .map_err(|error| Failure::Internal(format!("cannot try {path:?} in a process of its own: {error}")))?;
     match output.status.code() {
@@ -68,7 +74,7 @@ fn output_of(path: &Path, [width, height]: [u32; 2], seconds: u64, memory: u64) 
     command.args(["--size", &width.to_string(), &height.to_string()]).env(THREADS, "1").stdin(Stdio::null()).output()
 }
 
-/// Sentence of the other process.
+/// Error message of the other process.
 fn sentence(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr);
     let line = text.lines().last().unwrap_or_default();

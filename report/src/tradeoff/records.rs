@@ -1,7 +1,6 @@
-//! Everything that was measured, a line of JSON each.
+//! Every measurement as a line of JSON.
 
-use super::{Findings, Measured};
-use crate::{failure::Failure, output};
+use crate::tradeoff::findings::{Findings, MeasuredSetting};
 use serde_json::{Map, Value, json};
 use specula_accuracy::{
     error::Errors,
@@ -11,17 +10,16 @@ use specula_accuracy::{
     stability::{PROMISES, Row},
     trial::{STAGES, Spread},
 };
-use std::path::Path;
 
-/// Writes `report.jsonl`.
-pub(super) fn write(path: &Path, findings: &Findings) -> Result<(), Failure> {
-    let settings = findings.measured.iter().map(|own| of_setting(own, findings));
-    let lines = core::iter::once(of_scene(findings)).chain(settings).chain(findings.stability.iter().map(of_row));
-    let lines = lines.chain(findings.off_axis.iter().map(of_angle)).chain(of_orders(&findings.sort));
-    output::write_text(path, &lines.map(|line| format!("{line}\n")).collect::<String>())
+/// Text of `report.jsonl`.
+pub fn records(findings: &Findings) -> String {
+    let settings = findings.measured.iter().map(|measured| setting(measured, findings));
+    let lines = core::iter::once(scene(findings)).chain(settings).chain(findings.stability.iter().map(stability));
+    let lines = lines.chain(findings.off_axis.iter().map(off_axis)).chain(orders(&findings.sort));
+    lines.map(|line| format!("{line}\n")).collect()
 }
 
-fn of_scene(findings: &Findings) -> Value {
+fn scene(findings: &Findings) -> Value {
     json!({
         "kind": "scene",
         "scene": findings.scene,
@@ -35,20 +33,20 @@ fn of_scene(findings: &Findings) -> Value {
     })
 }
 
-fn of_setting(own: &Measured, findings: &Findings) -> Value {
-    let knobs: Map<String, Value> =
-        own.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
+fn setting(measured: &MeasuredSetting, findings: &Findings) -> Value {
+    let parameters: Map<String, Value> =
+        measured.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
     let times: Map<String, Value> =
-        STAGES.iter().zip(own.times).map(|(stage, times)| ((*stage).to_owned(), of_spread(times))).collect();
-    let work = own.work;
+        STAGES.iter().zip(measured.times).map(|(stage, times)| ((*stage).to_owned(), spread(times))).collect();
+    let work = measured.work;
     json!({
         "kind": "setting",
-        "knobs": knobs,
-        "turned": own.knob.map(|knob| KNOBS[knob].name),
-        "is_usual": own.setting == findings.usual,
-        "error": of_errors(&own.errors),
+        "knobs": parameters,
+        "turned": measured.parameter.map(|parameter| KNOBS[parameter].name),
+        "is_usual": measured.setting == findings.default,
+        "error": errors_to_json(&measured.errors),
         "milliseconds": times,
-        "filter_milliseconds": own.filter,
+        "filter_milliseconds": measured.filter,
         "work": {
             "intersections": work.intersections, "pairs": work.pairs,
             "pairs_in_perspective": work.pairs_in_perspective, "perspectives": work.perspectives, "texel_reads": work.texel_reads,
@@ -58,7 +56,7 @@ fn of_setting(own: &Measured, findings: &Findings) -> Value {
     })
 }
 
-fn of_errors(errors: &Errors) -> Value {
+fn errors_to_json(errors: &Errors) -> Value {
     json!({
         "max": errors.max, "rms": errors.rms, "relative_l2": errors.relative,
         "psnr": if errors.psnr.is_finite() { json!(errors.psnr) } else { Value::Null },
@@ -67,36 +65,36 @@ fn of_errors(errors: &Errors) -> Value {
     })
 }
 
-fn of_spread(times: Spread) -> Value {
+fn spread(times: Spread) -> Value {
     json!({"min": times.min, "median": times.median, "iqr": times.iqr})
 }
 
-/// Against an order for each pixel.
-fn of_orders(sort: &Sort) -> impl Iterator<Item = Value> {
+/// Errors against an order per pixel.
+fn orders(sort: &Sort) -> impl Iterator<Item = Value> {
     sort.orders.iter().map(|(order, errors)| {
         json!({
             "kind": "sort",
             "by": order,
             "tiles": sort.tiles,
             "size": sort.size,
-            "error": of_errors(errors),
+            "error": errors_to_json(errors),
             "renderers_apart": sort.apart,
         })
     })
 }
 
-fn of_angle(own: &OffAxis) -> Value {
+fn off_axis(errors: &OffAxis) -> Value {
     json!({
         "kind": "off axis",
-        "shape": own.shape,
-        "degrees": own.degrees,
-        "scale": own.scale,
-        "affine": own.affine,
-        "tangent": own.tangent,
+        "shape": errors.shape,
+        "degrees": errors.degrees,
+        "scale": errors.scale,
+        "affine": errors.affine,
+        "tangent": errors.tangent,
     })
 }
 
-fn of_row(row: &Row) -> Value {
+fn stability(row: &Row) -> Value {
     let number = |value: f64| if value.is_finite() { json!(value) } else { json!("infinite") };
     let values: Map<String, Value> =
         PROMISES.iter().zip(row.values()).map(|((name, _), value)| ((*name).to_owned(), number(value))).collect();

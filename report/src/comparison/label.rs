@@ -1,23 +1,24 @@
-//! What runs are called in a table: their profile, and in what else they differ.
+//! Labels of runs in a table: the profile, and the settings in which runs differ.
 
-use super::run::Run;
+use crate::comparison::run::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Settings that say where something is or how it is computed, not what comes out.
-const NOT_TOLD: [&str; 6] =
+/// Settings of paths and of the execution, which do not change the result.
+const NOT_SHOWN: [&str; 6] =
     ["source-path", "executor", "checkpoint-every", "save-iterations", "test-iterations", "profile"];
 
-/// A name for each run, the same for the same kind of run in several scenes; different ones within a scene.
+/// Label of each run: equal for runs with equal settings in several scenes, distinct within a
+/// scene.
 pub(super) fn labels(runs: &[Run]) -> Vec<String> {
     let profiles: Vec<String> = runs.iter().map(|run| run.profile.clone()).collect();
     let differing = differing(runs);
-    let told: Vec<String> = runs.iter().map(|run| told(run, &differing)).collect();
+    let with_settings: Vec<String> = runs.iter().map(|run| profile_and_settings(run, &differing)).collect();
     let folders = runs.iter().map(|run| run.folder.display().to_string()).collect();
-    [profiles, told].into_iter().find(|labels| are_apart(runs, labels)).unwrap_or(folders)
+    [profiles, with_settings].into_iter().find(|labels| are_distinct(runs, labels)).unwrap_or(folders)
 }
 
-/// Whether no scene has a label twice.
-fn are_apart(runs: &[Run], labels: &[String]) -> bool {
+/// Whether no label occurs twice in a scene.
+fn are_distinct(runs: &[Run], labels: &[String]) -> bool {
     let mut seen = BTreeSet::new();
     runs.iter().zip(labels).all(|(run, label)| seen.insert((&run.scene, label)))
 }
@@ -33,16 +34,16 @@ fn differing(runs: &[Run]) -> Vec<String> {
         groups.values().any(in_group)
     };
     let keys: BTreeSet<&String> = runs.iter().flat_map(|run| run.settings.keys()).collect();
-    keys.into_iter().filter(|key| !NOT_TOLD.contains(&key.as_str()) && differ(key)).cloned().collect()
+    keys.into_iter().filter(|key| !NOT_SHOWN.contains(&key.as_str()) && differ(key)).cloned().collect()
 }
 
-/// The profile with these settings as they are typed.
-fn told(run: &Run, keys: &[String]) -> String {
-    let word = |key: &String| match run.settings.get(key)? {
+/// Profile followed by these settings as they are typed.
+fn profile_and_settings(run: &Run, keys: &[String]) -> String {
+    let setting = |key: &String| match run.settings.get(key)? {
         toml::Value::Boolean(is_on) => is_on.then(|| key.clone()),
         toml::Value::String(text) => Some(format!("{key} {text}")),
         other => Some(format!("{key} {other}")),
     };
-    let words: Vec<String> = keys.iter().filter_map(word).collect();
-    if words.is_empty() { run.profile.clone() } else { format!("{}, {}", run.profile, words.join(", ")) }
+    let settings: Vec<String> = keys.iter().filter_map(setting).collect();
+    if settings.is_empty() { run.profile.clone() } else { format!("{}, {}", run.profile, settings.join(", ")) }
 }

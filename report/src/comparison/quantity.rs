@@ -1,0 +1,124 @@
+//! Columns of a table: measures, conditions and sizes of runs.
+
+use crate::{
+    comparison::run::{CONDITIONS, Run},
+    measure::{LPIPS, MAE, MEASURES, Measure, PSNR, PSNR_FITTED},
+    number::group_digits,
+};
+
+/// Quantity of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Quantity {
+    /// Measure with this index in [`MEASURES`].
+    Measure(usize),
+    /// PSNR under other lights, as rendered or after scaling.
+    Relit { is_scaled: bool },
+    /// Condition of the training with this index in [`CONDITIONS`]; shown only if unequal.
+    Condition(usize),
+    /// Number of Gaussians.
+    Gaussians,
+    /// Time of the training in seconds.
+    Seconds,
+    /// Size in megabytes.
+    Size,
+}
+
+impl Quantity {
+    /// Every quantity, in the order of columns.
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        let measures = (0..MEASURES.len()).map(Self::Measure);
+        let relit = [false, true].map(|is_scaled| Self::Relit { is_scaled });
+        let conditions = (0..CONDITIONS.len()).map(Self::Condition);
+        measures.chain(relit).chain(conditions).chain([Self::Gaussians, Self::Seconds, Self::Size])
+    }
+
+    /// Value of a run; none if unknown.
+    pub(super) fn value(self, run: &Run) -> Option<f64> {
+        match self {
+            Self::Measure(index) => run.measured[index],
+            Self::Relit { is_scaled } => run.relit[usize::from(is_scaled)],
+            Self::Condition(index) => run.conditions[index],
+            Self::Gaussians => run.gaussians,
+            Self::Seconds => run.seconds,
+            Self::Size => run.megabytes,
+        }
+    }
+
+    /// Format and direction of quality; none for quantities without better values.
+    pub(super) fn measure(self) -> Option<Measure> {
+        match self {
+            Self::Measure(index) => Some(MEASURES[index]),
+            Self::Relit { is_scaled: false } => Some(Measure { label: "relit PSNR", ..MEASURES[PSNR] }),
+            Self::Relit { is_scaled: true } => Some(Measure { label: "relit PSNR, scaled", ..MEASURES[PSNR] }),
+            Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => None,
+        }
+    }
+
+    /// Label and unit.
+    pub(super) fn label(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Condition(index) => (CONDITIONS[index].label, ""),
+            Self::Gaussians => ("Gaussians", ""),
+            Self::Seconds => ("training", "s"),
+            Self::Size => ("size", "MB"),
+            Self::Measure(_) | Self::Relit { .. } => {
+                self.measure().map_or(("", ""), |measure| (measure.label, measure.unit.trim()))
+            }
+        }
+    }
+
+    /// Value as text.
+    pub(super) fn format(self, value: f64) -> String {
+        match self.measure() {
+            Some(measure) => measure.format(value),
+            None if self == Self::Size => format!("{value:.1}"),
+            None => group_digits(value.round() as usize),
+        }
+    }
+
+    /// Whether a table has a column for it.
+    pub(super) fn is_shown(self, runs: &[Run]) -> bool {
+        let is_known = runs.iter().any(|run| self.value(run).is_some());
+        let first = |run: &Run| runs.iter().find(|first| first.scene == run.scene);
+        let is_unequal = || runs.iter().any(|run| first(run).is_some_and(|first| self.differs(first, run)));
+        is_known && (!matches!(self, Self::Condition(_)) || is_unequal())
+    }
+
+    /// Whether two runs have different values; false if one is unknown.
+    pub(super) fn differs(self, one: &Run, other: &Run) -> bool {
+        matches!([self.value(one), self.value(other)], [Some(a), Some(b)] if a != b)
+    }
+
+    /// Whether a run lacks a measure that could be taken: another run has it, of the same scene
+    /// where ground truth of normals or of other lights is needed.
+    pub(super) fn is_missing(self, run: &Run, runs: &[Run]) -> bool {
+        let is_measurable = match self {
+            Self::Relit { is_scaled } => run.is_shaded && !is_scaled,
+            Self::Measure(_) => true,
+            Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => false,
+        };
+        let needs_truth = matches!(self, Self::Measure(MAE) | Self::Relit { .. });
+        let mut others = runs.iter().filter(|other| !needs_truth || other.scene == run.scene);
+        self.value(run).is_none() && is_measurable && others.any(|other| self.value(other).is_some())
+    }
+
+    /// Kind of measurement that takes it.
+    pub(super) fn measurement(self) -> Measurement {
+        match self {
+            Self::Measure(LPIPS) => Measurement::Lpips,
+            Self::Measure(PSNR_FITTED) => Measurement::FittedExposure,
+            _ => Measurement::Standard,
+        }
+    }
+}
+
+/// Kind of measurement that takes a missing measure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measurement {
+    /// Measurement without further input.
+    Standard,
+    /// Measurement with a network for LPIPS.
+    Lpips,
+    /// Measurement after the exposure that fits each view.
+    FittedExposure,
+}

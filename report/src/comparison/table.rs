@@ -1,0 +1,122 @@
+//! Tables of runs, with the best of each column.
+
+use crate::comparison::{comparability::differences_in, quantity::Quantity, run::Run};
+use std::collections::BTreeSet;
+
+/// Head of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Head {
+    pub(super) label: String,
+    pub(super) unit: &'static str,
+    /// Direction of better values; none where no value is better.
+    pub(super) higher_is_better: Option<bool>,
+}
+
+impl Head {
+    fn plain(label: &str) -> Self {
+        Self { label: label.into(), unit: "", higher_is_better: None }
+    }
+
+    fn of(quantity: Quantity) -> Self {
+        let (label, unit) = quantity.label();
+        let higher_is_better = quantity.measure().map(|measure| measure.higher_is_better);
+        Self { label: label.into(), unit, higher_is_better }
+    }
+}
+
+/// Number of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Cell {
+    pub(super) value: f64,
+    pub(super) text: String,
+    pub(super) is_best: bool,
+}
+
+impl Cell {
+    fn new(quantity: Quantity, value: f64) -> Self {
+        Self { value, text: quantity.format(value), is_best: false }
+    }
+}
+
+/// Row of a table: its label, and a cell for each further column.
+type Row = (String, Vec<Option<Cell>>);
+
+/// Table, or a part of one.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Table {
+    /// Quantity of a table of several scenes; none where each column has its own.
+    pub(super) title: Option<Head>,
+    /// Heads of the columns, first that of the labels.
+    pub(super) heads: Vec<Head>,
+    pub(super) rows: Vec<Row>,
+}
+
+/// Table of all quantities of one scene; or a table of all scenes for each quantity.
+pub(super) fn tables(runs: &[Run], labels: &[String]) -> Vec<Table> {
+    let scenes = scenes(runs);
+    let shown = || Quantity::all().filter(|quantity| quantity.is_shown(runs));
+    match scenes.as_slice() {
+        [scene] => vec![table_of_scene(scene, &shown().collect::<Vec<_>>(), runs, labels)],
+        scenes => shown().map(|quantity| table_of_quantity(quantity, scenes, runs, labels)).collect(),
+    }
+}
+
+/// Scenes in the order of their first runs.
+pub(super) fn scenes(runs: &[Run]) -> Vec<&str> {
+    distinct(runs.iter().map(|run| run.scene.as_str()))
+}
+
+fn table_of_scene(scene: &str, quantities: &[Quantity], runs: &[Run], labels: &[String]) -> Table {
+    let cell = |quantity: &Quantity, run: &Run| quantity.value(run).map(|value| Cell::new(*quantity, value));
+    let row = |run: &Run| quantities.iter().map(|quantity| cell(quantity, run)).collect();
+    let mut rows: Vec<Row> = labels.iter().cloned().zip(runs.iter().map(row)).collect();
+    if is_comparable(scene, runs) && runs.iter().all(|run| run.unmeasured.is_none()) {
+        quantities.iter().enumerate().for_each(|(column, quantity)| mark_best(&mut rows, column, *quantity));
+    }
+    let heads = core::iter::once(Head::plain(scene)).chain(quantities.iter().copied().map(Head::of)).collect();
+    Table { title: None, heads, rows }
+}
+
+fn table_of_quantity(quantity: Quantity, scenes: &[&str], runs: &[Run], labels: &[String]) -> Table {
+    let value = |label: &str, scene: &str| {
+        let mut matching = runs.iter().zip(labels).filter(|(run, own)| run.scene == scene && *own == label);
+        matching.next().and_then(|(run, _)| quantity.value(run))
+    };
+    let row = |label: &str| {
+        let values: Vec<Option<f64>> = scenes.iter().map(|scene| value(label, scene)).collect();
+        let complete: Option<Vec<f64>> = values.iter().copied().collect();
+        let mean = complete.map(|values| values.iter().sum::<f64>() / values.len() as f64);
+        let cells = values.into_iter().chain([mean]).map(|value| value.map(|value| Cell::new(quantity, value)));
+        (label.to_owned(), cells.collect())
+    };
+    let mut rows: Vec<Row> = distinct(labels.iter().map(String::as_str)).into_iter().map(row).collect();
+    for (column, _) in scenes.iter().enumerate().filter(|(_, scene)| is_comparable(scene, runs)) {
+        mark_best(&mut rows, column, quantity);
+    }
+    if scenes.iter().all(|scene| is_comparable(scene, runs)) {
+        mark_best(&mut rows, scenes.len(), quantity);
+    }
+    let heads = ["method"].iter().chain(scenes).chain(&["mean"]).map(|label| Head::plain(label)).collect();
+    Table { title: Some(Head::of(quantity)), heads, rows }
+}
+
+fn is_comparable(scene: &str, runs: &[Run]) -> bool {
+    differences_in(scene, runs).is_empty()
+}
+
+/// Distinct elements in the order of their first occurrence.
+fn distinct<'a>(all: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut seen = BTreeSet::new();
+    all.filter(|one| seen.insert(*one)).collect()
+}
+
+/// Marks the best of several cells of a column, and those with equal text.
+fn mark_best(rows: &mut [Row], column: usize, quantity: Quantity) {
+    let Some(measure) = quantity.measure() else { return };
+    let cells = || rows.iter().filter_map(|(_, cells)| cells[column].as_ref());
+    let best = cells().max_by(|one, other| measure.goodness(one.value).total_cmp(&measure.goodness(other.value)));
+    let Some(best) = best.filter(|_| cells().count() > 1).map(|cell| cell.text.clone()) else { return };
+    for cell in rows.iter_mut().filter_map(|(_, cells)| cells[column].as_mut()) {
+        cell.is_best = cell.text == best;
+    }
+}

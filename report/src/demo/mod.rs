@@ -1,0 +1,7 @@
+//! Pictures and page of the demo scene: its two trainings, layers, light, and relit views.
+
+mod page;
+mod pictures;
+
+pub use page::page;
+pub use pictures::{LIGHTS, Pictures};

@@ -1,0 +1,69 @@
+//! Results of an evaluation.
+
+use crate::{
+    evaluation::{
+        relit::{self, RelitScene},
+        view::EvaluatedView,
+    },
+    measure::{self, ViewMeasures},
+};
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// Key of the network of LPIPS in `results.json`.
+const LPIPS_NETWORK: &str = "LPIPS_network";
+
+/// Results of an evaluation, and its conditions.
+#[derive(Debug)]
+pub struct Evaluation {
+    /// Folder of the model, or PLY file.
+    pub scene: PathBuf,
+    /// Key of the results in `results.json`; none for a PLY file.
+    pub method: Option<String>,
+    /// Name of the set of views: test, train or all.
+    pub split: &'static str,
+    /// Background, sRGB from 0 to 1.
+    pub background: [f32; 3],
+    /// Number of Gaussians.
+    pub gaussians: usize,
+    /// Name of the network that measured LPIPS.
+    pub lpips_network: Option<String>,
+    /// Views with their measures.
+    pub views: Vec<EvaluatedView>,
+    /// Results under other lights.
+    pub relit: Vec<RelitScene>,
+}
+
+impl Evaluation {
+    /// Measures of each view.
+    pub fn measures(&self) -> Vec<ViewMeasures> {
+        self.views.iter().map(|view| view.measures.clone()).collect()
+    }
+
+    /// Further entries of `results.json`: mean PSNR under other lights, network of LPIPS.
+    pub fn facts(&self) -> Map<String, Value> {
+        let mut facts = relit::means(&self.relit);
+        facts.extend(self.lpips_network.iter().map(|network| (LPIPS_NETWORK.to_owned(), network.as_str().into())));
+        facts
+    }
+
+    /// JSON object of all results.
+    pub fn to_json(&self) -> Value {
+        let mut report = measure::json_of_views(&self.measures());
+        if let Some(network) = &self.lpips_network {
+            report[LPIPS_NETWORK] = network.as_str().into();
+        }
+        if !self.relit.is_empty() {
+            report["relit"] = self.relit.iter().map(RelitScene::to_json).collect::<Vec<Value>>().into();
+        }
+        report
+    }
+
+    /// Lines of text: means, then a line for each other light.
+    pub fn summary(&self) -> String {
+        let means = measure::summary(&measure::means(&self.measures()));
+        let first = format!("{means}  ({} {} views)", self.views.len(), self.split);
+        let lines = core::iter::once(first).chain(self.relit.iter().map(RelitScene::summary));
+        lines.collect::<Vec<_>>().join("\n")
+    }
+}

@@ -1,0 +1,31 @@
+//! Measures of trained models and everything that reports them: tables for papers, plots, pages,
+//! and the files that the field's scripts read.
+//!
+//! | module | report |
+//! |---|---|
+//! | [`measure`] | list of measures, `results.json` and `per_view.json` |
+//! | [`lpips`] | LPIPS by a network from a file |
+//! | [`relighting`] | PSNR under other lights, with and without the best factors |
+//! | [`evaluation`] | page with each view beside its ground truth and error |
+//! | [`comparison`] | table of several runs in Markdown, CSV or LaTeX |
+//! | [`tradeoff`] | error against run time, for each parameter of rendering |
+//! | [`demo`] | pictures and page of the demo scene |
+//!
+//! Pages share one template and one style sheet (`templates/base.html`, `templates/style.css`);
+//! they request nothing from outside their folder.
+
+pub mod comparison;
+pub mod demo;
+mod error;
+pub mod evaluation;
+mod html;
+pub mod lpips;
+pub mod measure;
+pub mod number;
+pub mod relighting;
+pub mod tradeoff;
+
+pub use error::{Error, Result};
+
+/// Version in the footer of pages.
+const VERSION: &str = env!("CARGO_PKG_VERSION");

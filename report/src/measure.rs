@@ -1,0 +1,153 @@
+//! Measures of picture quality, and the files in which the field's scripts expect them.
+
+use serde_json::{Map, Value, json};
+use specula_io::model_folder;
+use specula_train::evaluate::ViewQuality;
+
+/// Measure of a view's quality.
+#[derive(Clone, Copy, Debug)]
+pub struct Measure {
+    /// Key in files.
+    pub name: &'static str,
+    /// Name in text and tables.
+    pub label: &'static str,
+    /// Unit as it follows a number, with its space.
+    pub unit: &'static str,
+    /// Significant decimal places.
+    pub decimals: usize,
+    /// Whether larger values are better.
+    pub higher_is_better: bool,
+}
+
+/// Every measure, in the order of tables.
+pub const MEASURES: [Measure; 6] = [
+    Measure { name: "PSNR", label: "PSNR", unit: " dB", decimals: 2, higher_is_better: true },
+    Measure { name: "SSIM", label: "SSIM", unit: "", decimals: 4, higher_is_better: true },
+    Measure { name: "LPIPS", label: "LPIPS", unit: "", decimals: 4, higher_is_better: false },
+    Measure { name: "FLIP", label: "FLIP", unit: "", decimals: 4, higher_is_better: false },
+    Measure {
+        name: "PSNR_fitted",
+        label: "PSNR fitted to the truth",
+        unit: " dB",
+        decimals: 2,
+        higher_is_better: true,
+    },
+    Measure { name: "MAE", label: "normal MAE", unit: "°", decimals: 2, higher_is_better: false },
+];
+/// Index of the peak signal-to-noise ratio in [`MEASURES`].
+pub const PSNR: usize = 0;
+/// Index of the structural similarity in [`MEASURES`].
+pub const SSIM: usize = 1;
+/// Index of the learned perceptual distance in [`MEASURES`].
+pub const LPIPS: usize = 2;
+/// Index of ꟻLIP in [`MEASURES`].
+pub const FLIP: usize = 3;
+/// Index of PSNR after the exposure that fits the ground truth best in [`MEASURES`].
+pub const PSNR_FITTED: usize = 4;
+/// Index of the mean angle between normals in [`MEASURES`].
+pub const MAE: usize = 5;
+
+impl Measure {
+    /// Value with its significant decimal places.
+    pub fn format(&self, value: f64) -> String {
+        format!("{value:.0$}", self.decimals)
+    }
+
+    /// Value with a sign by which larger is better.
+    pub fn goodness(&self, value: f64) -> f64 {
+        if self.higher_is_better { value } else { -value }
+    }
+}
+
+/// Value of each of [`MEASURES`]; none where it was not taken.
+pub type Values = [Option<f64>; MEASURES.len()];
+
+/// Measures of one view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewMeasures {
+    /// Name of the view in its data set.
+    pub name: String,
+    /// Value of each measure.
+    pub values: Values,
+}
+
+impl From<ViewQuality> for ViewMeasures {
+    fn from(quality: ViewQuality) -> Self {
+        let ViewQuality { name, psnr, ssim, normal_mae } = quality;
+        let mut values = [None; MEASURES.len()];
+        (values[PSNR], values[SSIM], values[MAE]) = (Some(psnr), Some(ssim), normal_mae);
+        Self { name, values }
+    }
+}
+
+/// Mean of each measure over the views that have it.
+pub fn means(views: &[ViewMeasures]) -> Values {
+    core::array::from_fn(|measure| {
+        let values: Vec<f64> = views.iter().filter_map(|view| view.values[measure]).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    })
+}
+
+/// Values on one line of text: `PSNR 25.00 dB  SSIM 0.5000`.
+pub fn summary(values: &Values) -> String {
+    let entry = |(measure, value): (&Measure, &Option<f64>)| {
+        value.map(|value| format!("{} {}{}", measure.label, measure.format(value), measure.unit))
+    };
+    MEASURES.iter().zip(values).filter_map(entry).collect::<Vec<_>>().join("  ")
+}
+
+/// Entries of `results.json` and `per_view.json`. Measures that no view has are absent.
+pub fn quality(views: &[ViewMeasures]) -> model_folder::Quality {
+    let per_view = |measure: usize| {
+        let numbered = views.iter().enumerate();
+        numbered.filter_map(move |(index, view)| Some((picture_name(index), view.values[measure]?))).collect()
+    };
+    let measured = means(views).into_iter().enumerate();
+    measured.filter_map(|(measure, mean)| Some((MEASURES[measure].name.to_owned(), mean?, per_view(measure)))).collect()
+}
+
+/// File name of a view's picture, and its key in `per_view.json`.
+pub fn picture_name(index: usize) -> String {
+    format!("{index:05}.png")
+}
+
+/// Means and the measures of each view as JSON.
+pub fn json_of_views(views: &[ViewMeasures]) -> Value {
+    let json_of_view = |view: &ViewMeasures| {
+        let mut values = object(&view.values);
+        values.insert("name".into(), view.name.as_str().into());
+        Value::from(values)
+    };
+    let mut report = json_of_values(&means(views));
+    report["views"] = views.iter().map(json_of_view).collect::<Vec<_>>().into();
+    report
+}
+
+/// Values by key as a JSON object.
+pub fn json_of_values(values: &Values) -> Value {
+    json!(object(values))
+}
+
+fn object(values: &Values) -> Map<String, Value> {
+    let named = MEASURES.iter().zip(values);
+    named.filter_map(|(measure, value)| Some((measure.name.to_owned(), (*value)?.into()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(psnr: f64, mae: Option<f64>) -> ViewMeasures {
+        ViewQuality { name: "one".into(), psnr, ssim: 0.5, normal_mae: mae }.into()
+    }
+
+    #[test]
+    fn a_mean_is_that_of_the_views_that_have_the_measure() {
+        let views = [view(30.0, None), view(20.0, Some(4.0))];
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0)]);
+        assert_eq!(summary(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
+        let files = quality(&views);
+        assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));
+        assert_eq!(files.len(), 3, "measures that no view has are absent");
+    }
+}
