@@ -1,6 +1,6 @@
 //! Data sets as trainings take them.
 
-use crate::{failure::Failure, fit::thousands, orientation, progress};
+use crate::{failure::Failure, orientation, progress};
 use specula_core::camera::near_of;
 use specula_io::{
     Error,
@@ -9,6 +9,7 @@ use specula_io::{
     orientation::Orientation,
     points_ply::PointCloud,
 };
+use specula_report::number::group_digits;
 use specula_train::{
     start::Point,
     view::{Normals, View, extent_of},
@@ -93,7 +94,7 @@ fn summary(loaded: &dataset::Dataset) -> String {
     let dataset::Dataset { train, test, points, source, .. } = loaded;
     let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
     let points = points.as_ref().map_or(0, |points| points.positions.len());
-    let points = if points == 0 { "no points".to_owned() } else { format!("{} points", thousands(points)) };
+    let points = if points == 0 { "no points".to_owned() } else { format!("{} points", group_digits(points)) };
     let sizes = sizes(train.iter().chain(test));
     format!("{source}: {} pictures to fit{held_out}, {sizes} pixels, {points}", train.len())
 }

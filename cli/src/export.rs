@@ -5,7 +5,6 @@ use crate::{
     background::Background,
     bake::{self, Baked},
     failure::Failure,
-    fit::thousands,
     fuse,
     look::{Tour, evenly, own_cameras},
     orientation, output,
@@ -30,6 +29,7 @@ use specula_io::{
     orientation::Orientation,
     splat, spz,
 };
+use specula_report::number::group_digits;
 use specula_scene::{OpenedModel, Scene, ShadingModel, environment::radiance};
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{
@@ -268,7 +268,7 @@ impl Exporter<'_> {
         let error = self.error(stored, own, moved)?;
         self.say(
             path,
-            &format!("{} Gaussians", thousands(gaussians.count)),
+            &format!("{} Gaussians", group_digits(gaussians.count)),
             &format!("{}{error}", self.lost(kind, plain)),
         )
     }
@@ -302,7 +302,7 @@ impl Exporter<'_> {
         };
         let left_out = match self.scene().gaussians.count - plain.kept.len() {
             0 => String::new(),
-            count => format!("{} invisible Gaussians are omitted", thousands(count)),
+            count => format!("{} invisible Gaussians are omitted", group_digits(count)),
         };
         let parts: Vec<&str> = [&baked, of_kind, &left_out].into_iter().filter(|part| !part.is_empty()).collect();
         if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
@@ -447,15 +447,18 @@ impl Exporter<'_> {
             None => mesh,
         };
         mesh::write(path, &mesh)?;
-        let count =
-            format!("{} triangles, {} vertices", thousands(mesh.triangles.len()), thousands(mesh.positions.len()));
+        let count = format!(
+            "{} triangles, {} vertices",
+            group_digits(mesh.triangles.len()),
+            group_digits(mesh.positions.len())
+        );
         self.say(path, &count, &format!("colours are the mean over {} views", cameras.len()))
     }
 
     /// A file that is written: how much is in it, and what is not.
     fn say(&self, path: &Path, count: &str, lost: &str) -> Result<(), Failure> {
         let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
-        output::say(&format!("{}: {count}, {} bytes; {lost}", path.display(), thousands(bytes as usize)))
+        output::say(&format!("{}: {count}, {} bytes; {lost}", path.display(), group_digits(bytes as usize)))
     }
 }
 

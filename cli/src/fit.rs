@@ -10,6 +10,7 @@ use crate::{
 };
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
+use specula_report::number::group_digits;
 use specula_scene::{ExecutorChoice, Scene, ShadingModel};
 use specula_train::{
     start::Point,
@@ -253,7 +254,7 @@ impl<'a> Training<'a> {
 
     fn message(&self) -> String {
         let psnr = self.trainer.psnr().map_or(String::new(), |psnr| format!("PSNR {psnr:.2} dB, "));
-        format!("{psnr}{} Gaussians", thousands(self.trainer.gaussian_count()))
+        format!("{psnr}{} Gaussians", group_digits(self.trainer.gaussian_count()))
     }
 
     fn warn_of_nonfinite(&self) {
@@ -308,19 +309,6 @@ fn from_checkpoint(checkpoints: &Checkpoints) -> String {
 
 fn from_the_start() -> String {
     "there is no checkpoint yet, so the processor begins again".to_owned()
-}
-
-/// A number in groups of three digits.
-pub(crate) fn thousands(number: usize) -> String {
-    let digits = number.to_string();
-    let mut grouped = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            grouped.push(' ');
-        }
-        grouped.push(digit);
-    }
-    grouped
 }
 
 #[cfg(test)]
@@ -478,10 +466,5 @@ mod tests {
             Box::new(Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view"));
         run(&mut training).expect("it goes on");
         assert!(!training.is_put_aside(), "and says that there is no checkpoint");
-    }
-
-    #[test]
-    fn digits_are_grouped_from_the_right() {
-        assert_eq!([0, 999, 1000, 1_234_567].map(thousands), ["0", "999", "1 000", "1 234 567"]);
     }
 }

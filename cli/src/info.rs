@@ -4,7 +4,6 @@ use crate::{
     args::Info,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::thousands,
     output,
     scene::{self, nonfinite_words},
 };
@@ -25,6 +24,7 @@ use specula_io::{
     model_folder::ModelInfo,
     points_ply::{self, PointCloud},
 };
+use specula_report::number::group_digits;
 use specula_scene::{OpenedModel, Scene};
 use specula_train::view::View;
 use std::path::Path;
@@ -89,7 +89,7 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
         report.add("training", training(info), json!(info));
     }
     add_exposures(&mut report, opened)?;
-    report.add("Gaussians", thousands(scene.gaussians.count), scene.gaussians.count.into());
+    report.add("Gaussians", group_digits(scene.gaussians.count), scene.gaussians.count.into());
     let degree = layout.sh_degree;
     report.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
     if layout.is_shaded() {
@@ -112,7 +112,7 @@ fn add_exposures(report: &mut Report, opened: &OpenedModel) -> Result<(), Failur
     let grey = Vec3::splat(0.5);
     let brightness = exposures.values().map(|own| expose(own, grey, 1.0).to_array().iter().sum::<f32>() / 3.0 / 0.5);
     if let Some(range) = Range::of(brightness) {
-        let words = format!("of {} photographs, brightness {}", thousands(exposures.len()), range.words());
+        let words = format!("of {} photographs, brightness {}", group_digits(exposures.len()), range.words());
         report.add("exposure", words, json!({"photographs": exposures.len(), "brightness": range.json()}));
     }
     Ok(())
@@ -222,7 +222,8 @@ fn add_filtered(report: &mut Report, scene: &Scene, plan: &Plan) {
         kept.fold((0, 0), |(count, texels), (_, level)| (count + 1, texels + FACE_COUNT * level.resolution.pow(2)))
     };
     let [(kept, filtered), (count, in_full)] = [plan.rules, plan.full].map(of_rules);
-    let words = format!("{} of {} texels of light, {kept} of {count} levels", thousands(filtered), thousands(in_full));
+    let words =
+        format!("{} of {} texels of light, {kept} of {count} levels", group_digits(filtered), group_digits(in_full));
     report.add("filters", words, json!({"texels": filtered, "in_full": in_full, "levels": kept}));
 }
 
@@ -269,7 +270,7 @@ fn of_points(path: &Path, points: &PointCloud) -> Report {
 }
 
 fn add_points(report: &mut Report, positions: &[[f32; 3]]) {
-    report.add("points", thousands(positions.len()), positions.len().into());
+    report.add("points", group_digits(positions.len()), positions.len().into());
     for (axis, name) in ["position x", "position y", "position z"].into_iter().enumerate() {
         if let Some(range) = Range::of(positions.iter().map(|position| position[axis])) {
             report.add(name, range.words(), range.json());
@@ -290,8 +291,8 @@ fn of_dataset(path: &Path) -> Result<Report, Failure> {
 
 fn add_views(report: &mut Report, data: &Dataset) {
     let Dataset { train, test, .. } = data;
-    report.add("training views", thousands(train.len()), train.len().into());
-    report.add("test views", thousands(test.len()), test.len().into());
+    report.add("training views", group_digits(train.len()), train.len().into());
+    report.add("test views", group_digits(test.len()), test.len().into());
     let all = || train.iter().chain(test);
 
     let mut sizes: Vec<[u32; 2]> = all().map(|view| [view.camera.width, view.camera.height]).collect();

@@ -7,7 +7,7 @@ use crate::{
     config,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Outcome, Start, Training, thousands},
+    fit::{Outcome, Start, Training},
     foreground, interrupt,
     lock::Lock,
     orientation, output, progress,
@@ -28,6 +28,7 @@ use specula_io::{
     model_folder::{self, ModelInfo, method_of},
 };
 use specula_report::measure::{self, ViewMeasures};
+use specula_report::number::group_digits;
 use specula_scene::{RenderOptions, Scene, SceneRenderer};
 use specula_train::{
     profile::Profile,
@@ -447,7 +448,7 @@ fn finish(
         save_certificate(args, &mut info, within.certificate().to_owned())?;
     }
 
-    let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", thousands(count), peak_memory());
+    let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
         tracing::info!("{}", next(args, scene.light.is_some()));

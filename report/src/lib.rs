@@ -11,6 +11,14 @@
 //! | [`tradeoff`] | error against run time, for each parameter of rendering |
 //! | [`demo`] | pictures and page of the demo scene |
 //!
+//! ```no_run
+//! use specula_report::comparison::{Comparison, Format};
+//!
+//! let runs = Comparison::read(&["out/chair-3dgs", "out/chair"])?;
+//! print!("{}", runs.to_text(Format::Markdown, &runs.differences()));
+//! # Ok::<(), specula_report::Error>(())
+//! ```
+//!
 //! Pages share one template and one style sheet (`templates/base.html`, `templates/style.css`);
 //! they request nothing from outside their folder.
 

@@ -21,7 +21,7 @@ fn a_report_has_a_table_a_page_and_every_number() {
     let tiny = Tiny::new();
     printed(&mut train(&tiny, "model"));
     let table = printed(&mut report(&tiny, "model"));
-    assert!(table.starts_with("| at least | PSNR |") && table.contains("| the usual |"), "{table}");
+    assert!(table.starts_with("| at least | PSNR |") && table.contains("| default |"), "{table}");
 
     let lines = fs::read_to_string(tiny.path("report/report.jsonl")).unwrap();
     let records: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -62,7 +62,7 @@ fn train_with(tiny: &Tiny, profile: &str) -> assert_cmd::Command {
 fn a_plain_scene_has_a_report_as_well() {
     let tiny = Tiny::new();
     printed(&mut train_with(&tiny, "3dgs"));
-    assert!(printed(&mut report(&tiny, "model")).contains("| the usual |"));
+    assert!(printed(&mut report(&tiny, "model")).contains("| default |"));
 }
 
 #[test]
