@@ -12,7 +12,11 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
-use specula_cpu::{CpuError, CpuViewer, bin::Tiles, frame::Frame, prefilter::Light, project::Splats, shade::Colors};
+use specula_cpu::{
+    CpuError, CpuViewer,
+    frame::Frame,
+    stages::{bin::Tiles, prefilter::Light, project::Splats, shade::Colors},
+};
 use std::{borrow::Cow, time::Instant};
 
 /// The stages that are timed, and the whole of them.

@@ -12,7 +12,7 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
 };
-use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_train::{
     evaluate::render_view,
     profile::{Profile, by_name},

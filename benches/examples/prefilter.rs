@@ -9,7 +9,7 @@ use specula_core::{
     pack::Storage,
     prefilter::{LevelRange, Levels, MipRoughness, PrefilterScheme},
 };
-use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_prefilter::Operator;
 use specula_tests::prefilter_error::{DIRECTIONS, Errors, Truth};
 use std::{sync::Arc, time::Instant};

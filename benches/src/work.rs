@@ -12,9 +12,11 @@ use specula_core::{
 };
 use specula_cpu::{
     CpuExecutor,
-    bin::Tiles,
-    project::{SplatRecord, Splats},
-    shade::Colors,
+    stages::{
+        bin::Tiles,
+        project::{SplatRecord, Splats},
+        shade::Colors,
+    },
 };
 
 const TILE: usize = TILE_SIZE as usize;

@@ -29,7 +29,7 @@ use specula_core::{
     sphere::directions,
     vector::{Vec3 as Vector, vec3},
 };
-use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_scene::{Scene, ShadingModel, environment::fitting};
 
 /// Directions all around.

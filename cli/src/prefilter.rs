@@ -12,7 +12,7 @@ use specula_core::{
     prefilter::{Level, Levels, MAX_LEVELS, MipRoughness, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
-use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_io::{
     Error,
     ktx::{self, CubeLevel},

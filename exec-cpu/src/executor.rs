@@ -1,18 +1,23 @@
 //! The executor: core's contract, stage by stage.
 
 use crate::{
-    bin::{Tiles, bin_all, depth_order},
-    blend::{SplatGrads, blend_all, blend_all_vjp},
-    densify,
-    expose::{expose, expose_vjp},
+    context::Context,
+    error::CpuError,
     frame::{Frame, FrameGrad},
-    loss::{Target, loss_all},
-    machine::Machine,
-    optimise::{StepSize, adam_all, adam_blocks},
-    pixel::{shade_pixels, shade_pixels_vjp},
-    prefilter::{Light, LightGrad},
-    project::{Splats, project_all},
-    shade::{Colors, Scene, gaussians_vjp, shade_all, update},
+    stages::{
+        bin::{Tiles, bin_all, depth_order},
+        blend::blend_all,
+        blend_vjp::{SplatGrads, blend_all_vjp},
+        densify,
+        expose::{expose, expose_vjp},
+        gaussians_vjp::{gaussians_vjp, update},
+        loss::{Target, loss_all},
+        optimise::{StepSize, adam_all, adam_blocks},
+        prefilter::{Light, LightGrad},
+        project::{Splats, project_all},
+        shade::{Colors, Scene, shade_all},
+        shade_pixels::{shade_pixels, shade_pixels_vjp},
+    },
 };
 use specula_core::{
     attributes::GaussianShading,
@@ -31,56 +36,44 @@ use specula_core::{
 use specula_prefilter::Operator;
 use std::sync::Arc;
 
-/// Why a stage could not run.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum CpuError {
-    /// A picture's bytes do not fit its size.
-    #[error("a picture of {width} × {height} pixels needs {expected} bytes of RGBA, but has {found}")]
-    TargetSize {
-        /// Pixels in a row.
-        width: usize,
-        /// Rows.
-        height: usize,
-        /// Bytes that it should have.
-        expected: usize,
-        /// Bytes that it has.
-        found: usize,
-    },
-    /// A light's resolution cannot be filtered.
-    #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
-    LightResolution {
-        /// Texels along an edge of a face.
-        resolution: usize,
-        /// The smallest that can be.
-        least: usize,
-    },
-    /// Tiles hold more splats than are counted.
-    #[error(
-        "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"
-    )]
-    TooManySplats,
-    /// A picture was compared with one of another size.
-    #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
-    FrameSize {
-        /// Width and height of the target.
-        expected: [usize; 2],
-        /// Width and height of the frame.
-        found: [usize; 2],
-    },
-    /// A buffer of another length than the numbers that are read into it.
-    #[error(transparent)]
-    BufferLength(BufferLength),
+/// Source of an executor's [`Cutoffs`].
+pub trait CutoffPolicy {
+    /// Cutoffs of the pictures that follow.
+    fn cutoffs(&self) -> &Cutoffs;
 }
 
-/// Runs the stages on the threads of rayon's current pool.
+/// [`Cutoffs::DEFAULT`], the only cutoffs that gradients are derived for.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DefaultCutoffs;
+
+impl CutoffPolicy for DefaultCutoffs {
+    fn cutoffs(&self) -> &Cutoffs {
+        &Cutoffs::DEFAULT
+    }
+}
+
+impl CutoffPolicy for Cutoffs {
+    fn cutoffs(&self) -> &Cutoffs {
+        self
+    }
+}
+
+/// Executor on the threads of rayon's current pool.
+///
+/// With [`DefaultCutoffs`] it trains as well; with [`Cutoffs`] of one's choice it only renders.
 #[derive(Debug)]
-pub struct CpuExecutor {
-    pub(crate) machine: Machine,
-    /// The prefilter's operator of the last scheme, resolution and levels.
+pub struct CpuExecutor<C = DefaultCutoffs> {
+    context: Context,
+    cutoffs: C,
+    /// Prefilter operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
-    /// What came of the stages since the last report.
+    /// Results of the stages since the last report.
     report: StepReport,
 }
+
+/// Renderer within any [`Cutoffs`]; within [`Cutoffs::DEFAULT`] its pictures equal those of the
+/// training executor to the last bit.
+pub type CpuViewer = CpuExecutor<Cutoffs>;
 
 impl Default for CpuExecutor {
     fn default() -> Self {
@@ -88,21 +81,45 @@ impl Default for CpuExecutor {
     }
 }
 
+impl Default for CpuViewer {
+    fn default() -> Self {
+        Self::with_cutoffs(Cutoffs::DEFAULT)
+    }
+}
+
 impl CpuExecutor {
-    /// An executor with the widest vectors that this machine has.
+    /// Creates an executor with the widest vectors of this machine.
     pub fn new() -> Self {
-        Self { machine: Machine::new(), operator: None, report: StepReport::default() }
+        Self::with_policy(DefaultCutoffs)
+    }
+}
+
+impl CpuViewer {
+    /// Creates a renderer within these cutoffs.
+    pub fn with_cutoffs(cutoffs: Cutoffs) -> Self {
+        Self::with_policy(cutoffs)
+    }
+    /// Sets the cutoffs of the pictures that follow. Splats that were projected before must not be
+    /// used any more.
+    pub fn set_cutoffs(&mut self, cutoffs: Cutoffs) {
+        self.cutoffs = cutoffs;
+    }
+}
+
+impl<C: CutoffPolicy> CpuExecutor<C> {
+    fn with_policy(cutoffs: C) -> Self {
+        Self { context: Context::new(), cutoffs, operator: None, report: StepReport::default() }
     }
 
     /// The vectors that it computes with, in words.
     pub fn vectors(&self) -> String {
-        let name = format!("{:?}", self.machine.level);
+        let name = format!("{:?}", self.context.level);
         format!("{} vectors", name.split('(').next().unwrap_or_default())
     }
 
     /// Depth and number of the Gaussians that are drawn, front to back; ties in their order.
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
-        let order = depth_order(&self.machine, &splats.records);
+        let order = depth_order(&self.context, &splats.records);
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
     }
 
@@ -123,7 +140,7 @@ impl CpuExecutor {
     /// Filters light with weights that are at hand, for a base of its resolution.
     pub fn filter(&mut self, environment: &Environment<Vec<f32>>, operator: &Arc<Operator>) -> Light {
         assert_eq!(environment.resolution, operator.base_resolution(), "weights are for one resolution");
-        Light::new(&self.machine, operator.clone(), environment)
+        Light::new(&self.context, operator.clone(), environment)
     }
 
     fn operator(
@@ -147,7 +164,7 @@ impl CpuExecutor {
     }
 }
 
-impl Renderer for CpuExecutor {
+impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     type Array = Vec<f32>;
     type Light = Light;
     type Splats = Splats;
@@ -179,11 +196,11 @@ impl Renderer for CpuExecutor {
         levels: LevelRange,
     ) -> Result<Light, CpuError> {
         let operator = self.operator(scheme, environment.resolution, levels)?;
-        Ok(Light::new(&self.machine, operator, environment))
+        Ok(Light::new(&self.context, operator, environment))
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        Ok(project_all(&self.machine, gaussians, camera, &Cutoffs::DEFAULT))
+        Ok(project_all(&self.context, gaussians, camera, self.cutoffs.cutoffs()))
     }
 
     fn shade(
@@ -195,19 +212,19 @@ impl Renderer for CpuExecutor {
         rules: &RenderRules,
     ) -> Result<Colors, CpuError> {
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
-        Ok(shade_all(&self.machine, gaussians, camera, splats, scene))
+        Ok(shade_all(&self.context, gaussians, camera, splats, scene))
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
-        bin_all(&self.machine, splats, camera)
+        bin_all(&self.context, splats, camera)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.machine, splats, colors, tiles, camera, &Cutoffs::DEFAULT))
+        Ok(blend_all(&self.context, splats, colors, tiles, camera, self.cutoffs.cutoffs()))
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(shade_pixels(&self.machine, surface, light, camera))
+        Ok(shade_pixels(&self.context, surface, light, camera))
     }
 }
 
@@ -237,17 +254,17 @@ impl Executor for CpuExecutor {
         if expected != found {
             return Err(CpuError::FrameSize { expected, found });
         }
-        let (losses, grad) = loss_all(&self.machine, frame, target, camera, weights, background);
+        let (losses, grad) = loss_all(&self.context, frame, target, camera, weights, background);
         self.report.loss = losses;
         Ok(grad)
     }
 
     fn expose(&mut self, frame: Frame, exposure: &Exposure<f32>) -> Result<Frame, CpuError> {
-        Ok(expose(&self.machine, frame, exposure))
+        Ok(expose(&self.context, frame, exposure))
     }
 
     fn expose_vjp(&mut self, frame: &Frame, exposure: &Exposure<f32>, grad: FrameGrad) -> Result<FrameGrad, CpuError> {
-        let (grad, of_exposure) = expose_vjp(&self.machine, frame, exposure, grad);
+        let (grad, of_exposure) = expose_vjp(&self.context, frame, exposure, grad);
         self.report.exposure = Some(of_exposure);
         Ok(grad)
     }
@@ -259,7 +276,7 @@ impl Executor for CpuExecutor {
         camera: &Camera,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), CpuError> {
-        Ok(shade_pixels_vjp(&self.machine, surface, light, camera, grad))
+        Ok(shade_pixels_vjp(&self.context, surface, light, camera, grad))
     }
 
     fn blend_vjp(
@@ -271,7 +288,7 @@ impl Executor for CpuExecutor {
         grad: &FrameGrad,
         _camera: &Camera,
     ) -> Result<SplatGrads, CpuError> {
-        Ok(blend_all_vjp(&self.machine, splats, colors, tiles, frame, grad))
+        Ok(blend_all_vjp(&self.context, splats, colors, tiles, frame, grad))
     }
 
     fn gaussians_vjp(
@@ -285,7 +302,7 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
     ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>), CpuError> {
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
-        Ok(gaussians_vjp(&self.machine, gaussians, camera, splats, scene, weights, grads))
+        Ok(gaussians_vjp(&self.context, gaussians, camera, splats, scene, weights, grads))
     }
 
     fn prefilter_vjp(
@@ -294,7 +311,7 @@ impl Executor for CpuExecutor {
         light: &Light,
         grad: &LightGrad,
     ) -> Result<Vec<f32>, CpuError> {
-        Ok(light.vjp(&self.machine, environment.activation, grad))
+        Ok(light.vjp(&self.context, environment.activation, grad))
     }
 
     fn optimise(
@@ -306,9 +323,9 @@ impl Executor for CpuExecutor {
         step: u32,
     ) -> Result<(), CpuError> {
         let AdamMoments { mean, square } = moments;
-        let size = StepSize::new(&self.machine, rates, step);
-        self.report.nonfinite += adam_blocks(&self.machine, &mut gaussians.values, mean, square, &grad.values, &size);
-        self.machine.numbers.give(grad.values);
+        let size = StepSize::new(&self.context, rates, step);
+        self.report.nonfinite += adam_blocks(&self.context, &mut gaussians.values, mean, square, &grad.values, &size);
+        self.context.give(grad.values);
         Ok(())
     }
 
@@ -322,8 +339,9 @@ impl Executor for CpuExecutor {
         step: &TrainingStep<'_, Self>,
     ) -> Result<Option<LightGrad>, CpuError> {
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *step.rules }, light };
-        let size = StepSize::new(&self.machine, step.rates, step.number);
-        let (nonfinite, of_light) = update(&self.machine, gaussians, moments, step, splats, scene, grads, &size);
+        let size = StepSize::new(&self.context, step.rates, step.number);
+        let (nonfinite, of_light) =
+            update(&self.context, gaussians, moments, step.camera, splats, scene, step.weights, grads, &size);
         self.report.nonfinite += nonfinite;
         Ok(of_light)
     }
@@ -338,8 +356,8 @@ impl Executor for CpuExecutor {
         step: u32,
     ) -> Result<(), CpuError> {
         let AdamMoments { mean, square } = moments;
-        self.report.nonfinite += adam_all(&self.machine, &mut environment.values, mean, square, &grad, rate, step);
-        self.machine.numbers.give(grad);
+        self.report.nonfinite += adam_all(&self.context, &mut environment.values, mean, square, &grad, rate, step);
+        self.context.give(grad);
         if environment.activation == RadianceActivation::Identity {
             environment.values.iter_mut().for_each(|radiance| *radiance = radiance.clamp(0.0, radiance_max));
         }
@@ -357,7 +375,7 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
         camera: &Camera,
     ) -> Result<(), CpuError> {
-        densify::observe(&self.machine, statistics, splats, grads, camera);
+        densify::observe(&self.context, statistics, splats, grads, camera);
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat touches.
 
-use crate::buffer::{Buffer, Pool};
+use crate::{buffer::Buffer, context::Context};
 use rayon::prelude::*;
 use specula_core::{bin::TILE_SIZE, scene::BLOCK};
 
@@ -35,13 +35,13 @@ pub(crate) struct Cover {
 
 impl Cover {
     /// The tiles of a grid that `is_covered` names.
-    pub(crate) fn new(pool: &Pool<u32>, columns: usize, rows: usize, is_covered: impl Fn(usize) -> bool) -> Self {
-        let mut before = pool.take(columns * rows + 1);
+    pub(crate) fn new(context: &Context, columns: usize, rows: usize, is_covered: impl Fn(usize) -> bool) -> Self {
+        let mut before = context.take::<u32>(columns * rows + 1);
         before[0] = 0;
         for tile in 0..columns * rows {
             before[tile + 1] = before[tile] + u32::from(is_covered(tile));
         }
-        let mut tiles = pool.take(before[columns * rows] as usize);
+        let mut tiles = context.take::<u32>(before[columns * rows] as usize);
         for tile in 0..columns * rows {
             if before[tile + 1] > before[tile] {
                 tiles[before[tile] as usize] = tile as u32;
@@ -134,7 +134,7 @@ impl Frame {
             None => self.color_before_exposure(slot, quad, c),
         }
     }
-    /// The same before [`mod@crate::expose`].
+    /// The same before [`mod@crate::stages::expose`].
     #[inline(always)]
     pub(crate) fn color_before_exposure(&self, slot: usize, quad: usize, c: usize) -> &Quad {
         match &self.shaded {

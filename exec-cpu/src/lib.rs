@@ -42,28 +42,17 @@
 //! # Ok::<(), specula_cpu::CpuError>(())
 //! ```
 
-pub mod bin;
-pub mod blend;
 mod block;
 mod buffer;
-mod densify;
+mod context;
+mod error;
 mod executor;
-mod expose;
 pub mod frame;
 pub mod lanes;
-mod light;
-pub mod loss;
-mod machine;
 pub mod morton;
-mod optimise;
 mod parts;
-mod pixel;
 mod planes;
-pub mod prefilter;
-pub mod project;
-pub mod shade;
-mod stamps;
-mod viewer;
+pub mod stages;
 
-pub use executor::{CpuError, CpuExecutor};
-pub use viewer::CpuViewer;
+pub use error::CpuError;
+pub use executor::{CpuExecutor, CpuViewer};

@@ -2,8 +2,8 @@
 
 use crate::{
     buffer::Buffer,
+    context::Context,
     frame::{QUAD, Quad, SIZE, quad_origin},
-    machine::Machine,
 };
 
 /// A row of a tile.
@@ -23,8 +23,8 @@ pub(crate) struct Planes {
 
 impl Planes {
     /// So many planes of a grid of tiles, holding whatever the memory held before.
-    pub(crate) fn new(machine: &Machine, [columns, rows]: [usize; 2], count: usize) -> Self {
-        Self { columns, rows, count, values: machine.quads.take(columns * rows * count * SIZE) }
+    pub(crate) fn new(context: &Context, [columns, rows]: [usize; 2], count: usize) -> Self {
+        Self { columns, rows, count, values: context.take::<Row>(columns * rows * count * SIZE) }
     }
     /// All planes, row of tiles by row of tiles, and where each row of tiles begins. There a plane follows another, and
     /// in each [`place_in_row`] says where a tile lies.

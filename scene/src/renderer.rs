@@ -16,7 +16,7 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
-use specula_cpu::{CpuViewer, prefilter::Light};
+use specula_cpu::{CpuViewer, stages::prefilter::Light};
 #[cfg(feature = "gpu")]
 use specula_gpu::{GpuExecutor, GpuViewer};
 use specula_io::picture::{self, RgbImage};
@@ -119,7 +119,7 @@ fn upload(
     storage: Storage,
 ) -> Result<Box<dyn RenderBackend>, SceneError> {
     Ok(match device {
-        Device::Cpu => Box::new(Uploaded::new(CpuViewer::new(cutoffs), gaussians, rounded, storage)?),
+        Device::Cpu => Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), gaussians, rounded, storage)?),
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {

@@ -12,7 +12,7 @@ use specula_core::{
     scene::{Environment, Gaussians, Layout, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };
-use specula_cpu::{CpuError, CpuExecutor, CpuViewer, frame::Frame, prefilter::Light};
+use specula_cpu::{CpuError, CpuExecutor, CpuViewer, frame::Frame, stages::prefilter::Light};
 use specula_tests::{
     compare::{assert_psnr, psnr},
     formulas::camera,
@@ -69,7 +69,7 @@ fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
     let usual = Cutoffs::DEFAULT.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
     assert_eq!(usual, Cutoffs::DEFAULT);
     let [executor, viewer] =
-        [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::new(usual), &cloud())];
+        [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::with_cutoffs(usual), &cloud())];
     assert!(executor.iter().zip(&viewer).all(|(a, b)| a.to_bits() == b.to_bits()), "a bit differs");
 }
 
@@ -80,10 +80,10 @@ fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
     let [tangent, ray, within] = [ProjectionModel::Tangent, ProjectionModel::Ray, ProjectionModel::Within(0.02)]
         .map(|projection| Cutoffs::DEFAULT.with_projection(projection));
     for cutoffs in [Cutoffs::REFERENCE, tight, loose, tangent, ray, within] {
-        let own = wide(&picture(&mut CpuViewer::new(cutoffs), &cloud()));
+        let own = wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud()));
         assert_psnr(&own, &exact(&cloud(), &cutoffs), SAME_FRAME);
     }
-    let usual = wide(&picture(&mut CpuViewer::new(Cutoffs::DEFAULT), &cloud()));
+    let usual = wide(&picture(&mut CpuViewer::with_cutoffs(Cutoffs::DEFAULT), &cloud()));
     let apart = psnr(&usual, &exact(&cloud(), &loose));
     assert!(apart < SAME_FRAME, "other cutoffs make another picture, so the comparison can fail: {apart} dB");
 }
@@ -107,8 +107,10 @@ fn ordinary_pictures_in_f32_are_those_in_f64() {
         let cutoffs = Cutoffs::REFERENCE.with_projection(projection);
         for seed in 1..6 {
             let cloud = random_cloud(300, Layout::shaded(Some(3)), seed);
-            let difference =
-                largest_difference(&wide(&picture(&mut CpuViewer::new(cutoffs), &cloud)), &exact(&cloud, &cutoffs));
+            let difference = largest_difference(
+                &wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud)),
+                &exact(&cloud, &cutoffs),
+            );
             println!("{projection:?}, seed {seed}: {difference:.1e}");
             assert!(difference < SAME_NUMBER, "{projection:?}, seed {seed}: {difference:e}");
         }
@@ -118,7 +120,7 @@ fn ordinary_pictures_in_f32_are_those_in_f64() {
 #[test]
 fn what_is_cut_off_sooner_is_missed_more() {
     let exact = exact(&cloud(), &Cutoffs::REFERENCE);
-    let psnr_of = |cutoffs: Cutoffs| psnr(&wide(&picture(&mut CpuViewer::new(cutoffs), &cloud())), &exact);
+    let psnr_of = |cutoffs: Cutoffs| psnr(&wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud())), &exact);
     let falls = |cutoffs: [Cutoffs; 3]| {
         let measured = cutoffs.map(psnr_of);
         assert!(measured[0] > measured[1] && measured[1] > measured[2], "{measured:?}");
@@ -133,7 +135,7 @@ fn fainter_splats_than_the_least_alpha_are_not_drawn() {
     let mut cloud = cloud();
     (0..cloud.count).for_each(|gaussian| cloud.set(gaussian, OPACITY, [-4.0]));
     let covers = |least: f32| {
-        let values = picture(&mut CpuViewer::new(Cutoffs::REFERENCE.with_alpha_min(least)), &cloud);
+        let values = picture(&mut CpuViewer::with_cutoffs(Cutoffs::REFERENCE.with_alpha_min(least)), &cloud);
         let pixels = (view().width * view().height) as usize;
         values[values.len() - pixels..].iter().any(|passed| *passed < 1.0)
     };

@@ -22,11 +22,13 @@ use specula_core::{
 };
 use specula_cpu::{
     CpuError, CpuExecutor,
-    blend::SplatGrads,
     frame::Frame,
-    loss::Target,
-    prefilter::{Light, LightGrad},
-    project::Splats,
+    stages::{
+        blend_vjp::SplatGrads,
+        loss::Target,
+        prefilter::{Light, LightGrad},
+        project::Splats,
+    },
 };
 use specula_tests::{
     brute,

@@ -8,7 +8,7 @@ use specula_core::{
     prefilter::{Level, LevelRange, Levels, MipRoughness, PrefilterScheme},
     scene::{Environment, RadianceActivation},
 };
-use specula_cpu::{CpuExecutor, prefilter::Light};
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_prefilter::Operator;
 use specula_tests::{
     compare::{ROUNDING_F32, assert_close},

@@ -230,7 +230,7 @@ impl Back for CpuExecutor {
         frame.grad(&scene.frame_grad)
     }
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads {
-        specula_cpu::blend::SplatGrads::of_values(scene.channels(), values)
+        specula_cpu::stages::blend_vjp::SplatGrads::of_values(scene.channels(), values)
     }
     fn numbers_of(&mut self, grads: &Self::SplatGrads) -> Vec<f32> {
         grads.values().to_vec()

@@ -472,7 +472,7 @@ fn observe_on_both(gpu: &mut GpuExecutor, count: usize, [width, height]: [u32; 2
     let mut values = grads.values().to_vec();
     // The second view has gradients that are not finite, or whose length is not.
     for _ in 0..2 {
-        let grads = specula_cpu::blend::SplatGrads::of_values(COLORS, &values);
+        let grads = specula_cpu::stages::blend_vjp::SplatGrads::of_values(COLORS, &values);
         cpu.observe(&mut theirs, &splats, &grads, &camera).expect("the CPU observes");
         let grads = SplatGrads::new(COLORS, gpu.upload(&values).expect("numbers fit"));
         gpu.observe(&mut ours.statistics, &own_splats, &grads, &camera).expect("the device observes");

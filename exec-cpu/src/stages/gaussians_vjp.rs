@@ -1,177 +1,36 @@
-//! Splats to channels, and the gradients of Gaussians, sixteen at a time.
+//! Gradients of Gaussians from those of their splats and channels, sixteen at a time.
 
 use crate::{
-    CpuExecutor,
-    blend::{CHANNELS_MAX, GEOMETRY, SplatGrads},
     block::{BlockGrads, BlockPlanes},
     buffer::Buffer,
-    lanes::{LaneMask, Lanes},
-    light::{Lookup, look_up, look_up_irradiance, look_up_vjp, split_sum, split_sum_vjp},
-    machine::Machine,
-    optimise::{StepSize, adam_chunk},
-    prefilter::{Light, LightGrad, Texel},
-    project::{BLOCKS_AT_ONCE, Splats},
+    context::Context,
+    lanes::Lanes,
+    stages::{
+        blend::CHANNELS_MAX,
+        blend_vjp::{GEOMETRY, SplatGrads},
+        lookup::{LIGHT_PARTS, look_up_vjp, split_sum_vjp, sum_parts},
+        optimise::{StepSize, adam_chunk},
+        prefilter::{LightGrad, Texel},
+        project::Splats,
+        shade::{Lit, Scene},
+    },
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    attributes::{
-        AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, PoseGrad, ShadedGaussian, shape_vjp,
-    },
+    attributes::{AttributePlanes, LayerChannels, LookupGrad, PoseGrad, shape_vjp},
     camera::{Camera, CameraOf},
     each,
-    executor::TrainingStep,
     loss::{LossWeights, residual_vjp, sparse_vjp},
     real::Real,
     rules::{Channels, channel},
     scene::{BLOCK, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
-    shade::{ShadingForm, Terms},
     splat::SplatGrad,
     state::AdamMoments,
-    vector::Vec3,
 };
 
-/// The channels of each Gaussian, side by side.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Colors {
-    /// How many numbers a Gaussian has.
-    pub channels: usize,
-    /// The numbers.
-    pub(crate) values: Buffer<f32>,
-}
-
-impl Colors {
-    /// The channels of one Gaussian; whatever, if it is not drawn.
-    pub fn of(&self, gaussian: usize) -> &[f32] {
-        &self.values[gaussian * self.channels..(gaussian + 1) * self.channels]
-    }
-}
-
-/// What shading needs beside the Gaussians.
-#[derive(Clone, Copy)]
-pub(crate) struct Scene<'a> {
-    pub(crate) shading: GaussianShading,
-    pub(crate) light: Option<&'a Light>,
-}
-
-impl Scene<'_> {
-    /// The light, if Gaussians look it up.
-    fn own_light(&self) -> Option<&Light> {
-        self.light.filter(|_| !self.shading.rules.is_deferred(self.shading.layout))
-    }
-}
-
-/// The channels of what is drawn; what has a colour that is not finite is not drawn any more.
-pub(crate) fn shade_all(
-    machine: &Machine,
-    gaussians: &Gaussians<Vec<f32>>,
-    camera: &Camera,
-    splats: &mut Splats,
-    scene: Scene<'_>,
-) -> Colors {
-    let channels = scene.shading.channels().count();
-    let mut values = machine.numbers.take(gaussians.count * channels);
-    let block_len = gaussians.block_len();
-    let chunks = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
-    chunks.zip(values.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK * channels)).zip(splats.par_chunks_mut()).for_each(
-        |((blocks, out), mut splats)| {
-            dispatch!(machine.level, simd => {
-                let camera = camera.lift(Lanes::splat(simd, 0.0));
-                for (index, (block, out)) in blocks.chunks_exact(block_len).zip(out.chunks_mut(BLOCK * channels)).enumerate() {
-                    if splats.block_is_drawn(index) {
-                        let is_finite = shade_block(simd, block, &camera, scene, out);
-                        splats.leave_out(index, !is_finite.bits() as u16);
-                    }
-                }
-            });
-        },
-    );
-    Colors { channels, values }
-}
-
-/// Writes the channels of a block, and says whose attributes are finite, of those that were read.
-#[inline(always)]
-fn shade_block<S: Simd>(
-    simd: S,
-    block: &[f32],
-    camera: &CameraOf<Lanes<S>>,
-    scene: Scene<'_>,
-    out: &mut [f32],
-) -> LaneMask<S> {
-    let planes = BlockPlanes { simd, values: block };
-    let (channels, is_finite) = if scene.shading.reads_surface() {
-        let lit = Lit::new(simd, &planes, camera, scene);
-        (scene.shading.surface_channels(&lit.shaded, &lit.terms, camera), lit.shaded.is_finite())
-    } else {
-        scene.shading.color_channels(&planes, camera)
-    };
-    interleave(&channels, scene.shading.channels(), out);
-    is_finite
-}
-
-/// The channels of each Gaussian side by side, of those that are blended.
-fn interleave<S: Simd>(channels: &LayerChannels<Lanes<S>>, blended: Channels, out: &mut [f32]) {
-    for (c, lanes) in channels.0.iter().enumerate() {
-        let Some(place) = blended.index_of(c) else { continue };
-        let lanes = lanes.to_array();
-        for (gaussian, value) in out.chunks_exact_mut(blended.count()).zip(lanes) {
-            gaussian[place] = value;
-        }
-    }
-}
-
-/// A block under its light.
-struct Lit<S: Simd> {
-    shaded: ShadedGaussian<Lanes<S>>,
-    specular: Option<Lookup<S>>,
-    ambient: Option<Lookup<S>>,
-    terms: Terms<Lanes<S>>,
-}
-
-impl<S: Simd> Lit<S> {
-    #[inline(always)]
-    fn new(simd: S, planes: &BlockPlanes<'_, S>, camera: &CameraOf<Lanes<S>>, scene: Scene<'_>) -> Self {
-        let shaded = scene.shading.shaded(planes, camera.position);
-        let surface = &shaded.surface;
-        #[expect(clippy::manual_map, reason = "a closure is compiled without the machine's vector features")]
-        let specular = match scene.own_light() {
-            Some(light) => Some(look_up(simd, light, surface.reflection_dir, surface.roughness)),
-            None => None,
-        };
-        let is_official = scene.shading.rules.shading.form == ShadingForm::Official;
-        let ambient = match scene.light {
-            Some(light) if is_official => Some(look_up_irradiance(simd, light, surface.facing.normal)),
-            _ => None,
-        };
-        let light = LightSample {
-            specular: radiance_of(&specular, surface.roughness),
-            ambient: radiance_of(&ambient, surface.roughness),
-            split_sum: if is_official {
-                split_sum(simd, surface.n_dot_v, surface.roughness)
-            } else {
-                [surface.roughness.zero(); 2]
-            },
-        };
-        let terms = shaded.terms(&light);
-        Self { shaded, specular, ambient, terms }
-    }
-}
-
-/// The light that was looked up, if any was.
-#[inline(always)]
-fn radiance_of<S: Simd>(lookup: &Option<Lookup<S>>, like: Lanes<S>) -> Vec3<Lanes<S>> {
-    match lookup {
-        Some(lookup) => lookup.radiance(),
-        None => Vec3::zero(like),
-    }
-}
-
-/// Parts into which Gaussians or pixels are divided while they add to the light's gradient. The number is fixed, so the
-/// sum's order is the same on any number of threads.
-pub(crate) const LIGHT_PARTS: usize = 8;
-
 pub(crate) fn gaussians_vjp(
-    machine: &Machine,
+    context: &Context,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
     splats: &Splats,
@@ -179,11 +38,11 @@ pub(crate) fn gaussians_vjp(
     weights: &LossWeights,
     grads: &SplatGrads,
 ) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
-    let mut out = machine.numbers.take(gaussians.values.len());
+    let mut out = context.take::<f32>(gaussians.values.len());
     let from = Backwards { splats, scene, weights, grads, count: gaussians.count };
     let block_len = gaussians.block_len();
     let parts = from.parts(gaussians.values.len() / block_len);
-    let mut texels = from.texels(machine);
+    let mut texels = from.texels(context);
     gaussians
         .values
         .par_chunks(parts.blocks * block_len)
@@ -192,7 +51,7 @@ pub(crate) fn gaussians_vjp(
         .enumerate()
         .for_each(|(part, ((blocks, out), light_grad))| {
             light_grad.fill([0.0; 4]);
-            dispatch!(machine.level, simd => {
+            dispatch!(context.level, simd => {
                 let camera = camera.lift(Lanes::splat(simd, 0.0));
                 let blocks = blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len));
                 for (number, (block, out)) in (part * parts.blocks..).zip(blocks) {
@@ -206,20 +65,21 @@ pub(crate) fn gaussians_vjp(
 
 /// [`gaussians_vjp`] and Adam's step, block by block: a gradient is used where it was made.
 pub(crate) fn update(
-    machine: &Machine,
+    context: &Context,
     gaussians: &mut Gaussians<Vec<f32>>,
     moments: &mut AdamMoments<Vec<f32>>,
-    step: &TrainingStep<'_, CpuExecutor>,
+    camera: &Camera,
     splats: &Splats,
     scene: Scene<'_>,
+    weights: &LossWeights,
     grads: &SplatGrads,
     size: &StepSize,
 ) -> (usize, Option<LightGrad>) {
     let count = gaussians.count;
-    let from = Backwards { splats, scene, weights: step.weights, grads, count };
+    let from = Backwards { splats, scene, weights, grads, count };
     let block_len = gaussians.block_len();
     let parts = from.parts(gaussians.values.len() / block_len);
-    let mut texels = from.texels(machine);
+    let mut texels = from.texels(context);
     let chunk = parts.blocks * block_len;
     let nonfinite = gaussians
         .values
@@ -229,8 +89,8 @@ pub(crate) fn update(
         .enumerate()
         .map(|(part, ((blocks, (mean, square)), light_grad))| {
             light_grad.fill([0.0; 4]);
-            dispatch!(machine.level, simd => {
-                let camera = step.camera.lift(Lanes::splat(simd, 0.0));
+            dispatch!(context.level, simd => {
+                let camera = camera.lift(Lanes::splat(simd, 0.0));
                 let mut grad = [0.0; BLOCK * PLANES_MAX];
                 let grad = &mut grad[..block_len];
                 let moments = mean.chunks_exact_mut(block_len).zip(square.chunks_exact_mut(block_len));
@@ -281,8 +141,8 @@ impl Backwards<'_> {
         self.scene.own_light().map_or(0, |light| light.texels.len())
     }
     /// Memory for the light's gradients of all parts.
-    fn texels(&self, machine: &Machine) -> Buffer<Texel> {
-        machine.texels.take(self.part_count() * self.texel_count().max(1))
+    fn texels(&self, context: &Context) -> Buffer<Texel> {
+        context.take::<Texel>(self.part_count() * self.texel_count().max(1))
     }
     /// The gradient of one block; adds to the light's.
     #[inline(always)]
@@ -302,26 +162,6 @@ impl Backwards<'_> {
         }
         attribute_losses_vjp(simd, block, self.scene, self.weights, self.count, out);
     }
-}
-
-/// The sum of lights' gradients, in the order of the parts.
-pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_count: usize) -> LightGrad {
-    const TEXELS_AT_ONCE: usize = 4096;
-    let (sum, others) = texels.split_at_mut(texel_count);
-    if part_count == 0 {
-        sum.fill([0.0; 4]);
-    }
-    let others = &others[..part_count.saturating_sub(1) * texel_count];
-    sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
-        for part in others.chunks_exact(texel_count) {
-            let own = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
-            sum.iter_mut().zip(own).for_each(|(sum, texel)| {
-                sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
-            });
-        }
-    });
-    texels.truncate(texel_count);
-    LightGrad { texels }
 }
 
 /// Gradients of a block's splats as lanes; zero for what is not there or not drawn.

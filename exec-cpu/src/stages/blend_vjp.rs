@@ -1,28 +1,25 @@
-//! Tiles to a picture and back, a quad of four by four pixels at a time: most splats are small and round.
+//! Gradients of splats and their channels: tiles are replayed front to back, a quad at a time.
 
 use crate::{
-    bin::Tiles,
     buffer::{Buffer, Pool},
+    context::Context,
     frame::{Frame, FrameGrad, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
-    machine::Machine,
     parts::{Pieces, each_part},
-    project::{SplatRecord, Splats},
-    shade::Colors,
-    stamps::{SPLATS_AT_ONCE, SplatBatch, Stamps, centers_of},
+    stages::{
+        bin::Tiles,
+        blend::{CHANNELS_MAX, for_each_bit, read_colors, with_channels},
+        project::{SplatRecord, Splats},
+        shade::Colors,
+        splat_batch::centers_of,
+    },
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
-use fearless_simd::{Simd, dispatch, prelude::*, u32x16};
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    blend::{
-        Composite, OffsetMoments, PixelState, Replay, StepGrad, log2_strength, moments_vjp, offset_from,
-        offset_of_origin, step_vjp,
-    },
-    camera::Camera,
-    cutoffs::Cutoffs,
+    blend::{OffsetMoments, Replay, StepGrad, log2_strength, moments_vjp, offset_from, offset_of_origin, step_vjp},
     real::Real,
-    rules::Channels,
     scene::BLOCK,
     splat::{Splat2d, SplatGrad},
 };
@@ -68,170 +65,6 @@ impl SplatGrads {
     }
 }
 
-/// The most channels that a splat can have.
-pub(crate) const CHANNELS_MAX: usize = Channels::Layers.count();
-
-/// Calls a function that is generic over the number of channels.
-macro_rules! with_channels {
-    ($count:expr, $function:ident($($argument:expr),*)) => {
-        match $count {
-            3 => $function::<3>($($argument),*),
-            8 => $function::<8>($($argument),*),
-            10 => $function::<10>($($argument),*),
-            12 => $function::<12>($($argument),*),
-            _ => $function::<CHANNELS_MAX>($($argument),*),
-        }
-    };
-}
-
-pub(crate) fn blend_all(
-    machine: &Machine,
-    splats: &Splats,
-    colors: &Colors,
-    tiles: &Tiles,
-    camera: &Camera,
-    cutoffs: &Cutoffs,
-) -> Frame {
-    match &splats.in_perspective {
-        None => {
-            with_channels!(colors.channels, blend_channels(machine, &splats.records, colors, tiles, camera, cutoffs))
-        }
-        Some(splats) => {
-            with_channels!(colors.channels, blend_channels(machine, splats, colors, tiles, camera, cutoffs))
-        }
-    }
-}
-
-fn blend_channels<const C: usize>(
-    machine: &Machine,
-    splats: &[impl SplatBatch],
-    colors: &Colors,
-    tiles: &Tiles,
-    camera: &Camera,
-    cutoffs: &Cutoffs,
-) -> Frame {
-    let cover = tiles.cover.clone();
-    let count = cover.tiles.len();
-    let mut blended = machine.quads.take(count * tile_len(C));
-    let mut seen = machine.bits.take(tiles.intersection_count());
-    let (pixels_of, splats_of) = (|slot: usize| slot * tile_len(C), |slot: usize| tiles.start_of_covered(slot));
-    let parts = (Pieces::new(&mut blended, &pixels_of), Pieces::new(&mut seen, &splats_of));
-    each_part(count, parts, &|slot, (pixels, seen): (Pieces<'_, Quad>, Pieces<'_, u16>)| {
-        let list = tiles.of_covered(slot);
-        let origin = cover.origin(slot);
-        dispatch!(machine.level, simd => {
-            let (pixels, seen) = (pixels.only(), seen.only());
-            blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, cutoffs, pixels, seen);
-        });
-    });
-    let (width, height) = (camera.width as usize, camera.height as usize);
-    Frame { width, height, channels: C, cover, blended, shaded: None, exposed: None, seen }
-}
-
-/// Visits the quads whose bits are set.
-#[inline(always)]
-fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
-    while quads != 0 {
-        visit(quads.trailing_zeros() as usize % QUADS);
-        quads &= quads - 1;
-    }
-}
-
-#[inline(always)]
-fn blend_tile<S: Simd, const C: usize, T: SplatBatch>(
-    simd: S,
-    splats: &[T],
-    colors: &[f32],
-    list: &[AtomicU32],
-    origin: [f32; 2],
-    cutoffs: &Cutoffs,
-    pixels: &mut [Quad],
-    seen: &mut [u16],
-) {
-    let (channels, left) = pixels.split_at_mut(QUADS * C);
-    channels.as_flattened_mut().fill(0.0);
-    left.as_flattened_mut().fill(1.0);
-    let (channels, left) = (channels.as_chunks_mut::<C>().0, &mut left[..QUADS]);
-    let mut transmittance = [[1.0; BLOCK]; QUADS];
-    let (mut stamps, mut near) = (T::Stamps::NONE, [[0.0; C]; SPLATS_AT_ONCE]);
-    for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
-        if transmittance.iter().all(|quad| cutoffs.is_active(Lanes::load(simd, quad)).bits() == 0) {
-            seen.fill(0);
-            continue;
-        }
-        read_colors(&mut near, colors, list);
-        let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in stamps.read(simd, splats, origin, list, cutoffs).into_iter().enumerate() {
-            let passage = [&mut transmittance[quad], &mut left[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &stamps, &near, quad, splats, cutoffs, &mut channels[quad], passage);
-        }
-        transpose_back(simd, &seen_by_quad, seen);
-    }
-}
-
-/// Blends some splats into a quad, one after the other; returns a bit for each that was seen by a pixel that had not
-/// ended. The quad stays in registers meanwhile.
-#[inline(always)]
-fn blend_quad<S: Simd, const C: usize>(
-    simd: S,
-    stamps: &impl Stamps,
-    colors: &[[f32; C]; SPLATS_AT_ONCE],
-    quad: usize,
-    mut splats: u64,
-    cutoffs: &Cutoffs,
-    channels: &mut [Quad; C],
-    [transmittance, left]: [&mut Quad; 2],
-) -> u64 {
-    let front = Lanes::load(simd, transmittance);
-    let mut alive = cutoffs.is_active(front);
-    if splats == 0 || alive.bits() == 0 {
-        return 0;
-    }
-    // Pixels that have ended let nothing through: a product that is never looked at would become denormal, and slow.
-    let mut passage = PixelState { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
-    let mut sums = [front; C];
-    for c in 0..C {
-        sums[c] = Lanes::load(simd, &channels[c]);
-    }
-    let centers = centers_of(simd, quad);
-    let mut seen = 0;
-    while splats != 0 {
-        let k = splats.trailing_zeros() as usize % SPLATS_AT_ONCE;
-        splats &= splats - 1;
-        let strength = stamps.log2_strength(simd, k, centers);
-        let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), passage);
-        // Without a branch: whether a quad is touched is hard to foretell.
-        seen |= u64::from((alive & cutoffs.passes_alpha_test(strength)).bits() != 0) << k;
-        alive = cutoffs.is_active(behind.transmittance);
-        passage = behind;
-        for c in 0..C {
-            sums[c] = weight.mul_add(Lanes::splat(simd, colors[k][c]), sums[c]);
-        }
-    }
-    passage.transmittance.store(transmittance);
-    passage.left.store(left);
-    for c in 0..C {
-        sums[c].store(&mut channels[c]);
-    }
-    seen
-}
-
-/// For each splat a bit for each quad, from a bit for each splat of each quad.
-#[inline(always)]
-fn transpose_back<S: Simd>(simd: S, splats: &[u64; QUADS], quads: &mut [u16]) {
-    let zero = u32x16::splat(simd, 0);
-    for (half, quads) in quads.chunks_mut(HALF_BITS).enumerate() {
-        let splats = splats.map(|splats| (splats >> (half * HALF_BITS)) as u32);
-        let splats = u32x16::from_slice(simd, &splats);
-        for (k, quads) in quads.iter_mut().enumerate() {
-            *quads = (splats & u32x16::splat(simd, 1 << k)).simd_gt(zero).to_bitmask() as u16;
-        }
-    }
-}
-
-/// Bits that a lane holds.
-const HALF_BITS: usize = 32;
-
 /// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
 /// for memory overlap.
 struct Near<const C: usize> {
@@ -253,27 +86,19 @@ impl<const C: usize> Near<C> {
     }
 }
 
-#[inline(always)]
-fn read_colors<const C: usize>(near: &mut [[f32; C]], colors: &[f32], list: &[AtomicU32]) {
-    for (gaussian, color) in list.iter().zip(near) {
-        let gaussian = gaussian.load(Relaxed) as usize;
-        color.copy_from_slice(&colors[gaussian * C..(gaussian + 1) * C]);
-    }
-}
-
 pub(crate) fn blend_all_vjp(
-    machine: &Machine,
+    context: &Context,
     splats: &Splats,
     colors: &Colors,
     tiles: &Tiles,
     frame: &Frame,
     grad: &FrameGrad,
 ) -> SplatGrads {
-    with_channels!(colors.channels, blend_channels_vjp(machine, splats, colors, tiles, frame, grad))
+    with_channels!(colors.channels, blend_channels_vjp(context, splats, colors, tiles, frame, grad))
 }
 
 fn blend_channels_vjp<const C: usize>(
-    machine: &Machine,
+    context: &Context,
     splats: &Splats,
     colors: &Colors,
     tiles: &Tiles,
@@ -281,7 +106,7 @@ fn blend_channels_vjp<const C: usize>(
     grad: &FrameGrad,
 ) -> SplatGrads {
     let width = GEOMETRY + C;
-    let mut slots = machine.numbers.take(tiles.intersection_count() * width);
+    let mut slots = context.take::<f32>(tiles.intersection_count() * width);
     let slots_of = |slot: usize| tiles.start_of_covered(slot) * width;
     each_part(frame.cover.tiles.len(), Pieces::new(&mut slots, &slots_of), &|slot, out: Pieces<'_, f32>| {
         let list = tiles.of_covered(slot);
@@ -289,22 +114,22 @@ fn blend_channels_vjp<const C: usize>(
         let origin = frame.cover.origin(slot);
         let grad = &grad.values[slot * tile_len(C)..][..tile_len(C)];
         let pixels = frame.tile(slot);
-        dispatch!(machine.level, simd => {
+        dispatch!(context.level, simd => {
             blend_tile_vjp::<_, C>(simd, &splats.records, &colors.values, list, seen, origin, pixels, grad, out.only());
         });
     });
-    SplatGrads { channels: C, values: sum_slots::<C>(machine, &slots, tiles) }
+    SplatGrads { channels: C, values: sum_slots::<C>(context, &slots, tiles) }
 }
 
 /// Each Gaussian sums the slots of its own intersections, in the order of their emission.
-fn sum_slots<const C: usize>(machine: &Machine, slots: &[f32], tiles: &Tiles) -> Buffer<f32> {
+fn sum_slots<const C: usize>(context: &Context, slots: &[f32], tiles: &Tiles) -> Buffer<f32> {
     const BLOCKS_AT_ONCE: usize = 16;
     let count = tiles.emissions.len() - 1;
     let block_len = BLOCK * (GEOMETRY + C);
-    let mut sums = machine.numbers.take(count.div_ceil(BLOCK) * block_len);
+    let mut sums = context.take::<f32>(count.div_ceil(BLOCK) * block_len);
     sums.par_chunks_mut(BLOCKS_AT_ONCE * block_len).enumerate().for_each(|(part, sums)| {
         let blocks = part * BLOCKS_AT_ONCE..;
-        dispatch!(machine.level, _simd => {
+        dispatch!(context.level, _simd => {
             for (block, sums) in blocks.zip(sums.chunks_exact_mut(block_len)) {
                 for lane in 0..BLOCK {
                     sum_slots_of::<C>(block * BLOCK + lane, count, slots, tiles, &mut sums[lane..]);

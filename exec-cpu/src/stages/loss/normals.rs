@@ -1,6 +1,6 @@
 //! Rendered normals against those of the depth.
 
-use super::{Comparison, add_to_row, plane, row_of_tile};
+use super::comparison::{Comparison, add_to_row, plane, row_of_tile};
 use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
@@ -23,11 +23,11 @@ const ROWS: usize = SIZE + 2;
 
 /// Mean normal loss of a picture; adds its gradient.
 pub(super) fn normal_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
-    let Comparison { machine, frame, .. } = comparison;
+    let Comparison { context, frame, .. } = comparison;
     let cover = &frame.cover;
     let len = tile_len(frame.channels);
     // Gradients of the depths to the left, right, above and below of each pixel.
-    let mut of_neighbours = Planes::new(machine, [cover.columns, cover.rows], 4);
+    let mut of_neighbours = Planes::new(context, [cover.columns, cover.rows], 4);
     let (rows, rows_of) = of_neighbours.parts();
     let grad_of = comparison.grad_starts();
     let parts = (Pieces::new(grad, &grad_of), Pieces::new(rows, &rows_of));
@@ -35,12 +35,12 @@ pub(super) fn normal_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &m
         let rows = rows.only();
         let slots = cover.before_row(row)..;
         let sums = slots.zip(grad.only().chunks_exact_mut(len)).map(
-            |(slot, grad)| dispatch!(machine.level, simd => compare_tile(simd, comparison, planes, slot, grad, rows)),
+            |(slot, grad)| dispatch!(context.level, simd => compare_tile(simd, comparison, planes, slot, grad, rows)),
         );
         [sums.sum(), 0.0, 0.0, 0.0]
     });
     grad.par_chunks_mut(len).enumerate().for_each(|(slot, tile)| {
-        dispatch!(machine.level, simd => gather(simd, comparison, planes, &of_neighbours, slot, tile));
+        dispatch!(context.level, simd => gather(simd, comparison, planes, &of_neighbours, slot, tile));
     });
     sum / comparison.pixel_count() as f64
 }

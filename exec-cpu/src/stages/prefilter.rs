@@ -1,6 +1,6 @@
 //! Light into roughness levels: a sparse linear operator, built once for a resolution and applied at every step.
 
-use crate::{buffer::Buffer, machine::Machine};
+use crate::{buffer::Buffer, context::Context};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
@@ -96,23 +96,23 @@ impl Light {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }
     /// Filters an environment. The operator fits its resolution.
-    pub(crate) fn new(machine: &Machine, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
-        let mut nodes = machine.texels.take(operator.node_count() + operator.row_count());
+    pub(crate) fn new(context: &Context, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
+        let mut nodes = context.take::<Texel>(operator.node_count() + operator.row_count());
         for (node, rgb) in nodes.iter_mut().zip(environment.values.chunks_exact(3)) {
             *node = activate(environment.activation, rgb);
         }
-        filter(machine.level, &operator, &mut nodes);
-        let mut texels = machine.texels.take(operator.padded_count());
-        apply(machine.level, &operator.aprons().forward, &nodes, &mut texels, false);
+        filter(context.level, &operator, &mut nodes);
+        let mut texels = context.take::<Texel>(operator.padded_count());
+        apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
         Self { operator, texels, nodes }
     }
     /// Gradient with respect to the environment's numbers.
-    pub(crate) fn vjp(&self, machine: &Machine, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
-        let mut nodes = machine.texels.take(self.nodes.len());
-        apply(machine.level, self.operator.aprons().transposed(), &grad.texels, &mut nodes, false);
-        filter_vjp(machine.level, &self.operator, &mut nodes);
+    pub(crate) fn vjp(&self, context: &Context, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
+        let mut nodes = context.take::<Texel>(self.nodes.len());
+        apply(context.level, self.operator.aprons().transposed(), &grad.texels, &mut nodes, false);
+        filter_vjp(context.level, &self.operator, &mut nodes);
         let resolution = self.operator.base_resolution();
-        let mut out = machine.numbers.take(3 * FACE_COUNT * resolution * resolution);
+        let mut out = context.take::<f32>(3 * FACE_COUNT * resolution * resolution);
         for ((out, grad), radiance) in out.chunks_exact_mut(3).zip(nodes.iter()).zip(self.nodes.iter()) {
             out.copy_from_slice(&activate_vjp(activation, grad, radiance));
         }

@@ -3,7 +3,7 @@
 use crate::{
     frame::{PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, quad_origin},
     lanes::Lanes,
-    project::{PerspectiveRecord, SplatRecord},
+    stages::project::{PerspectiveRecord, SplatRecord},
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::Simd;
@@ -23,25 +23,25 @@ pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 type Numbers = [f32; SPLATS_AT_ONCE];
 
 /// Something that tiles can be blended from.
-pub(crate) trait SplatBatch: Sync {
+pub(crate) trait BatchedSplat: Sync {
     /// Some of them as a tile sees them.
-    type Stamps: Stamps<Splat = Self>;
+    type Batch: SplatBatch<Splat = Self>;
 }
 
-impl SplatBatch for SplatRecord {
-    type Stamps = AffineStamps;
+impl BatchedSplat for SplatRecord {
+    type Batch = AffineBatch;
 }
 
-impl SplatBatch for PerspectiveRecord {
-    type Stamps = PerspectiveStamps;
+impl BatchedSplat for PerspectiveRecord {
+    type Batch = PerspectiveBatch;
 }
 
 /// Some splats as a tile sees them.
-pub(crate) trait Stamps {
+pub(crate) trait SplatBatch {
     /// As they lie in memory.
     type Splat;
     /// None of them.
-    const NONE: Self;
+    const EMPTY: Self;
 
     /// Takes one in, its mean from the tile's corner.
     fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
@@ -78,7 +78,7 @@ pub(crate) trait Stamps {
 }
 
 /// Splats of the affine projection.
-pub(crate) struct AffineStamps {
+pub(crate) struct AffineBatch {
     /// From the tile's corner.
     mean2d: [Numbers; 2],
     root: [Numbers; 3],
@@ -87,7 +87,7 @@ pub(crate) struct AffineStamps {
     of_corner: [Numbers; 2],
 }
 
-impl AffineStamps {
+impl AffineBatch {
     #[inline(always)]
     fn put(&mut self, k: usize, mean2d: [f32; 2], root: [f32; 3], log2_opacity: f32, origin: [f32; 2]) {
         for axis in 0..2 {
@@ -104,15 +104,15 @@ impl AffineStamps {
     fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Splat2d<Lanes<S>> {
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let root = [load(&self.root[0]), load(&self.root[1]), load(&self.root[2])];
-        let stamp = Splat2d::new([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
+        let splat = Splat2d::new([load(&self.mean2d[0]), load(&self.mean2d[1])], root, load(&self.log2_opacity));
         for entry in 0..3 {
-            stamp.root[entry].store(&mut self.root[entry][first..]);
+            splat.root[entry].store(&mut self.root[entry][first..]);
         }
-        let of_corner = offset_of_origin(&stamp);
+        let of_corner = offset_of_origin(&splat);
         for axis in 0..2 {
             of_corner[axis].store(&mut self.of_corner[axis][first..]);
         }
-        stamp
+        splat
     }
 
     /// Scaled offset of some pixels from a splat.
@@ -125,9 +125,9 @@ impl AffineStamps {
     }
 }
 
-impl Stamps for AffineStamps {
+impl SplatBatch for AffineBatch {
     type Splat = SplatRecord;
-    const NONE: Self = Self {
+    const EMPTY: Self = Self {
         mean2d: [[0.0; SPLATS_AT_ONCE]; 2],
         root: [[0.0; SPLATS_AT_ONCE]; 3],
         log2_opacity: [0.0; SPLATS_AT_ONCE],
@@ -141,11 +141,11 @@ impl Stamps for AffineStamps {
 
     #[inline(always)]
     fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]) {
-        let stamp = self.scale(simd, first);
+        let splat = self.scale(simd, first);
         for across in 0..QUADS_ACROSS {
-            let column = column_of(&stamp, pixel_bounds(stamp.mean2d[0], across));
+            let column = column_of(&splat, pixel_bounds(splat.mean2d[0], across));
             for down in 0..QUADS_ACROSS {
-                let mask = cutoffs.may_overlap_column(&stamp, &column, pixel_bounds(stamp.mean2d[1], down));
+                let mask = cutoffs.may_overlap_column(&splat, &column, pixel_bounds(splat.mean2d[1], down));
                 splats[down * QUADS_ACROSS + across] |= mask.bits() << first;
             }
         }
@@ -158,8 +158,8 @@ impl Stamps for AffineStamps {
 }
 
 /// Splats in perspective.
-pub(crate) struct PerspectiveStamps {
-    affine: AffineStamps,
+pub(crate) struct PerspectiveBatch {
+    affine: AffineBatch,
     slope: [Numbers; 2],
     /// Scaled.
     curvature: Numbers,
@@ -167,17 +167,17 @@ pub(crate) struct PerspectiveStamps {
     of_corner: Numbers,
 }
 
-impl PerspectiveStamps {
+impl PerspectiveBatch {
     #[inline(always)]
     fn is_affine(&self, k: usize) -> bool {
         self.slope[0][k] == 0.0 && self.slope[1][k] == 0.0 && self.curvature[k] == 0.0
     }
 }
 
-impl Stamps for PerspectiveStamps {
+impl SplatBatch for PerspectiveBatch {
     type Splat = PerspectiveRecord;
-    const NONE: Self = Self {
-        affine: AffineStamps::NONE,
+    const EMPTY: Self = Self {
+        affine: AffineBatch::EMPTY,
         slope: [[0.0; SPLATS_AT_ONCE]; 2],
         curvature: [0.0; SPLATS_AT_ONCE],
         of_corner: [0.0; SPLATS_AT_ONCE],
@@ -194,16 +194,16 @@ impl Stamps for PerspectiveStamps {
 
     #[inline(always)]
     fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]) {
-        let stamp = self.affine.scale(simd, first);
+        let splat = self.affine.scale(simd, first);
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let slope = [load(&self.slope[0]), load(&self.slope[1])];
         let own = Perspective { slope, curvature: load(&self.curvature) };
-        ray_scale_of_origin(stamp.mean2d, own.slope).store(&mut self.of_corner[first..]);
+        ray_scale_of_origin(splat.mean2d, own.slope).store(&mut self.of_corner[first..]);
         scaled_curvature(own.curvature).store(&mut self.curvature[first..]);
         for quad in 0..QUADS {
-            let bounds = |axis: usize, index: usize| pixel_bounds(stamp.mean2d[axis], index);
+            let bounds = |axis: usize, index: usize| pixel_bounds(splat.mean2d[axis], index);
             let (dx, dy) = (bounds(0, quad % QUADS_ACROSS), bounds(1, quad / QUADS_ACROSS));
-            splats[quad] |= may_overlap(cutoffs, &stamp, &own, dx, dy).bits() << first;
+            splats[quad] |= may_overlap(cutoffs, &splat, &own, dx, dy).bits() << first;
         }
     }
 

@@ -1,11 +1,13 @@
 //! Cloning, splitting and pruning.
 
 use crate::{
-    blend::SplatGrads,
+    context::Context,
     lanes::Lanes,
-    machine::Machine,
     morton::{codes, gather},
-    project::{BLOCKS_AT_ONCE, Splats},
+    stages::{
+        blend_vjp::SplatGrads,
+        project::{BLOCKS_AT_ONCE, Splats},
+    },
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -24,7 +26,7 @@ use specula_core::{
 
 /// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is finite.
 pub(crate) fn observe(
-    machine: &Machine,
+    context: &Context,
     statistics: &mut Statistics<Vec<f32>>,
     splats: &Splats,
     grads: &SplatGrads,
@@ -34,7 +36,7 @@ pub(crate) fn observe(
     let Statistics { grad_sum, view_count } = statistics;
     let blocks = grad_sum.par_chunks_mut(BLOCK).zip(view_count.par_chunks_mut(BLOCK)).with_min_len(BLOCKS_AT_ONCE);
     blocks.enumerate().for_each(|(block, (sum, count))| {
-        dispatch!(machine.level, simd => {
+        dispatch!(context.level, simd => {
             let lengths = grad_lengths(simd, grads.block(block), half_size);
             for (lane, (sum, count)) in sum.iter_mut().zip(count).enumerate() {
                 if splats.is_drawn(block, lane) && lengths[lane].is_finite() {

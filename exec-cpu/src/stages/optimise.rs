@@ -1,6 +1,6 @@
 //! Adam over all planes of all Gaussians, and over a light.
 
-use crate::{buffer::Buffer, lanes::Lanes, machine::Machine};
+use crate::{buffer::Buffer, context::Context, lanes::Lanes};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
@@ -19,8 +19,8 @@ pub(crate) struct StepSize {
 
 impl StepSize {
     /// For the step of this number, from 1.
-    pub(crate) fn new(machine: &Machine, rates: &[f32], step: u32) -> Self {
-        let mut corrected = machine.numbers.take(rates.len());
+    pub(crate) fn new(context: &Context, rates: &[f32], step: u32) -> Self {
+        let mut corrected = context.take::<f32>(rates.len());
         corrected.iter_mut().zip(rates).for_each(|(to, rate)| *to = corrected_rate(*rate, step));
         Self { rates: corrected, epsilon: corrected_epsilon(step) }
     }
@@ -29,7 +29,7 @@ impl StepSize {
 /// One step for numbers in blocks of as many planes as there are rates; counts gradients that were not finite and were
 /// left out.
 pub(crate) fn adam_blocks(
-    machine: &Machine,
+    context: &Context,
     values: &mut [f32],
     mean: &mut [f32],
     square: &mut [f32],
@@ -43,7 +43,7 @@ pub(crate) fn adam_blocks(
         .zip(mean.par_chunks_mut(chunk).zip(square.par_chunks_mut(chunk)))
         .zip(grad.par_chunks(chunk))
         .map(|((values, (mean, square)), grad)| {
-            dispatch!(machine.level, simd => adam_chunk(simd, values, mean, square, grad, size))
+            dispatch!(context.level, simd => adam_chunk(simd, values, mean, square, grad, size))
         })
         .sum()
 }
@@ -80,7 +80,7 @@ pub(crate) fn adam_chunk<S: Simd>(
 
 /// One step for numbers that all have the same rate, however many there are.
 pub(crate) fn adam_all(
-    machine: &Machine,
+    context: &Context,
     values: &mut [f32],
     mean: &mut [f32],
     square: &mut [f32],
@@ -89,7 +89,7 @@ pub(crate) fn adam_all(
     step: u32,
 ) -> usize {
     let whole = values.len() / BLOCK * BLOCK;
-    let size = StepSize::new(machine, &[rate], step);
+    let size = StepSize::new(context, &[rate], step);
     let mut nonfinite = 0;
     for k in whole..values.len() {
         if !is_usable(grad[k]) {
@@ -101,6 +101,6 @@ pub(crate) fn adam_all(
         (values[k], mean[k], square[k]) = (next.value, next.mean, next.square);
     }
     let rest =
-        adam_blocks(machine, &mut values[..whole], &mut mean[..whole], &mut square[..whole], &grad[..whole], &size);
+        adam_blocks(context, &mut values[..whole], &mut mean[..whole], &mut square[..whole], &grad[..whole], &size);
     nonfinite + rest
 }

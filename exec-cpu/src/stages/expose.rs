@@ -1,9 +1,9 @@
 //! Pictures as photographs show them, sixteen pixels at a time.
 
 use crate::{
+    context::Context,
     frame::{Frame, FrameGrad, QUADS, Quad, RGB, at, tile_len},
     lanes::Lanes,
-    machine::Machine,
 };
 use core::array;
 use fearless_simd::{Simd, dispatch};
@@ -13,10 +13,10 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-pub(crate) fn expose(machine: &Machine, mut frame: Frame, exposure: &Exposure<f32>) -> Frame {
-    let mut exposed = machine.quads.take(frame.cover.tiles.len() * QUADS * RGB);
+pub(crate) fn expose(context: &Context, mut frame: Frame, exposure: &Exposure<f32>) -> Frame {
+    let mut exposed = context.take::<Quad>(frame.cover.tiles.len() * QUADS * RGB);
     exposed.par_chunks_mut(QUADS * RGB).enumerate().for_each(|(slot, exposed)| {
-        dispatch!(machine.level, simd => expose_tile(simd, &frame, slot, exposure, exposed));
+        dispatch!(context.level, simd => expose_tile(simd, &frame, slot, exposure, exposed));
     });
     frame.exposed = Some(exposed);
     frame
@@ -24,15 +24,15 @@ pub(crate) fn expose(machine: &Machine, mut frame: Frame, exposure: &Exposure<f3
 
 /// The gradient of the picture before, and that of the exposure: sums over tiles, in their order.
 pub(crate) fn expose_vjp(
-    machine: &Machine,
+    context: &Context,
     frame: &Frame,
     exposure: &Exposure<f32>,
     mut grad: FrameGrad,
 ) -> (FrameGrad, Exposure<f64>) {
-    let mut sums = machine.sums.take(RGB * frame.cover.tiles.len());
+    let mut sums = context.take::<[f64; 4]>(RGB * frame.cover.tiles.len());
     let tiles = grad.values.par_chunks_mut(tile_len(frame.channels)).zip(sums.par_chunks_mut(RGB));
     tiles.enumerate().for_each(|(slot, (grad, sums))| {
-        dispatch!(machine.level, simd => sums.copy_from_slice(&tile_vjp(simd, frame, slot, exposure, grad)));
+        dispatch!(context.level, simd => sums.copy_from_slice(&tile_vjp(simd, frame, slot, exposure, grad)));
     });
     let add = |sum: Exposure<f64>, own: &[[f64; 4]]| array::from_fn(|c| array::from_fn(|k| sum[c][k] + own[c][k]));
     let of_exposure = sums.chunks_exact(RGB).fold([[0.0; 4]; 3], add);

@@ -4,10 +4,12 @@
 //! is one load, where gathering each colour into lanes would take three.
 
 use crate::{
+    buffer::Buffer,
     lanes::Lanes,
-    prefilter::{Light, Texel},
+    stages::prefilter::{Light, LightGrad, Texel},
 };
 use fearless_simd::{Simd, f32x4, prelude::*};
+use rayon::prelude::*;
 use specula_core::{
     cubemap::{FacePoint, Footprint, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
     prefilter::{level_of_roughness, level_of_roughness_vjp},
@@ -319,4 +321,28 @@ pub(crate) fn split_sum_vjp<S: Simd>(
     let texels = [vec3(a[0], a[1], zero), vec3(b[0], b[1], zero), vec3(c[0], c[1], zero), vec3(d[0], d[1], zero)];
     let (right, lower) = bilinear_vjp(texels, fetch.right, fetch.lower, vec3(grad[0], grad[1], zero));
     [right * RESOLUTION as f32 * fetch.is_free[0], lower * RESOLUTION as f32 * fetch.is_free[1]]
+}
+
+/// Parts into which Gaussians or pixels are divided while they add to the light's gradient. The number is fixed, so the
+/// sum's order is the same on any number of threads.
+pub(crate) const LIGHT_PARTS: usize = 8;
+
+/// The sum of lights' gradients, in the order of the parts.
+pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_count: usize) -> LightGrad {
+    const TEXELS_AT_ONCE: usize = 4096;
+    let (sum, others) = texels.split_at_mut(texel_count);
+    if part_count == 0 {
+        sum.fill([0.0; 4]);
+    }
+    let others = &others[..part_count.saturating_sub(1) * texel_count];
+    sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
+        for part in others.chunks_exact(texel_count) {
+            let own = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
+            sum.iter_mut().zip(own).for_each(|(sum, texel)| {
+                sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
+            });
+        }
+    });
+    texels.truncate(texel_count);
+    LightGrad { texels }
 }

@@ -1,12 +1,13 @@
 //! Blended surfaces to pictures and back: light, pixel by pixel, sixteen at a time.
 
 use crate::{
+    context::Context,
     frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUADS, Quad, RGB, at, quad_origin, tile_len},
     lanes::Lanes,
-    light::{look_up, look_up_vjp, radiance},
-    machine::Machine,
-    prefilter::{Light, LightGrad, Texel},
-    shade::{LIGHT_PARTS, sum_parts},
+    stages::{
+        lookup::{LIGHT_PARTS, look_up, look_up_vjp, radiance, sum_parts},
+        prefilter::{Light, LightGrad, Texel},
+    },
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -17,12 +18,12 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-pub(crate) fn shade_pixels(machine: &Machine, mut surface: Frame, light: Option<&Light>, camera: &Camera) -> Frame {
+pub(crate) fn shade_pixels(context: &Context, mut surface: Frame, light: Option<&Light>, camera: &Camera) -> Frame {
     let (channels, cover) = (surface.channels, &surface.cover);
-    let mut shaded = machine.quads.take(cover.tiles.len() * QUADS * RGB);
+    let mut shaded = context.take::<Quad>(cover.tiles.len() * QUADS * RGB);
     let tiles = surface.blended.par_chunks_mut(tile_len(channels)).zip(shaded.par_chunks_mut(QUADS * RGB));
     tiles.enumerate().for_each(|(slot, (tile, shaded))| {
-        dispatch!(machine.level, simd => {
+        dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
             shade_tile(simd, cover.origin(slot), light, &lifted, channels, tile, shaded);
         });
@@ -32,7 +33,7 @@ pub(crate) fn shade_pixels(machine: &Machine, mut surface: Frame, light: Option<
 }
 
 pub(crate) fn shade_pixels_vjp(
-    machine: &Machine,
+    context: &Context,
     surface: &Frame,
     light: Option<&Light>,
     camera: &Camera,
@@ -43,13 +44,13 @@ pub(crate) fn shade_pixels_vjp(
     // Parts do not depend on the number of threads, so neither does the sum of their gradients.
     let part_len = count.div_ceil(LIGHT_PARTS).max(1);
     let texel_count = light.map_or(0, |light| light.texels.len());
-    let mut texels = machine.texels.take(LIGHT_PARTS * texel_count.max(1));
+    let mut texels = context.take::<Texel>(LIGHT_PARTS * texel_count.max(1));
     let parts = grad.values.par_chunks_mut(part_len * tile_len).zip(texels.par_chunks_mut(texel_count.max(1)));
     parts.enumerate().for_each(|(part, (grad, light_grad))| {
         light_grad.fill([0.0; 4]);
         for (slot, grad) in (part * part_len..).zip(grad.chunks_exact_mut(tile_len)) {
             let origin = surface.cover.origin(slot);
-            dispatch!(machine.level, simd => {
+            dispatch!(context.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
                 tile_vjp(simd, origin, surface.tile(slot), light, &lifted, grad, light_grad);
             });

@@ -1,6 +1,6 @@
 //! SSIM of two pictures and its gradient, a row of tiles at a time: windows down the columns first, then along the rows.
 
-use super::{Comparison, FAR, add_to_row, plane};
+use super::comparison::{Comparison, FAR, add_to_row, plane};
 use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
@@ -19,17 +19,17 @@ const ROWS: usize = SIZE + 2 * REACH;
 ///
 /// Where both pictures show the background alone, SSIM is one and its gradient zero: such tiles are left out.
 pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
-    let Comparison { machine, frame, weights, .. } = comparison;
+    let Comparison { context, frame, weights, .. } = comparison;
     let cover = &frame.cover;
     let values = 3 * comparison.pixel_count();
-    let mut partials = Planes::new(machine, [cover.columns, cover.rows], 9);
+    let mut partials = Planes::new(context, [cover.columns, cover.rows], 9);
     let (rows, rows_of) = partials.parts();
     let factor = -weights.dssim / values as f32;
     let [sum, ..] = comparison.each_tile_row(Pieces::new(rows, &rows_of), |row, partials| {
         // A colour after the other: so what neighbouring tiles share is still near.
         let colors = partials.only().chunks_exact_mut(3 * cover.columns * SIZE).enumerate();
         let sums = colors.map(|(c, partials)| {
-            dispatch!(machine.level, simd => compare_row(simd, comparison, planes, row, c, factor, partials))
+            dispatch!(context.level, simd => compare_row(simd, comparison, planes, row, c, factor, partials))
         });
         [sums.sum(), 0.0, 0.0, 0.0]
     });
@@ -37,7 +37,7 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
     comparison.each_tile_row(Pieces::new(grad, &grad_of), |row, grad| {
         let grad = grad.only();
         for c in 0..3 {
-            dispatch!(machine.level, simd => add_grads_of_row(simd, comparison, planes, &partials, row, c, grad));
+            dispatch!(context.level, simd => add_grads_of_row(simd, comparison, planes, &partials, row, c, grad));
         }
         [0.0; 4]
     });

@@ -2,12 +2,12 @@
 
 use crate::{
     buffer::Buffer,
-    executor::CpuError,
+    context::Context,
+    error::CpuError,
     frame::Cover,
     lanes::Lanes,
-    machine::Machine,
     parts::{Pieces, each_part},
-    project::{SplatRecord, Splats},
+    stages::project::{SplatRecord, Splats},
 };
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch};
@@ -76,12 +76,12 @@ const GAUSSIANS_AT_ONCE: usize = 1024;
 /// Parts of the Gaussians that are sorted into tiles at once. A stable sort does not depend on it.
 const SORT_PARTS: usize = 16;
 
-pub(crate) fn bin_all(machine: &Machine, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
+pub(crate) fn bin_all(context: &Context, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
     let grid = [tile_count(camera.width), tile_count(camera.height)];
     let records = &splats.records;
-    let (order, spread) = rayon::join(|| depth_order(machine, records), || spread_all(machine, records, grid));
+    let (order, spread) = rayon::join(|| depth_order(context, records), || spread_all(context, records, grid));
     let (rows, emissions, spans) = spread?;
-    Ok(sort_into_tiles(machine, grid, &order, &Spread { rows, spans }, emissions))
+    Ok(sort_into_tiles(context, grid, &order, &Spread { rows, spans }, emissions))
 }
 
 /// The rows of tiles that a splat may touch.
@@ -120,10 +120,10 @@ impl Spread {
     }
 }
 
-fn spread_all(machine: &Machine, records: &[SplatRecord], grid: [u32; 2]) -> Result<Spans, CpuError> {
-    let mut rows = machine.row_ranges.take(records.len() + 1);
+fn spread_all(context: &Context, records: &[SplatRecord], grid: [u32; 2]) -> Result<Spans, CpuError> {
+    let mut rows = context.take::<RowRange>(records.len() + 1);
     rows.par_chunks_mut(GAUSSIANS_AT_ONCE).zip(records.par_chunks(GAUSSIANS_AT_ONCE)).for_each(|(rows, records)| {
-        dispatch!(machine.level, _simd => {
+        dispatch!(context.level, _simd => {
             for (rows, record) in rows.iter_mut().zip(records) {
                 *rows = row_range(record, grid[1]);
             }
@@ -137,8 +137,8 @@ fn spread_all(machine: &Machine, records: &[SplatRecord], grid: [u32; 2]) -> Res
     let total = sum_so_far(total)?;
     rows[records.len()] = RowRange { first_span: total, first: 0, count: 0 };
 
-    let mut spans = machine.spans.take(total as usize);
-    let mut counts = machine.indices.take(records.len() + 1);
+    let mut spans = context.take::<Span>(total as usize);
+    let mut counts = context.take::<u32>(records.len() + 1);
     let count = records.len().div_ceil(GAUSSIANS_AT_ONCE);
     let place = |part: usize| (part * GAUSSIANS_AT_ONCE).min(records.len());
     let spans_of = |part: usize| rows[place(part)].first_span as usize;
@@ -147,7 +147,7 @@ fn spread_all(machine: &Machine, records: &[SplatRecord], grid: [u32; 2]) -> Res
         let own = place(part)..place(part + 1);
         let blocks = records[own.clone()].chunks(BLOCK).zip(rows[own].chunks(BLOCK));
         let (spans, first_span) = (spans.only(), spans_of(part));
-        dispatch!(machine.level, simd => {
+        dispatch!(context.level, simd => {
             for ((records, rows), counts) in blocks.zip(counts.only().chunks_mut(BLOCK)) {
                 spread_block(simd, records, rows, grid[0], first_span, spans, counts);
             }
@@ -238,14 +238,14 @@ fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>
 
 /// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for positive numbers are in
 /// the order of the numbers. Bits that all depths share are left out.
-pub(crate) fn depth_order(machine: &Machine, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
+pub(crate) fn depth_order(context: &Context, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
     let drawn = || records.iter().enumerate().filter(|(_, record)| record.reach > 0.0);
     let bounds = drawn().fold((0, u32::MAX, 0), |(count, low, high), (_, record)| {
         let key = record.depth.to_bits();
         (count + 1, key.min(low), key.max(high))
     });
     let (count, low, high) = bounds;
-    let (mut keyed, mut scratch) = (machine.keyed.take(count), machine.keyed.take(count));
+    let (mut keyed, mut scratch) = (context.take::<(u32, u32)>(count), context.take::<(u32, u32)>(count));
     let passes = (u32::BITS - high.saturating_sub(low).leading_zeros()).div_ceil(DIGIT_BITS);
     let mut starts = [[0_u32; DIGITS]; PASSES_MAX];
     for (entry, (index, record)) in keyed.iter_mut().zip(drawn()) {
@@ -284,7 +284,7 @@ fn digit(key: u32, pass: u32) -> usize {
 
 /// A counting sort by tile, which keeps the order of depth within each tile.
 fn sort_into_tiles(
-    machine: &Machine,
+    context: &Context,
     [columns, rows]: [u32; 2],
     order: &[(u32, u32)],
     spread: &Spread,
@@ -293,7 +293,7 @@ fn sort_into_tiles(
     let (columns, rows) = (columns as usize, rows as usize);
     let tile_count = columns * rows;
     let part_len = order.len().div_ceil(SORT_PARTS).max(1);
-    let mut next = machine.indices.take_cleared(SORT_PARTS * tile_count);
+    let mut next = context.take_cleared::<u32>(SORT_PARTS * tile_count);
     let parts = order.par_chunks(part_len);
     parts.clone().zip(next.par_chunks_mut(tile_count.max(1))).for_each(|(order, counts)| {
         for (_, gaussian) in order {
@@ -301,7 +301,7 @@ fn sort_into_tiles(
         }
     });
 
-    let mut starts = machine.indices.take(tile_count + 1);
+    let mut starts = context.take::<u32>(tile_count + 1);
     let mut total = 0;
     for tile in 0..tile_count {
         starts[tile] = total;
@@ -312,8 +312,8 @@ fn sort_into_tiles(
     }
     starts[tile_count] = total;
 
-    let gaussians = machine.shared.take(total as usize);
-    let positions = machine.shared.take(total as usize);
+    let gaussians = context.take::<AtomicU32>(total as usize);
+    let positions = context.take::<AtomicU32>(total as usize);
     parts.zip(next.par_chunks_mut(tile_count.max(1))).for_each(|(order, next)| {
         for (_, gaussian) in order {
             let mut emission = emissions[*gaussian as usize] as usize;
@@ -326,6 +326,6 @@ fn sort_into_tiles(
             });
         }
     });
-    let cover = Cover::new(&machine.indices, columns, rows, |tile| starts[tile + 1] > starts[tile]);
+    let cover = Cover::new(context, columns, rows, |tile| starts[tile + 1] > starts[tile]);
     Tiles { cover, starts, gaussians, emissions, positions }
 }

@@ -1,6 +1,6 @@
 //! Gaussians to splats, sixteen at a time.
 
-use crate::{block::BlockPlanes, buffer::Buffer, lanes::Lanes, machine::Machine};
+use crate::{block::BlockPlanes, buffer::Buffer, context::Context, lanes::Lanes};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
@@ -118,25 +118,25 @@ impl SplatBlocks<'_> {
 pub(crate) const BLOCKS_AT_ONCE: usize = 16;
 
 pub(crate) fn project_all(
-    machine: &Machine,
+    context: &Context,
     gaussians: &Gaussians<Vec<f32>>,
     camera: &Camera,
     cutoffs: &Cutoffs,
 ) -> Splats {
-    let mut records = machine.records.take(gaussians.count);
-    let mut drawn = machine.bits.take(gaussians.count.div_ceil(BLOCK));
+    let mut records = context.take::<SplatRecord>(gaussians.count);
+    let mut drawn = context.take::<u16>(gaussians.count.div_ceil(BLOCK));
     let block_len = gaussians.block_len();
     let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
     let parts = parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)));
     if cutoffs.projection() == ProjectionModel::Affine {
         parts.for_each(|(blocks, (records, drawn))| {
-            dispatch!(machine.level, simd => project_blocks(simd, blocks, block_len, camera, cutoffs, records, drawn));
+            dispatch!(context.level, simd => project_blocks(simd, blocks, block_len, camera, cutoffs, records, drawn));
         });
         return Splats { records, in_perspective: None, drawn };
     }
-    let mut splats = machine.perspectives.take(gaussians.count);
+    let mut splats = context.take::<PerspectiveRecord>(gaussians.count);
     parts.zip(splats.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|((blocks, (records, drawn)), splats)| {
-        dispatch!(machine.level, simd => {
+        dispatch!(context.level, simd => {
             project_in_perspective(simd, blocks, block_len, camera, cutoffs, records, splats, drawn);
         });
     });

@@ -1,0 +1,16 @@
+//! Stages of the pipeline, each in the file of its name: core's formulas over lanes, divided among threads.
+
+pub mod bin;
+pub(crate) mod blend;
+pub mod blend_vjp;
+pub(crate) mod densify;
+pub(crate) mod expose;
+pub(crate) mod gaussians_vjp;
+pub(crate) mod lookup;
+pub mod loss;
+pub(crate) mod optimise;
+pub mod prefilter;
+pub mod project;
+pub mod shade;
+pub(crate) mod shade_pixels;
+mod splat_batch;

@@ -1,0 +1,44 @@
+//! Losses of a picture against its target, and their gradients: colour, structure, normals, coverage.
+
+mod comparison;
+mod normals;
+mod pixels;
+mod structure;
+
+use crate::{
+    context::Context,
+    frame::{Frame, FrameGrad, Quad, tile_len},
+};
+pub use comparison::Target;
+use comparison::{Comparison, distances};
+use normals::normal_loss;
+use specula_core::{
+    camera::Camera,
+    loss::{LossReport, LossWeights},
+    rules::{Channels, channel},
+};
+use structure::structure_loss;
+
+pub(crate) fn loss_all(
+    context: &Context,
+    frame: &Frame,
+    target: &Target,
+    camera: &Camera,
+    weights: &LossWeights,
+    background: [f32; 3],
+) -> (LossReport, FrameGrad) {
+    let has_geometry = Channels::of_count(frame.channels).index_of(channel::DEPTH).is_some();
+    let weights = weights.where_possible(target.has_alpha, has_geometry);
+    let distance = distances(context, frame, target);
+    let comparison = Comparison { context, frame, target, camera, weights, background, distance };
+    let mut grad = context.take::<Quad>(frame.cover.tiles.len() * tile_len(frame.channels));
+    let (mut report, planes) = comparison.pixel_losses(&mut grad);
+    if weights.dssim != 0.0 {
+        report.ssim = structure_loss(&comparison, &planes, &mut grad);
+    }
+    comparison.background_vjp(&mut grad);
+    if weights.normal != 0.0 {
+        report.normal = normal_loss(&comparison, &planes, &mut grad);
+    }
+    (report.with_total(&weights), FrameGrad { channels: frame.channels, values: grad })
+}

@@ -1,0 +1,189 @@
+//! Comparison of a picture with its target, and tile by tile access to both.
+
+use crate::{
+    buffer::Buffer,
+    context::Context,
+    frame::{Cover, Frame, PIXEL_X, PIXEL_Y, QUAD, QUADS, Quad, SIZE, at, quad_origin, tile_len},
+    lanes::Lanes,
+    parts::{Parts, Pieces, each_part},
+};
+use fearless_simd::Simd;
+use specula_core::{
+    bin::tile_count,
+    camera::Camera,
+    color::{from_byte, has_alpha, is_unknown},
+    loss::LossWeights,
+    real::Real,
+    scene::BLOCK,
+};
+
+/// A picture to compare with: 8-bit sRGB with straight alpha.
+#[derive(Clone, Debug)]
+pub struct Target {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(super) columns: usize,
+    /// Tile by tile and quad by quad: the reds of a quad, its greens, its blues, its alphas.
+    pub(super) quads: Vec<[[u8; BLOCK]; 4]>,
+    /// Whether a tile is transparent everywhere.
+    is_empty: Vec<bool>,
+    /// Whether any pixel is not opaque.
+    pub(super) has_alpha: bool,
+    /// Whether nothing is known of some pixel.
+    pub(super) has_unknown: bool,
+}
+
+impl Target {
+    pub(crate) fn new(width: usize, height: usize, rgba: &[u8]) -> Self {
+        let [columns, rows] = [width, height].map(|pixels| tile_count(pixels as u32) as usize);
+        let mut quads = vec![[[0; BLOCK]; 4]; columns * rows * QUADS];
+        for (pixel, rgba) in rgba.chunks_exact(4).enumerate() {
+            let (x, y) = (pixel % width, pixel / width);
+            let tile = y / SIZE * columns + x / SIZE;
+            let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + x % SIZE / QUAD];
+            let lane = y % QUAD * QUAD + x % QUAD;
+            quad.iter_mut().zip(rgba).for_each(|(channel, value)| channel[lane] = *value);
+        }
+        let is_transparent = |quads: &[[[u8; BLOCK]; 4]]| quads.iter().all(|quad| quad[3] == [0; BLOCK]);
+        Self {
+            width,
+            height,
+            columns,
+            is_empty: quads.chunks_exact(QUADS).map(is_transparent).collect(),
+            has_alpha: has_alpha(rgba),
+            has_unknown: rgba.chunks_exact(4).any(is_unknown),
+            quads,
+        }
+    }
+
+    /// One for the pixels of a quad of which something is known, zero for others.
+    #[inline(always)]
+    pub(super) fn known<S: Simd>(&self, simd: S, [column, row]: [usize; 2], quad: usize) -> Lanes<S> {
+        let quad = &self.quads[(row * self.columns + column) * QUADS + quad];
+        let mut known = [1.0; BLOCK];
+        for lane in 0..BLOCK {
+            let pixel = [quad[0][lane], quad[1][lane], quad[2][lane], quad[3][lane]];
+            known[lane] = if is_unknown(&pixel) { 0.0 } else { 1.0 };
+        }
+        Lanes::from_array(simd, known)
+    }
+}
+
+/// What is compared, and how.
+pub(super) struct Comparison<'a> {
+    pub(super) context: &'a Context,
+    pub(super) frame: &'a Frame,
+    pub(super) target: &'a Target,
+    pub(super) camera: &'a Camera,
+    pub(super) weights: LossWeights,
+    pub(super) background: [f32; 3],
+    /// How many tiles each tile is away from one that shows anything but the background, up to [`FAR`].
+    pub(super) distance: Buffer<u32>,
+}
+
+/// Farther than any window reaches.
+pub(super) const FAR: u32 = 3;
+
+/// Planes that windows look at.
+pub(super) mod plane {
+    /// The rendered colour over the background.
+    pub(in crate::stages::loss) const RENDERED: usize = 0;
+    /// The true colour over the background.
+    pub(in crate::stages::loss) const TRUTH: usize = 3;
+    /// Coverage of the rendered picture.
+    pub(in crate::stages::loss) const COVERAGE: usize = 6;
+    /// Its expected depth, zero where there is no surface.
+    pub(in crate::stages::loss) const DEPTH: usize = 7;
+}
+
+impl Comparison<'_> {
+    pub(super) fn pixel_count(&self) -> usize {
+        self.target.width * self.target.height
+    }
+    /// Where the gradient of each row of tiles begins.
+    pub(super) fn grad_starts(&self) -> impl Fn(usize) -> usize + Sync + '_ {
+        |row| self.frame.cover.before_row(row) * tile_len(self.frame.channels)
+    }
+    /// Visits the rows of tiles with their share of something, and adds up what they find, in their order.
+    pub(super) fn each_tile_row<P: Parts>(&self, parts: P, visit: impl Fn(usize, P) -> [f64; 4] + Sync) -> [f64; 4] {
+        let rows = self.frame.cover.rows;
+        let mut sums = self.context.take::<[f64; 4]>(rows);
+        let one_by_one = |row: usize| row;
+        let parts = (parts, Pieces::new(&mut sums, &one_by_one));
+        each_part(rows, parts, &|row, (part, sum): (P, Pieces<'_, [f64; 4]>)| sum.only()[0] = visit(row, part));
+        sums.iter().fold([0.0; 4], |sum, row| core::array::from_fn(|k| sum[k] + row[k]))
+    }
+
+    /// One for the pixels of a quad that lie in the picture, zero for others.
+    #[inline(always)]
+    pub(super) fn inside<S: Simd>(&self, simd: S, place: [usize; 2], quad: usize) -> Lanes<S> {
+        let [x, y] = quad_origin(quad);
+        let x = Lanes::from_array(simd, PIXEL_X) + (place[0] * SIZE + x) as f32;
+        let y = Lanes::from_array(simd, PIXEL_Y) + (place[1] * SIZE + y) as f32;
+        let end = |pixels: usize| Lanes::splat(simd, pixels as f32);
+        let is_inside = x.less(end(self.target.width)) & y.less(end(self.target.height));
+        x.constant(1.0).keep(is_inside)
+    }
+}
+
+/// How far each tile is from one that a splat touches or that the true picture covers.
+pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Buffer<u32> {
+    let Cover { columns, rows, .. } = frame.cover;
+    let mut distance = context.take::<u32>(columns * rows);
+    for (tile, distance) in distance.iter_mut().enumerate() {
+        let is_active = frame.cover.slot(tile).is_some() || !target.is_empty[tile];
+        *distance = if is_active { 0 } else { FAR };
+    }
+    // The larger of two distances along rows and columns: rows first, then columns of what that gives.
+    for row in distance.chunks_exact_mut(columns) {
+        spread_distance(row, columns, 1);
+    }
+    for column in 0..columns {
+        let len = (rows - 1) * columns + 1;
+        spread_distance(&mut distance[column..column + len], rows, columns);
+    }
+    distance
+}
+
+/// Lets every distance be at most one more than its neighbour's, forwards and backwards.
+fn spread_distance(distance: &mut [u32], count: usize, step: usize) {
+    for k in 1..count {
+        distance[k * step] = distance[k * step].min(distance[(k - 1) * step] + 1);
+    }
+    for k in (1..count).rev() {
+        distance[(k - 1) * step] = distance[(k - 1) * step].min(distance[k * step] + 1);
+    }
+}
+
+/// Red, green, blue and alpha of a quad, in \[0, 1\].
+#[inline(always)]
+pub(super) fn read_target<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S>; 4] {
+    let mut numbers = [[0.0; BLOCK]; 4];
+    for (numbers, bytes) in numbers.iter_mut().zip(quad) {
+        for lane in 0..BLOCK {
+            numbers[lane] = f32::from(bytes[lane]);
+        }
+    }
+    let channel = |k: usize| from_byte(Lanes::from_array(simd, numbers[k]));
+    [channel(0), channel(1), channel(2), channel(3)]
+}
+
+/// A row of a tile's channel, from its four quads.
+#[inline(always)]
+pub(super) fn row_of_tile(tile: &[Quad], channels: usize, channel: usize, y: usize) -> [f32; SIZE] {
+    let mut row = [0.0; SIZE];
+    for (k, to) in row.chunks_exact_mut(QUAD).enumerate() {
+        let quad = &tile[at(channels, y / QUAD * QUAD + k, channel)];
+        to.copy_from_slice(&quad[y % QUAD * QUAD..][..QUAD]);
+    }
+    row
+}
+
+/// Adds to a row of a tile's channel.
+#[inline(always)]
+pub(super) fn add_to_row(tile: &mut [Quad], channels: usize, channel: usize, y: usize, row: &[f32; SIZE]) {
+    for (k, from) in row.chunks_exact(QUAD).enumerate() {
+        let quad = &mut tile[at(channels, y / QUAD * QUAD + k, channel)];
+        quad[y % QUAD * QUAD..][..QUAD].iter_mut().zip(from).for_each(|(sum, x)| *sum += x);
+    }
+}
