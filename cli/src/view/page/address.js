@@ -1,62 +1,63 @@
-// The fragment of the address: what is shown, so that a reload shows it again and a copied address shows it to others. The
-// token is taken out of it, and kept for this tab alone.
+// URL fragment: holds the state of the page, so that a reload or a copied address shows the same.
+// The token is moved from the fragment into the session storage of the tab.
 
-/** Milliseconds after a change until the address says so; browsers allow a few in a second. */
-const PAUSE = 400;
-const TOKEN = "specula-token";
+/** Milliseconds from a change to its write into the URL; browsers limit the rate of writes. */
+const WRITE_DELAY = 400;
+const TOKEN_KEY = "specula-token";
 
-const words = new URLSearchParams(location.hash.slice(1));
+const parameters = new URLSearchParams(location.hash.slice(1));
 
-/** The token of this page: that of the address, else the one that was kept when this tab was loaded before. */
+/** Access token: from the fragment, else from the session storage. */
 export const token = takeToken();
 
 function takeToken() {
-  const given = words.get("token");
+  const given = parameters.get("token");
   try {
-    if (given !== null) sessionStorage.setItem(TOKEN, given);
-    const kept = sessionStorage.getItem(TOKEN) ?? "";
-    words.delete("token");
-    replace(words);
-    return kept;
+    if (given !== null) sessionStorage.setItem(TOKEN_KEY, given);
+    const stored = sessionStorage.getItem(TOKEN_KEY) ?? "";
+    parameters.delete("token");
+    replaceFragment(parameters);
+    return stored;
   } catch {
-    // Where nothing may be kept, the token stays in the address.
+    // Without session storage the token stays in the fragment.
     return given ?? "";
   }
 }
 
-function replace(words) {
-  // Commas and the like need no escape there, and are easier to read without.
-  const text = decodeURIComponent(words.toString());
+function replaceFragment(parameters) {
+  // Commas need no escape in a fragment and are easier to read without.
+  const text = decodeURIComponent(parameters.toString());
   if (`#${text}` !== location.hash) history.replaceState(null, "", text === "" ? location.pathname : `#${text}`);
 }
 
-/** What the address asked for when the page was loaded, by name. */
-export const asked = Object.fromEntries(words);
+/** Parameters of the fragment at page load, by name. */
+export const initial = Object.fromEntries(parameters);
 
-/** A list of so many numbers; none where it is something else. */
+/** Parses a list of `count` finite numbers separated by commas; null where the text is none. */
 export function numbers(text, count) {
   const list = (text ?? "").split(",").map(Number);
   return text && list.length === count && list.every(Number.isFinite) ? list : null;
 }
 
-/** Writes what is shown into the address, when it has not changed for a moment. */
+/** Writes the state of the page into the fragment, debounced. */
 export class Address {
+  /** `state` returns the parameters to write. */
   constructor(state) {
     this.state = state;
-    // Somebody who changes the fragment by hand wants to see what it says.
+    // A fragment edited by hand takes effect on a reload.
     window.addEventListener("hashchange", () => location.reload());
   }
 
   changed() {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.write(), PAUSE);
+    this.timer = setTimeout(() => this.write(), WRITE_DELAY);
   }
 
   write() {
-    const words = new URLSearchParams();
-    const kept = new URLSearchParams(location.hash.slice(1)).get("token");
-    if (kept !== null) words.set("token", kept);
-    for (const [name, value] of Object.entries(this.state())) words.set(name, value);
-    replace(words);
+    const parameters = new URLSearchParams();
+    const token = new URLSearchParams(location.hash.slice(1)).get("token");
+    if (token !== null) parameters.set("token", token);
+    for (const [name, value] of Object.entries(this.state())) parameters.set(name, value);
+    replaceFragment(parameters);
   }
 }

@@ -1,4 +1,4 @@
-// Where one looks from: an eye, a direction, what is above; and how it moves.
+// Camera: position, viewing direction, up vector and field of view; orbit and flight.
 
 import { numbers } from "./address.js";
 
@@ -10,29 +10,29 @@ export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * 
 export const length = (a) => Math.hypot(...a);
 export const unit = (a) => scale(a, 1 / (length(a) || 1));
 
-/** v turned about a unit axis (Rodrigues). */
-export function turned(v, axis, radians) {
+/** Rotates `v` about a unit axis (Rodrigues). */
+export function rotated(v, axis, radians) {
   const [sin, cos] = [Math.sin(radians), Math.cos(radians)];
   return add(add(scale(v, cos), scale(cross(axis, v), sin)), scale(axis, dot(axis, v) * (1 - cos)));
 }
 
-/** How far away and how close one may come, in shares of the distance between the start and the middle of the scene. */
-const FARTHEST = 4;
-const CLOSEST = 1e-3;
-/** Steps back that are remembered. */
-const STEPS_BACK = 50;
-/** How close to straight up and down one may look, in radians. */
-const POLE = 0.03;
+/** Bounds of the orbit's radius, relative to the first camera's distance from the centre. */
+const RADIUS_MAX = 4;
+const RADIUS_MIN = 1e-3;
+/** Length of the undo history. */
+const HISTORY_MAX = 50;
+/** Least angle between the viewing direction and the vertical, in radians. */
+const POLE_ANGLE = 0.03;
 const degrees = (radians) => (radians * 180) / Math.PI;
 const radians = (degrees) => (degrees * Math.PI) / 180;
 
-/** The field of view across, of a picture whose shorter edge has this one; in degrees. */
-export function angleAcross(angle, [width, height]) {
+/** Horizontal field of view in degrees, from that of the shorter edge. */
+export function horizontalAngle(angle, [width, height]) {
   return degrees(2 * Math.atan((Math.tan(radians(angle) / 2) * width) / Math.min(width, height)));
 }
 
-/** The field of view of the shorter edge, of a picture with this one across. */
-function angleOfShorter(angle, [width, height]) {
+/** Field of view of the shorter edge in degrees, from the horizontal one. */
+function shorterEdgeAngle(angle, [width, height]) {
   return degrees(2 * Math.atan((Math.tan(radians(angle) / 2) * Math.min(width, height)) / width));
 }
 
@@ -40,138 +40,139 @@ export class Camera {
   constructor(scene) {
     this.scene = scene;
     this.mode = "orbit";
-    this.before = [];
+    this.history = [];
     const { eye } = scene.first === null ? scene.start : scene.views[scene.first];
     this.reach = Math.max(length(sub(scene.centre, eye)), 1e-6);
     this.reset();
   }
 
-  /** Back to where one began. */
+  /** Returns to the first view, or to the default camera where the scene has no upright view. */
   reset() {
     if (this.scene.first !== null) this.showView(this.scene.first);
-    else this.take(this.scene.start, null);
+    else this.setFrom(this.scene.start, null);
   }
 
-  /** To a view that the scene knows; its picture is shown exactly until one moves. */
+  /** Shows a view of the data set, by its exact camera until the next movement. */
   showView(index) {
     const count = this.scene.views.length;
     const view = ((index % count) + count) % count;
-    this.take(this.scene.views[view], view);
+    this.setFrom(this.scene.views[view], view);
   }
 
-  take({ eye, look, up, angle, size }, view) {
-    this.pose(eye, look, up, angleOfShorter(angle, size));
+  setFrom({ eye, look, up, angle, size }, view) {
+    this.setPose(eye, look, up, shorterEdgeAngle(angle, size));
     this.view = view;
-    // What one turns about is on the optical axis, as far away as the middle of the scene.
-    const to = sub(this.scene.centre, eye);
-    this.distance = Math.max(dot(to, this.look), 0.1 * length(to), CLOSEST * this.reach);
+    // The orbit's target is on the optical axis, at the depth of the scene's centre.
+    const toCentre = sub(this.scene.centre, eye);
+    this.distance = Math.max(dot(toCentre, this.look), 0.1 * length(toCentre), RADIUS_MIN * this.reach);
   }
 
-  /** Stands elsewhere. */
-  pose(eye, look, up, angle) {
+  /** Sets position, direction, up vector and field of view of the shorter edge in degrees. */
+  setPose(eye, look, up, angle) {
     [this.eye, this.look, this.up, this.angle] = [[...eye], unit(look), unit(up), angle];
     this.view = null;
   }
 
-  /** What holds the pose, to be kept. */
-  kept() {
+  /** Copy of the pose. */
+  snapshot() {
     const { eye, look, up, angle, view, distance } = this;
     return { eye: [...eye], look: [...look], up: [...up], angle, view, distance };
   }
 
-  /** Remembers the pose, before it is changed. */
+  /** Appends the pose to the undo history; called before a change. */
   remember() {
-    this.before.push(this.kept());
-    if (this.before.length > STEPS_BACK) this.before.shift();
+    this.history.push(this.snapshot());
+    if (this.history.length > HISTORY_MAX) this.history.shift();
   }
 
-  /** Back to the pose that was remembered last; false where there is none. */
+  /** Returns to the last pose of the undo history; false where it is empty. */
   undo() {
-    const { eye, look, up, angle, view, distance } = this.before.pop() ?? {};
+    const { eye, look, up, angle, view, distance } = this.history.pop() ?? {};
     if (eye === undefined) return false;
-    this.pose(eye, look, up, angle);
+    this.setPose(eye, look, up, angle);
     [this.view, this.distance] = [view, distance];
     return true;
   }
 
-  /** Turns to a place, and about it from now on. */
+  /** Turns towards a point of the scene and makes it the orbit's target. */
   focus(point) {
-    const to = sub(point, this.eye);
-    if (length(to) < CLOSEST * this.reach) return;
+    const toPoint = sub(point, this.eye);
+    if (length(toPoint) < RADIUS_MIN * this.reach) return;
     const right = this.right;
-    this.look = unit(to);
-    this.distance = length(to);
+    this.look = unit(toPoint);
+    this.distance = length(toPoint);
     const up = cross(right, this.look);
-    this.up = length(up) > POLE ? unit(up) : this.up;
+    this.up = length(up) > POLE_ANGLE ? unit(up) : this.up;
     this.level();
     this.view = null;
   }
 
-  /** The words that hold it, for the address. */
+  /** Parameters of the URL fragment. */
   state() {
     if (this.view !== null) return { view: this.view };
     const list = (v) => v.map((x) => +x.toPrecision(6)).join(",");
     const { eye, look, up, angle, distance, mode } = this;
-    const words = { eye: list(eye), look: list(look), up: list(up), angle: +angle.toPrecision(5) };
-    return { ...words, distance: +distance.toPrecision(6), ...(mode === "fly" ? { mode } : {}) };
+    const pose = { eye: list(eye), look: list(look), up: list(up), angle: +angle.toPrecision(5) };
+    return { ...pose, distance: +distance.toPrecision(6), ...(mode === "fly" ? { mode } : {}) };
   }
 
-  /** Takes what such words hold; leaves what they do not. */
+  /** Restores the pose from parameters of the URL fragment; invalid ones change nothing. */
   restore({ view, eye, look, up, angle, distance, mode }) {
     if (mode === "fly") this.mode = mode;
     if (view !== undefined && this.scene.views[view]) return this.showView(Number(view));
-    const [at, ahead, above] = [eye, look, up].map((text) => numbers(text, 3));
-    const [field, far] = [angle, distance].map(Number);
-    if (!at || !ahead || !above || !(field >= 2 && field <= 150) || !(length(cross(ahead, above)) > 1e-6)) return;
-    this.pose(at, ahead, above, field);
-    this.distance = this.within(far || this.reach);
+    const [position, forward, upward] = [eye, look, up].map((text) => numbers(text, 3));
+    const [degrees, radius] = [angle, distance].map(Number);
+    if (!position || !forward || !upward || !(degrees >= 2 && degrees <= 150)) return;
+    if (!(length(cross(forward, upward)) > 1e-6)) return;
+    this.setPose(position, forward, upward, degrees);
+    this.distance = this.clampedRadius(radius || this.reach);
   }
 
-  /** A distance as far as one may go. */
-  within(distance) {
-    return Math.min(Math.max(distance, CLOSEST * this.reach), FARTHEST * this.reach);
+  /** Radius of the orbit, clamped to its bounds. */
+  clampedRadius(radius) {
+    return Math.min(Math.max(radius, RADIUS_MIN * this.reach), RADIUS_MAX * this.reach);
   }
 
   get right() {
     return unit(cross(this.look, this.up));
   }
 
-  /** Upright: a photograph may lie on its side, and who turns wants the horizon level. */
+  /** Levels the horizon: photographs may be rolled, and rotation by hand starts upright. */
   level() {
     const right = cross(this.look, this.scene.up);
-    if (length(right) > POLE / 2) this.up = unit(cross(right, this.look));
+    if (length(right) > POLE_ANGLE / 2) this.up = unit(cross(right, this.look));
   }
 
-  /** Looks so many radians further to the right and upwards: in orbit about the target, in flight about the eye. */
+  /** Rotates right and up, in radians: about the target in orbit, about the eye in flight. */
   turn(across, upwards) {
     this.level();
     const target = add(this.eye, scale(this.look, this.distance));
     const polar = Math.acos(Math.max(-1, Math.min(1, dot(this.look, this.scene.up))));
-    const after = Math.min(Math.max(polar - upwards, POLE), Math.PI - POLE);
+    const after = Math.min(Math.max(polar - upwards, POLE_ANGLE), Math.PI - POLE_ANGLE);
     for (const [axis, angle] of [[this.right, polar - after], [this.scene.up, -across]]) {
-      this.look = unit(turned(this.look, axis, angle));
-      this.up = unit(turned(this.up, axis, angle));
+      this.look = unit(rotated(this.look, axis, angle));
+      this.up = unit(rotated(this.up, axis, angle));
     }
     if (this.mode === "orbit") this.eye = sub(target, scale(this.look, this.distance));
     this.view = null;
   }
 
-  /** Moves sideways, so that what is at the target's distance follows; in shares of the picture's shorter edge. */
+  /** Moves sideways, in units of the picture's shorter edge at the depth of the target. */
   pan(across, down) {
-    const reach = 2 * this.distance * Math.tan(radians(this.angle) / 2);
-    this.eye = add(this.eye, add(scale(this.right, -across * reach), scale(this.up, down * reach)));
+    const edge = 2 * this.distance * Math.tan(radians(this.angle) / 2);
+    this.eye = add(this.eye, add(scale(this.right, -across * edge), scale(this.up, down * edge)));
     this.view = null;
   }
 
-  /** Comes closer to the target, or goes away from it. */
+  /** Scales the distance to the target. */
   zoom(factor) {
     const target = add(this.eye, scale(this.look, this.distance));
-    this.distance = this.within(this.distance * factor);
+    this.distance = this.clampedRadius(this.distance * factor);
     this.eye = sub(target, scale(this.look, this.distance));
     this.view = null;
   }
 
-  /** Flies, in shares of the distance. */
+  /** Translates along the camera's axes, in units of the distance to the target. */
   fly(forwards, across, upwards) {
     const steps = [[this.look, forwards], [this.right, across], [this.up, upwards]];
     for (const [direction, step] of steps) this.eye = add(this.eye, scale(direction, step * this.distance));
@@ -183,11 +184,11 @@ export class Camera {
     this.view = null;
   }
 
-  /** The words of a query for a picture of this size. */
-  words(size) {
+  /** Query parameters for a picture of this size. */
+  query(size) {
     if (this.view !== null) return { view: this.view };
     const list = (v) => v.map((x) => +x.toPrecision(8)).join(",");
-    const angle = angleAcross(this.angle, size).toFixed(5);
+    const angle = horizontalAngle(this.angle, size).toFixed(5);
     return { eye: list(this.eye), look: list(this.look), up: list(this.up), angle };
   }
 }

@@ -1,23 +1,23 @@
-// Fingers, mouse and keys move the camera.
+// Camera controls: pointers, wheel and keys.
 
-/** Radians for a drag along the shorter edge, about the target and about the eye. */
-const DRAG = 3.5;
-const LOOK = 1.0;
-/** Share of the distance that one comes closer with a key. */
-const STEP = 0.05;
-/** Shares of the distance that one flies in a second, and radians that keys turn. */
+/** Rotation for a drag along the shorter edge, in radians: in orbit and in flight. */
+const ORBIT_PER_DRAG = 3.5;
+const LOOK_PER_DRAG = 1.0;
+/** Change of the distance to the target for a key press, as a fraction. */
+const ZOOM_STEP = 0.05;
+/** Flight in a second, in units of the distance to the target, and rotation by keys, in radians. */
 const SPEED = 0.8;
 const TURN = 1.4;
 
-/** Milliseconds of rest between two turns of the wheel. */
-const REST = 500;
+/** Pause in milliseconds after which a turn of the wheel is a new step of the undo history. */
+const WHEEL_PAUSE = 500;
 
-const HELD = new Set(["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"]);
+const MOVEMENT_KEYS = new Set(["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"]);
 
 export class Controls {
   /**
-   * `moved` is told of every change, `keys` are what is done at a key that moves nothing, and `focus` is told of double
-   * clicks, in shares of the picture.
+   * Calls `moved` after every change, the action of `keys` for other keys, and `focus` after a
+   * double click, with its position as fractions of the canvas.
    */
   constructor(canvas, camera, moved, keys, focus) {
     Object.assign(this, { canvas, camera, moved, keys, wheeledAt: 0 });
@@ -26,12 +26,12 @@ export class Controls {
     });
     this.pointers = new Map();
     this.held = new Set();
-    canvas.addEventListener("pointerdown", (event) => this.down(event));
-    canvas.addEventListener("pointermove", (event) => this.move(event));
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.up(event));
+    canvas.addEventListener("pointerdown", (event) => this.pointerDown(event));
+    canvas.addEventListener("pointermove", (event) => this.pointerMove(event));
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.pointerUp(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    window.addEventListener("keydown", (event) => this.key(event));
+    window.addEventListener("keydown", (event) => this.keyDown(event));
     window.addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()));
     window.addEventListener("blur", () => this.held.clear());
   }
@@ -40,39 +40,39 @@ export class Controls {
     return Math.min(this.canvas.clientWidth, this.canvas.clientHeight);
   }
 
-  down(event) {
+  pointerDown(event) {
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
-    if (this.pointers.size === 0) this.isFresh = true;
+    if (this.pointers.size === 0) this.isDragStart = true;
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
     this.isPanning = event.button !== 0 || event.shiftKey;
     this.canvas.classList.add("held");
   }
 
-  up(event) {
+  pointerUp(event) {
     this.pointers.delete(event.pointerId);
     if (this.pointers.size === 0) this.canvas.classList.remove("held");
   }
 
-  move(event) {
+  pointerMove(event) {
     const before = this.pointers.get(event.pointerId);
     if (!before) return;
     const now = [event.clientX, event.clientY];
     const [across, down] = [0, 1].map((k) => (now[k] - before[k]) / this.edge);
     if (across === 0 && down === 0) return;
-    // A drag is one step that can be taken back.
-    if (this.isFresh) this.camera.remember();
-    this.isFresh = false;
+    // A drag is one step of the undo history.
+    if (this.isDragStart) this.camera.remember();
+    this.isDragStart = false;
     if (this.pointers.size === 2) this.pinch(event.pointerId, before, now);
     else if (this.isPanning) this.camera.pan(across, down);
-    // What is under the finger follows it.
-    else if (this.camera.mode === "orbit") this.camera.turn(DRAG * across, -DRAG * down);
-    else this.camera.turn(-LOOK * across, LOOK * down);
+    // The surface under the pointer follows it.
+    else if (this.camera.mode === "orbit") this.camera.turn(ORBIT_PER_DRAG * across, -ORBIT_PER_DRAG * down);
+    else this.camera.turn(-LOOK_PER_DRAG * across, LOOK_PER_DRAG * down);
     this.pointers.set(event.pointerId, now);
     this.moved();
   }
 
-  /** Two fingers: their middle moves the picture, their distance brings it closer. */
+  /** Two pointers: their centre pans, their distance zooms. */
   pinch(id, before, now) {
     const [, other] = [...this.pointers].find(([key]) => key !== id);
     const apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
@@ -82,8 +82,8 @@ export class Controls {
 
   wheel(event) {
     event.preventDefault();
-    // So is what the wheel does without a rest.
-    if (event.timeStamp - this.wheeledAt > REST) this.camera.remember();
+    // Turns of the wheel without a pause are one step of the undo history.
+    if (event.timeStamp - this.wheeledAt > WHEEL_PAUSE) this.camera.remember();
     this.wheeledAt = event.timeStamp;
     const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 300 : 1;
     const amount = Math.max(-240, Math.min(240, event.deltaY * lines));
@@ -92,16 +92,16 @@ export class Controls {
     this.moved();
   }
 
-  key(event) {
+  keyDown(event) {
     const isTyping = event.target.closest("input:not([type=range]), select, dialog");
     if (isTyping || event.ctrlKey || event.metaKey || event.altKey) return;
     const key = event.key.toLowerCase();
-    if (HELD.has(key) && !event.target.closest("input")) {
+    if (MOVEMENT_KEYS.has(key) && !event.target.closest("input")) {
       event.preventDefault();
-      if (this.held.size === 0) this.run(this.camera.remember());
+      if (this.held.size === 0) this.moveWhileHeld(this.camera.remember());
       this.held.add(key);
-    } else if (key === "+" || key === "=") this.step(() => this.camera.zoom(1 - STEP));
-    else if (key === "-") this.step(() => this.camera.zoom(1 + STEP));
+    } else if (key === "+" || key === "=") this.step(() => this.camera.zoom(1 - ZOOM_STEP));
+    else if (key === "-") this.step(() => this.camera.zoom(1 + ZOOM_STEP));
     else if (key in this.keys && !(key === " " && event.target.closest("button"))) {
       event.preventDefault();
       this.keys[key]();
@@ -114,8 +114,8 @@ export class Controls {
     this.moved();
   }
 
-  /** Moves for as long as keys are held. */
-  run() {
+  /** Moves the camera in every animation frame while movement keys are held. */
+  moveWhileHeld() {
     let last = performance.now();
     const tick = (now) => {
       if (this.held.size === 0) return;
@@ -123,7 +123,7 @@ export class Controls {
       last = now;
       const pull = (plus, minus) => (this.held.has(plus) - this.held.has(minus)) * seconds;
       const { camera } = this;
-      // In orbit it is the eye that goes to the right and up.
+      // In orbit the keys move the eye, so the rotation has the opposite sign.
       const turn = camera.mode === "orbit" ? -TURN : TURN;
       const [across, upwards] = [pull("arrowright", "arrowleft"), pull("arrowup", "arrowdown")];
       if (across !== 0 || upwards !== 0) camera.turn(turn * across, turn * upwards);

@@ -1,31 +1,31 @@
-// Which light the scene is under, turned and made brighter; new ones are opened, or dropped onto the page.
+// Light: environment map, rotation and exposure; uploads of opened and dropped files.
 
-/** How often it is tried to send a light, and milliseconds in between. */
+/** Attempts to upload a light, and the delay between them in milliseconds. */
 const ATTEMPTS = 120;
-const WAIT = 1000;
+const RETRY_DELAY = 1000;
 
 export class Light {
-  /** `asked` are the words of the address. */
-  constructor(server, asked, changed, say) {
-    Object.assign(this, { server, changed, say, id: 0, turn: 0, stops: 0 });
+  /** `initial` holds the parameters of the URL fragment at page load. */
+  constructor(server, initial, changed, notify) {
+    Object.assign(this, { server, changed, notify, id: 0, turn: 0, stops: 0 });
     const element = (id) => document.getElementById(id);
     [this.choice, this.panorama, this.file] = ["lights", "panorama", "light-file"].map(element);
     [this.turnInput, this.stopsInput] = ["turn", "stops"].map(element);
     element("light").hidden = !server.scene.shaded;
-    server.scene.lights.forEach((light) => this.offer(light));
+    server.scene.lights.forEach((light) => this.addOption(light));
     this.choice.addEventListener("change", () => this.choose(Number(this.choice.value)));
     element("open-light").addEventListener("click", () => this.file.click());
-    this.file.addEventListener("change", () => this.bring([...this.file.files]));
+    this.file.addEventListener("change", () => this.upload([...this.file.files]));
     this.turnInput.addEventListener("input", () => this.set({ turn: Number(this.turnInput.value) }));
     this.stopsInput.addEventListener("input", () => this.set({ stops: Number(this.stopsInput.value) }));
-    this.takeDrags();
-    this.takeDrops();
+    this.listenForDrags();
+    this.listenForDrops();
     this.backdrop = element("backdrop");
     this.backdrop.addEventListener("change", () => this.changed());
-    if (server.scene.shaded && server.scene.lights.length > 0) this.restore(asked);
+    if (server.scene.shaded && server.scene.lights.length > 0) this.restore(initial);
   }
 
-  /** Takes what the address holds. */
+  /** Restores the selection from parameters of the URL fragment. */
   restore({ light, turn, stops, backdrop }) {
     const { lights } = this.server.scene;
     this.backdrop.checked = backdrop === "env";
@@ -33,11 +33,11 @@ export class Light {
     this.choose(lights.some(({ id }) => id === Number(light)) ? Number(light) : lights[0].id);
   }
 
-  /** The words that hold it, for the address. */
+  /** Parameters of the URL fragment: those that differ from their defaults. */
   state() {
-    const words = { light: this.id, turn: this.turn, stops: this.stops };
-    const kept = Object.fromEntries(Object.entries(words).filter(([, word]) => word !== 0));
-    return this.backdrop.checked ? { ...kept, backdrop: "env" } : kept;
+    const all = { light: this.id, turn: this.turn, stops: this.stops };
+    const changed = Object.fromEntries(Object.entries(all).filter(([, value]) => value !== 0));
+    return this.backdrop.checked ? { ...changed, backdrop: "env" } : changed;
   }
 
   toggleBackdrop() {
@@ -45,25 +45,25 @@ export class Light {
     this.changed();
   }
 
-  /** The words of a query. */
-  words() {
+  /** Query parameters. */
+  query() {
     const { id: light, turn, stops } = this;
     return { light, turn, stops, ...(this.backdrop.checked ? { backdrop: "env" } : {}) };
   }
 
-  offer({ id, name }) {
+  addOption({ id, name }) {
     this.choice.add(new Option(name, id));
   }
 
   choose(id) {
     this.id = id;
     this.choice.value = id;
-    this.look();
+    this.loadPreview();
     this.set({});
   }
 
-  /** Shows what the light looks like now. */
-  look() {
+  /** Loads the preview of the selected light. */
+  loadPreview() {
     this.server
       .get("light", { light: this.id })
       .then((response) => response.blob())
@@ -75,25 +75,25 @@ export class Light {
       .catch(() => (this.panorama.style.backgroundImage = "none"));
   }
 
-  /** Another turn in degrees, or exposure in stops. */
+  /** Sets the rotation in degrees and the exposure in stops. */
   set({ turn = this.turn, stops = this.stops }) {
     this.turn = ((((turn + 180) % 360) + 360) % 360) - 180;
     this.stops = Math.min(Math.max(stops, -4), 4);
     this.turnInput.value = this.turn;
     this.stopsInput.value = this.stops;
-    document.getElementById("turn-told").value = `${Math.round(this.turn)}°`;
-    document.getElementById("stops-told").value = this.stops > 0 ? `+${this.stops}` : this.stops;
+    document.getElementById("turn-value").value = `${Math.round(this.turn)}°`;
+    document.getElementById("stops-value").value = this.stops > 0 ? `+${this.stops}` : this.stops;
     this.panorama.style.filter = `brightness(${2 ** (this.stops / 2.2)})`;
-    this.place();
+    this.alignPanorama();
     this.changed();
   }
 
-  /** Puts the panorama where it is turned to; what is to the left of it is counterclockwise, seen from above. */
-  place() {
+  /** Shifts the panorama by the rotation; its left side is counterclockwise, seen from above. */
+  alignPanorama() {
     this.panorama.style.backgroundPositionX = `${(-this.turn / 360) * this.panorama.clientWidth}px`;
   }
 
-  takeDrags() {
+  listenForDrags() {
     const { panorama } = this;
     panorama.addEventListener("pointerdown", (event) => panorama.setPointerCapture(event.pointerId));
     panorama.addEventListener("pointermove", (event) => {
@@ -102,7 +102,7 @@ export class Light {
     });
   }
 
-  takeDrops() {
+  listenForDrops() {
     const holdsFiles = (event) => event.dataTransfer?.types.includes("Files");
     const mark = (isOver) => document.body.classList.toggle("dropping", isOver);
     window.addEventListener("dragover", (event) => {
@@ -114,42 +114,42 @@ export class Light {
     window.addEventListener("drop", (event) => {
       event.preventDefault();
       mark(false);
-      this.bring([...event.dataTransfer.files]);
+      this.upload([...event.dataTransfer.files]);
     });
   }
 
-  /** Sends a file when the server reads no other one, and says that it waits. */
-  async send(file, words) {
+  /** Uploads a file as soon as the server reads no other one; notifies while it waits. */
+  async send(file, query) {
     for (let attempt = 1; ; attempt++) {
-      // A server that refuses so much may close the connection before its answer is read, so it is asked first.
+      // A refused upload may close the connection before the answer is read, so ask first.
       const { reading } = await (await this.server.get("scene", {})).json();
       try {
-        if (!reading) return await this.server.post("light", words, file);
+        if (!reading) return await this.server.post("light", query, file);
       } catch (error) {
         if (error.isFinal || attempt === ATTEMPTS) throw error;
       }
-      this.say(`another light is being read; ${file.name} waits for its turn`, "note");
-      await new Promise((resume) => setTimeout(resume, WAIT));
+      this.notify(`another light is being read; ${file.name} waits for its turn`, "note");
+      await new Promise((resume) => setTimeout(resume, RETRY_DELAY));
     }
   }
 
-  /** Sends files to the server, and shows the scene under the last of them. */
-  async bring(files) {
-    const sentences = [];
+  /** Uploads files and selects the last one. */
+  async upload(files) {
+    const messages = [];
     for (const file of files) {
-      this.say(`reading ${file.name} …`, "note");
+      this.notify(`reading ${file.name} …`, "note");
       try {
         const up = document.getElementById("y-up").checked ? "y" : "scene";
         const response = await this.send(file, { name: file.name, up });
         const light = await response.json();
-        this.offer(light);
+        this.addOption(light);
         this.choose(light.id);
-        sentences.push(...light.notes);
+        messages.push(...light.notes);
       } catch (error) {
-        sentences.push(error.message);
+        messages.push(error.message);
       }
     }
-    this.say(sentences.join("; "));
+    this.notify(messages.join("; "));
     this.file.value = "";
   }
 }

@@ -1,6 +1,6 @@
-// Puts the page together.
+// Entry point: connects camera, controls, stream, light, path and training.
 
-import { Address, asked, token } from "./address.js";
+import { Address, initial, token } from "./address.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { Light } from "./light.js";
@@ -10,14 +10,14 @@ import { Training } from "./training.js";
 
 const element = (id) => document.getElementById(id);
 
-/** Speaks to the server; what it refuses becomes an error with its sentence. */
+/** HTTP client; a refused request throws an error with the server's message. */
 const server = {
   token,
   client: crypto.getRandomValues(new Uint32Array(1))[0] + 1,
   scene: null,
 
-  async send(path, words, options = {}) {
-    const query = new URLSearchParams({ client: this.client, ...words });
+  async send(path, parameters, options = {}) {
+    const query = new URLSearchParams({ client: this.client, ...parameters });
     const headers = this.token ? { "x-specula-token": this.token } : {};
     let response;
     try {
@@ -31,27 +31,27 @@ const server = {
     error.isFinal = response.status < 500 && response.status !== 409;
     throw error;
   },
-  get(path, words, options) {
-    return this.send(path, words, options);
+  get(path, parameters, options) {
+    return this.send(path, parameters, options);
   },
-  post(path, words, body) {
-    return this.send(path, words, { method: "POST", body });
+  post(path, parameters, body) {
+    return this.send(path, parameters, { method: "POST", body });
   },
 };
 
-/** Pixels along the longer edge of the picture in which a place is looked for. */
+/** Longer edge of the picture in which the depth under the pointer is looked up, in pixels. */
 const FOCUS_EDGE = 640;
-/** How long a sentence stays, in milliseconds. */
-const READING_TIME = 8000;
+/** Duration of an error message, in milliseconds. */
+const MESSAGE_TIME = 8000;
 
-/** Tells something, for a while; of what kind it is says who may take it away again. */
-function say(sentence, kind = "error") {
+/** Shows a message: errors for a while, those of the stream until the next picture. */
+function notify(text, kind = "error") {
   const message = element("message");
-  clearTimeout(say.end);
-  message.textContent = sentence;
+  clearTimeout(notify.timer);
+  message.textContent = text;
   message.className = kind;
-  message.hidden = sentence === "";
-  if (kind === "error") say.end = setTimeout(() => (message.hidden = true), READING_TIME);
+  message.hidden = text === "";
+  if (kind === "error") notify.timer = setTimeout(() => (message.hidden = true), MESSAGE_TIME);
 }
 
 async function start() {
@@ -62,29 +62,30 @@ async function start() {
 
   const canvas = element("picture");
   const camera = new Camera(scene);
-  camera.restore(asked);
+  camera.restore(initial);
   let layer = "rgb";
   let light = null;
-  const words = () => ({ layer, ...(light ? light.words() : {}) });
-  const stream = new Stream(canvas, (size) => ({ ...words(), ...camera.words(size) }), server);
-  stream.onshown = (facts) => {
-    if (element("message").className === "of-pictures") say("");
-    tell(facts, layer);
+  const query = () => ({ layer, ...(light ? light.query() : {}) });
+  const stream = new Stream(canvas, (size) => ({ ...query(), ...camera.query(size) }), server);
+  stream.onshown = (frame) => {
+    if (element("message").className === "stream") notify("");
+    showStatus(frame, layer);
   };
-  stream.hasGround = () => layer === "rgb" && !words().backdrop;
-  stream.onerror = (error) => say(error.message, "of-pictures");
-  const address = new Address(() => ({ ...camera.state(), ...(light ? light.state() : {}), ...(layer === "rgb" ? {} : { layer }) }));
+  stream.hasBackground = () => layer === "rgb" && !query().backdrop;
+  stream.onerror = (error) => notify(error.message, "stream");
+  const state = () => ({ ...camera.state(), ...(light ? light.state() : {}), ...(layer === "rgb" ? {} : { layer }) });
+  const address = new Address(state);
   const moved = () => {
-    follow(camera);
+    showCamera(camera);
     address.changed();
     stream.change();
   };
   const jumped = () => {
-    follow(camera);
+    showCamera(camera);
     address.changed();
     stream.change(false);
   };
-  /** Makes a change of the camera that can be taken back. */
+  /** Changes the camera in one step of the undo history. */
   const jump = (change) => {
     camera.remember();
     change();
@@ -98,65 +99,65 @@ async function start() {
     address.changed();
     stream.change(false);
   };
-  offerLayers(scene.layers, showLayer);
-  offerViews(scene.views, (index) => jump(() => camera.showView(index)));
-  light = new Light(server, asked, () => stream.change(address.changed()), say);
-  const path = new Path(camera, server, words, moved, say);
-  const training = new Training(server, stream, light, say);
+  addLayerButtons(scene.layers, showLayer);
+  addViewOptions(scene.views, (index) => jump(() => camera.showView(index)));
+  light = new Light(server, initial, () => stream.change(address.changed()), notify);
+  const path = new Path(camera, server, query, moved, notify);
+  const training = new Training(server, stream, light, notify);
 
   const panel = element("panel");
   const togglePanel = () => {
     panel.hidden = !panel.hidden;
     document.body.classList.toggle("with-panel", !panel.hidden);
     element("show-panel").setAttribute("aria-expanded", !panel.hidden);
-    light.place();
+    light.alignPanorama();
   };
   const toggleMode = () => {
     camera.mode = camera.mode === "orbit" ? "fly" : "orbit";
-    follow(camera);
+    showCamera(camera);
     address.changed();
   };
   const home = () => jump(() => camera.reset());
   const undo = () => camera.undo() && jumped();
   const step = (by) => scene.views.length > 0 && jump(() => camera.showView((camera.view ?? (by > 0 ? -1 : 0)) + by));
   const help = () => element("help").showModal();
-  const savePicture = () => savePictureOf(server, scene, camera, stream, words()).catch((error) => say(error.message));
-  const acts = { mode: toggleMode, home, undo, previous: () => step(-1), next: () => step(1) };
-  acts["show-panel"] = togglePanel;
-  acts["show-help"] = help;
-  acts["full-screen"] = toggleFullScreen;
-  acts["save-picture"] = savePicture;
-  for (const [id, act] of Object.entries(acts)) element(id).addEventListener("click", act);
+  const savePicture = () => downloadPicture(server, scene, camera, stream, query()).catch((error) => notify(error.message));
+  const actions = { mode: toggleMode, home, undo, previous: () => step(-1), next: () => step(1) };
+  actions["show-panel"] = togglePanel;
+  actions["show-help"] = help;
+  actions["full-screen"] = toggleFullScreen;
+  actions["save-picture"] = savePicture;
+  for (const [id, action] of Object.entries(actions)) element(id).addEventListener("click", action);
   element("full-screen").hidden = !document.fullscreenEnabled;
   element("angle").addEventListener("pointerdown", () => camera.remember());
   element("angle").addEventListener("input", () => moved(camera.setAngle(Number(element("angle").value))));
 
-  const keys = { f: toggleMode, r: home, u: undo, n: acts.next, p: acts.previous, h: togglePanel, "?": help };
+  const keys = { f: toggleMode, r: home, u: undo, n: actions.next, p: actions.previous, h: togglePanel, "?": help };
   Object.assign(keys, { k: () => path.add(), " ": () => path.play(), t: () => training.toggle() });
   Object.assign(keys, { x: () => showLayer("error"), v: toggleFullScreen, i: savePicture, b: () => light.toggleBackdrop() });
   Object.assign(keys, { "[": () => light.set({ turn: light.turn - 5 }), "]": () => light.set({ turn: light.turn + 5 }) });
   Object.assign(keys, { ",": () => light.set({ stops: light.stops - 0.25 }), ".": () => light.set({ stops: light.stops + 0.25 }) });
   for (let digit = 0; digit < 10; digit++) keys[digit] = () => showLayer(scene.layers[(digit + 9) % 10]);
   const focus = async (at) => {
-    const place = stream.inPicture(at)?.map((share) => share.toFixed(4)).join(",");
-    if (!place) return;
-    const size = stream.wholeSize();
+    const position = stream.inPicture(at)?.map((fraction) => fraction.toFixed(4)).join(",");
+    if (!position) return;
+    const size = stream.fullSize();
     const small = size.map((edge) => Math.max(1, Math.round(edge * Math.min(1, FOCUS_EDGE / Math.max(...size)))));
     try {
-      const words = { ...camera.words(small), size: small.join(","), at: place, client: 0 };
-      const { point } = await (await server.get("point", words)).json();
+      const parameters = { ...camera.query(small), size: small.join(","), at: position, client: 0 };
+      const { point } = await (await server.get("point", parameters)).json();
       if (point) jump(() => camera.focus(point));
     } catch (error) {
-      say(error.message);
+      notify(error.message);
     }
   };
   new Controls(canvas, camera, moved, keys, focus);
 
-  // Where there is little room the picture comes first.
+  // Small screens start without the panel.
   if (window.matchMedia("(max-width: 640px), (max-height: 480px)").matches) togglePanel();
   new ResizeObserver(() => stream.change(false)).observe(canvas);
-  showLayer(scene.layers.includes(asked.layer) ? asked.layer : "rgb");
-  follow(camera);
+  showLayer(scene.layers.includes(initial.layer) ? initial.layer : "rgb");
+  showCamera(camera);
 }
 
 function toggleFullScreen() {
@@ -164,18 +165,18 @@ function toggleFullScreen() {
   else if (document.fullscreenEnabled) document.documentElement.requestFullscreen();
 }
 
-/** Saves what is shown, exactly, at the size of a view of the data set, or else of the window. */
-async function savePictureOf(server, scene, camera, stream, words) {
-  const size = scene.views[camera.view ?? 0]?.size ?? stream.wholeSize();
+/** Downloads a lossless picture, at the size of a view of the data set, else of the canvas. */
+async function downloadPicture(server, scene, camera, stream, parameters) {
+  const size = scene.views[camera.view ?? 0]?.size ?? stream.fullSize();
   const fit = Math.min(1, Math.sqrt(scene.pixels_max / (size[0] * size[1])), 4096 / Math.max(...size));
   const fitting = size.map((edge) => Math.max(1, Math.floor(edge * fit)));
-  const query = { ...words, ...camera.words(fitting), size: fitting.join(","), format: "png", client: 0 };
+  const query = { ...parameters, ...camera.query(fitting), size: fitting.join(","), format: "png", client: 0 };
   const response = await server.get("frame", query);
-  save(await response.blob(), `${scene.name}-${words.layer}.png`);
+  save(await response.blob(), `${scene.name}-${parameters.layer}.png`);
 }
 
-/** One button for each layer. */
-function offerLayers(layers, show) {
+/** Adds a button for each layer. */
+function addLayerButtons(layers, show) {
   const chip = (name, index) => {
     const button = document.createElement("button");
     button.textContent = name;
@@ -189,30 +190,31 @@ function offerLayers(layers, show) {
   element("layers").replaceChildren(...layers.map(chip));
 }
 
-function offerViews(views, show) {
-  for (const part of document.querySelectorAll(".of-views")) part.hidden = views.length === 0;
+/** Fills the list of views; hides it for a scene without views. */
+function addViewOptions(views, show) {
+  for (const row of document.querySelectorAll(".views-row")) row.hidden = views.length === 0;
   const list = element("views");
   list.add(new Option("a view of the data set …", ""));
   views.forEach(({ name, held_out: isHeldOut }, index) => list.add(new Option(isHeldOut ? `${name} (held out)` : name, index)));
   list.addEventListener("change", () => list.value !== "" && show(Number(list.value)));
 }
 
-/** Shows the camera where it is told of. */
-function follow(camera) {
+/** Updates the camera section of the panel. */
+function showCamera(camera) {
   element("views").value = camera.view ?? "";
   element("angle").value = camera.angle;
-  element("angle-told").value = `${Math.round(camera.angle)}°`;
+  element("angle-value").value = `${Math.round(camera.angle)}°`;
   element("mode").textContent = camera.mode === "orbit" ? "Orbit" : "Fly";
-  element("undo").disabled = camera.before.length === 0;
+  element("undo").disabled = camera.history.length === 0;
 }
 
-/** What is known about the picture that is shown. */
-function tell({ time, render, size, rate, view, psnr, iteration }, layer) {
+/** Updates the status line with the statistics of a picture. */
+function showStatus({ time, render, size, rate, view, psnr, iteration }, layer) {
   const parts = [`${size[0]} × ${size[1]}`, `${Math.round(time)} ms (${Math.round(render)} rendering)`];
-  if (rate !== null) parts.push(`${rate.toFixed(0)} a second`);
+  if (rate !== null) parts.push(`${rate.toFixed(0)} per second`);
   if (psnr !== null) parts.unshift(`${layer} of ${view}: PSNR ${psnr} dB`);
   if (iteration !== null) parts.unshift(`iteration ${iteration}`);
   element("status").textContent = parts.join(", ");
 }
 
-start().catch((error) => say(error.message));
+start().catch((error) => notify(error.message));

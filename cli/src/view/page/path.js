@@ -1,13 +1,14 @@
-// A path of the camera: stops, what is between them, and its pictures in a file.
+// Camera path: stops, interpolation, and export of its frames and cameras.
 
-import { angleAcross, cross, unit } from "./camera.js";
+import { horizontalAngle, cross, unit } from "./camera.js";
 
-/** Seconds from a stop to the next when the path is played. */
-const SECONDS = 2;
+/** Time between two stops when the path is played, in seconds. */
+const SECONDS_PER_STOP = 2;
 
 export class Path {
-  constructor(camera, server, words, moved, say) {
-    Object.assign(this, { camera, server, words, moved, say, stops: [] });
+  /** `query` returns the query parameters of the layer and the light. */
+  constructor(camera, server, query, moved, notify) {
+    Object.assign(this, { camera, server, query, moved, notify, stops: [] });
     this.list = document.getElementById("stops-of-path");
     const click = (id, act) => document.getElementById(id).addEventListener("click", act);
     click("add-stop", () => this.add());
@@ -19,7 +20,7 @@ export class Path {
   }
 
   add() {
-    this.set([...this.stops, this.camera.kept()]);
+    this.set([...this.stops, this.camera.snapshot()]);
   }
 
   set(stops) {
@@ -32,7 +33,7 @@ export class Path {
         item.append(button);
         return button;
       });
-      go.addEventListener("click", () => this.stand(stop));
+      go.addEventListener("click", () => this.showPose(stop));
       remove.addEventListener("click", () => this.set(this.stops.filter((_, other) => other !== index)));
       return item;
     });
@@ -40,17 +41,17 @@ export class Path {
     for (const id of ["play", "save-frames", "save-path"]) document.getElementById(id).disabled = stops.length < 2;
   }
 
-  stand({ eye, look, up, angle }) {
-    this.camera.pose(eye, look, up, angle);
+  showPose({ eye, look, up, angle }) {
+    this.camera.setPose(eye, look, up, angle);
     this.moved();
   }
 
-  /** Where the camera is at a share of the path: a smooth curve through all stops (Catmull and Rom). */
-  at(share) {
+  /** Pose at a fraction of the path: a Catmull-Rom spline through all stops. */
+  at(fraction) {
     const { stops } = this;
-    const place = Math.min(Math.max(share, 0), 1) * (stops.length - 1);
-    const from = Math.min(Math.floor(place), stops.length - 2);
-    const t = place - from;
+    const position = Math.min(Math.max(fraction, 0), 1) * (stops.length - 1);
+    const from = Math.min(Math.floor(position), stops.length - 2);
+    const t = position - from;
     const stop = (k) => stops[Math.min(Math.max(k, 0), stops.length - 1)];
     const [a, b, c, d] = [-1, 0, 1, 2].map((k) => stop(from + k));
     const curve = (p, q, r, s) =>
@@ -64,27 +65,27 @@ export class Path {
 
   play() {
     if (this.stops.length < 2) return;
-    if (this.playing) return this.halt();
+    if (this.playing) return this.stop();
     const button = document.getElementById("play");
     button.textContent = "Stop";
     const start = performance.now();
     this.playing = true;
     const tick = (now) => {
       if (!this.playing) return;
-      const share = (now - start) / (1000 * SECONDS * (this.stops.length - 1));
-      this.stand(this.at(share));
-      if (share >= 1) this.halt();
+      const fraction = (now - start) / (1000 * SECONDS_PER_STOP * (this.stops.length - 1));
+      this.showPose(this.at(fraction));
+      if (fraction >= 1) this.stop();
       else requestAnimationFrame(tick);
     };
     requestAnimationFrame(tick);
   }
 
-  halt() {
+  stop() {
     this.playing = false;
     document.getElementById("play").textContent = "Play";
   }
 
-  /** Cameras of all frames, evenly in time. */
+  /** Poses of all frames, evenly spaced in time. */
   cameras() {
     const count = Math.min(Math.max(Math.round(Number(document.getElementById("frames").value)) || 2, 2), 3600);
     return Array.from({ length: count }, (_, k) => this.at(k / (count - 1)));
@@ -95,23 +96,23 @@ export class Path {
     return numbers.length === 2 && numbers.every((edge) => edge > 0) ? numbers : null;
   }
 
-  /** Cameras as `specula render --cameras` takes them: from camera to world, with y up and −z ahead. */
+  /** Saves cameras for `specula render --cameras`: world from camera, y up, −z forward. */
   savePath() {
     const size = this.size() ?? [800, 600];
     const frames = this.cameras().map(({ eye, look, up, angle }, index) => {
       const right = unit(cross(look, up));
       const rows = [0, 1, 2].map((k) => [right[k], up[k], -look[k], eye[k]]);
-      const across = (angleAcross(angle, size) * Math.PI) / 180;
-      return { file_path: name(index), camera_angle_x: across, transform_matrix: [...rows, [0, 0, 0, 1]] };
+      const horizontal = (horizontalAngle(angle, size) * Math.PI) / 180;
+      return { file_path: name(index), camera_angle_x: horizontal, transform_matrix: [...rows, [0, 0, 0, 1]] };
     });
     const [w, h] = size;
     save(new Blob([JSON.stringify({ w, h, frames }, null, 1)], { type: "application/json" }), "path.json");
   }
 
-  /** Has all frames rendered, exactly, and saves them as one file. */
+  /** Renders all frames, lossless, and saves them as one ZIP file. */
   async saveFrames() {
     const size = this.size();
-    if (!size) return this.say("a size is two numbers, such as 800×600");
+    if (!size) return this.notify("a size is two numbers, such as 800×600");
     const [bar, button] = ["saving", "save-frames"].map((id) => document.getElementById(id));
     if (this.saving) return (this.saving = false);
     [this.saving, bar.hidden, button.textContent] = [true, false, "Stop"];
@@ -122,16 +123,16 @@ export class Path {
         if (!this.saving) break;
         const list = (v) => v.map((x) => +x.toPrecision(8)).join(",");
         const { eye, look, up, angle } = camera;
-        const pose = { eye: list(eye), look: list(look), up: list(up), angle: angleAcross(angle, size).toFixed(5) };
-        // Without a number of the client, so that looking around meanwhile does not overtake it.
-        const words = { ...this.words(), ...pose, size: size.join(","), format: "png", client: 0 };
-        const response = await this.server.get("frame", words);
+        const pose = { eye: list(eye), look: list(look), up: list(up), angle: horizontalAngle(angle, size).toFixed(5) };
+        // Client 0: other requests of this page do not cancel the frame.
+        const query = { ...this.query(), ...pose, size: size.join(","), format: "png", client: 0 };
+        const response = await this.server.get("frame", query);
         files.push([`${name(index)}.png`, new Uint8Array(await response.arrayBuffer())]);
         bar.value = (index + 1) / cameras.length;
       }
       if (this.saving) save(zip(files), "frames.zip");
     } catch (error) {
-      this.say(error.message);
+      this.notify(error.message);
     }
     [this.saving, bar.hidden, button.textContent] = [false, true, "Save frames"];
   }
@@ -139,7 +140,7 @@ export class Path {
 
 const name = (index) => String(index).padStart(5, "0");
 
-/** Has the browser save a file. */
+/** Downloads a blob as a file. */
 export function save(blob, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
@@ -159,7 +160,7 @@ function crc32(bytes) {
   return (crc ^ 0xffffffff) >>> 0;
 }
 
-/** Files as a ZIP file; they are packed already, so they are stored as they are. */
+/** ZIP archive of files, stored without compression: PNGs are compressed already. */
 export function zip(files) {
   const [parts, directory] = [[], []];
   let offset = 0;
@@ -175,10 +176,10 @@ export function zip(files) {
   };
   for (const [name, bytes] of files) {
     const label = new TextEncoder().encode(name);
-    // Version, flags, method (stored), time and date (1 January 1980), sum, sizes, lengths.
-    const facts = [[10, 2], [0, 2], [0, 2], [0, 2], [33, 2], [crc32(bytes), 4], [bytes.length, 4], [bytes.length, 4], [label.length, 2], [0, 2]];
-    parts.push(numbers([0x04034b50, 4], ...facts), label, bytes);
-    directory.push(numbers([0x02014b50, 4], [10, 2], ...facts, [0, 2], [0, 2], [0, 2], [0, 4], [offset, 4]), label);
+    // Version, flags, method (stored), time, date (1 January 1980), CRC, sizes, lengths.
+    const header = [[10, 2], [0, 2], [0, 2], [0, 2], [33, 2], [crc32(bytes), 4], [bytes.length, 4], [bytes.length, 4], [label.length, 2], [0, 2]];
+    parts.push(numbers([0x04034b50, 4], ...header), label, bytes);
+    directory.push(numbers([0x02014b50, 4], [10, 2], ...header, [0, 2], [0, 2], [0, 2], [0, 4], [offset, 4]), label);
     offset += 30 + label.length + bytes.length;
   }
   const size = directory.reduce((sum, part) => sum + part.byteLength, 0);

@@ -1,14 +1,14 @@
-// A training that is going on: how far it has come, its curves, pause and single steps.
+// Live training: progress, curves, pause and single steps.
 
-/** Between two looks, in milliseconds, and between two at the light. */
-const PATIENCE = 700;
-const PATIENCE_FOR_LIGHT = 5000;
-/** Looks in vain, one after the other, until a training counts as ended. */
-const FAILURES = 3;
+/** Polling intervals of the progress and of the light's preview, in milliseconds. */
+const POLL_INTERVAL = 700;
+const PREVIEW_INTERVAL = 5000;
+/** Consecutive failures after which the training counts as ended. */
+const FAILURES_MAX = 3;
 
 export class Training {
-  constructor(server, stream, light, say) {
-    Object.assign(this, { server, stream, light, say, lightSeen: 0, failures: 0 });
+  constructor(server, stream, light, notify) {
+    Object.assign(this, { server, stream, light, notify, previewedAt: 0, failures: 0 });
     const element = (id) => document.getElementById(id);
     [this.section, this.progress, this.curve, this.button] = ["training", "progress", "curve", "pause"].map(element);
     this.steering = element("steering");
@@ -18,40 +18,40 @@ export class Training {
     for (const button of this.section.querySelectorAll("[data-steps]")) {
       button.addEventListener("click", () => this.steer({ do: "step", steps: button.dataset.steps }));
     }
-    this.look();
+    this.poll();
   }
 
   toggle() {
     if (this.server.scene.live && !this.steering.hidden) this.steer({ do: this.isPaused ? "go" : "pause" });
   }
 
-  async steer(words) {
+  async steer(query) {
     try {
-      this.show(await (await this.server.post("training", words)).json());
+      this.show(await (await this.server.post("training", query)).json());
     } catch (error) {
-      this.say(error.message);
+      this.notify(error.message);
     }
   }
 
-  async look() {
+  async poll() {
     try {
       this.show(await (await this.server.get("training", {})).json());
       this.failures = 0;
     } catch {
       this.failures += 1;
     }
-    if (this.failures >= FAILURES) {
+    if (this.failures >= FAILURES_MAX) {
       this.steering.hidden = true;
-      this.progress.textContent = "The training has ended, or was ended; specula view shows what it came to.";
+      this.progress.textContent = "The training has ended or was stopped; specula view shows its result.";
     }
-    if (!this.isShown) setTimeout(() => this.look(), PATIENCE);
+    if (!this.isShown) setTimeout(() => this.poll(), POLL_INTERVAL);
   }
 
   show(report) {
     const { iteration, iterations, seconds, psnr, gaussians, finished, paused, curve } = report;
     this.isPaused = paused;
     this.steering.hidden = finished;
-    this.button.textContent = paused ? "Go on" : "Pause";
+    this.button.textContent = paused ? "Resume" : "Pause";
     this.button.classList.toggle("on", paused);
     const quality = psnr === null ? "" : `, PSNR ${psnr.toFixed(2)} dB`;
     const head = finished ? "Training finished: " : "";
@@ -59,19 +59,19 @@ export class Training {
       `${head}${iteration} of ${iterations}, ${Math.round(seconds)} s${quality}, ${gaussians.toLocaleString("en").replaceAll(",", " ")} Gaussians`;
     this.progress.dataset.iteration = iteration;
     this.draw(curve, iterations);
-    // A picture that is on its way is waited for, however long it takes; it may still show an earlier step.
+    // A picture in flight may still show an earlier iteration.
     const isLatest = Number(this.stream.iteration) === iteration;
     this.isShown = finished && isLatest && this.stream.isIdle;
-    if (this.isShown && this.server.scene.shaded) this.light.look();
+    if (this.isShown && this.server.scene.shaded) this.light.loadPreview();
     if (isLatest || !this.stream.isIdle) return;
     this.stream.change(false);
     const now = performance.now();
-    if (now - this.lightSeen < PATIENCE_FOR_LIGHT || !this.server.scene.shaded) return;
-    this.lightSeen = now;
-    this.light.look();
+    if (now - this.previewedAt < PREVIEW_INTERVAL || !this.server.scene.shaded) return;
+    this.previewedAt = now;
+    this.light.loadPreview();
   }
 
-  /** PSNR and the number of Gaussians over the iterations, each in its own range. */
+  /** Plots PSNR and the number of Gaussians over the iterations, each scaled to its range. */
   draw(curve, iterations) {
     const { curve: canvas } = this;
     const density = Math.min(window.devicePixelRatio || 1, 2);
@@ -94,8 +94,8 @@ export class Training {
       values.forEach((value, k) => value !== null && context.lineTo((width * curve.iteration[k]) / iterations, y(value)));
       context.stroke();
       context.textAlign = row === 0 ? "left" : "right";
-      const told = [least, most].map((value) => value.toFixed(digits)).join(" – ");
-      context.fillText(told + unit, row === 0 ? 0 : width, margin - 5 * density);
+      const range = [least, most].map((value) => value.toFixed(digits)).join(" – ");
+      context.fillText(range + unit, row === 0 ? 0 : width, margin - 5 * density);
     });
   }
 }
