@@ -126,25 +126,6 @@ fn sizes<'a>(views: impl Iterator<Item = &'a dataset::View>) -> String {
     }
 }
 
-/// One view of a data set at another size, by its place among those to fit or those held out.
-pub(crate) fn load_one(
-    folder: &Path,
-    options: &LoadOptions,
-    is_held_out: bool,
-    index: usize,
-    [width, height]: [u32; 2],
-) -> Result<Option<View>, Failure> {
-    let view = dataset::load_one(folder, options, is_held_out, index)?;
-    Ok(view.map(|mut view| {
-        if [view.image.width, view.image.height] != [width, height] {
-            view.image = view.image.resized(width, height);
-            view.camera = view.camera.resized(width, height);
-            view.normal = None;
-        }
-        view_of(view)
-    }))
-}
-
 fn view_of(view: dataset::View) -> View {
     let normals = view.normal.map(|normal| Normals { values: normal.values, mask: normal.mask });
     View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }

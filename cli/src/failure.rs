@@ -105,6 +105,7 @@ impl From<SceneError> for Failure {
             SceneError::Cpu(error) => error.into(),
             #[cfg(feature = "gpu")]
             SceneError::Gpu(error) => error.into(),
+            SceneError::CubeMap(_) => Self::Input(format!("{error}, or what specula export MODEL -o light.exr writes")),
             SceneError::GpuUnsupported => {
                 Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())
             }

@@ -6,7 +6,6 @@ use crate::{
     interrupt, machine,
     progress::{self, Work},
     settings::shading_model_of,
-    view::live::{Live, Wish},
 };
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
@@ -17,6 +16,7 @@ use specula_train::{
     trainer::{HostScene, Settings, Trainer},
     view::View,
 };
+use specula_viewer::{LiveTraining, Request};
 use std::{fmt, sync::Arc, time::Instant};
 
 /// A run on some executor.
@@ -114,7 +114,7 @@ pub(crate) struct Training<'a> {
     /// What steps have taken so far, without what was done in between.
     seconds: f64,
     /// Who watches.
-    live: Option<Arc<Live>>,
+    live: Option<Arc<LiveTraining>>,
 }
 
 /// How it went.
@@ -150,7 +150,7 @@ impl<'a> Training<'a> {
     }
 
     /// Somebody watches from now on.
-    pub(crate) fn watch(&mut self, live: Arc<Live>) {
+    pub(crate) fn watch(&mut self, live: Arc<LiveTraining>) {
         self.live = Some(live);
     }
 
@@ -193,7 +193,7 @@ impl<'a> Training<'a> {
         self.trainer.step()?;
         self.seconds += start.elapsed().as_secs_f64();
         if let Some(live) = &self.live {
-            live.note(self.iteration(), self.seconds, self.trainer.psnr(), self.trainer.gaussian_count());
+            live.record(self.iteration(), self.seconds, self.trainer.psnr(), self.trainer.gaussian_count());
         }
         work.done(self.iteration().into(), || self.message());
         if pauses.contains(&self.iteration()) && !self.is_finished() {
@@ -207,15 +207,15 @@ impl<'a> Training<'a> {
     /// Shows the scene to who watches, if it is asked for, and waits while the training is paused.
     fn show(&mut self) -> Result<(), Failure> {
         let Some(live) = self.live.clone() else { return Ok(()) };
-        while let Some(wish) = live.wish() {
-            live.news().into_iter().for_each(|news| tracing::info!("{news}"));
-            match wish {
-                Wish::Scene => live.give(self.scene()?, self.iteration()),
-                Wish::Patience if interrupt::is_requested() => break,
-                Wish::Patience => live.wait(),
+        while let Some(request) = live.request() {
+            live.notice().into_iter().for_each(|notice| tracing::info!("{notice}"));
+            match request {
+                Request::Scene => live.publish(self.scene()?, self.iteration()),
+                Request::Wait if interrupt::is_requested() => break,
+                Request::Wait => live.wait(),
             }
         }
-        live.news().into_iter().for_each(|news| tracing::info!("{news}"));
+        live.notice().into_iter().for_each(|notice| tracing::info!("{notice}"));
         Ok(())
     }
 

@@ -17,11 +17,11 @@ use specula_core::{
 };
 use specula_io::{
     Error,
-    latlong::{self, LatLong},
+    latlong::LatLong,
     model_folder::{self, Model},
 };
 use specula_report::measure::{PSNR_FITTED, ViewMeasures};
-use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, environment::fitting};
+use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, environment::fitting, light_file};
 use specula_train::{
     evaluate::{fitted_psnr, measure_view},
     view::View,
@@ -182,54 +182,8 @@ pub(crate) fn measure_views(
 
 /// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
-    let (map, notes) = read_env_with_notes(path, exposure)?;
-    notes.iter().for_each(|note| tracing::info!("{note}"));
-    Ok(map)
-}
-
-/// The same, with sentences about it in place of events.
-pub(crate) fn read_env_with_notes(path: &Path, exposure: f32) -> Result<(LatLong, Vec<String>), Failure> {
-    let (mut map, cleaned) = latlong::read(path)?;
-    let mut notes = Vec::new();
-    if cleaned.total() > 0 {
-        notes.push(format!(
-            "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
-            cleaned.total(),
-            cleaned.nan,
-            cleaned.infinite,
-            cleaned.negative
-        ));
-    }
-    refuse_cube(path, &map)?;
-    notes.extend(doubts(path, &map)?);
+    let (mut map, warnings) = light_file::read(path)?;
+    warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
-    Ok((map, notes))
-}
-
-/// Refuses six faces in a column, as specula saves the light of a model.
-fn refuse_cube(path: &Path, map: &LatLong) -> Result<(), Failure> {
-    if map.height != 6 * map.width {
-        return Ok(());
-    }
-    Err(Failure::Input(format!(
-        "{path:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr, or what \
-         specula export MODEL -o light.exr writes"
-    )))
-}
-
-/// Sentences about why a picture may be no light, where it is read as one.
-fn doubts(path: &Path, map: &LatLong) -> Result<Vec<String>, Failure> {
-    let mut doubts = Vec::new();
-    if !latlong::holds_radiance(path)? {
-        doubts.push(format!(
-            "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
-        ));
-    }
-    if map.width != 2 * map.height {
-        doubts.push(format!(
-            "{path:?} has {} × {} pixels, and is stretched to 2:1, as a lat-long map is; is it one?",
-            map.width, map.height
-        ));
-    }
-    Ok(doubts)
+    Ok(map)
 }

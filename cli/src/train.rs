@@ -13,7 +13,7 @@ use crate::{
     orientation, output, progress,
     scene::{Renderer, measure_views},
     settings,
-    view::{self, Shown, Source, Watching, live::Live},
+    view::{self, Subject, Watching},
     within::{Within, within},
 };
 use core::net::SocketAddr;
@@ -36,6 +36,7 @@ use specula_train::{
     trainer::Settings,
     view::View,
 };
+use specula_viewer::{LiveTraining, PhotographSource};
 use std::{path::Path, sync::Arc};
 
 /// Points to start from where there are none.
@@ -346,20 +347,19 @@ fn watch(
     data: &Dataset,
     background: Background,
 ) -> Result<Watching, Failure> {
-    let live = Arc::new(Live::new(args.iterations, training.iteration()));
-    let source = source_of(args)?.to_owned();
+    let live = Arc::new(LiveTraining::new(args.iterations, training.iteration()));
+    let photographs = PhotographSource { folder: source_of(args)?.to_owned(), options: options_of(args) };
     let scene = training.scene()?;
-    let shown = Shown {
+    let subject = Subject {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         orientation: data.orientation.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians)),
         scene,
-        known: data.test.iter().chain(&data.train).map(named).collect(),
+        views: data.test.iter().chain(&data.train).map(named).collect(),
         held_out: data.test.len(),
-        source: Some(Source { folder: source, options: options_of(args) }),
+        photographs: Some(photographs),
         background,
-        live: None,
     };
-    let watching = view::watch(args, address, shown, live.clone())?;
+    let watching = view::watch(args, address, subject, live.clone())?;
     training.watch(live);
     Ok(watching)
 }

@@ -1,21 +1,7 @@
-//! `specula view`: a scene in a browser. A thread renders what clients ask for, one picture after the other; a server
-//! hands them the page and the pictures. What a client looks at is known to the client alone, so they do not disturb
-//! each other.
-
-mod album;
-mod announce;
-mod connections;
-mod guard;
-mod lights;
-pub(crate) mod live;
-mod queue;
-mod request;
-mod server;
-mod studio;
-mod upload;
+//! `specula view`, and the viewer of a training: arguments become options of [`specula_viewer`].
 
 use crate::{
-    args::{MachineOptions, Train, View, ViewUntil},
+    args::{EnvUp, Train, View, ViewUntil},
     background::Background,
     dataset,
     failure::Failure,
@@ -24,222 +10,143 @@ use crate::{
     orientation, output,
     scene::{self, background_of, note_oddities},
 };
-pub(crate) use album::Source;
-use album::{Album, camera_facts};
 use core::net::SocketAddr;
-use guard::Guard;
-use lights::Lights;
-use live::Live;
-use queue::Queue;
-use serde_json::{Value, json};
-use server::{Job, Site};
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{Layer, OpenedModel, Scene};
+use specula_scene::{OpenedModel, RenderOptions, Scene};
+use specula_viewer::{
+    LiveTraining, MapUp, Navigation, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
+};
 use std::{
+    io::IsTerminal,
     path::{Path, PathBuf},
     sync::Arc,
-    thread::{self, JoinHandle},
 };
-use studio::Studio;
-use tempfile::TempDir;
-use tokio::{net::TcpListener, runtime::Runtime};
-
-/// Threads that pack pictures and read lights.
-const BLOCKING_THREADS: usize = 4;
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.showing.profile)?;
     note_oddities(&opened);
     let background = background_of(&opened, args.background);
-    let name = name_of(&args.scene);
-    let shown = Shown {
-        name,
-        known: own_cameras(&opened)?.unwrap_or_default(),
+    let subject = Subject {
+        name: name_of(&args.scene),
+        views: own_cameras(&opened)?.unwrap_or_default(),
         orientation: orientation::of(&opened, args.showing.scene_up)?,
         held_out: opened.test_views().unwrap_or(0),
-        source: source_of(&opened),
+        photographs: photographs_of(&opened),
         scene: opened.scene,
         background,
-        live: None,
     };
-    let place = Place { address: args.listen, token: args.token.clone() };
-    let machine = args.showing.machine.clone();
-    let Stage { site, lights, runtime, listener, arrivals: _arrivals } = Stage::new(shown, &place, machine)?;
-    for env in &args.env {
-        let (_, notes) = lights.add(env, &name_of(env), args.env_up)?;
-        notes.iter().for_each(|note| tracing::info!("{note}"));
+    let render = (&args.showing.machine).into();
+    let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
+    let viewer = Viewer::bind(&options, subject.into(), None)?;
+    for file in &args.env {
+        let warnings = viewer.add_light(file, args.env_up.into())?;
+        warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     }
     interrupt::watch()?;
-    announce(&listener, &site)?;
+    print_urls(&viewer)?;
     tracing::info!("open it in a browser; Ctrl-C ends it");
-    runtime.block_on(server::serve(listener, site))
+    Ok(viewer.serve(interrupt::is_requested)?)
 }
 
-/// What is shown, and what is known about it.
+/// Scene to view, oriented.
 #[derive(Debug)]
-pub(crate) struct Shown {
+pub(crate) struct Subject {
     pub(crate) name: String,
     pub(crate) scene: Scene,
-    /// Views, those that were held out first, and how many those are.
-    pub(crate) known: Vec<NamedCamera>,
+    /// Cameras of the data set, held-out views first.
+    pub(crate) views: Vec<NamedCamera>,
     pub(crate) held_out: usize,
     pub(crate) orientation: Orientation,
-    pub(crate) source: Option<Source>,
+    pub(crate) photographs: Option<PhotographSource>,
     pub(crate) background: Background,
-    /// The training that it is of, if it is going on.
-    pub(crate) live: Option<Arc<Live>>,
 }
 
-/// Where a page is served, and the token that is asked for.
-#[derive(Clone, Debug)]
-pub(crate) struct Place {
-    address: SocketAddr,
-    token: Option<String>,
-}
-
-/// Everything that it takes to serve a page.
-struct Stage {
-    site: Arc<Site>,
-    lights: Arc<Lights>,
-    runtime: Runtime,
-    listener: TcpListener,
-    /// Folder of lights that come in; removed with its files when it is dropped.
-    arrivals: TempDir,
-}
-
-impl Stage {
-    /// Takes the address first, so that nothing is rendered in vain, and starts the thread that renders.
-    fn new(shown: Shown, place: &Place, machine: MachineOptions) -> Result<Self, Failure> {
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING_THREADS).build();
-        let runtime = runtime.map_err(|error| Failure::Internal(format!("cannot serve: {error}")))?;
-        let listener = runtime.block_on(server::listen(place.address))?;
-        let guard = Guard::new(place.address.ip(), place.token.as_deref())?;
-        let arrivals = tempfile::tempdir()
-            .map_err(|error| Failure::Internal(format!("cannot make a folder for lights that come in: {error}")))?;
-
-        let Shown { name, scene, known, held_out, orientation, source, background, live } = shown;
-        let Surroundings { known, first, start, centre, up } = Surroundings::of(&orientation, known);
-        let album = Album::new(known, held_out, source);
-        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
-        let facts = json!({
-            "name": name,
-            "gaussians": scene.gaussians.count,
-            "shaded": scene.gaussians.layout.is_shaded(),
-            "layers": layers(&scene, &album),
-            "views": album.facts(),
-            "first": first,
-            "start": camera_facts(&start),
-            "centre": centre.to_array(),
-            "up": up.to_array(),
-            "background": background.0,
-            "pixels_max": request::PIXELS_MAX,
-        });
-        let studio = Studio::new(scene, lights.clone(), album, background, start.near, machine)?;
-        let queue = Arc::new(Queue::new());
-        spawn_renderer(studio, queue.clone(), live.clone());
-        let site = Arc::new(Site {
-            guard,
-            queue,
-            lights: lights.clone(),
-            facts,
-            live,
-            uploads: Site::one_upload(),
-            arrivals: arrivals.path().to_owned(),
-            sending: Site::room_for_sending(),
-        });
-        Ok(Self { site, lights, runtime, listener, arrivals })
+impl From<Subject> for ViewedScene {
+    fn from(subject: Subject) -> Self {
+        let Subject { name, scene, views, held_out, orientation, photographs, background } = subject;
+        let Surroundings { known: views, first, start, centre, up } = Surroundings::of(&orientation, views);
+        let navigation = Navigation { first, start, centre, up };
+        Self { name, scene, views, held_out, navigation, photographs, background: background.0 }
     }
 }
 
-/// The layers that can be shown.
-fn layers(scene: &Scene, album: &Album) -> Vec<Value> {
-    let is_shaded = scene.gaussians.layout.is_shaded();
-    let layers = Layer::EACH.into_iter().filter(|layer| is_shaded || !layer.is_of_shading());
-    let error = album.has_photographs().then(|| request::ERROR.into());
-    layers.map(|layer| layer.name().into()).chain(error).collect()
-}
-
-/// Renders what is asked for, one picture after the other.
-fn spawn_renderer(mut studio: Studio, queue: Arc<Queue<Job>>, live: Option<Arc<Live>>) -> JoinHandle<()> {
-    /// However the thread ends, nobody waits for it any more.
-    struct Closing(Arc<Queue<Job>>);
-    impl Drop for Closing {
-        fn drop(&mut self) {
-            self.0.close();
+impl From<EnvUp> for MapUp {
+    fn from(up: EnvUp) -> Self {
+        match up {
+            EnvUp::Scene => Self::Scene,
+            EnvUp::Y => Self::Y,
+            EnvUp::Z => Self::Z,
         }
     }
-    thread::spawn(move || {
-        let closing = Closing(queue);
-        studio.warm_up();
-        while let Some(Job { ask, reply }) = closing.0.next() {
-            // Who went away wants no picture.
-            if reply.is_closed() {
-                continue;
-            }
-            let latest = live.as_ref().and_then(|live| live.take());
-            let shot = latest.map_or(Ok(()), |scene| studio.put(scene)).and_then(|()| studio.shoot(&ask));
-            // The same, while it was made.
-            let _ = reply.send(shot);
+}
+
+impl From<ViewerError> for Failure {
+    fn from(error: ViewerError) -> Self {
+        match error {
+            ViewerError::Scene(error) => error.into(),
+            ViewerError::Random(_) => Self::Input(format!("{error}; choose one with --token")),
+            ViewerError::Listen { .. } | ViewerError::Request(_) => Self::Input(error.to_string()),
+            other => Self::Internal(other.to_string()),
         }
-    })
+    }
 }
 
-/// Says where the page is.
-fn announce(listener: &TcpListener, site: &Site) -> Result<(), Failure> {
-    let address = listener.local_addr().map_err(|error| Failure::Internal(format!("no address: {error}")))?;
-    announce::announce(address, site.guard.token())
+/// Prints the URLs of the page to stdout, and a QR code for phones to a terminal.
+fn print_urls(viewer: &Viewer) -> Result<(), Failure> {
+    viewer.urls().iter().try_for_each(|url| output::say(url))?;
+    if std::io::stderr().is_terminal() {
+        viewer.qr_code().iter().for_each(|code| tracing::info!("for a phone:\n{code}"));
+    }
+    Ok(())
 }
 
-/// The page of a training, in threads of its own.
+/// Viewer of a training.
 #[derive(Debug)]
 pub(crate) struct Watching {
-    live: Arc<Live>,
-    server: JoinHandle<()>,
-    stays: bool,
-    _arrivals: TempDir,
+    live: Arc<LiveTraining>,
+    viewer: ViewerThread,
+    until: ViewUntil,
 }
 
 impl Watching {
-    /// Shows the scene that a training came to until Ctrl-C, where that is wished for.
+    /// Shows the result of the training until Ctrl-C, unless the page ends with the training.
     pub(crate) fn stay(self, result: impl FnOnce() -> Result<(Scene, u32), Failure>) -> Result<(), Failure> {
-        if !self.stays {
+        if self.until == ViewUntil::Done {
             return Ok(());
         }
         let (scene, iteration) = result()?;
         self.live.finish(scene, iteration);
         tracing::info!("the training is finished, and the page stays; Ctrl-C ends it");
-        let _ = self.server.join();
+        self.viewer.join();
         Ok(())
     }
 }
 
-/// Shows a training while it goes on.
-pub(crate) fn watch(args: &Train, address: SocketAddr, shown: Shown, live: Arc<Live>) -> Result<Watching, Failure> {
-    let place = Place { address, token: args.watch.token.clone() };
-    let machine = MachineOptions::in_full(&args.executor);
-    let shown = Shown { live: Some(live.clone()), ..shown };
-    let Stage { site, runtime, listener, arrivals, .. } = Stage::new(shown, &place, machine)?;
-    announce(&listener, &site)?;
-    let server = thread::spawn(move || {
-        if let Err(failure) = runtime.block_on(server::serve(listener, site)) {
-            tracing::warn!("{failure}; the training goes on unwatched");
-        }
-    });
+/// Serves the page of a training on a thread.
+pub(crate) fn watch(
+    args: &Train,
+    address: SocketAddr,
+    subject: Subject,
+    live: Arc<LiveTraining>,
+) -> Result<Watching, Failure> {
+    let render = RenderOptions::full_precision(args.executor.clone());
+    let options = ViewerOptions { address, token: args.watch.token.clone(), render };
+    let viewer = Viewer::bind(&options, subject.into(), Some(live.clone()))?;
+    print_urls(&viewer)?;
     let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);
-    Ok(Watching { live, server, stays: until == ViewUntil::CtrlC, _arrivals: arrivals })
+    Ok(Watching { live, viewer: viewer.spawn(interrupt::is_requested), until })
 }
 
-/// Name of a file or a folder.
+/// Name of a file without its extension, or of a folder.
 fn name_of(path: &Path) -> String {
     output::stem(Path::new(&output::absolute(path)))
 }
 
-/// The photographs of a model, if the data set of its training is still there.
-fn source_of(opened: &OpenedModel) -> Option<Source> {
+/// Photographs of a model, if the data set of its training still exists.
+fn photographs_of(opened: &OpenedModel) -> Option<PhotographSource> {
     let info = opened.info.as_ref()?;
     let options = dataset::options_of(info);
     let folder = PathBuf::from(&info.source_path);
-    folder.is_dir().then_some(Source { folder, options })
+    folder.is_dir().then_some(PhotographSource { folder, options })
 }

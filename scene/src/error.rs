@@ -3,6 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
+use std::path::PathBuf;
 
 /// Error of a scene that is opened, rendered or exported.
 #[derive(Debug, thiserror::Error)]
@@ -26,6 +27,9 @@ pub enum SceneError {
     /// A GPU was asked for a projection model that only the CPU executor has.
     #[error("GPUs project Gaussians by the affine model alone; use the CPU for other models")]
     ProjectionUnsupported,
+    /// A file holds the faces of a cube, as lights of models are saved, where a lat-long map is read.
+    #[error("{0:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr")]
+    CubeMap(PathBuf),
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,

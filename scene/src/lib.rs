@@ -21,10 +21,12 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+pub mod backdrop;
 pub mod device;
 pub mod environment;
 mod error;
 pub mod layer;
+pub mod light_file;
 mod opened;
 pub mod orientation;
 pub mod overlap;

@@ -1,5 +1,5 @@
-//! Connections: how many are open at once, and which of them makes room for another. Most descriptors are left to the
-//! rest of the program, so that a training does not fail because of those who watch it.
+//! Connection limits: number of open connections, and eviction of idle ones. Most file descriptors
+//! stay free for the rest of the process, so that clients cannot make a training fail.
 
 use core::{cmp::Reverse, net::IpAddr, time::Duration};
 use std::{
@@ -13,22 +13,22 @@ use tokio::{
     time::timeout,
 };
 
-/// Connections at once: at least, and at most, however many descriptors there are.
-const RANGE: [usize; 2] = [4, 256];
-/// One of so many free descriptors is for connections; all others are in reserve.
-const SHARE: usize = 4;
-/// One of so many connections is for the same peer.
-const PEER_SHARE: usize = 2;
-/// The time for which a connection waits for its next request, or takes to read an answer.
+/// Least and largest limit of connections, whatever the number of descriptors.
+const LIMITS: [usize; 2] = [4, 256];
+/// Free descriptors for each connection.
+const DESCRIPTORS_PER_CONNECTION: usize = 4;
+/// Connections for each connection of one peer.
+const CONNECTIONS_PER_PEER_CONNECTION: usize = 2;
+/// Longest time between two requests of a connection, and for reading a response.
 const IDLE_MAX: Duration = Duration::from_secs(120);
-/// The time after which another connection is looked for that makes room.
-const PATIENCE: Duration = Duration::from_millis(100);
+/// Interval of attempts to evict a connection while none is idle.
+const EVICTION_INTERVAL: Duration = Duration::from_millis(100);
 
-const HELD_SHORTLY: &str = "nothing panics while it holds the connections";
+const NO_POISON: &str = "nothing panics under the lock of the connections";
 
-/// All that are open.
+/// Open connections.
 #[derive(Debug)]
-pub(super) struct Connections {
+pub(crate) struct Connections {
     permits: Arc<Semaphore>,
     per_peer: usize,
     table: Mutex<Table>,
@@ -40,39 +40,40 @@ struct Table {
     open: HashMap<u64, Connection>,
 }
 
-/// A connection that is open.
+/// Open connection.
 #[derive(Debug)]
 struct Connection {
     peer: IpAddr,
-    /// The time of its last answer; none while a request is being answered.
+    /// Time of the last response; none while a request is processed.
     idle_since: Option<Instant>,
-    /// Whether a request of it was granted.
-    is_known: bool,
+    /// Whether one of its requests was authorised.
+    is_authorised: bool,
     task: Option<AbortHandle>,
 }
 
-/// The place of one connection, free again when it is dropped.
+/// Slot of one connection, free again when it is dropped.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(crate) struct Slot {
     id: u64,
     connections: Arc<Connections>,
     _permit: OwnedSemaphorePermit,
 }
 
 impl Connections {
-    /// As many as the limit of descriptors allows.
-    pub(super) fn new() -> Self {
-        Self::at_most(free_descriptors().map_or(RANGE[1], |free| (free / SHARE).clamp(RANGE[0], RANGE[1])))
+    /// Limit of connections by the free file descriptors of the process.
+    pub(crate) fn new() -> Self {
+        Self::at_most(limit_for(free_descriptors()))
     }
 
     fn at_most(count: usize) -> Self {
         let permits = Arc::new(Semaphore::new(count));
-        Self { permits, per_peer: (count / PEER_SHARE).max(1), table: Mutex::default() }
+        Self { permits, per_peer: (count / CONNECTIONS_PER_PEER_CONNECTION).max(1), table: Mutex::default() }
     }
 
-    /// A place for a connection of a peer. If there is none, the connection that has been idle for longest makes room; if
-    /// none is idle, this waits. None if the peer has as many as it may, and all of them are being answered.
-    pub(super) async fn place(self: &Arc<Self>, peer: IpAddr) -> Option<Place> {
+    /// Acquires a slot for a connection of a peer. Without a free slot, an idle connection is
+    /// closed; while none is idle, this waits. None where the peer has reached its limit and
+    /// requests are processed on all of its connections.
+    pub(crate) async fn acquire(self: &Arc<Self>, peer: IpAddr) -> Option<Slot> {
         let peer = peer.to_canonical();
         if self.count_of(peer) >= self.per_peer {
             if !self.close_idlest(|connection| connection.peer == peer) {
@@ -82,7 +83,7 @@ impl Connections {
             self.close_idlest(|_| true);
         }
         let permit = loop {
-            match timeout(PATIENCE, self.permits.clone().acquire_owned()).await {
+            match timeout(EVICTION_INTERVAL, self.permits.clone().acquire_owned()).await {
                 Ok(permit) => break permit.ok()?,
                 Err(_) => drop(self.close_idlest(|_| true)),
             }
@@ -90,14 +91,14 @@ impl Connections {
         let mut table = self.lock();
         table.count += 1;
         let id = table.count;
-        let connection = Connection { peer, idle_since: Some(Instant::now()), is_known: false, task: None };
+        let connection = Connection { peer, idle_since: Some(Instant::now()), is_authorised: false, task: None };
         table.open.insert(id, connection);
         drop(table);
-        Some(Place { id, connections: self.clone(), _permit: permit })
+        Some(Slot { id, connections: self.clone(), _permit: permit })
     }
 
-    /// Closes the connections that have been idle for too long.
-    pub(super) fn close_stale(&self) {
+    /// Closes connections that have been idle for longer than [`IDLE_MAX`].
+    pub(crate) fn close_stale(&self) {
         let is_stale = |connection: &Connection| connection.idle_since.is_some_and(|since| since.elapsed() > IDLE_MAX);
         self.lock()
             .open
@@ -105,8 +106,9 @@ impl Connections {
             .for_each(|(_, connection)| connection.close());
     }
 
-    /// Closes one of the idle connections that `may` holds for, if there is one: first those without a granted request, of
-    /// these the ones of the peer with most connections, of these the oldest.
+    /// Closes one idle connection among those that `may` accepts: first those without an authorised
+    /// request, among these one of the peer with most connections, among these the longest idle.
+    /// Returns whether one was closed.
     fn close_idlest(&self, may: impl Fn(&Connection) -> bool) -> bool {
         let mut table = self.lock();
         let mut counts: HashMap<IpAddr, usize> = HashMap::new();
@@ -115,7 +117,7 @@ impl Connections {
         }
         let rank = |connection: &Connection| {
             let since = connection.idle_since.filter(|_| may(connection))?;
-            Some((connection.is_known, Reverse(counts[&connection.peer]), since))
+            Some((connection.is_authorised, Reverse(counts[&connection.peer]), since))
         };
         let ranks = table.open.iter().filter_map(|(id, connection)| Some((rank(connection)?, *id)));
         let Some((_, id)) = ranks.min() else { return false };
@@ -136,7 +138,7 @@ impl Connections {
     }
 
     fn lock(&self) -> MutexGuard<'_, Table> {
-        self.table.lock().expect(HELD_SHORTLY)
+        self.table.lock().expect(NO_POISON)
     }
 }
 
@@ -146,33 +148,38 @@ impl Connection {
     }
 }
 
-impl Place {
-    /// Says which task closes the connection when it is aborted.
-    pub(super) fn belongs_to(&self, task: AbortHandle) {
+impl Slot {
+    /// Sets the task of the connection, which is aborted to close it.
+    pub(crate) fn set_task(&self, task: AbortHandle) {
         self.connections.change(self.id, |connection| connection.task = Some(task));
     }
 
-    /// A request is being answered from now on.
-    pub(super) fn begin(&self) {
+    /// Marks the start of a request.
+    pub(crate) fn begin_request(&self) {
         self.connections.change(self.id, |connection| connection.idle_since = None);
     }
 
-    /// The request was answered, and granted or not.
-    pub(super) fn end(&self, is_granted: bool) {
+    /// Marks the end of a request, and whether it was authorised.
+    pub(crate) fn end_request(&self, is_authorised: bool) {
         self.connections.change(self.id, |connection| {
             connection.idle_since = Some(Instant::now());
-            connection.is_known |= is_granted;
+            connection.is_authorised |= is_authorised;
         });
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
         self.connections.lock().open.remove(&self.id);
     }
 }
 
-/// Descriptors that this process may still open; none where the system sets no limit.
+fn limit_for(free_descriptors: Option<usize>) -> usize {
+    let [least, most] = LIMITS;
+    free_descriptors.map_or(most, |free| (free / DESCRIPTORS_PER_CONNECTION).clamp(least, most))
+}
+
+/// File descriptors that the process may still open; none where the system sets no limit.
 #[cfg(unix)]
 fn free_descriptors() -> Option<usize> {
     use rustix::process::{Resource, getrlimit};
@@ -199,19 +206,20 @@ mod tests {
         Builder::new_current_thread().enable_time().build().unwrap()
     }
 
-    /// Holds a place until it is closed; what came of its requests so far is in `granted`.
-    async fn connect(connections: &Arc<Connections>, peer: IpAddr, granted: Option<bool>) -> Option<u64> {
-        let place = Arc::new(connections.place(peer).await?);
-        let (id, held) = (place.id, place.clone());
-        place.belongs_to(
+    /// Holds a slot until its connection is closed. `authorised` tells of its last request; none
+    /// where one is being processed.
+    async fn connect(connections: &Arc<Connections>, peer: IpAddr, authorised: Option<bool>) -> Option<u64> {
+        let slot = Arc::new(connections.acquire(peer).await?);
+        let (id, held) = (slot.id, slot.clone());
+        slot.set_task(
             tokio::spawn(async move {
                 pending::<()>().await;
                 drop(held);
             })
             .abort_handle(),
         );
-        place.begin();
-        granted.into_iter().for_each(|granted| place.end(granted));
+        slot.begin_request();
+        authorised.into_iter().for_each(|authorised| slot.end_request(authorised));
         Some(id)
     }
 
@@ -225,8 +233,8 @@ mod tests {
     fn the_oldest_idle_connection_makes_room_and_known_ones_stay_longest() {
         runtime().block_on(async {
             let connections = Arc::new(Connections::at_most(4));
-            for (peer, granted) in [(NEAR, true), (FAR, false), (FAR, false), (NEAR, false)] {
-                connect(&connections, peer, Some(granted)).await.unwrap();
+            for (peer, authorised) in [(NEAR, true), (FAR, false), (FAR, false), (NEAR, false)] {
+                connect(&connections, peer, Some(authorised)).await.unwrap();
             }
             let third = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 1));
             connect(&connections, third, Some(false)).await.unwrap();
@@ -259,7 +267,7 @@ mod tests {
     #[test]
     fn most_descriptors_are_in_reserve() {
         let connections = Connections::new().permits.available_permits();
-        assert!((RANGE[0]..=RANGE[1]).contains(&connections), "{connections}");
-        assert!(free_descriptors().is_none_or(|free| connections <= (free / 2).max(RANGE[0])), "{connections}");
+        assert!((LIMITS[0]..=LIMITS[1]).contains(&connections), "{connections}");
+        assert!(free_descriptors().is_none_or(|free| connections <= (free / 2).max(LIMITS[0])), "{connections}");
     }
 }

@@ -1,6 +1,6 @@
-//! Who may ask: on this machine whoever opens the page itself, from elsewhere whoever has the token.
+//! Access control: host and origin checks for loopback servers, a token for all others.
 
-use crate::failure::Failure;
+use crate::ViewerError;
 use axum::http::{
     HeaderMap, Uri, header,
     uri::{Authority, Port},
@@ -8,46 +8,49 @@ use axum::http::{
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use subtle::ConstantTimeEq;
 
-/// The header with the token.
-const TOKEN: &str = "x-specula-token";
-/// The header in which browsers say which site asks, and what it says of the page itself and of an address that was typed.
+/// Header of the access token.
+const TOKEN_HEADER: &str = "x-specula-token";
+/// Header in which browsers state the relation of the requesting site to this one.
 const FETCH_SITE: &str = "sec-fetch-site";
-const OWN_SITES: [&[u8]; 2] = [b"same-origin", b"none"];
-/// Bytes of a token that nobody guesses.
+/// Accepted relations: requests of the page itself, and of an address that was typed.
+const ACCEPTED_SITES: [&[u8]; 2] = [b"same-origin", b"none"];
+/// Random bytes of a generated token.
 const TOKEN_LEN: usize = 16;
 
-/// Why a request is not answered.
+/// Reason why a request is denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Denied {
-    /// The page was asked for under another name, as by a page that wants to reach into this machine.
+pub(crate) enum Denied {
+    /// The host is no name of the loopback interface, as in an attack by DNS rebinding.
     Host,
-    /// It comes from another site.
+    /// The request comes from another site.
     Origin,
-    /// It lacks the token.
+    /// The token is missing or wrong.
     Token,
 }
 
 impl Denied {
-    pub(super) fn sentence(self) -> &'static str {
+    /// Message for the client.
+    pub(crate) fn message(self) -> &'static str {
         match self {
             Self::Host => "this page is served to localhost alone; open it as http://localhost:PORT/",
-            Self::Origin => "another site may not ask this one",
-            Self::Token => "the token is missing or wrong; open the whole address that specula printed",
+            Self::Origin => "requests from other sites are denied",
+            Self::Token => "the token is missing or wrong; open the whole address that was printed",
         }
     }
 }
 
-/// What is asked of requests.
+/// Conditions that requests have to meet.
 #[derive(Clone, Debug)]
-pub(super) struct Guard {
-    /// Asked of all requests but those for the page itself.
+pub(crate) struct Guard {
+    /// Token of all requests but those for files of the page; none on the loopback interface.
     token: Option<String>,
 }
 
 impl Guard {
-    /// For a server at this address: on the loopback device no token is needed, unless one is asked for.
-    pub(super) fn new(address: IpAddr, asked: Option<&str>) -> Result<Self, Failure> {
-        let token = match asked {
+    /// Guard of a server at an address. Without a chosen token, servers beyond the loopback
+    /// interface get a random one.
+    pub(crate) fn new(address: IpAddr, chosen: Option<&str>) -> Result<Self, ViewerError> {
+        let token = match chosen {
             Some(token) => Some(token.to_owned()),
             None if address.is_loopback() => None,
             None => Some(random_token()?),
@@ -55,27 +58,29 @@ impl Guard {
         Ok(Self { token })
     }
 
-    pub(super) fn token(&self) -> Option<&str> {
+    /// Access token, if one is needed.
+    pub(crate) fn token(&self) -> Option<&str> {
         self.token.as_deref()
     }
 
-    /// Whether a request is to be answered; `is_page` are those that hold nothing of the scene.
-    pub(super) fn check(&self, headers: &HeaderMap, is_page: bool) -> Result<(), Denied> {
+    /// Checks the headers of a request. `is_page` is true for files of the page, which hold nothing
+    /// of the scene and need no token.
+    pub(crate) fn check(&self, headers: &HeaderMap, is_page: bool) -> Result<(), Denied> {
         let host = text(headers, header::HOST.as_str()).and_then(authority);
-        if self.token.is_none() && !host.as_ref().is_some_and(is_of_loopback) {
+        if self.token.is_none() && !host.as_ref().is_some_and(is_loopback) {
             return Err(Denied::Host);
         }
-        if text(headers, header::ORIGIN.as_str()).is_some_and(|origin| !is_of(origin, host.as_ref())) {
+        if text(headers, header::ORIGIN.as_str()).is_some_and(|origin| !is_origin_of(origin, host.as_ref())) {
             return Err(Denied::Origin);
         }
         if is_page {
             return Ok(());
         }
-        if headers.get(FETCH_SITE).is_some_and(|site| !OWN_SITES.contains(&site.as_bytes())) {
+        if headers.get(FETCH_SITE).is_some_and(|site| !ACCEPTED_SITES.contains(&site.as_bytes())) {
             return Err(Denied::Origin);
         }
         match &self.token {
-            Some(token) if !headers.get(TOKEN).is_some_and(|given| is_same(token, given.as_bytes())) => {
+            Some(token) if !headers.get(TOKEN_HEADER).is_some_and(|given| is_equal(token, given.as_bytes())) => {
                 Err(Denied::Token)
             }
             _ => Ok(()),
@@ -87,7 +92,7 @@ fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// A host and perhaps a port, and nothing else.
+/// Parses a host with an optional port; none where the text holds anything else.
 fn authority(text: &str) -> Option<Authority> {
     let authority: Authority = text.parse().ok()?;
     let rest = text.strip_prefix(authority.host())?;
@@ -99,8 +104,8 @@ fn authority(text: &str) -> Option<Authority> {
     is_whole.then_some(authority)
 }
 
-/// Whether a host is a name by which a machine reaches itself.
-fn is_of_loopback(host: &Authority) -> bool {
+/// Whether a host is a name of the loopback interface.
+fn is_loopback(host: &Authority) -> bool {
     let host = host.host();
     match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
         Some(address) => address.parse().is_ok_and(|address: Ipv6Addr| address.is_loopback()),
@@ -110,21 +115,20 @@ fn is_of_loopback(host: &Authority) -> bool {
     }
 }
 
-/// Whether an origin such as `http://localhost:7008` is of a host.
-fn is_of(origin: &str, host: Option<&Authority>) -> bool {
+/// Whether an origin such as `http://localhost:7008` has this host and port.
+fn is_origin_of(origin: &str, host: Option<&Authority>) -> bool {
     let origin = origin.parse::<Uri>().ok().filter(|origin| origin.scheme().is_some());
     origin.is_some_and(|origin| origin.authority().is_some() && origin.authority() == host)
 }
 
-/// Whether a word is the token, in a time that does not tell how much of it is.
-fn is_same(token: &str, given: &[u8]) -> bool {
+/// Compares a token in constant time.
+fn is_equal(token: &str, given: &[u8]) -> bool {
     token.as_bytes().ct_eq(given).into()
 }
 
-fn random_token() -> Result<String, Failure> {
+fn random_token() -> Result<String, ViewerError> {
     let mut bytes = [0; TOKEN_LEN];
-    getrandom::fill(&mut bytes)
-        .map_err(|error| Failure::Input(format!("the system gives no random numbers ({error}); choose a --token")))?;
+    getrandom::fill(&mut bytes).map_err(ViewerError::Random)?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
@@ -136,7 +140,7 @@ mod tests {
     const ANYWHERE: IpAddr = IpAddr::V4(Ipv4Addr::UNSPECIFIED);
 
     fn headers(pairs: &[(&'static str, &str)]) -> HeaderMap {
-        pairs.iter().map(|(name, word)| (name.parse().unwrap(), word.parse().unwrap())).collect()
+        pairs.iter().map(|(name, value)| (name.parse().unwrap(), value.parse().unwrap())).collect()
     }
 
     #[test]
@@ -186,9 +190,9 @@ mod tests {
             ("cross-site", Err(Denied::Origin)),
             ("", Err(Denied::Origin)),
         ] {
-            let asked = headers(&[("host", "localhost"), ("sec-fetch-site", site)]);
-            assert_eq!(guard.check(&asked, false), expected, "{site}");
-            assert_eq!(guard.check(&asked, true), Ok(()), "a link from {site} opens the page");
+            let sent = headers(&[("host", "localhost"), ("sec-fetch-site", site)]);
+            assert_eq!(guard.check(&sent, false), expected, "{site}");
+            assert_eq!(guard.check(&sent, true), Ok(()), "a link from {site} opens the page");
         }
     }
 
@@ -198,17 +202,17 @@ mod tests {
         let token = guard.token().unwrap().to_owned();
         assert_eq!(token.len(), 2 * TOKEN_LEN);
         assert_ne!(token, Guard::new(ANYWHERE, None).unwrap().token().unwrap(), "every server has its own");
-        let with = |token: &str| headers(&[("host", "192.168.0.2:7008"), (TOKEN, token)]);
+        let with = |token: &str| headers(&[("host", "192.168.0.2:7008"), (TOKEN_HEADER, token)]);
         assert_eq!(guard.check(&with(&token), false), Ok(()));
         for wrong in
             ["", "x", &token[1..], &token[..token.len() - 1], &token.replace(|_| true, "x"), &format!("{token}0")]
         {
             assert_eq!(guard.check(&with(wrong), false), Err(Denied::Token), "{wrong}");
         }
-        for place in 0..token.len() {
+        for index in 0..token.len() {
             let mut wrong = token.clone();
-            wrong.replace_range(place..=place, "x");
-            assert_eq!(guard.check(&with(&wrong), false), Err(Denied::Token), "every letter counts, as the {place}th");
+            wrong.replace_range(index..=index, "x");
+            assert_eq!(guard.check(&with(&wrong), false), Err(Denied::Token), "every letter counts, as the {index}th");
         }
         assert_eq!(guard.check(&headers(&[("host", "192.168.0.2")]), true), Ok(()), "the page holds no secret");
     }

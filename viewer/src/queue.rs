@@ -1,26 +1,26 @@
-//! Who is served next: clients take turns, however many pictures each of them asks for.
+//! Fair queue: clients take turns, however many pictures each of them requests.
 
 use std::sync::{Condvar, Mutex, MutexGuard};
 
-/// Pictures that may wait.
+/// Largest number of waiting jobs.
 const WAITING_MAX: usize = 64;
-/// Clients whose turns are remembered.
+/// Largest number of clients whose last turns are recorded.
 const CLIENTS_MAX: usize = 64;
 
-const HELD_SHORTLY: &str = "nothing panics while it holds the queue";
+const NO_POISON: &str = "nothing panics under the lock of the queue";
 
-/// Why work is not taken.
+/// Reason why a job is not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Refused {
-    /// Too much is waiting.
+pub(crate) enum QueueError {
+    /// Too many jobs are waiting.
     Full,
-    /// Nobody takes it any more.
+    /// The queue was closed.
     Closed,
 }
 
-/// Work that waits.
+/// Waiting jobs by client.
 #[derive(Debug)]
-pub(super) struct Queue<T> {
+pub(crate) struct Queue<T> {
     state: Mutex<State<T>>,
     changed: Condvar,
 }
@@ -29,51 +29,51 @@ pub(super) struct Queue<T> {
 struct State<T> {
     /// In order of arrival.
     waiting: Vec<(u64, T)>,
-    /// Clients that had their turn, the latest last.
+    /// Clients in the order of their last turns.
     served: Vec<u64>,
     is_closed: bool,
 }
 
 impl<T> Queue<T> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let state = State { waiting: Vec::new(), served: Vec::new(), is_closed: false };
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Puts work of a client at the end. What the same client still waits for is dropped: it has moved on since. Clients
-    /// without a number (0) may wait for several things.
-    pub(super) fn push(&self, client: u64, work: T) -> Result<(), Refused> {
+    /// Appends a job of a client, in place of a waiting one of the same client, which is outdated.
+    /// Client 0 is anonymous and may have several jobs waiting.
+    pub(crate) fn push(&self, client: u64, job: T) -> Result<(), QueueError> {
         let mut state = self.lock();
         if state.is_closed {
-            return Err(Refused::Closed);
+            return Err(QueueError::Closed);
         }
         if client != 0 {
             state.waiting.retain(|(other, _)| *other != client);
         }
         if state.waiting.len() >= WAITING_MAX {
-            return Err(Refused::Full);
+            return Err(QueueError::Full);
         }
-        state.waiting.push((client, work));
+        state.waiting.push((client, job));
         self.changed.notify_one();
         Ok(())
     }
 
-    /// Waits for work; none when the queue is closed.
-    pub(super) fn next(&self) -> Option<T> {
+    /// Waits for a job; none once the queue is closed.
+    pub(crate) fn next(&self) -> Option<T> {
         let mut state = self.lock();
         loop {
             if state.is_closed {
                 return None;
             }
-            if let Some(work) = state.take() {
-                return Some(work);
+            if let Some(job) = state.take() {
+                return Some(job);
             }
-            state = self.changed.wait(state).expect(HELD_SHORTLY);
+            state = self.changed.wait(state).expect(NO_POISON);
         }
     }
 
-    /// Drops what waits, and takes no more.
-    pub(super) fn close(&self) {
+    /// Drops all waiting jobs and accepts no more.
+    pub(crate) fn close(&self) {
         let mut state = self.lock();
         state.is_closed = true;
         state.waiting.clear();
@@ -81,22 +81,22 @@ impl<T> Queue<T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, State<T>> {
-        self.state.lock().expect(HELD_SHORTLY)
+        self.state.lock().expect(NO_POISON)
     }
 }
 
 impl<T> State<T> {
-    /// Work of the client whose last turn was longest ago; of several, that which came first.
+    /// Removes the job of the client whose last turn was longest ago; the first of several.
     fn take(&mut self) -> Option<T> {
         let turn_of = |client: u64| self.served.iter().position(|served| *served == client).map_or(0, |turn| turn + 1);
         let next = (0..self.waiting.len()).min_by_key(|index| turn_of(self.waiting[*index].0))?;
-        let (client, work) = self.waiting.remove(next);
+        let (client, job) = self.waiting.remove(next);
         self.served.retain(|served| *served != client);
         self.served.push(client);
         if self.served.len() > CLIENTS_MAX {
             self.served.remove(0);
         }
-        Some(work)
+        Some(job)
     }
 }
 
@@ -107,8 +107,8 @@ mod tests {
     #[test]
     fn clients_take_turns() {
         let queue = Queue::new();
-        for (client, work) in [(1, "a"), (2, "b")] {
-            queue.push(client, work).unwrap();
+        for (client, job) in [(1, "a"), (2, "b")] {
+            queue.push(client, job).unwrap();
         }
         assert_eq!(queue.next(), Some("a"));
         // The first is back before the second had its turn.
@@ -119,8 +119,8 @@ mod tests {
     #[test]
     fn what_a_client_asked_for_before_is_dropped() {
         let queue = Queue::new();
-        for work in ["old", "new"] {
-            queue.push(7, work).unwrap();
+        for job in ["old", "new"] {
+            queue.push(7, job).unwrap();
         }
         queue.push(0, "of nobody").unwrap();
         queue.push(0, "of nobody else").unwrap();
@@ -133,11 +133,11 @@ mod tests {
     #[test]
     fn what_waits_is_bounded_and_a_closed_queue_takes_nothing() {
         let queue = Queue::new();
-        for work in 0..WAITING_MAX {
-            queue.push(0, work).unwrap();
+        for job in 0..WAITING_MAX {
+            queue.push(0, job).unwrap();
         }
-        assert_eq!(queue.push(0, 0), Err(Refused::Full));
+        assert_eq!(queue.push(0, 0), Err(QueueError::Full));
         queue.close();
-        assert_eq!((queue.next(), queue.push(0, 0)), (None, Err(Refused::Closed)));
+        assert_eq!((queue.next(), queue.push(0, 0)), (None, Err(QueueError::Closed)));
     }
 }

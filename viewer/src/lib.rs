@@ -1,0 +1,60 @@
+//! Viewer of scenes in a browser: an HTTP server that renders pictures on request, and its page.
+//!
+//! A thread owns the scene on its executor and renders one picture after another; the server hands
+//! them to any number of clients. A request describes its picture in full, so that clients do not
+//! disturb each other, and a client requests no picture before it has received the last one, so
+//! that the rate adapts to the link. The page is a few modules of plain JavaScript that load
+//! nothing from elsewhere.
+//!
+//! On the loopback interface, requests need a host that is a name of it and an origin that is the
+//! page's own; on other addresses they need an access token. Connections, headers, bodies, times
+//! and memory are bounded.
+//!
+//! ```no_run
+//! use glam::Vec3;
+//! use specula_core::camera::Camera;
+//! use specula_scene::OpenedModel;
+//! use specula_viewer::{Navigation, ViewedScene, Viewer, ViewerOptions};
+//! use std::path::Path;
+//!
+//! let model = OpenedModel::open(Path::new("out/vase"))?;
+//! let start = Camera::look_at(Vec3::new(0.0, -4.0, 1.0), Vec3::ZERO, Vec3::Z, 0.7, 800, 600);
+//! let viewed = ViewedScene {
+//!     name: "vase".into(),
+//!     views: model.cameras()?,
+//!     held_out: model.test_views().unwrap_or(0),
+//!     navigation: Navigation { first: None, start, centre: Vec3::ZERO, up: Vec3::Z },
+//!     photographs: None,
+//!     background: model.background(),
+//!     scene: model.scene,
+//! };
+//! let viewer = Viewer::bind(&ViewerOptions::default(), viewed, None)?;
+//! println!("{}", viewer.urls().join("\n"));
+//! viewer.serve(|| false)?;
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+//!
+//! A training is watched by way of a [`LiveTraining`], which both sides share.
+
+mod connections;
+mod error;
+mod guard;
+mod http;
+mod lights;
+mod live;
+mod queue;
+mod request;
+mod routes;
+mod server;
+mod state;
+mod upload;
+mod url;
+mod viewer;
+mod views;
+mod worker;
+
+pub use error::ViewerError;
+pub use lights::MapUp;
+pub use live::{LiveTraining, Request};
+pub use viewer::{Navigation, ViewedScene, Viewer, ViewerOptions, ViewerThread};
+pub use views::PhotographSource;

@@ -1,0 +1,222 @@
+//! Lights of a scene: its own, and environment maps that were added.
+
+use crate::{ViewerError, request::LightSetting};
+use glam::Vec3;
+use serde::Deserialize;
+use specula_core::scene::{Environment, RadianceActivation};
+use specula_io::latlong::{self, LatLong, Stand, UpAxis};
+use specula_scene::{environment::radiance, light_file};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex, MutexGuard},
+};
+
+/// Identifier of the scene's own light.
+pub(crate) const SCENE_LIGHT: u32 = 0;
+/// Largest number of added lights; the oldest one is replaced.
+const LIGHTS_MAX: usize = 16;
+/// Longest name of a light, in characters.
+const NAME_MAX: usize = 64;
+/// Width and height of a preview, in pixels.
+const PREVIEW_SIZE: [usize; 2] = [256, 128];
+
+const NO_POISON: &str = "nothing panics under the lock of the lights";
+
+/// Environment map as a cube.
+pub(crate) type Cube = Environment<Vec<f32>>;
+
+/// Direction of a scene that the upper edge of a lat-long map shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum MapUp {
+    /// Up direction of the scene.
+    #[default]
+    Scene,
+    /// +y of the scene's world, as in GaussianShader and nvdiffrec.
+    Y,
+    /// +z of the scene's world, as in Blender.
+    Z,
+}
+
+impl TryFrom<String> for MapUp {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<Self, &'static str> {
+        match text.as_str() {
+            "scene" => Ok(Self::Scene),
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            _ => Err("use scene, y or z"),
+        }
+    }
+}
+
+impl MapUp {
+    /// Orientation of the map in a scene with this up direction.
+    fn stand(self, up: Vec3) -> Stand {
+        match self {
+            Self::Scene => Stand::above(up.as_dvec3().to_array()),
+            Self::Y => UpAxis::Y.into(),
+            Self::Z => UpAxis::Z.into(),
+        }
+    }
+}
+
+/// Identifier and name of a light.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Label {
+    pub(crate) id: u32,
+    pub(crate) name: String,
+}
+
+/// Lights that pictures can be requested under.
+#[derive(Debug)]
+pub(crate) struct Lights {
+    /// Resolution of added lights, in texels along a face's edge.
+    resolution: usize,
+    /// Up direction of the scene.
+    up: Vec3,
+    table: Mutex<Table>,
+}
+
+#[derive(Debug)]
+struct Table {
+    scene_light: Option<Arc<Cube>>,
+    added: Vec<(Label, Arc<Cube>)>,
+    /// Number of lights that were ever added.
+    count: u32,
+}
+
+impl Lights {
+    /// Light of a scene with this up direction; lights are added at this resolution.
+    pub(crate) fn new(scene_light: Option<Cube>, resolution: usize, up: Vec3) -> Self {
+        let table = Table { scene_light: scene_light.map(Arc::new), added: Vec::new(), count: 0 };
+        Self { resolution, up, table: Mutex::new(table) }
+    }
+
+    /// Replaces the scene's own light.
+    pub(crate) fn set_scene_light(&self, light: Option<Cube>) {
+        self.lock().scene_light = light.map(Arc::new);
+    }
+
+    /// Reads and adds a lat-long map. Returns its label, and warnings about its contents.
+    pub(crate) fn add(&self, file: &Path, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
+        let (map, warnings) = light_file::read(file)?;
+        let values = latlong::to_cube(&map, self.resolution, up.stand(self.up));
+        let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
+        let mut table = self.lock();
+        table.count += 1;
+        let label = Label { id: table.count, name: name.chars().take(NAME_MAX).collect() };
+        if table.added.len() == LIGHTS_MAX {
+            table.added.remove(0);
+        }
+        table.added.push((label.clone(), Arc::new(cube)));
+        Ok((label, warnings))
+    }
+
+    /// Labels of all lights, the scene's own first.
+    pub(crate) fn labels(&self) -> Vec<Label> {
+        let table = self.lock();
+        let scene_light = table.scene_light.as_ref().map(|_| Label { id: SCENE_LIGHT, name: "scene light".into() });
+        scene_light.into_iter().chain(table.added.iter().map(|(label, _)| label.clone())).collect()
+    }
+
+    /// Light with its rotation and exposure. The outer option is none for a light that was
+    /// replaced, the inner one for a scene without a light.
+    pub(crate) fn get(&self, setting: LightSetting) -> Option<Option<Cube>> {
+        let table = self.lock();
+        let cube = match setting.id {
+            SCENE_LIGHT => table.scene_light.clone(),
+            id => Some(table.added.iter().find(|(label, _)| label.id == id)?.1.clone()),
+        };
+        drop(table);
+        Some(cube.map(|cube| self.adjusted(&cube, setting)))
+    }
+
+    /// Lat-long preview of a light with its rotation and exposure.
+    pub(crate) fn preview(&self, setting: LightSetting) -> Option<LatLong> {
+        let cube = self.get(setting)??;
+        let values = radiance(cube.activation, &cube.values);
+        let [width, height] = PREVIEW_SIZE;
+        let stand = Stand::above(self.up.as_dvec3().to_array());
+        Some(latlong::from_cube(&values, cube.resolution, width, height, stand))
+    }
+
+    /// Cube with a rotation and an exposure; unchanged to the last bit without either.
+    fn adjusted(&self, cube: &Cube, LightSetting { turn, stops, .. }: LightSetting) -> Cube {
+        if turn == 0.0 && stops == 0.0 {
+            return cube.clone();
+        }
+        let mut values = radiance(cube.activation, &cube.values);
+        values.iter_mut().for_each(|number| *number *= stops.exp2());
+        let axis = self.up.as_dvec3().to_array();
+        let values = latlong::turned(&values, cube.resolution, axis, f64::from(turn).to_radians());
+        Cube { resolution: cube.resolution, activation: RadianceActivation::Identity, values }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().expect(NO_POISON)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNCHANGED: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
+
+    fn grey() -> Cube {
+        Cube { resolution: 16, activation: RadianceActivation::Exponential, values: vec![0.5; 18 * 16 * 16] }
+    }
+
+    #[test]
+    fn a_light_that_is_not_moved_is_itself_to_the_last_bit() {
+        let lights = Lights::new(Some(grey()), 16, Vec3::Z);
+        assert_eq!(lights.get(UNCHANGED), Some(Some(grey())));
+        let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..UNCHANGED }).unwrap().unwrap();
+        assert!(brighter.values.iter().all(|number| (number - 2.0 * 0.5_f32.exp()).abs() < 1e-5), "twice as bright");
+    }
+
+    #[test]
+    fn a_light_stands_as_the_scene_does_and_its_preview_as_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sky.exr");
+        let (width, height) = (16, 8);
+        let rgb = (0..3 * width * height).map(|k| if k < 3 * width * height / 2 { 1.0 } else { 0.0 }).collect();
+        latlong::write(&file, &LatLong { width, height, rgb }).unwrap();
+        for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
+            let lights = Lights::new(None, 16, above);
+            let id = lights.add(&file, "sky", MapUp::Scene).unwrap().0.id;
+            let setting = LightSetting { id, ..UNCHANGED };
+            let cube = lights.get(setting).unwrap().unwrap();
+            let sees = |direction: Vec3| {
+                let [u, v] = UpAxis::Z.place(direction.as_dvec3().to_array());
+                let map = latlong::from_cube(&cube.values, 16, 64, 32, UpAxis::Z);
+                map.rgb[3 * ((v * 31.99) as usize * 64 + (u * 63.99) as usize)]
+            };
+            assert!(sees(above) > 0.99 && sees(-above) < 0.01, "the sky is above where {above} is");
+            let preview = lights.preview(setting).unwrap();
+            let rows = preview.rgb.chunks_exact(3 * preview.width);
+            let means: Vec<f32> = rows.map(|row| row.iter().sum::<f32>() / row.len() as f32).collect();
+            let half = means.len() / 2;
+            // The horizon is blurred by a pixel of the file and a texel of the cube.
+            assert!(means[..half - half / 4].iter().all(|mean| *mean > 0.99), "the sky is the upper half: {means:?}");
+            assert!(means[half + half / 4..].iter().all(|mean| *mean < 0.01), "and nothing else: {means:?}");
+        }
+    }
+
+    #[test]
+    fn the_oldest_light_makes_room_and_the_scenes_own_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sky.hdr");
+        latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
+        let lights = Lights::new(Some(grey()), 16, Vec3::Z);
+        for _ in 0..=LIGHTS_MAX {
+            lights.add(&file, "sky", MapUp::Z).unwrap();
+        }
+        let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
+        assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, SCENE_LIGHT, 2));
+        assert_eq!(lights.get(LightSetting { id: 1, ..UNCHANGED }), None, "it made room");
+        assert!(lights.get(LightSetting { id: 2, ..UNCHANGED }).unwrap().is_some(), "the next is there");
+    }
+}

@@ -1,0 +1,424 @@
+//! Requests as their query strings describe them. Invalid parameters are refused by name.
+
+use crate::http::HttpError;
+use axum::{extract::Query, http::Uri};
+use core::str::FromStr;
+use glam::Vec3;
+use serde::{Deserialize, de::DeserializeOwned};
+use specula_scene::Layer;
+
+/// Largest edge of a picture, in pixels.
+const EDGE_MAX: u32 = 4096;
+/// Largest number of pixels of a picture.
+pub(crate) const PIXELS_MAX: u32 = 4 << 20;
+/// Range of the horizontal field of view, in degrees.
+const ANGLES: [f32; 2] = [1.0, 170.0];
+/// Largest rotation of a light, in degrees.
+const TURN_MAX: f32 = 3600.0;
+/// Largest exposure of a light, in stops.
+const STOPS_MAX: f32 = 16.0;
+/// Cosine of the angle below which the viewing direction counts as parallel to the up vector.
+const PARALLEL: f32 = 0.999_999;
+
+/// Quality of JPEGs where the request has none.
+const JPEG_QUALITY: u8 = 80;
+
+/// Name of the layer of [`Content::Error`].
+pub(crate) const ERROR: &str = "error";
+
+/// Deserialises the parameters of a query. Unknown parameters are ignored, so that several types
+/// read the same query.
+pub(crate) fn query<T: DeserializeOwned>(uri: &Uri) -> Result<T, HttpError> {
+    let Query(parameters) = Query::try_from_uri(uri)?;
+    Ok(parameters)
+}
+
+/// Request of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FrameRequest {
+    pub(crate) viewpoint: Viewpoint,
+    /// Width and height in pixels.
+    pub(crate) size: [u32; 2],
+    pub(crate) content: Content,
+    pub(crate) light: LightSetting,
+    /// Whether the light is the background, instead of a colour.
+    pub(crate) has_backdrop: bool,
+}
+
+impl FrameRequest {
+    /// Request of a `/frame`.
+    pub(crate) fn of_frame(uri: &Uri) -> Result<Self, HttpError> {
+        let ViewParameter { view } = query(uri)?;
+        let viewpoint = match view {
+            Some(index) => Viewpoint::View(index),
+            None => Viewpoint::Pose(query(uri)?),
+        };
+        let PictureParameters { size, layer, backdrop } = query(uri)?;
+        Ok(Self { viewpoint, size: size.0, content: layer, light: query(uri)?, has_backdrop: backdrop.is_some() })
+    }
+
+    /// Request of a `/point`.
+    pub(crate) fn of_point(uri: &Uri) -> Result<Self, HttpError> {
+        let PointParameters { at } = query(uri)?;
+        Ok(Self { content: Content::Point(at.0), ..Self::of_frame(uri)? })
+    }
+}
+
+#[derive(Deserialize)]
+struct ViewParameter {
+    view: Option<usize>,
+}
+
+#[derive(Deserialize)]
+struct PictureParameters {
+    size: Size,
+    #[serde(default)]
+    layer: Content,
+    backdrop: Option<Backdrop>,
+}
+
+#[derive(Deserialize)]
+struct PointParameters {
+    at: Position,
+}
+
+/// Background other than a colour.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Backdrop {
+    Env,
+}
+
+/// Camera of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Viewpoint {
+    /// View of the data set, by its index.
+    View(usize),
+    /// Free camera.
+    Pose(Pose),
+}
+
+/// Pose and field of view of a free camera.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "PoseParameters")]
+pub(crate) struct Pose {
+    pub(crate) eye: Vec3,
+    /// Unit viewing direction.
+    pub(crate) look: Vec3,
+    /// Unit vector towards the upper edge of the picture, not parallel to `look`.
+    pub(crate) up: Vec3,
+    /// Horizontal field of view, in radians.
+    pub(crate) angle: f32,
+}
+
+#[derive(Deserialize)]
+struct PoseParameters {
+    eye: Vector,
+    look: Vector,
+    up: Vector,
+    /// In degrees.
+    angle: f32,
+}
+
+impl TryFrom<PoseParameters> for Pose {
+    type Error = String;
+
+    fn try_from(parameters: PoseParameters) -> Result<Self, String> {
+        let PoseParameters { eye: Vector(eye), look: Vector(look), up: Vector(up), angle } = parameters;
+        let [least, most] = ANGLES;
+        if !(least..=most).contains(&angle) {
+            return Err(format!("angle is from {least} to {most} degrees"));
+        }
+        match [look, up].map(Vec3::try_normalize) {
+            [Some(look), Some(up)] if look.dot(up).abs() < PARALLEL => {
+                Ok(Self { eye, look, up, angle: angle.to_radians() })
+            }
+            [Some(_), Some(_)] => Err("look and up are parallel; let them differ".into()),
+            _ => Err("look and up have a length; none of them is 0,0,0".into()),
+        }
+    }
+}
+
+/// Result of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "String")]
+pub(crate) enum Content {
+    /// Layer of the scene.
+    Layer(Layer),
+    /// Difference between the nearest view of the data set and its photograph.
+    Error,
+    /// Point of the scene at a position in the picture, as fractions of its width and height.
+    Point([f32; 2]),
+}
+
+impl Default for Content {
+    fn default() -> Self {
+        Self::Layer(Layer::Rgb)
+    }
+}
+
+impl TryFrom<String> for Content {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.parse() {
+            _ if name == ERROR => Ok(Self::Error),
+            Ok(layer) if layer != Layer::All => Ok(Self::Layer(layer)),
+            _ => Err(format!("no layer {name:?}; /scene lists those that there are")),
+        }
+    }
+}
+
+/// Light of a picture, its rotation and its exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "LightParameters")]
+pub(crate) struct LightSetting {
+    pub(crate) id: u32,
+    /// Rotation about the scene's up direction, in degrees.
+    pub(crate) turn: f32,
+    /// Exposure: radiance is multiplied by two to this power.
+    pub(crate) stops: f32,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct LightParameters {
+    light: u32,
+    turn: f32,
+    stops: f32,
+}
+
+impl TryFrom<LightParameters> for LightSetting {
+    type Error = String;
+
+    fn try_from(LightParameters { light: id, turn, stops }: LightParameters) -> Result<Self, String> {
+        if !(turn.abs() <= TURN_MAX) {
+            return Err(format!("turn is an angle in degrees, from -{TURN_MAX} to {TURN_MAX}"));
+        }
+        if !(stops.abs() <= STOPS_MAX) {
+            return Err(format!("stops is from -{STOPS_MAX} to {STOPS_MAX}"));
+        }
+        Ok(Self { id, turn, stops })
+    }
+}
+
+/// Encoding of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    /// Lossless.
+    Png,
+    /// Lossy, with a quality from 1 to 100.
+    Jpeg(u8),
+}
+
+impl Encoding {
+    /// Encoding that a query asks for; PNG by default.
+    pub(crate) fn of(uri: &Uri) -> Result<Self, HttpError> {
+        let FormatParameter { format } = query(uri)?;
+        match format {
+            Format::Png => Ok(Self::Png),
+            Format::Jpeg => match query(uri)? {
+                QualityParameter { quality: quality @ 1..=100 } => Ok(Self::Jpeg(quality)),
+                QualityParameter { .. } => Err(HttpError::bad_request("quality is from 1 to 100")),
+            },
+        }
+    }
+}
+
+#[derive(Deserialize)]
+struct FormatParameter {
+    #[serde(default)]
+    format: Format,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Format {
+    #[default]
+    Png,
+    Jpeg,
+}
+
+#[derive(Deserialize)]
+#[serde(default)]
+struct QualityParameter {
+    quality: u8,
+}
+
+impl Default for QualityParameter {
+    fn default() -> Self {
+        Self { quality: JPEG_QUALITY }
+    }
+}
+
+/// Client that takes turns with others; 0 is anonymous.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct ClientParameter {
+    pub(crate) client: u64,
+}
+
+/// Steering of a training.
+#[derive(Deserialize)]
+pub(crate) struct SteeringParameters {
+    #[serde(rename = "do")]
+    pub(crate) action: Action,
+    /// Steps of [`Action::Step`].
+    #[serde(default = "one")]
+    pub(crate) steps: u32,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// Action of a training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Action {
+    /// Pauses.
+    Pause,
+    /// Resumes.
+    Go,
+    /// Takes some steps and pauses.
+    Step,
+}
+
+/// Finite vector.
+#[derive(Deserialize)]
+#[serde(try_from = "String")]
+struct Vector(Vec3);
+
+impl TryFrom<String> for Vector {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let vector = Vec3::from(numbers::<f32, 3>(&text)?);
+        // The square of its length has to be finite as well.
+        if vector.length_squared().is_finite() { Ok(Self(vector)) } else { Err("use three finite numbers".into()) }
+    }
+}
+
+/// Width and height of a picture.
+#[derive(Deserialize)]
+#[serde(try_from = "String")]
+struct Size([u32; 2]);
+
+impl TryFrom<String> for Size {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let [width, height] = numbers::<u32, 2>(&text)?;
+        let is_valid = |edge: u32| (1..=EDGE_MAX).contains(&edge);
+        if is_valid(width) && is_valid(height) && width * height <= PIXELS_MAX {
+            Ok(Self([width, height]))
+        } else {
+            Err(format!("use two numbers from 1 to {EDGE_MAX}, and at most {PIXELS_MAX} pixels in all"))
+        }
+    }
+}
+
+/// Position in a picture, as fractions of its width and height.
+#[derive(Deserialize)]
+#[serde(try_from = "String")]
+struct Position([f32; 2]);
+
+impl TryFrom<String> for Position {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let position = numbers::<f32, 2>(&text)?;
+        if position.iter().all(|fraction| (0.0..=1.0).contains(fraction)) {
+            Ok(Self(position))
+        } else {
+            Err("use two numbers from 0 to 1".into())
+        }
+    }
+}
+
+/// Parses `N` numbers separated by commas.
+fn numbers<T: FromStr, const N: usize>(text: &str) -> Result<[T; N], String> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("use {N} numbers with commas instead of {text:?}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "eye=1,2,3&look=0,1,0&up=0,0,1&angle=40&size=640,480";
+
+    fn uri(query: &str) -> Uri {
+        format!("/frame?{query}").parse().unwrap()
+    }
+
+    fn frame(query: &str) -> Result<FrameRequest, HttpError> {
+        FrameRequest::of_frame(&uri(query))
+    }
+
+    #[test]
+    fn a_whole_query_is_understood() {
+        let request = frame(&format!("{GOOD}&layer=normal&light=2&turn=-30&stops=1.5")).unwrap();
+        assert_eq!(request.size, [640, 480]);
+        assert_eq!(request.content, Content::Layer(Layer::Normal));
+        assert_eq!(request.light, LightSetting { id: 2, turn: -30.0, stops: 1.5 });
+        assert!(matches!(request.viewpoint, Viewpoint::Pose(pose) if pose.look == Vec3::Y));
+        assert_eq!(frame("view=3&size=1,1").unwrap().viewpoint, Viewpoint::View(3));
+    }
+
+    #[test]
+    fn parameters_that_are_not_used_are_not_read() {
+        assert!(frame("view=3&size=1,1&eye=nowhere").is_ok(), "a view has its own pose");
+        assert_eq!(Encoding::of(&uri("format=png&quality=none")).unwrap(), Encoding::Png);
+        assert_eq!(Encoding::of(&uri("")).unwrap(), Encoding::Png);
+        assert_eq!(Encoding::of(&uri("format=jpeg")).unwrap(), Encoding::Jpeg(JPEG_QUALITY));
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let with = |more: &str| format!("{GOOD}&{more}");
+        // Parameters that are given twice are refused, so that these take the place of the good
+        // ones.
+        let replaced = |more: &str| {
+            let name = more.split('=').next().unwrap();
+            let kept = GOOD.split('&').filter(|pair| pair.split('=').next() != Some(name));
+            kept.chain([more]).collect::<Vec<_>>().join("&")
+        };
+        let cases = [
+            ("angle=0", "angle"),
+            ("angle=NaN", "angle"),
+            ("size=0,5", "size"),
+            ("size=4096,4096", "size"),
+            ("size=70000,70000", "size"),
+            ("size=5", "size"),
+            ("eye=1,2", "eye"),
+            ("eye=1,2,inf", "eye"),
+            ("eye=1e38,1e38,1e38", "eye"),
+            ("look=0,0,0", "look"),
+            ("look=0,0,2", "parallel"),
+            ("layer=all", "all"),
+            ("layer=colour", "colour"),
+            ("turn=inf", "turn"),
+            ("stops=99", "stops"),
+            ("stops=NaN", "stops"),
+            ("light=-1", "light"),
+            ("view=x", "view"),
+            ("backdrop=red", "backdrop"),
+        ];
+        for (more, word) in cases {
+            let message = frame(&replaced(more)).unwrap_err().message;
+            assert!(message.contains(word), "{more}: {message}");
+        }
+        let point = FrameRequest::of_point(&uri(&with("at=0.5,1.5"))).unwrap_err();
+        assert!(point.message.contains("at"));
+        for (more, word) in [("format=gif", "format"), ("format=jpeg&quality=0", "quality")] {
+            let message = Encoding::of(&uri(&with(more))).unwrap_err().message;
+            assert!(message.contains(word), "{more}: {message}");
+        }
+        let missing = frame("size=1,1").unwrap_err().message;
+        assert!(missing.contains("missing") && missing.contains("eye"), "{missing}");
+        let twice = frame(&with("size=1,1")).unwrap_err().message;
+        assert!(twice.contains("duplicate") && twice.contains("size"), "{twice}");
+    }
+}

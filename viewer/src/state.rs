@@ -1,0 +1,96 @@
+//! State that the handlers of requests share.
+
+use crate::{
+    guard::Guard,
+    http::HttpError,
+    lights::Lights,
+    live::LiveTraining,
+    queue::{Queue, QueueError},
+    request::FrameRequest,
+    worker::{Frame, Job},
+};
+use axum::{body::Bytes, http::StatusCode};
+use serde_json::Value;
+use std::{path::PathBuf, sync::Arc};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+/// Largest size of all pictures that are being sent, in KiB.
+const SENDING_MAX: usize = 256 << 10;
+
+/// State of a server.
+#[derive(Debug)]
+pub(crate) struct ServerState {
+    pub(crate) guard: Guard,
+    pub(crate) queue: Arc<Queue<Job>>,
+    pub(crate) lights: Arc<Lights>,
+    /// Constant description of the scene: name, layers, views, first camera.
+    pub(crate) description: Value,
+    /// Whether the scene has a shading function, so that lights can be added.
+    pub(crate) is_shaded: bool,
+    /// Training that is watched.
+    pub(crate) live: Option<Arc<LiveTraining>>,
+    /// Folder of uploads, while they are received.
+    pub(crate) upload_folder: PathBuf,
+    /// Permit to read an uploaded light.
+    pub(crate) uploads: Arc<Semaphore>,
+    /// Permits to send pictures, one for each KiB.
+    sending: Arc<Semaphore>,
+}
+
+impl ServerState {
+    /// State of a server without requests: one light is read at a time, and pictures that are being
+    /// sent are bounded.
+    pub(crate) fn new(
+        guard: Guard,
+        queue: Arc<Queue<Job>>,
+        lights: Arc<Lights>,
+        description: Value,
+        is_shaded: bool,
+        live: Option<Arc<LiveTraining>>,
+        upload_folder: PathBuf,
+    ) -> Self {
+        let (uploads, sending) = (Arc::new(Semaphore::new(1)), Arc::new(Semaphore::new(SENDING_MAX)));
+        Self { guard, queue, lights, description, is_shaded, live, upload_folder, uploads, sending }
+    }
+
+    /// Whether a light is being received or read.
+    pub(crate) fn is_reading(&self) -> bool {
+        self.uploads.available_permits() == 0
+    }
+
+    /// Queues a picture and waits for it.
+    pub(crate) async fn render(&self, client: u64, request: FrameRequest) -> Result<Frame, HttpError> {
+        let (reply, frame) = oneshot::channel();
+        self.queue.push(client, Job { request, reply }).map_err(rejected)?;
+        // The queue drops a job when the same client requests another picture.
+        let replaced = |_| HttpError::new(StatusCode::CONFLICT, "the same client has requested another picture since");
+        Ok(frame.await.map_err(replaced)??)
+    }
+
+    /// Response body of a picture, which counts as being sent until its last byte is.
+    pub(crate) fn sent(&self, bytes: Vec<u8>) -> Result<Bytes, HttpError> {
+        let size = u32::try_from(bytes.len().div_ceil(1 << 10)).unwrap_or(u32::MAX);
+        let permit = self.sending.clone().try_acquire_many_owned(size);
+        let permit = permit.map_err(|_| HttpError::busy("too many pictures are being sent; try again in a moment"))?;
+        Ok(Bytes::from_owner(SentPicture { bytes, _permit: permit }))
+    }
+}
+
+/// Picture that is being sent.
+struct SentPicture {
+    bytes: Vec<u8>,
+    _permit: OwnedSemaphorePermit,
+}
+
+impl AsRef<[u8]> for SentPicture {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+fn rejected(error: QueueError) -> HttpError {
+    HttpError::busy(match error {
+        QueueError::Full => "too many pictures are waiting; try again in a moment",
+        QueueError::Closed => "nothing is rendered any more; start specula again",
+    })
+}

@@ -1,0 +1,153 @@
+//! Upload of lights: one at a time, received into a file, so that memory is bounded.
+
+use crate::{
+    ViewerError,
+    http::{HttpError, json_response},
+    lights::MapUp,
+    request::query,
+    state::ServerState,
+};
+use axum::{
+    body::Body,
+    extract::{Request, State},
+    http::{HeaderMap, StatusCode, Uri, header},
+    response::Response,
+};
+use core::time::Duration;
+use http_body_util::BodyExt;
+use serde::Deserialize;
+use serde_json::json;
+use specula_io::latlong;
+use std::{io::Write, path::Path, sync::Arc};
+use tempfile::NamedTempFile;
+use tokio::{
+    task::spawn_blocking,
+    time::{Instant, timeout, timeout_at},
+};
+
+/// Largest size of a light, in bytes.
+const LIGHT_MAX: usize = 64 << 20;
+/// Largest number of pixels of a light, which take 400 MB decoded.
+const PIXELS_MAX: u64 = 1 << 25;
+/// Longest time between two parts of a light.
+const PART_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest time for a light, beside that of its bytes at the least rate.
+const BASE_TIMEOUT: Duration = Duration::from_secs(20);
+const BYTES_PER_SECOND_MIN: f64 = 262_144.0;
+
+/// Light that is to be received.
+#[derive(Debug, Deserialize)]
+struct UploadParameters {
+    /// File name.
+    #[serde(default)]
+    name: String,
+    /// Up direction of the map.
+    #[serde(default)]
+    up: MapUp,
+}
+
+impl UploadParameters {
+    /// Extension of the file in lower case, if it is one of a lat-long map.
+    fn extension(&self) -> Result<String, HttpError> {
+        let extension = Path::new(&self.name).extension().and_then(|extension| extension.to_str());
+        let extension = extension.map(str::to_ascii_lowercase).unwrap_or_default();
+        if ["hdr", "exr"].contains(&extension.as_str()) {
+            return Ok(extension);
+        }
+        let name = &self.name;
+        Err(HttpError::bad_request(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")))
+    }
+}
+
+/// Adds a light from the body of a request.
+pub(crate) async fn add_light(
+    State(state): State<Arc<ServerState>>,
+    uri: Uri,
+    request: Request,
+) -> Result<Response, HttpError> {
+    if !state.is_shaded {
+        let message = "the scene is plain Gaussian splatting, whose colours include their light";
+        return Err(HttpError::bad_request(message));
+    }
+    let parameters: UploadParameters = query(&uri)?;
+    let extension = parameters.extension()?;
+    if content_length(request.headers()).is_some_and(|length| length > LIGHT_MAX) {
+        return Err(too_large());
+    }
+    let permit = state.uploads.clone().try_acquire_owned();
+    let permit = permit.map_err(|_| HttpError::busy("another light is being read; send this one in a moment"))?;
+    let file = received(request.into_body(), &extension, &state.upload_folder).await?;
+    let added = spawn_blocking(move || {
+        let added = add(&state, &parameters, &file);
+        drop(permit);
+        added
+    });
+    added.await.map_err(HttpError::internal)?
+}
+
+fn content_length(headers: &HeaderMap) -> Option<usize> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+fn too_large() -> HttpError {
+    let message = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
+    HttpError::new(StatusCode::PAYLOAD_TOO_LARGE, message)
+}
+
+/// Longest time to receive a number of bytes.
+fn timeout_of(bytes: usize) -> Duration {
+    BASE_TIMEOUT + Duration::from_secs_f64(bytes as f64 / BYTES_PER_SECOND_MIN)
+}
+
+/// Receives a light into a file: readers take files, whose sizes bound their memory.
+async fn received(mut body: Body, extension: &str, folder: &Path) -> Result<NamedTempFile, HttpError> {
+    let no_room = |error: std::io::Error| HttpError::internal(format!("there is no room for the light: {error}"));
+    let too_slow = |_| HttpError::new(StatusCode::REQUEST_TIMEOUT, "the light comes too slowly; send it again");
+    let start = Instant::now();
+    let mut file = tempfile::Builder::new().suffix(&format!(".{extension}")).tempfile_in(folder).map_err(no_room)?;
+    let mut length = 0;
+    loop {
+        let frame = timeout_at(start + timeout_of(length), timeout(PART_TIMEOUT, body.frame())).await;
+        let Some(frame) = frame.and_then(|frame| frame).map_err(too_slow)? else { return Ok(file) };
+        let frame = frame.map_err(|error| HttpError::bad_request(format!("the light is incomplete: {error}")))?;
+        let Ok(bytes) = frame.into_data() else { continue };
+        length += bytes.len();
+        if length > LIGHT_MAX {
+            return Err(too_large());
+        }
+        file.write_all(&bytes).map_err(no_room)?;
+    }
+}
+
+/// Reads a received light and adds it to the lights of the scene.
+fn add(
+    state: &ServerState,
+    UploadParameters { name, up }: &UploadParameters,
+    file: &NamedTempFile,
+) -> Result<Response, HttpError> {
+    let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    // Messages name the file of the client instead of the temporary one.
+    let renamed = |message: &str| message.replace(&format!("{:?}", file.path()), &format!("{name:?}"));
+    let bad_request = |error: ViewerError| HttpError::bad_request(renamed(&error.to_string()));
+    let size = latlong::size(file.path()).map_err(|error| bad_request(error.into()))?;
+    if size.into_iter().map(u64::from).product::<u64>() > PIXELS_MAX {
+        let [width, height] = size;
+        let message = format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most");
+        return Err(HttpError::bad_request(message));
+    }
+    let (label, warnings) = state.lights.add(file.path(), &stem, *up).map_err(bad_request)?;
+    let warnings: Vec<String> = warnings.iter().map(|warning| renamed(warning)).collect();
+    warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    Ok(json_response(&json!({"id": label.id, "name": label.name, "notes": warnings})))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_light_has_to_come_at_a_least_rate() {
+        let seconds = [0, 1 << 10, 1 << 20, LIGHT_MAX].map(|bytes| timeout_of(bytes).as_secs_f64());
+        assert_eq!(seconds, [20.0, 20.003_906_25, 24.0, 276.0]);
+    }
+}
