@@ -1,5 +1,6 @@
-//! State of a training: the parameters of a scene, and everything that a step needs beside them. The trainer, a
-//! checkpoint and every executor share these types; `A` is where numbers are kept, as in [`crate::scene`].
+//! State of a training: the parameters of a scene, and everything that a step needs beside them.
+//! The trainer, a checkpoint and every executor share these types; `A` is where numbers are kept,
+//! as in [`crate::scene`].
 
 use crate::scene::{Environment, Gaussians};
 #[cfg(feature = "std")]
@@ -17,7 +18,8 @@ pub struct AdamMoments<A> {
 /// Statistics of each Gaussian since the last densification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statistics<A> {
-    /// Sum over the views of the gradient's length at the projected centre, in normalised device coordinates.
+    /// Sum over the views of the gradient's length at the projected centre, in normalised device
+    /// coordinates.
     pub grad_sum: A,
     /// Number of views that saw the Gaussian.
     pub view_count: A,
@@ -46,8 +48,8 @@ pub struct ExposureState {
     pub moments: AdamMoments<Vec<Exposure<f32>>>,
 }
 
-/// A training between two steps. Together with its settings and views it determines every later step, on the same kind
-/// of executor to the last bit.
+/// A training between two steps. Together with its settings and views it determines every later
+/// step, on the same kind of executor to the last bit.
 #[cfg(feature = "std")]
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingState<A> {

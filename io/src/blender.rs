@@ -1,4 +1,4 @@
-//! Scenes of NeRF Synthetic and Shiny Blender: a list of views to fit, and one of views to judge by.
+//! Scenes of NeRF Synthetic and Shiny Blender: a list of training views and one of test views.
 
 use crate::{
     error::Result,
@@ -8,12 +8,13 @@ use crate::{
 };
 use std::path::{Path, PathBuf};
 
-/// Views to fit; a folder that has it is such a scene.
+/// List of training views, which identifies the format.
 pub(crate) const TRAIN: &str = "transforms_train.json";
-/// Views held out.
+/// List of test views.
 const TEST: &str = "transforms_test.json";
 
-/// Lists a scene; every image is looked for before any is decoded, so that a missing one is reported at once.
+/// Lists a scene. All images are searched before any is decoded, so that a missing one is reported
+/// at once.
 pub(crate) fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     let train = Transforms::read(&folder.join(TRAIN))?;
     let mut listing = Listing { source: format!("{:?}", train.path()), ..Listing::default() };
@@ -63,7 +64,7 @@ fn shot(
         mask: None,
         normal: normal_of(&image),
         pose: transforms.pose(frame)?,
-        // Sizes in these lists may be those of larger images, and of another shape.
+        // Sizes in these lists may belong to larger images of another shape.
         measured_size: None,
         lens: Box::new(transforms.lens(frame)),
         downscale: options.downscale,
@@ -71,7 +72,7 @@ fn shot(
     })
 }
 
-/// `r_0_normal.png` beside `r_0.png`.
+/// Normal map of an image: `r_0_normal.png` beside `r_0.png`.
 fn normal_beside(image: &Path) -> Option<PathBuf> {
     let stem = image.file_stem()?.to_string_lossy().into_owned();
     Some(image.with_file_name(format!("{stem}_normal.png"))).filter(|path| path.is_file())

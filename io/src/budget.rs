@@ -1,7 +1,8 @@
-//! Memory that a file may ask for, decided in one place and before any of it is taken.
+//! Memory budgets of files, checked before memory is allocated.
 //!
-//! Bytes are those that a reader holds at once, after conversion: a pixel that is stored in one byte and kept in four counts
-//! as both. Whatever a file of ten megabytes says, no reader takes more than a gigabyte for it.
+//! Budgets count the bytes that a reader holds at once, after conversion: a pixel that is stored in
+//! one byte and kept in four counts as five. No reader takes more than a gigabyte for a file of ten
+//! megabytes, whatever its header says.
 
 use crate::error::{Error, Result};
 use core::fmt::Display;
@@ -11,61 +12,64 @@ use std::{
     path::Path,
 };
 
-/// Pixels along an edge of any picture that a camera may see; COLMAP's own files are held to it as well.
+/// Largest edge of a camera's picture in pixels; COLMAP's files are held to it as well.
 pub const EDGE_MAX: u32 = 1 << 16;
-/// Pixels of a picture that is to be rendered: 16 384 by 8192, which take 6 GiB with all that is blended of light.
+/// Largest rendered picture in pixels: 16 384 by 8192, which take 6 GiB with all layers of light.
 pub const PIXELS_MAX: u64 = 1 << 27;
 
-/// Gaussians, points, records: numbers that a scene is made of. 36 million Gaussians with harmonics of degree 3 fit.
+/// Gaussians, points and records of a scene: 36 million Gaussians with harmonics of degree 3 fit.
 pub(crate) const SCENE: Budget =
     Budget { kind: "a scene", any: 8 << 30, for_each: 0, remedy: "leave out what is not needed of it, or divide it" };
-/// One picture, whatever is made of it: 80 megapixels of a photograph, and more from a file that is large itself. A
-/// photograph has a byte for ten that it takes, so only what is nearly all of one colour meets this bound.
+/// One picture with all conversions: 80 megapixels of a photograph, and more for a file that is
+/// large itself. A photograph has a byte for every ten that it takes, so that only pictures of
+/// nearly one colour meet this bound.
 pub(crate) const PICTURE: Budget =
     Budget { kind: "a picture from a file of that size", any: 896 << 20, for_each: 90, remedy: "save it smaller" };
-/// Text of a list of cameras: a hundred thousand frames of nerfstudio. What JSON becomes takes up to fifty times its text.
+/// Text of a list of cameras: a hundred thousand frames of nerfstudio. Parsed JSON takes up to
+/// fifty times its text.
 pub(crate) const LIST: Budget =
     Budget { kind: "the text of a list", any: 64 << 20, for_each: 0, remedy: "leave frames out of it" };
-/// Text that says what is known of a model, which may become two hundred times as much.
+/// Text of a model's description; parsed, it takes up to two hundred times as much.
 pub const FACTS: Budget =
     Budget { kind: "the text of such a file", any: 4 << 20, for_each: 0, remedy: "remove what no tool has written" };
 
 /// Weights of a network: VGG's are 60 MiB.
 pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 0, remedy: "name a smaller one" };
 
-/// Scans of a JPEG, each of which goes over the whole picture, however few bytes it has; progressive ones have a dozen.
+/// Most scans of a JPEG. Each scan covers the whole picture, however few bytes it has; progressive
+/// files have a dozen.
 pub(crate) const JPEG_SCANS_MAX: usize = 100;
-/// Bytes that are unpacked of a picture besides its pixels, such as a profile of colours.
+/// Bytes of a picture's metadata, such as a colour profile.
 pub(crate) const PICTURE_NOTES_MAX: u64 = 64 << 20;
-/// Header of a PLY file: a thousand times what tools write.
+/// Header of a PLY file: a thousand times the usual length.
 pub(crate) const PLY_HEADER_MAX: u64 = 1 << 20;
-/// A line of a PLY file in text: a thousand times a Gaussian with all its harmonics.
+/// Line of a PLY file in text: a thousand times the length of a Gaussian with all harmonics.
 pub(crate) const PLY_LINE_MAX: u64 = 1 << 20;
-/// Line of a text file of COLMAP: all places of points in one image.
+/// Line of a text file of COLMAP: all 2D points of an image.
 pub(crate) const COLMAP_LINE_MAX: u64 = 1 << 28;
-/// Header of a checkpoint: a thousand times what is written.
+/// Header of a checkpoint: a thousand times the usual length.
 pub(crate) const CHECKPOINT_HEADER_MAX: u64 = 1 << 22;
 
-/// Memory that files of one kind may take.
+/// Memory budget for files of one kind.
 #[derive(Debug)]
 pub struct Budget {
-    /// The kind, as a sentence names it.
+    /// Name of the kind in error messages.
     kind: &'static str,
-    /// Bytes for any file.
+    /// Bytes for a file of any length.
     any: u64,
-    /// Bytes for each byte of a file, where that is more.
+    /// Bytes for each byte of the file, where that is more.
     for_each: u64,
-    /// Advice for whom it is too little.
+    /// Remedy in error messages.
     remedy: &'static str,
 }
 
 impl Budget {
-    /// Bytes for a file of this length.
+    /// Budget in bytes for a file of this length.
     pub(crate) fn of(&self, len: u64) -> u64 {
         self.any.max(len.saturating_mul(self.for_each))
     }
 
-    /// Refuses a file of length `len` in which `what` would take more.
+    /// Refuses a file of length `len` whose part `what` would take more than the budget.
     ///
     /// # Errors
     ///
@@ -79,7 +83,7 @@ impl Budget {
         Err(Error::TooLarge { path: path.to_owned(), what, wanted, kind, most, remedy })
     }
 
-    /// The bytes of a file that is kept whole; no more is read than may be, whatever length the file has.
+    /// Reads a whole file, but never more bytes than the budget.
     ///
     /// # Errors
     ///
@@ -96,15 +100,19 @@ impl Budget {
 }
 
 /// Length of a file in bytes.
+///
+/// # Errors
+///
+/// [`Error::Read`], where the file cannot be read.
 pub(crate) fn len_of(path: &Path) -> Result<u64> {
     Ok(fs::metadata(path).map_err(Error::reading(path))?.len())
 }
 
-/// The size of a picture that can be rendered.
+/// Checks the size of a picture to render.
 ///
 /// # Errors
 ///
-/// A sentence about a size that cannot.
+/// A description of the size, where it is out of bounds.
 pub fn view_size([width, height]: [u64; 2]) -> core::result::Result<[u32; 2], String> {
     let edge = |len: u64| u32::try_from(len).ok().filter(|len| (1..=EDGE_MAX).contains(len));
     let fits = edge(width).zip(edge(height)).filter(|_| width * height <= PIXELS_MAX);

@@ -1,4 +1,5 @@
-//! Lists of cameras: `cameras.json` as Gaussian-splatting tools write it, and `transforms.json` to render along.
+//! Lists of cameras: `cameras.json` of Gaussian-splatting tools, and `transforms.json` as a camera
+//! path.
 
 use crate::{
     budget::{LIST, view_size},
@@ -22,29 +23,37 @@ struct Entry {
     width: u32,
     height: u32,
     position: [f32; 3],
-    /// Rows of the rotation from camera to world.
+    /// Rows of the world-from-camera rotation.
     rotation: [[f32; 3]; 3],
     fy: f32,
     fx: f32,
-    /// Only where it is not the centre: other tools take the centre for granted.
+    /// Principal point, omitted at the centre, where other tools expect it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cx: Option<f32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cy: Option<f32>,
 }
 
-/// Reads either format, told apart by content: a list is `cameras.json`, an object is `transforms.json`.
+/// Reads either format: a JSON list is `cameras.json`, an object is `transforms.json`.
 ///
-/// `default_size` (width, height) is for transforms that neither state a size nor have their images beside them.
+/// `default_size` (width, height) applies to transforms without a stated size and without images.
+///
+/// # Errors
+///
+/// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
 pub fn read_cameras(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
     let bytes = LIST.read(path)?;
     let first = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start().first();
     if first == Some(&b'[') { read(path) } else { load_transforms(path, default_size) }
 }
 
-/// Reads the cameras of a `transforms.json`, whose images need not be there.
+/// Reads the cameras of a `transforms.json`, whose images need not exist.
 ///
-/// The size of a view is the one stated (`w`, `h`), or that of its image, or else `default_size`.
+/// The size of a view is the stated one (`w`, `h`), or that of its image, or else `default_size`.
+///
+/// # Errors
+///
+/// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
 pub fn load_transforms(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
     let transforms = Transforms::read(path)?;
     let named = |frame: &Frame| {
@@ -65,6 +74,10 @@ fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
 }
 
 /// Reads `cameras.json`.
+///
+/// # Errors
+///
+/// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
     let entries: Vec<Entry> = json::read(path, &LIST)?;
     if entries.is_empty() {
@@ -74,6 +87,10 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
 }
 
 /// Writes `cameras.json`, numbered in order.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
     let entries: Vec<Entry> = cameras.iter().enumerate().map(|(id, camera)| Entry::new(id, camera)).collect();
     json::write(path, &entries)

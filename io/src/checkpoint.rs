@@ -1,16 +1,17 @@
-//! A training put aside: `checkpoint.safetensors` in the folder of a model.
+//! State of an interrupted training: `checkpoint.safetensors` in the folder of a model.
 //!
 //! ```text
 //! length of the header, 8 bytes
-//! header: JSON of safetensors; "__metadata__" has one entry, "specula", which is JSON again
-//! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16]: parameters and Adam's moments
-//! grad_sum, view_count                          f32 [Gaussians]: what densification has seen
-//! light, light.mean, light.square               f32 [6, resolution, resolution, 3], where there is a light
-//! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], where exposures are learned
-//! order                                         u32 [views]: those that come before any comes again
+//! header: JSON of safetensors; "__metadata__" has one entry, "specula", which is JSON
+//! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16]: parameters, Adam's moments
+//! grad_sum, view_count                          f32 [Gaussians]: statistics for densification
+//! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light
+//! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], with learned exposures
+//! order                                         u32 [views]: remaining views of the current pass
 //! ```
 //!
-//! All numbers are little-endian. No memory is asked for before the size of the file says that it can be filled.
+//! Numbers are little-endian. Memory is allocated only after the size of the file was checked
+//! against the header.
 
 use crate::{
     budget::{CHECKPOINT_HEADER_MAX, SCENE},
@@ -36,17 +37,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Version of the format, which changes when an older program would misread a file.
+/// Version of the format; it changes when older programs would misread a file.
 const FORMAT: u32 = 1;
-/// The entry of the header's metadata that is ours.
+/// Key of specula's entry in the metadata.
 const KEY: &str = "specula";
-/// Bytes that say how long the header is.
+/// Bytes of the header's length.
 const LENGTH_SIZE: u64 = 8;
-/// A training takes no longer than this: a hundred years of seconds.
+/// Longest training in seconds: a hundred years.
 const SECONDS_MAX: f64 = 3.2e9;
-/// Gradients that a training may have left out; so many more can be counted.
+/// Most gradients that a training may have skipped; the counter has room for as many again.
 const NONFINITE_MAX: usize = usize::MAX >> 1;
-/// Numbers turned into bytes at once.
+/// Words converted to bytes at once.
 const PIECE: usize = 1 << 16;
 
 /// State of a training, and the training that it belongs to.
@@ -119,7 +120,7 @@ impl FactsHeader {
     }
 }
 
-/// What the header says beside the tensors.
+/// Specula's entry in the metadata.
 #[derive(Serialize, Deserialize)]
 struct Header {
     format: u32,
@@ -128,7 +129,7 @@ struct Header {
     is_shaded: bool,
     sh_degree: Option<u8>,
     light: Option<LightHeader>,
-    /// Of how many photographs there are exposures.
+    /// Number of photographs with exposures.
     exposures: Option<usize>,
 }
 
@@ -138,18 +139,22 @@ struct LightHeader {
     is_exponential: bool,
 }
 
-/// What every version of the header says.
+/// Part of the header that all versions share.
 #[derive(Deserialize)]
 struct AnyHeader {
     format: u32,
 }
 
-/// Where the checkpoint of a model is.
+/// Path of the checkpoint of a model.
 pub fn place(folder: &Path) -> PathBuf {
     folder.join("checkpoint.safetensors")
 }
 
-/// Writes the checkpoint of a model in place of the one before.
+/// Writes the checkpoint of a model in place of the previous one.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
     whole_file::write(&place(folder), |out| {
         let tensors = tensors_of(checkpoint);
@@ -160,7 +165,7 @@ pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
     })
 }
 
-/// A tensor that is written: its name, type and shape, and its numbers as words of 32 bits.
+/// A tensor to be written: name, type, shape, and numbers as 32-bit words.
 struct Tensor<'a> {
     name: &'static str,
     dtype: Dtype,
@@ -239,7 +244,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
     });
     let metadata = Metadata::new(Some(ours), infos.collect()).map_err(io::Error::other)?;
     let mut bytes = serde_json::to_vec(&metadata)?;
-    // Tensors begin at a multiple of eight bytes.
+    // Tensors are aligned to eight bytes.
     bytes.resize(bytes.len().next_multiple_of(LENGTH_SIZE as usize), b' ');
     Ok(bytes)
 }
@@ -252,6 +257,11 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 }
 
 /// Reads the checkpoint of a model.
+///
+/// # Errors
+///
+/// [`Error::NoCheckpoint`], [`Error::CheckpointFormat`], [`Error::Checkpoint`] for invalid content,
+/// [`Error::TooLarge`] beyond the memory budget, [`Error::Read`].
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
     let Header { facts, gaussians: count, is_shaded, sh_degree, light, exposures, .. } = reader.header()?;
@@ -284,17 +294,17 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
     })
 }
 
-/// A checkpoint whose header has been understood.
+/// A checkpoint whose header was read.
 struct Reader {
     path: PathBuf,
     file: File,
-    /// Where the tensors begin.
+    /// Byte offset of the tensors.
     start: u64,
     metadata: Metadata,
 }
 
 impl Reader {
-    /// Reads the header, and makes sure that the tensors that it names fill the file.
+    /// Reads the header and checks that the tensors fill the file.
     fn open(folder: &Path) -> Result<Self> {
         let path = place(folder);
         let mut file = match File::open(&path) {
@@ -332,7 +342,7 @@ impl Reader {
         broken(&self.path, place, &cause)
     }
 
-    /// What the header says beside the tensors.
+    /// Parses specula's entry in the metadata.
     fn header(&self) -> Result<Header> {
         let ours = self.metadata.metadata().as_ref().and_then(|all| all.get(KEY));
         let ours = ours.ok_or_else(|| self.refuse("the header", "it is not of specula"))?;
@@ -385,7 +395,7 @@ impl Reader {
         })
     }
 
-    /// Of any length: there may be as many views as one likes.
+    /// Reads the order of views, of any length.
     fn order(&mut self) -> Result<Vec<u32>> {
         let info = self.info("order", Dtype::U32)?;
         self.words("order", &info)
@@ -400,7 +410,7 @@ impl Reader {
         Ok(info.clone())
     }
 
-    /// The numbers of a tensor, which lies in the file as its header was checked against it.
+    /// Reads the words of a tensor, whose range was checked against the file.
     fn words(&mut self, name: &str, info: &TensorInfo) -> Result<Vec<u32>> {
         let (start, end) = info.data_offsets;
         SCENE.ask(&self.path, 0, format!("its tensor {name:?}"), (end - start) as u64)?;

@@ -1,6 +1,6 @@
-//! Reconstructions of COLMAP: `cameras`, `images` and `points3D`, in its binary and in its text format, as its page on
-//! output formats describes them. Poses are from world to camera, x to the right, y down, looking along +z; pixel centres
-//! are at + ½. Both are ours as well.
+//! Reconstructions of COLMAP: `cameras`, `images` and `points3D` in its binary or text format, as
+//! its page on output formats defines them. Poses are camera-from-world, x to the right, y down, z
+//! along the view; pixel centres are at + ½, as everywhere in specula.
 
 mod binary;
 mod record;
@@ -20,10 +20,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Folders of a data set in which a reconstruction may be; COLMAP numbers those that it could not join.
+/// Candidate folders of a reconstruction; COLMAP numbers models that it could not join.
 const PLACES: [&str; 5] = ["sparse", "", "colmap/sparse", "colmap", "distorted/sparse"];
 
-/// Where a reconstruction is.
+/// A reconstruction on disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Model {
     pub(crate) folder: PathBuf,
@@ -46,7 +46,7 @@ impl Model {
         self.folder.join(format!("{name}.{}", if self.is_text { "txt" } else { "bin" }))
     }
 
-    /// How much there is of it, to choose the largest of several.
+    /// Size in bytes, by which the largest of several models is chosen.
     fn size(&self) -> u64 {
         fs::metadata(self.file("images")).map_or(0, |data| data.len())
     }
@@ -56,12 +56,13 @@ impl Model {
     }
 }
 
-/// The reconstruction of a data set: the largest, where there are several in one place.
+/// Finds the reconstruction of a data set: the largest, where there are several.
 pub(crate) fn find(folder: &Path) -> Option<Model> {
     PLACES.iter().find_map(|place| in_place(&folder.join(place), place.is_empty()))
 }
 
-/// Whether there is one that is the data set's own, and not what another program left beside its list.
+/// Returns whether a reconstruction lies at the data set's top level, not in a folder of another
+/// program.
 pub(crate) fn is_at(folder: &Path) -> bool {
     PLACES[..2].iter().any(|place| in_place(&folder.join(place), place.is_empty()).is_some())
 }
@@ -78,7 +79,7 @@ fn in_place(place: &Path, is_root: bool) -> Option<Model> {
     models.into_iter().next()
 }
 
-/// Folders in a folder, by name.
+/// Subfolders of a folder, by name.
 fn numbered(place: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(place).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -155,7 +156,7 @@ fn read_images(model: &Model) -> Result<Vec<Image>> {
     if model.is_text { text::images(&path) } else { binary::images(&path) }
 }
 
-/// Reads the points of a reconstruction; one that is not finite is left out with a note.
+/// Reads the points of a reconstruction. Points that are not finite are skipped with a note.
 pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<PointCloud> {
     let path = model.file("points3D");
     if !path.is_file() {

@@ -1,15 +1,15 @@
-//! Looking a direction up in a cube map, continuous across edges and corners.
+//! Cube-map lookup, continuous across edges and corners.
 
 use specula_core::cubemap::{FACE_COUNT, apron_sources, face_of, padded_index, padded_len, texel_index};
 
-/// A cube map whose faces are surrounded by the texels of their neighbours.
+/// A cube map whose faces are padded with texels of their neighbours.
 pub(crate) struct Cube {
     resolution: usize,
     padded: Vec<[f32; 3]>,
 }
 
 impl Cube {
-    /// From six faces of resolution² RGB texels.
+    /// Pads six faces of resolution² RGB texels.
     pub(crate) fn new(values: &[f32], resolution: usize) -> Self {
         assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
         let mut padded = vec![[0.0; 3]; padded_len(resolution)];
@@ -26,7 +26,7 @@ impl Cube {
         Self { resolution, padded }
     }
 
-    /// Bilinear between the centres of texels.
+    /// Bilinear lookup along a direction of any length.
     pub(crate) fn sample(&self, direction: [f64; 3]) -> [f32; 3] {
         let (face, x, y) = face_of(direction);
         let (column, across) = floor_and_rest((0.5 * x + 0.5) * self.resolution as f64 - 0.5);
@@ -40,7 +40,7 @@ impl Cube {
     }
 }
 
-/// Face, row and column of every texel, those of the apron included.
+/// Face, row and column of every texel, including the padding.
 fn padded_texels(resolution: usize) -> impl Iterator<Item = (usize, isize, isize)> {
     let line = -1..=resolution as isize;
     let rows = (0..FACE_COUNT).flat_map(move |face| (-1..=resolution as isize).map(move |row| (face, row)));

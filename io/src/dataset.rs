@@ -1,9 +1,11 @@
-//! Data sets: photographs with their cameras, as NeRF Synthetic, COLMAP and nerfstudio lay them out.
+//! Data sets: photographs with their cameras, in the layouts of NeRF Synthetic, COLMAP and
+//! nerfstudio.
 //!
-//! What a folder holds says what it is: `transforms_train.json`, a scene of NeRF Synthetic or Shiny Blender; `sparse`, or
-//! `cameras` and `images` in COLMAP's formats, a reconstruction; `transforms.json`, a data set of nerfstudio or
-//! instant-ngp. Pictures with a lens's distortion become those of a pinhole ([`crate::lens`]). Pictures whose EXIF data
-//! ask for it are turned where they fit their camera only so.
+//! The content of a folder determines its format: `transforms_train.json`, a scene of NeRF
+//! Synthetic or Shiny Blender; `sparse`, or `cameras` and `images` in COLMAP's formats, a
+//! reconstruction; `transforms.json`, a data set of nerfstudio or instant-ngp. Lens distortion is
+//! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation where it fits its camera
+//! only so.
 
 use crate::{
     blender, colmap,
@@ -22,23 +24,27 @@ pub use crate::{
     shot::View,
 };
 
-/// Photographs to fit, photographs to judge by, and points to start from.
+/// Training views, test views and initial points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
-    /// Views to fit.
+    /// Views to train on.
     pub train: Vec<View>,
     /// Views held out.
     pub test: Vec<View>,
-    /// Points to start from.
+    /// Initial points.
     pub points: Option<PointCloud>,
-    /// What cameras were read from, in a few words.
+    /// Short description of the source of the cameras.
     pub source: String,
-    /// What was left out, changed or assumed, and why: one sentence each.
+    /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// Reads a data set on all cores. `progress` is called with the number of images done and of all images, from any
-/// thread and in order of completion.
+/// Reads a data set on all cores. `progress` is called with the number of decoded images and of all
+/// images, from any thread and in order of completion.
+///
+/// # Errors
+///
+/// The first error of the listing, or of the images in their order.
 pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Dataset> {
     let Listing { mut train, test, points, source, mut notes } = list(folder, options)?;
     let points = read_points(folder, options, points)?;
@@ -52,12 +58,16 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
     Ok(Dataset { train, test, points, source, notes })
 }
 
-/// Reads one photograph, by its place among those that [`load`] fits with the same options, or among those held out.
+/// Reads one view by its index among the training or test views of [`load`] with the same options.
+///
+/// # Errors
+///
+/// An error of the listing, or of the image.
 pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
-    // Where points are named, those of the data set are not read.
+    // With a point cloud in the options, the data set's points are not read.
     let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
     let Listing { train, test, .. } = list(folder, &without_points)?;
-    // Where none are held out, those that might be are fitted after the others.
+    // Without held-out views, test views follow the training views.
     let place = if is_held_out { train.len() + index } else { index };
     let shot = train.iter().chain(&test).nth(place);
     shot.map(|shot| shot.open().map(|opened| opened.view)).transpose()
@@ -80,7 +90,7 @@ fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     colmap::list(folder, &model, options)
 }
 
-/// Whether a folder looks like a data set.
+/// Returns whether a folder has the layout of a data set.
 pub fn is_dataset(folder: &Path) -> bool {
     [blender::TRAIN, nerfstudio::LIST].iter().any(|name| folder.join(name).is_file()) || colmap::find(folder).is_some()
 }
@@ -95,7 +105,7 @@ fn read_points(folder: &Path, options: &LoadOptions, listed: Option<PointCloud>)
     }
 }
 
-/// Opens all images; of several faults the first in the list is reported, whatever the threads do.
+/// Opens all images. The error returned is the first in the list's order, independent of threads.
 fn open_all(shots: &[Shot], progress: impl Fn(usize, usize) + Sync) -> Result<Vec<Opened>> {
     let done = AtomicUsize::new(0);
     let views: Vec<Result<Opened>> = shots
@@ -109,7 +119,7 @@ fn open_all(shots: &[Shot], progress: impl Fn(usize, usize) + Sync) -> Result<Ve
     views.into_iter().collect()
 }
 
-/// What had to be done to pictures.
+/// Notes pictures that were rotated, undistorted or masked.
 fn note_changes(opened: &[Opened], notes: &mut Vec<String>) {
     let count = |is: fn(&Opened) -> bool| opened.iter().filter(|view| is(view)).count();
     let turned = count(|view| view.is_turned);

@@ -1,47 +1,48 @@
-//! What can go wrong with a file, in sentences for whoever owns it.
+//! Errors of reading and writing, one sentence each.
 
 use std::{io, path::PathBuf};
 
-/// The result of reading or writing.
+/// Result of reading or writing.
 pub type Result<T> = core::result::Result<T, Error>;
 
-/// Why a file could not be read or written: the file, the place in it, and what to do.
+/// Error of a file: one sentence with its path, the place in it, the fault and, where there is one,
+/// a remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system did not give the file.
+    /// The operating system refused to read.
     #[error("cannot read {path:?}: {cause}; check that it is there and that you may read it")]
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Cause given by the operating system.
         cause: io::Error,
     },
-    /// The operating system did not take the file.
+    /// The operating system refused to write.
     #[error("cannot write {path:?}: {cause}; make room there, or choose a folder that you may write to")]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Cause given by the operating system.
         cause: io::Error,
     },
-    /// The ending of a file's name says nothing that can be written.
+    /// The extension of a file name is of no format that can be written.
     #[error("cannot tell the format of {path:?} from its name; let it end in {expected}")]
     Ending {
         /// The file.
         path: PathBuf,
-        /// Endings that are known.
+        /// Known extensions.
         expected: &'static str,
     },
-    /// More bytes than the format can count.
+    /// A file would be longer than its format allows.
     #[error("{path:?} would have {len} bytes, and the format ends at 4 GiB")]
     TooLong {
         /// The file.
         path: PathBuf,
-        /// Its bytes.
+        /// Length of the file in bytes.
         len: usize,
     },
-    /// A file for which more memory would be needed than its kind may take.
+    /// A file needs more memory than the budget of its kind.
     #[error(
         "cannot read {path:?}: {what} would take {} MiB, and {} MiB is the most for {kind}; {remedy}",
         wanted.div_ceil(1 << 20), most >> 20
@@ -49,18 +50,18 @@ pub enum Error {
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// The part of it that is too large.
+        /// Part of the file that is too large.
         what: String,
-        /// Bytes that it would take.
+        /// Bytes that the part would take.
         wanted: u64,
-        /// The kind of file.
+        /// Kind of the file.
         kind: &'static str,
-        /// Bytes that such a file may take.
+        /// Budget in bytes.
         most: u64,
-        /// Advice.
+        /// Remedy.
         remedy: &'static str,
     },
-    /// The folder of a data set is not there.
+    /// The folder of a data set does not exist.
     #[error(
         "no folder {path:?}; name the folder that holds transforms_train.json, transforms.json or sparse/0, and images"
     )]
@@ -68,7 +69,7 @@ pub enum Error {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder is there, but no list of cameras in it.
+    /// A folder holds no list of cameras.
     #[error(
         "no transforms_train.json in {path:?}, nor COLMAP's sparse/0/cameras.bin and images.bin (or .txt), nor \
          transforms.json; expected are transforms_train.json and transforms_test.json, as in NeRF Synthetic and Shiny \
@@ -78,17 +79,17 @@ pub enum Error {
         /// The folder.
         path: PathBuf,
     },
-    /// Cameras, but not one of their images.
+    /// None of the images of the cameras exists.
     #[error("none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}")]
     NoImages {
         /// The folder of the data set.
         data: PathBuf,
-        /// Where they were looked for.
+        /// Folder that was searched.
         path: PathBuf,
-        /// The first.
+        /// Name of the first image.
         first: PathBuf,
     },
-    /// An image that its camera cannot have taken.
+    /// An image has another shape than its camera.
     #[error(
         "image {path:?} has {} by {} pixels, but its camera {} by {}, which is another shape; take the images that the \
          cameras were found with, or smaller copies of them", found[0], found[1], expected[0], expected[1]
@@ -96,36 +97,36 @@ pub enum Error {
     OtherShape {
         /// The image.
         path: PathBuf,
-        /// Its width and height.
+        /// Width and height of the image.
         found: [u32; 2],
-        /// Those of its camera.
+        /// Width and height of the camera.
         expected: [u32; 2],
     },
-    /// Something wrong at a place of a file.
+    /// A line or record of a file is invalid.
     #[error("{place} of {path:?} {what}")]
     Place {
         /// The file.
         path: PathBuf,
-        /// The place: a line, or a record.
+        /// Line or record.
         place: String,
-        /// What is wrong with it, and the remedy.
+        /// Fault and remedy.
         what: String,
     },
-    /// A list of cameras without a camera.
+    /// A list of cameras is empty.
     #[error("no frames in {path:?}; list at least one camera with its image")]
     NoFrames {
         /// The list.
         path: PathBuf,
     },
-    /// Images cannot be made zero times smaller.
+    /// Images cannot be downscaled by this factor.
     #[error("cannot make the images in {path:?} {downscale} times smaller; use 1, 2, 4 or 8")]
     Downscale {
         /// The data set's folder.
         path: PathBuf,
-        /// What was asked for.
+        /// Requested factor.
         downscale: u32,
     },
-    /// A file that should be JSON is not, or says something else than expected.
+    /// A file is not valid JSON, or has other content than expected.
     #[error("cannot understand {path:?}, line {line}, column {column}: {cause}")]
     Json {
         /// The file.
@@ -134,58 +135,58 @@ pub enum Error {
         line: usize,
         /// Column, from 1.
         column: usize,
-        /// What the parser said.
+        /// Message of the parser.
         cause: String,
     },
-    /// A camera that cannot be.
+    /// A camera is invalid.
     #[error("frame {frame:?} of {path:?} {what}")]
     Frame {
         /// The list of cameras.
         path: PathBuf,
-        /// The frame's name in it.
+        /// Name of the frame.
         frame: String,
-        /// What is wrong with it, and the remedy.
+        /// Fault and remedy.
         what: String,
     },
-    /// An image that a camera names is not there.
+    /// The image of a camera does not exist.
     #[error("no image {path:?}, which frame {frame:?} of {transforms:?} names; png, jpg, jpeg and webp were tried")]
     MissingImage {
-        /// The image, as far as its name is known.
+        /// Path of the image, as far as it is known.
         path: PathBuf,
-        /// The frame's name.
+        /// Name of the frame.
         frame: String,
         /// The list of cameras.
         transforms: PathBuf,
     },
-    /// A file that should be an image is not.
+    /// A file cannot be decoded as an image.
     #[error("cannot decode {path:?}: {cause}; save the image again, or remove its frame")]
     Image {
         /// The image.
         path: PathBuf,
-        /// What the decoder said.
+        /// Message of the decoder.
         cause: String,
     },
-    /// An image without pixels.
+    /// An image has no pixels.
     #[error("image {path:?} has no pixels; save it again, or remove its frame")]
     EmptyImage {
         /// The image.
         path: PathBuf,
     },
-    /// The first lines of a PLY file make no sense.
+    /// The header of a PLY file is invalid.
     #[error("cannot read {path:?} as a PLY file: {cause}")]
     PlyHeader {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// Message of the parser.
         cause: String,
     },
-    /// A PLY file with no points in it.
+    /// A PLY file has no vertex element.
     #[error("no vertex element in {path:?}; a point cloud is expected, with one vertex for each point")]
     NoVertices {
         /// The file.
         path: PathBuf,
     },
-    /// PlayCanvas's packed layout.
+    /// A PLY file has PlayCanvas's packed layout.
     #[error(
         "{path:?} is a compressed PLY of PlayCanvas; convert it to the plain layout of 3D Gaussian splatting first, \
          with splat-transform or SuperSplat"
@@ -194,17 +195,17 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// A column is not there.
+    /// A property is missing.
     #[error("no property \"{property}\" in {path:?}; {layout} is expected")]
     MissingProperty {
         /// The file.
         path: PathBuf,
         /// The property.
         property: String,
-        /// The layout that needs it.
+        /// Layout that requires the property.
         layout: &'static str,
     },
-    /// A column that holds lists where numbers are expected.
+    /// A property holds lists in place of numbers.
     #[error("property \"{property}\" of {path:?} is a list; a number for each vertex is expected")]
     ListProperty {
         /// The file.
@@ -212,41 +213,41 @@ pub enum Error {
         /// The property.
         property: String,
     },
-    /// Spherical harmonics of no degree.
+    /// The number of spherical harmonics belongs to no degree.
     #[error("{count} properties f_rest_* in {path:?}; {layout} has {allowed}")]
     HarmonicsCount {
         /// The file.
         path: PathBuf,
-        /// How many there are.
+        /// Number of properties.
         count: usize,
         /// The layout.
         layout: &'static str,
-        /// Counts that make sense.
+        /// Valid numbers.
         allowed: &'static str,
     },
-    /// The file ends too early.
+    /// A file ends too early.
     #[error("{path:?} is cut short: {found} of {expected} vertices are there; copy or export it again")]
     CutShort {
         /// The file.
         path: PathBuf,
-        /// Whole vertices.
+        /// Number of complete vertices.
         found: usize,
-        /// Vertices that the header promises.
+        /// Number of vertices in the header.
         expected: usize,
     },
-    /// A word where a number is expected.
+    /// A word in place of a number.
     #[error("\"{text}\" is not a number, at vertex {index} of {path:?}, property \"{property}\"")]
     NotANumber {
         /// The file.
         path: PathBuf,
-        /// The vertex, from 0.
+        /// Index of the vertex, from 0.
         index: usize,
         /// The property.
         property: String,
         /// The word.
         text: String,
     },
-    /// Numbers that are NaN or infinite.
+    /// Numbers are NaN or infinite.
     #[error(
         "{count} numbers in {path:?} are NaN or infinite, the first at vertex {index}, property \"{property}\"; \
          remove those vertices, or take an earlier iteration"
@@ -254,14 +255,14 @@ pub enum Error {
     NotFinite {
         /// The file.
         path: PathBuf,
-        /// The first such vertex, from 0.
+        /// Index of the first such vertex, from 0.
         index: usize,
-        /// Its first such property.
+        /// First such property of that vertex.
         property: String,
-        /// How many such numbers there are.
+        /// Number of such numbers.
         count: usize,
     },
-    /// An image that is not six faces in a column.
+    /// An image is not six faces in a column.
     #[error("{path:?} has {width} by {height} pixels; six square faces in a column are expected")]
     NotACube {
         /// The file.
@@ -271,33 +272,33 @@ pub enum Error {
         /// Rows.
         height: usize,
     },
-    /// No training was put aside in a folder.
+    /// A folder has no checkpoint.
     #[error("no checkpoint.safetensors in {path:?}")]
     NoCheckpoint {
         /// The folder.
         path: PathBuf,
     },
-    /// A checkpoint that says or holds something else than it should.
+    /// Content of a checkpoint is invalid.
     #[error("cannot read {place} of the checkpoint {path:?}: {cause}")]
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// The header, or a tensor.
+        /// Header or tensor.
         place: String,
-        /// What is wrong with it.
+        /// Fault.
         cause: String,
     },
-    /// A checkpoint of another version of the format.
+    /// A checkpoint has another version of the format.
     #[error("the checkpoint {path:?} is of format {found}, and this program knows format {known}")]
     CheckpointFormat {
         /// The file.
         path: PathBuf,
-        /// Its format.
+        /// Version of the file.
         found: u32,
-        /// The format that is known.
+        /// Version that this program reads.
         known: u32,
     },
-    /// No trained model in a folder.
+    /// A folder has no trained model.
     #[error(
         "no point_cloud/iteration_{iteration}/point_cloud.ply in {path:?}; name the folder that training wrote to, \
          or a .ply file"
@@ -305,25 +306,25 @@ pub enum Error {
     NoModel {
         /// The folder.
         path: PathBuf,
-        /// The iteration that was asked for, or N.
+        /// Requested iteration, or N.
         iteration: String,
     },
 }
 
 impl Error {
-    /// A closure for `map_err` that knows the file that was read.
+    /// Closure for `map_err` that adds the path of a file that was read.
     pub(crate) fn reading(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |cause| Self::Read { path, cause }
     }
 
-    /// A closure for `map_err` that knows the JSON file.
+    /// Closure for `map_err` that adds the path of a JSON file.
     pub(crate) fn json(path: impl Into<PathBuf>) -> impl FnOnce(serde_json::Error) -> Self {
         let path = path.into();
         move |error| Self::Json { path, line: error.line(), column: error.column(), cause: without_place(&error) }
     }
 
-    /// A closure for `map_err` that knows the image.
+    /// Closure for `map_err` that adds the path of an image.
     pub(crate) fn decoding(path: impl Into<PathBuf>) -> impl FnOnce(image::ImageError) -> Self {
         let path = path.into();
         move |error| match error {
@@ -336,7 +337,7 @@ impl Error {
     }
 }
 
-/// What the parser said, without the place that the sentence names already.
+/// Message of the parser without the position, which the sentence states already.
 fn without_place(error: &serde_json::Error) -> String {
     let text = error.to_string();
     match text.rfind(" at line ") {

@@ -1,12 +1,13 @@
-//! `exposure.json` in the folder of a model: how the photographs of its training were exposed.
+//! Exposures of the training photographs: `exposure.json` in the folder of a model.
 //!
 //! ```text
 //! {"IMG_1": [[a, a, a, b], [a, a, a, b], [a, a, a, b]], ...}
 //! ```
 //!
-//! Names are those of `cameras.json`; of views that share a name, the second is called `NAME (2)`, and so on. A photograph
-//! shows C' = A C + b of a colour C of the scene, sRGB-encoded and in \[0, 1\], where A is the left of the matrix and b its
-//! last column. The mean of all is the identity.
+//! Names are those of `cameras.json`; of views that share a name, the second is called `NAME (2)`,
+//! and so on. A photograph shows C' = A C + b for a colour C of the scene, sRGB-encoded in \[0,
+//! 1\], where A is the left 3 × 3 part of the matrix and b its last column. The mean over all
+//! photographs is the identity.
 
 use crate::{
     budget::LIST,
@@ -24,12 +25,16 @@ use std::{
 /// Exposures by the names of photographs.
 pub type Exposures = BTreeMap<String, Exposure<f32>>;
 
-/// Where the exposures of a model are.
+/// Path of the exposures of a model.
 pub fn place(folder: &Path) -> PathBuf {
     folder.join("exposure.json")
 }
 
-/// Writes how photographs were exposed.
+/// Writes the exposures of photographs.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Result<()> {
     let mut all = Exposures::new();
     for (name, exposure) in names.iter().zip(exposures) {
@@ -38,20 +43,28 @@ pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Re
     json::write(&place(folder), &all)
 }
 
-/// A name that is not taken.
+/// First variant of a name that is not taken.
 fn free_name(taken: &Exposures, name: &str) -> String {
     let others = (2_usize..).map(|number| format!("{name} ({number})"));
     let mut names = core::iter::once(name.to_owned()).chain(others);
     names.find(|name| !taken.contains_key(name)).expect("there are more numbers than names")
 }
 
-/// The exposures of a model; none where its training took all photographs for equally exposed.
+/// Reads the exposures of a model; none where its training did not learn exposures.
+///
+/// # Errors
+///
+/// [`Error::Read`], [`Error::Json`] or [`Error::TooLarge`].
 pub fn read(folder: &Path) -> Result<Option<Exposures>> {
     let path = place(folder);
     if path.is_file() { json::read(&path, &LIST).map(Some) } else { Ok(None) }
 }
 
-/// Removes those of an earlier training, if there are any.
+/// Removes the exposures of an earlier training, if there are any.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be removed.
 pub fn remove(folder: &Path) -> Result<()> {
     let path = place(folder);
     match fs::remove_file(&path) {

@@ -1,12 +1,12 @@
-//! Gaussians as PLY files: the layout of 3D Gaussian splatting, and that of GaussianShader, which adds shading.
+//! Gaussians as PLY files: the layout of 3D Gaussian splatting, and GaussianShader's with shading.
 //!
-//! Columns are found by name, in any order, type and encoding; they are written as little-endian `f32` in the
-//! order that other tools write. All values are those before activation.
+//! Columns are found by name, in any order, type and encoding; they are written as little-endian
+//! `f32` in the usual order. Values are raw, before activation.
 //!
-//! | layout | columns |
-//! |---|---|
-//! | 3D Gaussian splatting | x y z, nx ny nz (0, or true normals), f_dc, f_rest (colour by colour, without f_dc), opacity, scale, rot |
-//! | GaussianShader | x y z, nx ny nz (Δn₁), nx2 ny2 nz2 (Δn₂), f_dc (diffuse), f_rest (coefficient by coefficient, with the first), opacity, scale, rot, roughness, specular |
+//! * 3D Gaussian splatting: x y z, nx ny nz (0, or normals), f_dc, f_rest (colour by colour,
+//!   without f_dc), opacity, scale, rot
+//! * GaussianShader: x y z, nx ny nz (Δn₁), nx2 ny2 nz2 (Δn₂), f_dc (diffuse), f_rest (coefficient
+//!   by coefficient, with the first), opacity, scale, rot, roughness, specular
 
 use crate::{
     error::{Error, Result},
@@ -25,7 +25,7 @@ use std::{
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout (it has \"roughness\")";
 
-/// Gaussians as they stand in a file.
+/// Gaussians of a PLY file, in the file's conventions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaussianFile {
     /// The Gaussians.
@@ -34,22 +34,27 @@ pub struct GaussianFile {
     pub comments: Vec<String>,
 }
 
-/// A column of a file: its name, and what it holds.
+/// A column of a file: its name and its source.
 struct Column {
     name: String,
     holds: Holds,
 }
 
-/// Numbers of a column.
+/// Source of a column's numbers.
 #[derive(Clone, Copy)]
 enum Holds {
     /// A plane of the Gaussians.
     Plane(usize),
-    /// A component of the normals that are written beside plain Gaussians; without them, zeros.
+    /// Component of the normals beside plain Gaussians, zero without normals.
     Normal(usize),
 }
 
-/// Reads Gaussians of either layout; a file with the property `roughness` is GaussianShader's.
+/// Reads Gaussians of either layout; the property `roughness` identifies GaussianShader's.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that cannot be read or parsed, exceed their memory budget, or
+/// hold numbers that are not finite.
 pub fn read(path: &Path) -> Result<GaussianFile> {
     let mut table = Table::open(path)?;
     let comments = core::mem::take(&mut table.comments);
@@ -61,11 +66,19 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
 }
 
 /// Writes Gaussians in the layout of their appearance. Comments must be single lines.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>, comments: &[String]) -> Result<()> {
     write_with_normals(path, gaussians, None, comments)
 }
 
-/// Writes Gaussians, and beside plain ones a normal of each, where the layout has room for it.
+/// Writes Gaussians, with normals where the layout has columns for them.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_with_normals(
     path: &Path,
     gaussians: &Gaussians<Vec<f32>>,
@@ -95,7 +108,7 @@ fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
     }
 }
 
-/// The degree whose harmonics, in three colours, are `numbers` numbers.
+/// Degree of spherical harmonics with `numbers` coefficients in three colours.
 fn degree_of(numbers: usize) -> Option<u8> {
     (0..=3).find(|degree| 3 * Layout::radiance(*degree).sh_count() == numbers)
 }
@@ -114,7 +127,7 @@ fn names_by_plane(layout: Layout) -> Vec<String> {
     names
 }
 
-/// The columns of a layout, in the order of the file.
+/// Columns of a layout in the order of the file.
 fn columns(layout: Layout) -> Vec<Column> {
     if layout.is_shaded() { shaded_columns(layout) } else { radiance_columns(layout) }
 }

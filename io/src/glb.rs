@@ -1,8 +1,9 @@
-//! Plain Gaussians as binary glTF 2.0 with `KHR_gaussian_splatting`, as Khronos has ratified it: scales and opacities as
-//! they are used, quats (x, y, z, w), harmonics of sRGB colours. Whoever does not know the extension shows points.
+//! Plain Gaussians as binary glTF 2.0 with Khronos's ratified extension `KHR_gaussian_splatting`:
+//! activated scales and opacities, quats (x, y, z, w), harmonics of sRGB colours. Readers without
+//! the extension show points.
 //!
-//! What shading needs is beside it as `SPECULA_shading` ([`Shading`]), an extension of that extension, which others may
-//! leave aside; `docs/export.md` describes it.
+//! Shading attributes follow as `SPECULA_shading` ([`Shading`]), an optional extension of that
+//! extension; `docs/export.md` describes it.
 
 use crate::{
     error::{Error, Result},
@@ -22,45 +23,50 @@ const SPLATTING: &str = "KHR_gaussian_splatting";
 const SHADING: &str = "SPECULA_shading";
 const FLOAT: u32 = 5126;
 const POINTS: u32 = 0;
-/// The places of the words of a file: "glTF", then 2; chunks "JSON" and "BIN\0".
+/// Magic numbers: "glTF"; chunks "JSON" and "BIN\0".
 const MAGIC: u32 = 0x4654_6c67;
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BIN_CHUNK: u32 = 0x004e_4942;
 
-/// A number, or several, of each Gaussian.
+/// A scalar or vector attribute of each Gaussian.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribute {
-    /// Its name, behind that of the extension.
+    /// Name, behind that of the extension.
     pub name: String,
-    /// How many numbers a Gaussian has: 1, 3 or 4.
+    /// Components per Gaussian: 1, 3 or 4.
     pub width: usize,
-    /// The numbers, Gaussian by Gaussian.
+    /// Values, Gaussian by Gaussian.
     pub values: Vec<f32>,
 }
 
-/// What shading needs beside plain Gaussians.
+/// Shading attributes beside plain Gaussians.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shading {
-    /// Words: which equation, and how its light is filtered.
+    /// Properties: the shading equation and the prefilter of its light.
     pub properties: Map<String, Value>,
-    /// Numbers of each Gaussian.
+    /// Attributes of each Gaussian.
     pub attributes: Vec<Attribute>,
-    /// Linear radiance, six faces of resolution² RGB texels (+X −X +Y −Y +Z −Z), and the resolution; kept as OpenEXR.
+    /// Linear radiance, six faces of resolution² RGB texels (+X −X +Y −Y +Z −Z), and the
+    /// resolution; stored as OpenEXR.
     pub light: Option<(Vec<f32>, usize)>,
 }
 
-/// Where a scene is put in the world of its reader: what is written is scaled, then turned, then moved.
+/// Transform of the node: scale, then rotation, then translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// A unit quat (x, y, z, w).
+    /// Unit quat (x, y, z, w).
     pub rotation: [f64; 4],
-    /// In units of the reader's world.
+    /// Translation in units of the reader's world.
     pub translation: [f64; 3],
-    /// The same along all axes.
+    /// Uniform scale.
     pub scale: f64,
 }
 
-/// Writes plain Gaussians, and what shading needs, if there is any; in their own world, or placed in another by their node.
+/// Writes plain Gaussians with optional shading attributes and an optional transform of their node.
+///
+/// # Errors
+///
+/// [`Error::TooLong`] beyond 4 GiB, [`Error::Write`] where the file cannot be written.
 pub fn write(
     path: &Path,
     gaussians: &Gaussians<Vec<f32>>,
@@ -101,7 +107,7 @@ pub fn write(
     write_chunks(path, &json, file.bytes)
 }
 
-/// The words of [`Shading`], with the place of its light.
+/// Properties of [`Shading`], with a reference to its light.
 fn properties(path: &Path, shading: &Shading, file: &mut File) -> Result<Map<String, Value>> {
     let mut properties = shading.properties.clone();
     if let Some((values, resolution)) = &shading.light {
@@ -113,7 +119,7 @@ fn properties(path: &Path, shading: &Shading, file: &mut File) -> Result<Map<Str
     Ok(properties)
 }
 
-/// The attributes that the extension of Khronos asks for, and colours for whoever shows points.
+/// Attributes of the Khronos extension, with colours for readers that show points.
 fn plain(gaussians: &Gaussians<Vec<f32>>) -> Vec<Attribute> {
     let all = || 0..gaussians.count;
     let start = gaussians.layout.sh_start();
@@ -141,20 +147,20 @@ fn plain(gaussians: &Gaussians<Vec<f32>>) -> Vec<Attribute> {
     attributes
 }
 
-/// The name of a harmonic: `SH_DEGREE_l_COEF_n`, n counting from 0 in each degree.
+/// Name of a harmonic: `SH_DEGREE_l_COEF_n`, n counting from 0 in each degree.
 pub fn harmonic(prefix: &str, k: usize) -> String {
     let degree = k.isqrt();
     format!("{prefix}_DEGREE_{degree}_COEF_{}", k - degree * degree)
 }
 
 impl Attribute {
-    /// From the numbers of each Gaussian.
+    /// Collects the components of each Gaussian.
     pub fn of<const N: usize>(name: String, numbers: impl Iterator<Item = [f32; N]>) -> Self {
         Self { name, width: N, values: numbers.flatten().collect() }
     }
 }
 
-/// The binary part of a file, and what its pieces are.
+/// Binary chunk of a file with its views and accessors.
 #[derive(Default)]
 struct File {
     bytes: Vec<u8>,
@@ -163,7 +169,7 @@ struct File {
 }
 
 impl File {
-    /// Adds an array; returns the number of its accessor.
+    /// Appends an array and returns the index of its accessor.
     fn add(&mut self, width: usize, values: &[f32], with_bounds: bool) -> usize {
         let view = self.add_view(bytemuck::cast_slice(values));
         let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][width - 1];
@@ -180,7 +186,7 @@ impl File {
         self.accessors.len() - 1
     }
 
-    /// Adds bytes; returns the number of their view.
+    /// Appends bytes and returns the index of their view.
     fn add_view(&mut self, bytes: &[u8]) -> usize {
         let offset = self.bytes.len();
         self.bytes.extend(bytes);
@@ -190,7 +196,7 @@ impl File {
     }
 }
 
-/// Header, JSON padded with spaces, binary part padded with zeros.
+/// Writes the header, JSON padded with spaces, and the binary chunk padded with zeros.
 fn write_chunks(path: &Path, json: &Value, binary: Vec<u8>) -> Result<()> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');

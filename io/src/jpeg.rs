@@ -1,8 +1,9 @@
-//! JPEGs at a half or a quarter of their size, straight from the coefficients of their blocks.
+//! JPEGs decoded at a half or a quarter of their size, from the coefficients of their blocks.
 //!
-//! A block of 8 × 8 pixels is kept as cosines; its lowest 4 × 4 or 2 × 2 of them are the block at a half or a quarter of the
-//! size. That is sharper than the mean over an area. So a picture is decoded at twice the size that is asked for, and the
-//! mean over areas does the rest: what remains of the difference is less than a step of 8 bits.
+//! A block of 8 × 8 pixels is stored as cosine coefficients; the lowest 4 × 4 or 2 × 2 of them give
+//! the block at a half or a quarter of the size, sharper than an area average. A picture is
+//! therefore decoded at twice the requested size and averaged: the remaining difference is below a
+//! step of 8 bits.
 
 use crate::{
     budget::{JPEG_SCANS_MAX, PICTURE, len_of},
@@ -16,14 +17,14 @@ use std::{
     path::Path,
 };
 
-/// Bytes for each pixel at most, while a picture is decoded: a coefficient of two bytes for each of four colours.
+/// Most bytes per pixel during decoding: a coefficient of two bytes for each of four channels.
 const BYTES: u64 = 8;
-/// Pixels along an edge of a block: what is thinner is decoded in full.
+/// Edge of a block in pixels. Thinner pictures are decoded in full.
 const BLOCK: u32 = 8;
 
-/// A picture at half of `downscale`, each pixel a square of so many, and the size that it has in full. None where nothing
-/// would be saved, and for what is not decoded so: what is no JPEG, is to be turned, has other colours than grey or YCbCr, is
-/// larger than its file could fill, or is broken, of which the usual way tells.
+/// Decodes a picture at half of `downscale`, and returns it with its full size. None where nothing
+/// would be saved, and for files that are left to the general decoder: other formats, rotated
+/// pictures, colours other than grey or YCbCr, sizes beyond the budget, broken files.
 pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImage, [u32; 2])> {
     let side = downscale / 2;
     if side < 2 {
@@ -52,13 +53,13 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
     Some((image, size))
 }
 
-/// Refuses a picture whose decoding would take for ever: a few bytes are a scan of all of its blocks.
+/// Refuses pictures of very many scans, each of which costs a pass over all blocks for a few bytes.
 ///
 /// # Errors
 ///
-/// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] of them.
+/// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] scans.
 pub(crate) fn refuse_many_scans(path: &Path) -> Result<()> {
-    /// Marker of a scan; within one, a byte of ones is followed by zero.
+    /// Marker of a scan. In scan data a byte 0xff is followed by zero.
     const START: [u8; 2] = [0xff, 0xda];
     let (mut scans, mut last) = (0, 0);
     for byte in BufReader::new(File::open(path).map_err(Error::reading(path))?).bytes() {
@@ -83,11 +84,11 @@ mod tests {
         path::{Path, PathBuf},
     };
 
-    /// What a decoder at half the size leaves beside one in full: less than a step of 8 bits, 48 dB, in the root of the mean
-    /// square, and 3 dB for the noise here, which photographs have less of.
+    /// PSNR of decoding at half the size against an area average: below a step of 8 bits, 48 dB,
+    /// less 3 dB for the noise of the test picture.
     const CLOSE: f64 = 45.0;
 
-    /// Shades, an edge, fine stripes and noise.
+    /// Gradients, an edge, fine stripes and noise.
     fn picture(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| {
             let noise = 12.0 * uniform(1, x.into(), y.into());
@@ -141,7 +142,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_decoded_so_or_need_not_is_decoded_in_full() {
-        /// Little-endian, one entry: orientation 6.
+        /// Little-endian with one entry: orientation 6.
         const TURNED: &[u8] = &[0x49, 0x49, 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0];
         let folder = tempfile::tempdir().unwrap();
         let is_whole = |path: &Path, downscale, size: [u32; 2]| {
@@ -157,7 +158,7 @@ mod tests {
         picture(128, 96).save(&png).unwrap();
         is_whole(&png, 8, [128, 96]);
 
-        // What has lost its end is told, however small it is to become, as if it were to stay as large as it is.
+        // A truncated file is reported at every downscaling factor.
         let bytes = fs::read(saved(folder.path(), &picture(128, 96).into(), None)).unwrap();
         for share in [0.01, 0.1, 0.5] {
             fs::write(&path, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();

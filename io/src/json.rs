@@ -8,15 +8,14 @@ use crate::{
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
 
-/// Reads a value from a file of which no more is read than the budget says; a byte order mark, which some editors write,
-/// is skipped.
+/// Reads a value from a file within a budget. A byte order mark is skipped.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<T> {
     let bytes = budget.read(path)?;
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     serde_json::from_slice(bytes).map_err(Error::json(path))
 }
 
-/// Writes a value to a file, for people to read as well.
+/// Writes a value to a file as indented JSON.
 pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<()> {
     let mut text = serde_json::to_vec_pretty(value).map_err(Error::json(path))?;
     text.push(b'\n');

@@ -1,4 +1,4 @@
-//! Cube maps with all their levels for other programs, as KTX 2.0.
+//! Cube maps with all mip levels for other programs, as KTX 2.0.
 
 use crate::{error::Result, whole_file};
 use ktx2::{
@@ -8,13 +8,14 @@ use ktx2::{
 use specula_core::{cubemap::FACE_COUNT, pack::pack2};
 use std::path::Path;
 
-/// Four halves: every engine that reads KTX 2.0 takes them, and their steps of 2⁻¹¹ are finer than any prefilter.
+/// Four halves: every KTX 2.0 reader supports them, and their steps of 2⁻¹¹ are finer than any
+/// prefilter.
 const FORMAT: Format = Format::R16G16B16A16_SFLOAT;
-/// Bytes of a texel; levels begin at multiples of it.
+/// Bytes of a texel, which is also the alignment of levels.
 const TEXEL_LEN: usize = 8;
-/// The texts of a file begin at multiples of this many bytes.
+/// Alignment of key-value pairs in bytes.
 const NOTE_ALIGNMENT: usize = 4;
-/// Columns run to the right and rows down on every face, as all graphics interfaces have them.
+/// Face orientation of all graphics APIs: columns to the right, rows down.
 const ORIENTATION: (&str, &str) = ("KTXorientation", "rd");
 const WRITER: (&str, &str) = ("KTXwriter", concat!("specula ", env!("CARGO_PKG_VERSION")));
 
@@ -27,8 +28,13 @@ pub struct CubeLevel {
     pub rgb: Vec<f32>,
 }
 
-/// Writes a cube map, finest level first, each half as wide as the one before, as halves with an alpha of 1. Numbers
-/// beyond ±65504 become that. `notes` are keys with texts that tools show; keys of the format itself begin with KTX.
+/// Writes a cube map as halves with an alpha of 1, finest level first, each half as wide as the one
+/// before. Numbers are clamped to ±65504. `notes` are keys and texts that tools show; the format's
+/// own keys begin with KTX.
+///
+/// # Errors
+///
+/// [`crate::Error::Write`], where the file cannot be written.
 pub fn write_cube(path: &Path, levels: &[CubeLevel], notes: &[(&str, &str)]) -> Result<()> {
     for (level, CubeLevel { resolution, rgb }) in levels.iter().enumerate() {
         assert_eq!(*resolution, levels[0].resolution >> level, "each level is half as wide as the one before");
@@ -37,7 +43,7 @@ pub fn write_cube(path: &Path, levels: &[CubeLevel], notes: &[(&str, &str)]) -> 
     whole_file::write_bytes(path, &file_of(levels, notes))
 }
 
-/// Header, places of the levels, format, notes; then the levels, coarsest first.
+/// Bytes of the file: header, level index, format, notes; then the levels, coarsest first.
 fn file_of(levels: &[CubeLevel], notes: &[(&str, &str)]) -> Vec<u8> {
     let (format, type_size) = Basic::from_format(FORMAT).expect("halves are known");
     let format = sized(&Block::Basic(format).to_vec());
@@ -78,7 +84,7 @@ fn file_of(levels: &[CubeLevel], notes: &[(&str, &str)]) -> Vec<u8> {
     bytes
 }
 
-/// A level's place, behind those before it.
+/// Index entry of a level behind the levels before it.
 fn place(level: &CubeLevel, end: &mut usize) -> LevelIndex {
     let (start, len) = (*end, level.rgb.len() / 3 * TEXEL_LEN);
     *end += len;
@@ -90,7 +96,7 @@ fn bytes_of(level: &CubeLevel) -> impl Iterator<Item = u8> {
     words.flat_map(u32::to_le_bytes)
 }
 
-/// Keys in order, each with its text; both end in a zero.
+/// Key-value pairs sorted by key, each zero-terminated.
 fn bytes_of_notes(notes: &[(&str, &str)]) -> Vec<u8> {
     let mut notes = [notes, &[ORIENTATION, WRITER]].concat();
     notes.sort_unstable();
@@ -104,7 +110,7 @@ fn bytes_of_notes(notes: &[(&str, &str)]) -> Vec<u8> {
     bytes
 }
 
-/// Bytes behind their number, which counts itself.
+/// Bytes behind their length, which includes itself.
 fn sized(bytes: &[u8]) -> Vec<u8> {
     let len = (bytes.len() + size_of::<u32>()) as u32;
     [&len.to_le_bytes(), bytes].concat()

@@ -1,4 +1,5 @@
-//! Light as files: lat-long maps and cube maps of linear radiance, and the way from one to the other.
+//! Environment light as files: lat-long maps and cube maps of linear radiance, and conversions
+//! between them.
 
 use crate::{
     cube::{Cube, floor_and_rest, mix},
@@ -17,60 +18,62 @@ use std::{
     path::Path,
 };
 
-/// What an infinite radiance becomes: the largest half float, which most tools write for it.
+/// Replacement of infinite radiance: the largest half float, which most tools write for it.
 const LARGEST_HALF: f32 = 65504.0;
-/// The largest power of ten that RGBE has an exponent for.
+/// Largest power of ten that RGBE can represent.
 const LARGEST_RGBE: f32 = 1e38;
-/// Samples for each pixel of the finer map along a line, when maps are converted: on the way to a cube, a single bright
-/// pixel then keeps its energy within one per cent.
+/// Samples per pixel of the finer map along each axis of a conversion: a single bright pixel then
+/// keeps its energy within 1 % on the way to a cube.
 const OVERSAMPLING: f64 = 4.0;
-/// More samples than this along a line of one texel would take minutes and change nothing.
+/// Most samples along an edge of a texel; more would take minutes and change nothing.
 const SAMPLES_MAX: usize = 64;
 
-/// Three numbers for each pixel.
+/// Three floats per pixel.
 const RADIANCE: Future = Future { converted: 12, later: 12 };
 
 /// A lat-long (equirectangular) map of linear radiance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatLong {
-    /// Pixels in a row: once around the horizon.
+    /// Pixels in a row, 360° of azimuth.
     pub width: usize,
-    /// Rows: from straight up to straight down.
+    /// Rows, from the zenith to the nadir.
     pub height: usize,
     /// Red, green, blue of each pixel, rows from the top.
     pub rgb: Vec<f32>,
 }
 
-/// How many numbers of a file were no radiance, and were replaced.
+/// Counts of values in a file that are no radiance and were replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cleaned {
-    /// NaN became 0.
+    /// NaN, replaced by 0.
     pub nan: usize,
-    /// Infinity became 65504, or the file's largest number if that is larger.
+    /// Infinity, replaced by 65504 or the file's largest finite number if that is larger.
     pub infinite: usize,
-    /// Negative numbers became 0.
+    /// Negative numbers, replaced by 0.
     pub negative: usize,
 }
 
 impl Cleaned {
-    /// How many numbers were replaced.
+    /// Number of replaced values.
     pub fn total(self) -> usize {
         self.nan + self.infinite + self.negative
     }
 }
 
-/// Which axis of the world the upper edge of a lat-long map shows.
+/// World axis at the upper edge of a lat-long map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum UpAxis {
-    /// Blender's: the upper edge is +z, the centre +x, and y decreases to the right. Worlds of NeRF Synthetic are so.
+    /// Blender's convention: +z at the upper edge, +x in the centre, y decreasing to the right.
+    /// NeRF Synthetic uses it.
     #[default]
     Z,
-    /// That of GaussianShader and nvdiffrec: the upper edge is +y, the centre −z, and x increases to the right.
+    /// Convention of GaussianShader and nvdiffrec: +y at the upper edge, −z in the centre, x
+    /// increasing to the right.
     Y,
 }
 
 impl UpAxis {
-    /// Where a direction of any length appears: (u, v) in [0, 1], from the upper left corner.
+    /// Map coordinates (u, v) in [0, 1] of a direction of any length, from the upper left corner.
     pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = DVec3::from(direction).normalize().to_array();
         let (turn, up) = match self {
@@ -80,7 +83,7 @@ impl UpAxis {
         [0.5 + turn / (2.0 * PI), up.clamp(-1.0, 1.0).acos() / PI]
     }
 
-    /// The unit direction that appears at (u, v).
+    /// Unit direction at map coordinates (u, v).
     pub fn direction(self, [u, v]: [f64; 2]) -> [f64; 3] {
         let (sin_turn, cos_turn) = ((u - 0.5) * 2.0 * PI).sin_cos();
         let (sin_polar, cos_polar) = (v * PI).sin_cos();
@@ -91,23 +94,23 @@ impl UpAxis {
     }
 }
 
-/// How a lat-long map stands in a world: what its upper edge shows, and in which direction its centre lies.
+/// Orientation of a lat-long map in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stand {
-    /// Along an axis of the world, in the convention of one of the field's tools.
+    /// A convention of the field, along an axis of the world.
     Axis(UpAxis),
-    /// Along no axis of the world.
+    /// A rotated map.
     Turned {
-        /// Along an axis of a world of its own.
+        /// Convention in the map's frame.
         map: UpAxis,
-        /// From that to the world.
+        /// Rotation from the map's frame to the world.
         world_from_map: DQuat,
     },
 }
 
 impl Stand {
-    /// With this direction, of any length but 0, above: as with [`UpAxis::Z`], turned by the shortest way from +z. Along +z
-    /// and +y it is as with [`UpAxis`].
+    /// Orientation with a given up direction of any length but 0: [`UpAxis::Z`] under the shortest
+    /// rotation from +z. For +z and +y it is the [`UpAxis`].
     pub fn above(direction: [f64; 3]) -> Self {
         let above = DVec3::from(direction).normalize();
         match [DVec3::Z, DVec3::Y].map(|axis| axis == above) {
@@ -117,12 +120,12 @@ impl Stand {
         }
     }
 
-    /// Along an axis of another world, from which one comes to this by a rotation.
+    /// Orientation of a map whose frame is rotated against the world.
     pub fn turned(map: UpAxis, world_from_map: DQuat) -> Self {
         Self::Turned { map, world_from_map }
     }
 
-    /// Where a direction of any length appears: (u, v) in [0, 1], from the upper left corner.
+    /// Map coordinates (u, v) in [0, 1] of a direction of any length, from the upper left corner.
     pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Axis(up) => up.place(direction),
@@ -132,7 +135,7 @@ impl Stand {
         }
     }
 
-    /// The unit direction that appears at (u, v).
+    /// Unit direction at map coordinates (u, v).
     pub fn direction(self, place: [f64; 2]) -> [f64; 3] {
         match self {
             Self::Axis(up) => up.direction(place),
@@ -148,7 +151,7 @@ impl From<UpAxis> for Stand {
 }
 
 impl LatLong {
-    /// A pixel; columns go around, rows beyond a pole continue on its other side.
+    /// Pixel at a column modulo the width; rows beyond a pole continue on its other side.
     fn pixel(&self, column: isize, row: isize) -> [f32; 3] {
         let (width, height) = (self.width as isize, self.height as isize);
         let (column, row) = match row {
@@ -160,7 +163,7 @@ impl LatLong {
         [self.rgb[start], self.rgb[start + 1], self.rgb[start + 2]]
     }
 
-    /// Bilinear between pixel centres, which are at + ½.
+    /// Bilinear lookup at (u, v); pixel centres are at + ½.
     fn sample(&self, [u, v]: [f64; 2]) -> [f32; 3] {
         let (column, across) = floor_and_rest(u * self.width as f64 - 0.5);
         let (row, down) = floor_and_rest(v * self.height as f64 - 0.5);
@@ -170,28 +173,34 @@ impl LatLong {
     }
 }
 
-/// Reads a map of any format: `.hdr` and `.exr` as they are, `.png`, `.jpg` and `.webp` decoded from sRGB.
+/// Reads a map of any format: `.hdr` and `.exr` as linear values, `.png`, `.jpg` and `.webp`
+/// decoded from sRGB.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that cannot be read or decoded, or exceed their memory budget.
 pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
     let (width, height, mut rgb) = read_linear(path)?;
     let cleaned = clean(&mut rgb);
     Ok((LatLong { width, height, rgb }, cleaned))
 }
 
-/// Whether a file is of a format that holds radiance, Radiance's or OpenEXR: others end at white, in 8 or 16 bits.
+/// Returns whether a file has a high-dynamic-range format, Radiance or OpenEXR.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read.
+/// [`Error::Read`], where the file cannot be read.
 pub fn holds_radiance(path: &Path) -> Result<bool> {
     const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
     let start = start_of(path)?;
     Ok(is_radiance(&start) || start == OPENEXR)
 }
 
-/// The size of a map, in pixels across and down, as its header says it: nothing is decoded.
+/// Reads the size of a map, width and height in pixels, from its header.
 ///
 /// # Errors
 ///
-/// Where the file cannot be read, or its header is of no format that [`read`] knows.
+/// [`Error::Read`] or [`Error::Image`] for a file that cannot be read or is of no format of
+/// [`read`].
 pub fn size(path: &Path) -> Result<[u32; 2]> {
     let reader = || Ok(BufReader::new(File::open(path).map_err(Error::reading(path))?));
     let (width, height) = if is_radiance(&start_of(path)?) {
@@ -204,7 +213,11 @@ pub fn size(path: &Path) -> Result<[u32; 2]> {
     Ok([width, height])
 }
 
-/// Writes `.hdr` (RGBE, about 1 % a step) or `.exr` (lossless).
+/// Writes `.hdr` (RGBE, steps of about 1 %) or `.exr` (lossless).
+///
+/// # Errors
+///
+/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
 pub fn write(path: &Path, map: &LatLong) -> Result<()> {
     assert_eq!(map.rgb.len(), 3 * map.width * map.height, "a pixel has three numbers");
     match ending(path).as_deref() {
@@ -214,13 +227,21 @@ pub fn write(path: &Path, map: &LatLong) -> Result<()> {
     }
 }
 
-/// Writes the six faces of a cube map, +X −X +Y −Y +Z −Z from the top, without loss, as OpenEXR.
+/// Writes the six faces of a cube map, +X −X +Y −Y +Z −Z from the top, losslessly as OpenEXR.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<()> {
     assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
     write_exr(path, resolution, 6 * resolution, values)
 }
 
-/// Reads six faces in a column: the values, bit for bit, and the resolution.
+/// Reads six faces in a column. Returns the values, bit for bit, and the resolution.
+///
+/// # Errors
+///
+/// [`Error::NotACube`] for other shapes; the errors of [`read`].
 pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
     let (width, height, values) = read_linear(path)?;
     if height != 6 * width {
@@ -229,15 +250,15 @@ pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
     Ok((values, width))
 }
 
-/// Resamples to a cube map, six faces of resolution² texels. Each texel is the mean radiance over its solid angle, so
-/// that a small sun keeps its energy.
+/// Resamples to a cube map, six faces of resolution² texels. Each texel is the mean radiance over
+/// its solid angle, so that small bright lights keep their energy.
 pub fn to_cube(map: &LatLong, resolution: usize, stand: impl Into<Stand>) -> Vec<f32> {
-    // At a face's centre a texel spans 2/resolution radians, a pixel 2π/width.
+    // At the centre of a face a texel spans 2/resolution radians, a pixel 2π/width.
     let pixels_in_texel = map.width as f64 / (PI * resolution as f64);
     cube_of(map, resolution, stand.into(), sample_count(pixels_in_texel))
 }
 
-/// Resamples to a cube map by one bilinear look-up at each texel's centre, as the authors' loader does.
+/// Resamples to a cube map by one bilinear lookup at each texel's centre, as GaussianShader does.
 pub fn to_cube_bilinear(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32> {
     cube_of(map, resolution, up.into(), 1)
 }
@@ -261,14 +282,14 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
     LatLong { width, height, rgb }
 }
 
-/// The radiance of a cube map along directions of any length but 0, bilinear between the centres of texels.
+/// Radiance of a cube map along directions of any length but 0, bilinear between texel centres.
 pub fn along(values: &[f32], resolution: usize, directions: &[[f64; 3]]) -> Vec<[f32; 3]> {
     let cube = Cube::new(values, resolution);
     directions.par_iter().map(|direction| cube.sample(*direction)).collect()
 }
 
-/// A cube map of a world with +z above as one with +y above: what comes from (x, y, z) comes from (x, z, −y), as tools
-/// turn Blender's scenes. Texels only change their places.
+/// Converts a cube map from a z-up to a y-up world: radiance from (x, y, z) arrives from (x, z,
+/// −y), the usual conversion of Blender's scenes. Texels are permuted, not resampled.
 pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
     assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
     let from = |index: usize| {
@@ -283,8 +304,8 @@ pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
     texels.flat_map(|start| [values[start], values[start + 1], values[start + 2]]).collect()
 }
 
-/// A cube map turned about an axis of unit length, by so many radians, counterclockwise to who looks against it: what
-/// came from d comes from the turned d. Bilinear between texels; a turn of zero changes nothing.
+/// Rotates a cube map about a unit axis, counterclockwise seen against the axis: radiance from d
+/// arrives from the rotated d. Bilinear between texels; a rotation by zero changes nothing.
 pub fn turned(values: &[f32], resolution: usize, axis: [f64; 3], radians: f64) -> Vec<f32> {
     if radians == 0.0 {
         return values.to_vec();
@@ -320,12 +341,12 @@ fn cube_of(map: &LatLong, resolution: usize, stand: Stand, samples: usize) -> Ve
     values
 }
 
-/// Solid angle for each unit of area on a face at distance 1: |d|⁻³.
+/// Solid angle per unit of area on a face at distance 1: |d|⁻³.
 fn solid_angle_density(direction: [f64; 3]) -> f64 {
     DVec3::from(direction).length_squared().powf(-1.5)
 }
 
-/// Weighted mean of a colour over the centres of `samples`² squares, which together fill the unit square.
+/// Weighted mean of a colour over the centres of `samples`² cells of the unit square.
 fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f32; 3] {
     let (mut sum, mut total) = ([0.0; 3], 0.0);
     let centre = |i: usize| (i as f64 + 0.5) / samples as f64;
@@ -348,12 +369,13 @@ fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
     Ok((width, height, rgb))
 }
 
-/// Whether a file begins as Radiance's do: `#?RADIANCE`, or `#?RGBE` from other tools, which `image` would refuse.
+/// Returns whether a file begins like Radiance's: `#?RADIANCE`, or `#?RGBE` from other tools, which
+/// `image` would refuse.
 fn is_radiance(start: &[u8]) -> bool {
     start.starts_with(b"#?")
 }
 
-/// The first four bytes of a file, or all if there are fewer.
+/// First four bytes of a file, or all of a shorter one.
 fn start_of(path: &Path) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     let file = File::open(path).map_err(Error::reading(path))?;
@@ -368,7 +390,7 @@ fn decode_radiance(path: &Path) -> Result<DynamicImage> {
     with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 
-/// Red, green, blue as they stand in the file: `image` clamps to [0, 1] where it converts.
+/// Red, green and blue without the clamp to [0, 1] of `image`'s conversions.
 fn floats(image: DynamicImage) -> Vec<f32> {
     match image {
         DynamicImage::ImageRgb32F(image) => image.into_raw(),
@@ -384,7 +406,7 @@ fn linear_from_srgb(srgb: f32) -> f32 {
     if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Replaces what is no radiance, and counts it.
+/// Replaces values that are no radiance, and counts them.
 fn clean(values: &mut [f32]) -> Cleaned {
     let largest = values.iter().filter(|value| value.is_finite()).fold(LARGEST_HALF, |most, value| most.max(*value));
     let mut cleaned = Cleaned::default();
@@ -409,8 +431,8 @@ fn write_hdr(path: &Path, map: &LatLong) -> Result<()> {
     })
 }
 
-/// Adds half a step of RGBE: the encoder cuts off, which would darken a map by a quarter per cent. NaN and negative
-/// values become 0, and infinity a number that has an exponent.
+/// Adds half a step of RGBE, since the encoder truncates, which would darken a map by 0.25 %. NaN
+/// and negative values become 0, infinity the largest representable number.
 fn rounded_up_half(rgb: [f32; 3]) -> [f32; 3] {
     let rgb = rgb.map(|channel| if channel > 0.0 { channel.min(LARGEST_RGBE) } else { 0.0 });
     let largest = rgb[0].max(rgb[1]).max(rgb[2]);
@@ -425,12 +447,12 @@ fn write_exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<()
     whole_file::write_bytes(path, &exr(path, width, height, rgb)?)
 }
 
-/// The bytes of [`write_cube_exr`], for a file that holds them among others.
+/// Bytes of [`write_cube_exr`], for embedding in another file.
 pub(crate) fn cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<Vec<u8>> {
     exr(path, resolution, 6 * resolution, values)
 }
 
-/// OpenEXR writes out of order and needs to seek, so it is made in memory first.
+/// Encodes OpenEXR in memory, since the encoder seeks.
 fn exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<Vec<u8>> {
     let mut bytes = Cursor::new(Vec::new());
     let encoder = codecs::openexr::OpenExrEncoder::new(&mut bytes);

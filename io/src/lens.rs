@@ -1,36 +1,38 @@
-//! Lenses, from rays to pixels, in the models of COLMAP and OpenCV; and pictures without their distortion.
+//! Lens models of COLMAP and OpenCV, and removal of their distortion from pictures.
 //!
-//! A ray through (x, y, 1) in camera axes, x to the right, y down, has the slopes (x, y). A distortion moves slopes;
-//! focal lengths and principal point make pixels of them. Pixel centres are at + ½. The formulas are those of COLMAP's
-//! page on camera models and of OpenCV's on calibration and on fisheye cameras.
+//! A ray through (x, y, 1) in camera axes, x to the right, y down, has the slopes (x, y). A
+//! distortion maps slopes to slopes; focal lengths and principal point map these to pixels. Pixel
+//! centres are at + ½. Formulas follow COLMAP's page on camera models and OpenCV's on calibration
+//! and fisheye cameras.
 
 use crate::pixels::Pixels;
 use specula_core::color::UNKNOWN;
 
-/// Steps in which the slope is sought at which a lens folds back.
+/// Steps of the search for the slope at which a polynomial folds back.
 const REACH_STEPS: u32 = 2048;
 
-/// How a lens moves the slopes of rays.
+/// Distortion of a lens: a map of ray slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Distortion {
-    /// Not at all.
+    /// No distortion.
     #[default]
     None,
-    /// Brown's polynomials with OpenCV's rational factor: COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV.
+    /// Brown's polynomials with OpenCV's rational factor: COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV,
+    /// FULL_OPENCV.
     Polynomial {
         /// k1 to k6: the factor (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶).
         radial: [f64; 6],
-        /// p1 and p2, of a lens that is not centred.
+        /// p1 and p2, for a decentred lens.
         tangential: [f64; 2],
     },
-    /// Equidistant, with a polynomial in the angle: COLMAP's SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE,
-    /// THIN_PRISM_FISHEYE.
+    /// Equidistant, with a polynomial in the angle: COLMAP's SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE,
+    /// OPENCV_FISHEYE, THIN_PRISM_FISHEYE.
     Fisheye {
         /// k1 to k4: the factor 1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸.
         radial: [f64; 4],
-        /// p1 and p2, of a lens that is not centred.
+        /// p1 and p2, for a decentred lens.
         tangential: [f64; 2],
-        /// sx1 and sy1, of one that is not parallel to the sensor.
+        /// sx1 and sy1, for a lens tilted against the sensor.
         prism: [f64; 2],
     },
     /// COLMAP's FOV (Devernay and Faugeras 2001): the factor atan(2 r tan(ω/2)) / (r ω).
@@ -41,7 +43,7 @@ pub enum Distortion {
 }
 
 impl Distortion {
-    /// The same without coefficients that do nothing.
+    /// Replaces a distortion whose coefficients are all zero by [`Distortion::None`].
     pub(crate) fn simplified(self) -> Self {
         match self {
             Self::Polynomial { radial, tangential } if radial == [0.0; 6] && tangential == [0.0; 2] => Self::None,
@@ -50,7 +52,7 @@ impl Distortion {
         }
     }
 
-    /// Where slopes are moved to.
+    /// Distorted slopes of a ray.
     pub fn apply(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         match *self {
             Self::None => [x, y],
@@ -75,7 +77,7 @@ impl Distortion {
         }
     }
 
-    /// How many times farther from the axis a ray of slope `r` is seen, but for what is not centred.
+    /// Radial factor for a ray of slope `r`, without tangential and prism terms.
     fn factor(&self, r: f64) -> f64 {
         match *self {
             Self::None => 1.0,
@@ -100,14 +102,14 @@ impl Distortion {
         }
     }
 
-    /// The largest slope up to which rays farther from the axis are seen farther from it, but no more than `most`:
-    /// beyond it a polynomial folds back, and its pixels show something else.
+    /// Largest slope, up to `most`, below which distorted slopes grow with the slope. Beyond it a
+    /// polynomial folds back, and pixels show other rays.
     fn reach(&self, most: f64) -> f64 {
         let slope_at = |step: u32| most * f64::from(step) / f64::from(REACH_STEPS);
         let mut last = 0.0;
         for step in 1..=REACH_STEPS {
             let seen = slope_at(step) * self.factor(slope_at(step));
-            // False for NaN as well.
+            // The comparison is false for NaN as well.
             if !(seen > last) {
                 return slope_at(step - 1);
             }
@@ -122,29 +124,29 @@ fn tangential_shift([p1, p2]: [f64; 2], [x, y]: [f64; 2]) -> [f64; 2] {
     [2.0 * p1 * x * y + p2 * (square + 2.0 * x * x), 2.0 * p2 * x * y + p1 * (square + 2.0 * y * y)]
 }
 
-/// What stands between a camera's rays and the pixels of a picture of some size.
+/// A lens: the map from camera rays to the pixels of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     /// Focal lengths along x and y, in pixels.
     pub focal_px: [f64; 2],
-    /// Where the axis meets the picture, in pixels from its upper left corner.
+    /// Principal point in pixels from the upper left corner.
     pub principal_px: [f64; 2],
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// What bends rays.
+    /// Distortion of ray slopes.
     pub distortion: Distortion,
 }
 
 impl Lens {
-    /// The pixel at which a ray of these slopes is seen.
+    /// Pixel position of a ray with these slopes.
     pub fn pixel_of(&self, slopes: [f64; 2]) -> [f64; 2] {
         let [x, y] = self.distortion.apply(slopes);
         [x * self.focal_px[0] + self.principal_px[0], y * self.focal_px[1] + self.principal_px[1]]
     }
 
-    /// The same lens for a picture that was made smaller or larger.
+    /// The lens for a downscaled or enlarged picture.
     pub(crate) fn resized(&self, width: u32, height: u32) -> Self {
         let [x, y] = [f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height)];
         Self {
@@ -156,9 +158,10 @@ impl Lens {
         }
     }
 
-    /// A picture as a pinhole of the same size, focal lengths and principal point would have taken it. Colours are mixed
-    /// as they are stored, in sRGB, bilinearly between the four nearest pixels, weighted with alpha. What the lens did
-    /// not see is [`UNKNOWN`], and so is what lies next to something unknown; what the pinhole does not see is lost.
+    /// Resamples a picture to a pinhole camera of the same size, focal lengths and principal point:
+    /// bilinear in sRGB between the four nearest pixels, weighted by alpha. Pixels that the lens
+    /// did not see, or next to unknown ones, are [`UNKNOWN`]; parts outside of the pinhole's view
+    /// are lost.
     pub fn undistorted(&self, picture: &Pixels) -> Pixels {
         assert_eq!([self.width, self.height], [picture.width, picture.height], "the lens is that of the picture");
         let reach = self.distortion.reach(self.farthest_slope());
@@ -172,12 +175,12 @@ impl Lens {
         Pixels { rgba, ..*picture }
     }
 
-    /// The slopes of the ray that a pinhole sees at a place of the picture.
+    /// Slopes of the pinhole's ray at a pixel position.
     fn pinhole_slopes(&self, x_px: f64, y_px: f64) -> [f64; 2] {
         [(x_px - self.principal_px[0]) / self.focal_px[0], (y_px - self.principal_px[1]) / self.focal_px[1]]
     }
 
-    /// How far from the axis a pinhole sees in the corners of the picture.
+    /// Largest slope of the pinhole's rays, in the corners of the picture.
     fn farthest_slope(&self) -> f64 {
         let [width, height] = [f64::from(self.width), f64::from(self.height)];
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
@@ -193,10 +196,10 @@ impl Lens {
 mod tests {
     use super::*;
 
-    /// Slopes that were distorted and found again, in slopes.
+    /// Error of slopes after distortion and its inverse.
     const FOUND_AGAIN: f64 = 1e-9;
-    /// Levels of 255 that a smooth picture may change by: bilinear weights and rounding, and at the border, where nothing
-    /// lies beyond the last pixels' centres, half a pixel of the steepest slope.
+    /// Difference of a smooth picture, in steps of 255: bilinear weights and rounding, and half a
+    /// pixel of the steepest slope at the border.
     const RESAMPLED: u8 = 4;
     const SIZE: [u32; 2] = [96, 64];
 
@@ -218,7 +221,7 @@ mod tests {
         distortions.map(of).to_vec()
     }
 
-    /// The slopes that a distortion moves to these, by Newton's method with differences for derivatives.
+    /// Inverts a distortion by Newton's method with finite differences.
     fn before(distortion: &Distortion, to: [f64; 2]) -> [f64; 2] {
         const STEP: f64 = 1e-6;
         let mut at = to;
@@ -246,13 +249,13 @@ mod tests {
         }
     }
 
-    /// What is to be seen in the direction of some slopes.
+    /// Test pattern as a function of ray slopes.
     fn color([x, y]: [f64; 2]) -> [u8; 4] {
         let wave = |phase: f64| (127.0 + 100.0 * (4.0 * x + 3.0 * y + phase).sin()).round() as u8;
         [wave(0.0), wave(2.0), wave(4.0), 255]
     }
 
-    /// What a lens makes of it.
+    /// Picture of the test pattern through a lens.
     fn taken_through(lens: &Lens) -> Pixels {
         let pixel = |index: u32| {
             let [x, y] = [index % lens.width, index / lens.width].map(|place| f64::from(place) + 0.5);
@@ -286,7 +289,7 @@ mod tests {
 
     #[test]
     fn a_polynomial_that_folds_back_shows_nothing_twice() {
-        // r (1 − r²) turns back at r = 1/√3 and comes to the middle again at r = 1.
+        // The map r (1 − r²) turns back at r = 1/√3 and returns to zero at r = 1.
         let folding = Distortion::Polynomial { radial: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
         assert!((folding.reach(2.0) - 3.0_f64.sqrt().recip()).abs() < 1e-3, "{}", folding.reach(2.0));
         let [width, height] = SIZE;

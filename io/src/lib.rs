@@ -1,19 +1,21 @@
-//! Bytes to core's types and back: data sets, Gaussians and points as PLY, light, pictures, the folder of a model.
+//! Files to core's types and back: data sets, Gaussians and points as PLY, light, pictures, model
+//! folders.
 //!
-//! Data is checked here, once; what comes out can be trusted. An [`Error`] is one sentence that names the file, the
-//! place in it and the remedy. Files are written beside their place and then renamed, so that a file is finished or
-//! untouched.
+//! Data is validated here, once, and can be trusted afterwards. An [`Error`] is one sentence that
+//! names the file, the place in it and, where there is one, a remedy. Files are written to a
+//! temporary name and renamed, so that a file is complete or unchanged.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
 //! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
-//! * [`latlong`]: light as `.hdr` and `.exr`, to cube maps and back; [`ktx`]: cube maps for other programs
+//! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
+//! for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations
-//! * [`model_folder`]: the output of a training, as the field's tools expect it
-//! * [`exposure`]: how the photographs of a training were exposed
-//! * [`checkpoint`]: a training put aside, so that it can go on
-//! * [`budget`]: how much memory a file may ask for, and how large a picture may be
+//! * [`model_folder`]: the output of a training, in the field's layout
+//! * [`exposure`]: exposures of the training photographs
+//! * [`checkpoint`]: the state of an interrupted training
+//! * [`budget`]: memory budgets of files, limits of picture sizes
 //!
 //! ```
 //! use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};

@@ -12,10 +12,11 @@ pub struct LoadOptions {
     pub with_test: bool,
     /// Point cloud to start from, in place of the data set's.
     pub points: Option<PathBuf>,
-    /// Folder of images that COLMAP reconstructed, within the data set. Smaller copies in a folder such as `images_4`
-    /// are read where there are any.
+    /// Folder of images that COLMAP reconstructed, within the data set. Smaller copies in a folder
+    /// such as `images_4` are read where there are any.
     pub images: String,
-    /// Every Nth photograph by name, from the first, is held out where the data set names no test views; none for 0.
+    /// Every Nth photograph by name, from the first, is held out where the data set names no test
+    /// views; none for 0.
     pub test_every: u32,
 }
 

@@ -1,4 +1,4 @@
-//! Surfaces of triangles, with a colour and a normal at each vertex: Wavefront OBJ and PLY.
+//! Triangle meshes with a colour and a normal at each vertex, as Wavefront OBJ and PLY.
 
 use crate::{
     error::{Error, Result},
@@ -13,17 +13,21 @@ use std::{
 /// Triangles and their vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Places, in the world.
+    /// Positions in world space.
     pub positions: Vec<[f32; 3]>,
-    /// Unit normals, which point out.
+    /// Outward unit normals.
     pub normals: Vec<[f32; 3]>,
     /// sRGB, in \[0, 1\].
     pub colors: Vec<[f32; 3]>,
-    /// Vertices of each triangle, counterclockwise to who looks from outside.
+    /// Vertices of each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Writes `.obj`, whose vertices have colours behind their places as most programs read them, or `.ply`.
+/// Writes `.obj`, with vertex colours behind positions as most programs read them, or `.ply`.
+///
+/// # Errors
+///
+/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
 pub fn write(path: &Path, mesh: &Mesh) -> Result<()> {
     let count = mesh.positions.len();
     assert!(mesh.normals.len() == count && mesh.colors.len() == count, "each vertex has a normal and a colour");

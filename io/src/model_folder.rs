@@ -1,16 +1,16 @@
-//! The folder of a trained model, laid out as Gaussian-splatting tools expect it.
+//! Folder of a trained model, in the layout of Gaussian-splatting tools.
 //!
 //! ```text
-//! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians; written last: where it is, all of N is
-//!         light/iteration_N/environment.exr         the light, without loss: six faces in a column
-//!         brdf_mlp/iteration_N/brdf_mlp.hdr         the light as the authors' tools read it: lat-long, y up
+//! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians, written last
+//!         light/iteration_N/environment.exr         lossless light: six faces in a column
+//!         brdf_mlp/iteration_N/brdf_mlp.hdr         light for GaussianShader: lat-long, y up
 //!         cameras.json                              test views, then training views
-//!         input.ply                                 the points that training began with
+//!         input.ply                                 initial points
 //!         cfg_args                                  settings, as Python prints them
 //!         specula.json                              settings, as specula reads them
 //!         results.json, per_view.json               quality on the test views
-//!         exposure.json                             how photographs were exposed; see [`crate::exposure`]
-//!         checkpoint.safetensors                    a training put aside; see [`crate::checkpoint`]
+//!         exposure.json                             exposures; see [`crate::exposure`]
+//!         checkpoint.safetensors                    training state; see [`crate::checkpoint`]
 //! ```
 
 use crate::{
@@ -35,26 +35,25 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Size of `brdf_mlp.hdr`, as the authors write it.
+/// Size of `brdf_mlp.hdr` in GaussianShader.
 const HDR_SIZE: [usize; 2] = [1024, 512];
-/// Resolution of a face to which the authors' tools resample `brdf_mlp.hdr`.
+/// Face resolution to which GaussianShader resamples `brdf_mlp.hdr`.
 const HDR_RESOLUTION: usize = 512;
 
-/// What RGBE may take from a light or add to it, as a share: it rounds all channels of a pixel by steps of 1/256 of the
-/// largest.
-const ROUNDED: f64 = 0.02;
-/// Settings of the training.
+/// Relative error of RGBE, which rounds all channels of a pixel to steps of 1/256 of the largest.
+const RGBE_ERROR: f64 = 0.02;
+/// File of the training's settings.
 const INFO: &str = "specula.json";
-/// Means of each measure, by method.
+/// File of mean metrics, by method.
 const RESULTS: &str = "results.json";
-/// Each measure of each view, by method.
+/// File of metrics of each view, by method.
 const PER_VIEW: &str = "per_view.json";
-/// The measure by which pictures are told from others.
-const SAME: &str = "PSNR";
-/// How far a training had come at some iterations.
+/// Metric that identifies the pictures of a method.
+const IDENTITY_METRIC: &str = "PSNR";
+/// File of metrics over the course of a training.
 const TIMELINE: &str = "timeline.json";
 
-/// Settings of a training, and what else is worth knowing of a model: `specula.json`.
+/// Description of a model in `specula.json`: settings of its training and further facts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ModelInfo {
@@ -66,34 +65,34 @@ pub struct ModelInfo {
     pub shading: String,
     /// Steps of training.
     pub iterations: u32,
-    /// Whether it was trained on white; otherwise on black.
+    /// Whether the training background was white; otherwise black.
     pub white_background: bool,
     /// Whether the test views were held out.
     pub eval: bool,
-    /// How many times smaller the images were made.
+    /// Factor by which the images were made smaller.
     pub downscale: u32,
-    /// The data set.
+    /// Path of the data set.
     pub source_path: String,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Which way is up, where the middle is and how far cameras are from it, in the data set's world; none in models of
-    /// before, and where there are no cameras.
+    /// Orientation of the scene in the data set's world; none in models of earlier versions, and
+    /// without cameras.
     #[serde(alias = "bearings", skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
-    /// Iterations of this training that are saved, the newest last; empty in models of earlier versions.
+    /// Saved iterations of this training, the newest last; empty in models of earlier versions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub saved: Vec<u32>,
-    /// Everything else, kept as it is.
+    /// Further entries, preserved as they are.
     #[serde(flatten)]
     pub rest: Map<String, Value>,
 }
 
-/// What is saved at an iteration.
+/// State of a model to be saved.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
     /// The Gaussians.
     pub gaussians: &'a Gaussians<Vec<f32>>,
-    /// Comment lines for the header of their file.
+    /// Comment lines of the PLY header.
     pub comments: &'a [String],
     /// The light; none for plain Gaussian splatting.
     pub light: Option<&'a Environment<Vec<f32>>>,
@@ -101,25 +100,29 @@ pub struct Snapshot<'a> {
     pub info: &'a ModelInfo,
 }
 
-/// A model as it was saved. Its numbers follow the conventions of files; `specula_scene::OpenedModel`
-/// converts them for its shading model, which is what a renderer needs.
+/// A model as stored, in the conventions of its files. `specula_scene::OpenedModel` converts it for
+/// its shading model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of their file.
     pub comments: Vec<String>,
-    /// Radiance itself ([`RadianceActivation::Identity`]); none for plain Gaussian splatting.
+    /// Light as radiance ([`RadianceActivation::Identity`]); none for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
-    /// Whether that is a `brdf_mlp.hdr` which somebody put in the place of the one that was saved.
+    /// Whether the light is a `brdf_mlp.hdr` that replaced the saved one.
     pub is_relit: bool,
-    /// Settings; none if another program trained it.
+    /// Settings; none for models of other programs.
     pub info: Option<ModelInfo>,
-    /// The iteration; none for a PLY file outside of a model's folder.
+    /// Iteration; none for a PLY file outside of a model folder.
     pub iteration: Option<u32>,
 }
 
-/// Writes what does not change during training: the cameras, the first points and `cfg_args`.
+/// Writes the inputs of a training: cameras, initial points and `cfg_args`.
+///
+/// # Errors
+///
+/// [`Error::Write`], where a file cannot be written.
 pub fn save_inputs(
     folder: &Path,
     train: &[NamedCamera],
@@ -132,18 +135,18 @@ pub fn save_inputs(
     whole_file::write_bytes(&folder.join("cfg_args"), namespace(cfg_args).as_bytes())
 }
 
-/// Removes what a program that was killed had half written; a folder that is not there has nothing of the kind.
+/// Removes temporary files of killed programs. A missing folder is no error.
 pub fn remove_unfinished(folder: &Path) {
-    // point_cloud/iteration_N is the deepest that is written to.
+    // The deepest folder with temporary files is point_cloud/iteration_N.
     const LEVELS: usize = 2;
     whole_file::remove_unfinished(folder, LEVELS);
 }
 
-/// Writes a model at an iteration, which becomes the newest. Earlier iterations stay.
+/// Writes a model at an iteration, which becomes the newest. Earlier iterations are kept.
 ///
 /// # Errors
 ///
-/// A file that cannot be written.
+/// [`Error::Write`], where a file cannot be written.
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
     let mut saved = saved_or_none(folder);
     saved.retain(|earlier| *earlier != iteration);
@@ -155,11 +158,11 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
 }
 
-/// Writes the settings of a training, `specula.json`, and nothing else of its model.
+/// Writes `specula.json` alone.
 ///
 /// # Errors
 ///
-/// A file that cannot be written.
+/// [`Error::Write`], where the file cannot be written.
 pub fn save_info(folder: &Path, info: &ModelInfo) -> Result<()> {
     write_info(folder, &ModelInfo { saved: saved_or_none(folder), ..info.clone() })
 }
@@ -168,8 +171,8 @@ fn write_info(folder: &Path, info: &ModelInfo) -> Result<()> {
     json::write(&folder.join(INFO), info)
 }
 
-/// Iterations that are saved already. A `specula.json` that cannot be read is written anew: it is no
-/// reason to lose a model.
+/// Saved iterations; none where `specula.json` cannot be read, since saving a model must not fail
+/// for it.
 fn saved_or_none(folder: &Path) -> Vec<u32> {
     saved_iterations(folder).unwrap_or_default()
 }
@@ -179,8 +182,7 @@ fn saved_iterations(folder: &Path) -> Result<Vec<u32>> {
     Ok(read_info(folder)?.map(|info| info.saved).unwrap_or_default())
 }
 
-/// Whether a folder holds a model, or the checkpoint of one: files that another training would hide,
-/// or be hidden by.
+/// Returns whether a folder holds a model or a checkpoint.
 pub fn holds_training(folder: &Path) -> bool {
     folder.join(INFO).is_file()
         || checkpoint::place(folder).is_file()
@@ -188,13 +190,13 @@ pub fn holds_training(folder: &Path) -> bool {
 }
 
 /// Removes a training from a folder: its models, lights, results, checkpoint and pictures, by the
-/// names that [`self`] lists. Other files stay.
+/// names of [`self`]. Other files are kept.
 ///
 /// # Errors
 ///
-/// A file that cannot be removed.
+/// [`Error::Write`], where a file cannot be removed.
 pub fn remove_training(folder: &Path) -> Result<()> {
-    // What opens a model goes first, so that nothing half removed is taken for one.
+    // Gaussians go first, so that a half-removed model cannot be opened.
     for iterations in ["point_cloud", "light", "brdf_mlp"] {
         remove_children(&folder.join(iterations), |name| name.starts_with("iteration_"))?;
     }
@@ -203,7 +205,7 @@ pub fn remove_training(folder: &Path) -> Result<()> {
         remove(&file)?;
     }
     exposure::remove(folder)?;
-    // Pictures of the model: `<what>/ours_N`, beside `relight/<light>/ours_N`.
+    // Pictures of the model: `<layer>/ours_N`, and `relight/<light>/ours_N`.
     for what in folders_in(folder) {
         remove_children(&what, is_of_method)?;
         for nested in folders_in(&what) {
@@ -217,7 +219,7 @@ fn is_of_method(name: &str) -> bool {
     name.strip_prefix("ours_").is_some_and(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
 }
 
-/// Folders in a folder, without symbolic links; none where it cannot be read.
+/// Subfolders without symbolic links; none where the folder cannot be read.
 fn folders_in(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|entry| entry.path()).collect()
@@ -248,32 +250,41 @@ fn radiance_of(light: &Environment<Vec<f32>>) -> Vec<f32> {
     light.values.iter().map(|number| radiance(light.activation, *number)).collect()
 }
 
-/// Quality on the test views: for each measure its mean, and its value for each view.
+/// Metrics on the test views: name, mean, and the value of each view.
 pub type Quality = Vec<(String, f64, Vec<(String, f64)>)>;
 
-/// What the results of an iteration are filed under, where it is rendered as it was trained: the field's word.
+/// Key of an iteration's results by the field's convention.
 pub fn method_of(iteration: u32) -> String {
     format!("ours_{iteration}")
 }
 
-/// Writes `results.json` and `per_view.json` under the name of a method; what they say of other methods stays.
+/// Writes the metrics of a method to `results.json` and `per_view.json`. Entries of other methods
+/// are kept.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()> {
     file_quality(folder, method, quality, Map::new(), [Map::new(), Map::new()])
 }
 
-/// The same beside what the files say of other measures of that method, as long as that is of the same pictures; `facts` go
-/// to `results.json` as well.
+/// Adds metrics to a method's earlier ones, which are kept if they are of the same pictures;
+/// `facts` are written to `results.json` as well.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<String, Value>) -> Result<()> {
     let [mut means, mut per_view] = [read_method(folder, RESULTS, method)?, read_method(folder, PER_VIEW, method)?];
-    // Equal PSNR of every view: the same pictures against the same truth.
-    let measured = quality.iter().find(|(measure, ..)| measure == SAME).map(|(_, _, views)| object(views));
-    if per_view.get(SAME) != measured.as_ref() {
+    // Equal PSNR of every view identifies the same pictures and the same ground truth.
+    let measured = quality.iter().find(|(measure, ..)| measure == IDENTITY_METRIC).map(|(_, _, views)| object(views));
+    if per_view.get(IDENTITY_METRIC) != measured.as_ref() {
         (means, per_view) = Default::default();
     }
     file_quality(folder, method, quality, facts, [means, per_view])
 }
 
-/// Files what was measured, and `facts` with the means, over what was said before.
+/// Writes metrics and `facts` over the earlier entries of a method.
 fn file_quality(
     folder: &Path,
     method: &str,
@@ -292,7 +303,7 @@ fn means_of(quality: &Quality) -> Map<String, Value> {
     quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect()
 }
 
-/// What a file of the folder says of a method; nothing where it says nothing.
+/// Entry of a method in a file of the folder; empty where there is none.
 fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Value>> {
     let mut all = read_all(&folder.join(name))?;
     Ok(match all.remove(method) {
@@ -301,8 +312,12 @@ fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Va
     })
 }
 
-/// Writes into `timeline.json` how far a training had come at an iteration: its seconds so far, its Gaussians and the
-/// means of each measure. What it says of other iterations stays.
+/// Writes the progress of a training at an iteration to `timeline.json`: seconds, number of
+/// Gaussians and mean metrics. Entries of other iterations are kept.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usize, quality: &Quality) -> Result<()> {
     let mut facts = means_of(quality);
     facts.insert("seconds".into(), seconds.into());
@@ -320,17 +335,17 @@ fn put(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
     json::write(path, &all)
 }
 
-/// What a file says of each method; nothing where there is none.
+/// Entries of all methods; empty where the file does not exist.
 fn read_all(path: &Path) -> Result<Map<String, Value>> {
     if path.is_file() { json::read(path, &FACTS) } else { Ok(Map::new()) }
 }
 
-/// Newest iteration of a model: the last that its training saved, or the highest in the folder where
-/// `specula.json` lists none.
+/// Newest iteration of a model: the last one of `specula.json`, or the highest on disk where it
+/// lists none.
 ///
 /// # Errors
 ///
-/// A folder without a model, or that cannot be read.
+/// [`Error::NoModel`] without a model, [`Error::Read`] for a folder that cannot be read.
 pub fn latest_iteration(folder: &Path) -> Result<u32> {
     let mut saved = saved_iterations(folder)?.into_iter().rev();
     if let Some(newest) = saved.find(|iteration| gaussians_at(folder, *iteration).is_file()) {
@@ -341,7 +356,7 @@ pub fn latest_iteration(folder: &Path) -> Result<u32> {
         .ok_or_else(|| Error::NoModel { path: folder.to_owned(), iteration: "N".into() })
 }
 
-/// Highest iteration whose Gaussians are in the folder.
+/// Highest iteration whose Gaussians exist.
 fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
     let entries = match fs::read_dir(folder.join("point_cloud")) {
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -351,15 +366,23 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
     Ok(iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max())
 }
 
-/// Opens the last iteration of a model, or a PLY file, together with the light and settings around it.
+/// Opens the newest iteration of a model, or a PLY file, with its light and settings.
 ///
-/// A model of the authors' own tools, which has only `brdf_mlp.hdr`, gets its light from there; so does one whose
-/// `brdf_mlp.hdr` was replaced by another map, as the authors' users relight.
+/// Models of GaussianShader, which have only `brdf_mlp.hdr`, get their light from it; so do models
+/// whose `brdf_mlp.hdr` was replaced by another map, the usual way to relight.
+///
+/// # Errors
+///
+/// An error of [`Error`] for files that are missing, cannot be read or are invalid.
 pub fn open(path: &Path) -> Result<Model> {
     if path.is_dir() { open_iteration(path, latest_iteration(path)?) } else { open_ply(path) }
 }
 
-/// Opens a model as it was at an iteration.
+/// Opens a model at an iteration.
+///
+/// # Errors
+///
+/// [`Error::NoModel`] for an iteration that does not exist, and the errors of [`open`].
 pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
     let path = gaussians_at(folder, iteration);
     if !path.is_file() {
@@ -392,7 +415,7 @@ fn open_ply(path: &Path) -> Result<Model> {
     })
 }
 
-/// The model's folder and iteration, if a PLY file is at its place in one.
+/// Model folder and iteration of a PLY file inside of one.
 fn model_around(path: &Path) -> Option<(PathBuf, u32)> {
     let path = path.canonicalize().ok()?;
     let iteration = iteration_of(path.parent()?)?;
@@ -405,17 +428,17 @@ fn iteration_of(folder: &Path) -> Option<u32> {
     folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse().ok()
 }
 
-/// Settings of a training, from `specula.json`; none where another program trained the model.
+/// Reads `specula.json`; none where another program trained the model.
 ///
 /// # Errors
 ///
-/// A file that cannot be read.
+/// [`Error::Read`], [`Error::Json`] or [`Error::TooLarge`].
 pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     let path = folder.join(INFO);
     if path.is_file() { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
 }
 
-/// The light, and whether it is another than was saved.
+/// Reads the light, and whether it replaces the saved one.
 fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f32>>>, bool)> {
     let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
     let exact = if exact.is_file() { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
@@ -434,7 +457,7 @@ fn identity((values, resolution): (Vec<f32>, usize)) -> Environment<Vec<f32>> {
     Environment { resolution, activation: RadianceActivation::Identity, values }
 }
 
-/// Whether a map is what [`save`] makes of a light, up to what RGBE rounds.
+/// Returns whether a map is the saved one of a light, within the error of RGBE.
 fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
     let [width, height] = HDR_SIZE;
     if [map.width, map.height] != HDR_SIZE {
@@ -443,32 +466,32 @@ fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
     let own = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Y);
     let radiance = own.rgb.iter().map(|radiance| f64::from(*radiance));
     let differences = own.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
-    // Not a number, where one is infinite, is no difference that anybody made.
-    !(differences.sum::<f64>() > ROUNDED * radiance.sum::<f64>())
+    // The comparison is false for NaN, which an infinite radiance yields: that is no replacement.
+    !(differences.sum::<f64>() > RGBE_ERROR * radiance.sum::<f64>())
 }
 
-/// Where the Gaussians of an iteration are.
+/// Path of the Gaussians of an iteration.
 pub fn gaussians_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("point_cloud/iteration_{iteration}/point_cloud.ply"))
 }
 
-/// Where the light of an iteration is, without loss.
+/// Path of the lossless light of an iteration.
 pub fn light_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("light/iteration_{iteration}/environment.exr"))
 }
 
-/// Where the light of an iteration is for the authors' tools.
+/// Path of the light of an iteration for GaussianShader.
 pub fn hdr_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("brdf_mlp/iteration_{iteration}/brdf_mlp.hdr"))
 }
 
-/// Settings as Python prints `argparse`'s result, which the field's scripts evaluate.
+/// Prints settings like Python's `argparse.Namespace`, which the field's scripts evaluate.
 fn namespace(settings: &[(&str, Value)]) -> String {
     let words: Vec<String> = settings.iter().map(|(name, value)| format!("{name}={}", python(value))).collect();
     format!("Namespace({})", words.join(", "))
 }
 
-/// A value in Python's notation.
+/// Prints a value in Python's notation.
 fn python(value: &Value) -> String {
     match value {
         Value::Null => "None".into(),

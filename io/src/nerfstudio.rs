@@ -1,4 +1,4 @@
-//! Data sets of nerfstudio and instant-ngp: one `transforms.json` for all views, with the lens that took them.
+//! Data sets of nerfstudio and instant-ngp: one `transforms.json` with all views and their lens.
 
 use crate::{
     colmap,
@@ -14,7 +14,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The list of all views; a folder that has it is such a data set.
+/// List of all views, which identifies the format.
 pub(crate) const LIST: &str = "transforms.json";
 
 /// Lists a data set, and reads its points.
@@ -43,7 +43,7 @@ fn posed(transforms: &Transforms, frame: &Frame, shared: &Path) -> Result<Posed>
     })
 }
 
-/// Where the file names views to fit, the others are not fitted.
+/// Removes frames that the file's lists of training and test views omit.
 fn leave_out_unnamed(transforms: &mut Transforms, notes: &mut Vec<String>) {
     let Some(train) = transforms.rest.train_filenames.clone() else { return };
     let named: HashSet<String> =
@@ -56,7 +56,7 @@ fn leave_out_unnamed(transforms: &mut Transforms, notes: &mut Vec<String>) {
     }
 }
 
-/// Names of views to judge by, where the file says them.
+/// Names of test views, where the file lists them.
 fn held_out_names(transforms: &Transforms) -> Option<&Vec<String>> {
     let rest = &transforms.rest;
     rest.test_filenames.as_ref().or(rest.val_filenames.as_ref()).filter(|names| !names.is_empty())
@@ -69,7 +69,7 @@ fn held_out(transforms: &Transforms, shared: &Path, options: &LoadOptions) -> He
     }
 }
 
-/// The folder that all images are in; none if they are in several.
+/// Common folder of all images; empty if there are several.
 fn shared_folder(frames: &[Frame]) -> PathBuf {
     let first = |frame: &Frame| {
         let mut parts = Path::new(frame.file_path.trim_start_matches("./")).components();
@@ -80,13 +80,14 @@ fn shared_folder(frames: &[Frame]) -> PathBuf {
     shared.filter(|shared| frames.iter().all(|frame| first(frame).as_ref() == Some(shared))).unwrap_or_default()
 }
 
-/// A path relative to the shared folder.
+/// Path relative to the common folder.
 fn within(shared: &Path, file_path: &str) -> PathBuf {
     let path = Path::new(file_path.trim_start_matches("./"));
     path.strip_prefix(shared).unwrap_or(path).to_owned()
 }
 
-/// Points in the world of the frames: those that the file names, or COLMAP's, moved as its cameras were.
+/// Points in the world of the frames: those that the file names, or COLMAP's under the file's
+/// transform.
 fn points(
     transforms: &Transforms,
     folder: &Path,
@@ -112,7 +113,7 @@ fn points(
     Ok(Some(points))
 }
 
-/// Moves points by a matrix of three rows; one of another size moves nothing.
+/// Transforms points by the first three rows of a matrix; fewer rows change nothing.
 fn apply(rows: &[[f64; 4]], points: &mut PointCloud) {
     let [a, b, c, ..] = rows else { return };
     let column = |k: usize| DVec3::new(a[k], b[k], c[k]);

@@ -1,5 +1,5 @@
-//! What data sets of photographs have in common: a folder of images, perhaps with smaller copies and masks beside it,
-//! and one list of cameras, of which every so manieth is held out.
+//! Listing of photographs from one list of cameras: a folder of images, optional smaller copies and
+//! masks beside it, and held-out views.
 
 use crate::{
     error::{Error, Result},
@@ -9,48 +9,48 @@ use crate::{
 };
 use std::{collections::HashSet, path::PathBuf};
 
-/// The folder of masks, beside that of the images.
+/// Folder of masks, beside the folder of images.
 const MASKS: &str = "masks";
-/// So many names are spelled out in a note.
+/// Most names that a note spells out.
 const NAMES_MAX: usize = 3;
 
-/// A camera of a list, and what its image is called there.
+/// A camera of a list, with the name of its image.
 pub(crate) struct Posed {
-    /// The image, relative to the folder of images.
+    /// Image, relative to the folder of images.
     pub(crate) image: PathBuf,
-    /// A picture of what counts in it, where the list names one.
+    /// Mask, where the list names one.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) pose: Pose,
     pub(crate) measured_size: Option<[u32; 2]>,
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
 }
 
-/// Which views are held out.
+/// Rule for held-out views.
 pub(crate) enum HeldOut {
-    /// Every so manieth by name, from the first; none for 0.
+    /// Every Nth view by name, from the first, is held out; none for 0.
     Every(u32),
-    /// Those that the list names; the names are those of images.
+    /// Images that the list names.
     Named(HashSet<PathBuf>),
 }
 
-/// Where images are.
+/// Folders of a data set.
 pub(crate) struct Folders {
-    /// The data set's.
+    /// Root of the data set.
     pub(crate) root: PathBuf,
-    /// That of its images.
+    /// Folder of the images.
     pub(crate) images: PathBuf,
 }
 
 impl Folders {
-    /// The image of a camera, and how many times smaller it is still to become: a copy from a folder such as `images_4`
-    /// where there is one, and where it is known for what size the lens was measured.
+    /// Finds the image of a camera and its remaining downscaling factor. A copy in a folder such as
+    /// `images_4` is taken where it exists and the calibrated size of the lens is known.
     fn image_of(&self, camera: &Posed, downscale: u32) -> Option<(PathBuf, u32)> {
         let may_be_copy = downscale > 1 && camera.measured_size.is_some();
         let copy = may_be_copy.then(|| find_image(&self.smaller(downscale).join(&camera.image))).flatten();
         copy.map(|copy| (copy, 1)).or_else(|| Some((find_image(&self.images.join(&camera.image))?, downscale)))
     }
 
-    /// `images_4` beside `images`.
+    /// Folder of smaller copies: `images_4` for `images`.
     fn smaller(&self, downscale: u32) -> PathBuf {
         let mut name = self.images.as_os_str().to_owned();
         name.push(format!("_{downscale}"));
@@ -58,8 +58,12 @@ impl Folders {
     }
 }
 
-/// Lists photographs by name. One that is not there is left out with a note, for people remove what is blurred; where
-/// none is there, that is an error.
+/// Lists photographs by name. Missing images are skipped with a note, since users delete blurred
+/// ones.
+///
+/// # Errors
+///
+/// [`Error::NoImages`], where all are missing.
 pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, options: &LoadOptions) -> Result<Listing> {
     let mut listing = Listing::default();
     let mut found = Vec::with_capacity(posed.len());
@@ -99,7 +103,7 @@ fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders) -> Shot
     Shot { name: name_of(&image), image: file, mask, normal: None, pose, measured_size, lens, downscale }
 }
 
-/// Names of views have no folder, but where two would be the same.
+/// Adds folders to the names of views where names would be equal otherwise.
 fn name_apart(found: &mut [(PathBuf, Shot)]) {
     let names: HashSet<&str> = found.iter().map(|(_, shot)| shot.name.as_str()).collect();
     if names.len() < found.len() {

@@ -1,6 +1,6 @@
-//! Pictures for people: renderings, normals, depths and errors as 8-bit images, comparisons and animations.
+//! Pictures for display: renderings, normals, depths and errors in 8 bits, montages and animations.
 //!
-//! Planes are those of [`specula_core::scene::Image`]: one number of every pixel, rows from the top.
+//! Planes follow [`specula_core::scene::Image`]: one number per pixel, rows from the top.
 
 use crate::{
     error::{Error, Result},
@@ -22,34 +22,34 @@ use std::{
 
 pub use image::RgbImage;
 
-/// Where coverage is at most this, a pixel shows the background.
+/// Coverage up to which a pixel shows the background.
 const COVERED: f32 = 0.5;
-/// Colour of normal maps where there is no normal.
+/// Colour of pixels without normals.
 const NO_NORMAL: [u8; 3] = [128; 3];
-/// Colour of depth maps where there is no depth.
+/// Colour of pixels without depth.
 const NO_DEPTH: [u8; 3] = [0; 3];
 
-/// Space between images of a montage, in pixels.
+/// Gap between the images of a montage in pixels.
 const GAP_PX: u32 = 4;
-/// Letters have 8 × 8 dots of this many pixels.
+/// Pixels of a dot; a letter has 8 × 8 dots.
 const DOT_PX: u32 = 2;
-/// Height of a caption, in pixels: letters and some air.
+/// Height of a caption in pixels.
 const CAPTION_PX: u32 = 8 * DOT_PX + 8;
 const PAPER: Rgb<u8> = Rgb([255; 3]);
 const INK: Rgb<u8> = Rgb([30; 3]);
 
-/// A number from 0 to 1 as a byte, rounded to nearest; NaN becomes 0.
+/// Byte of a number in [0, 1], rounded to nearest; NaN becomes 0.
 pub(crate) fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// Three planes of sRGB as an image.
+/// Image of three sRGB planes.
 pub fn rgb(width: usize, height: usize, planes: &[f32]) -> RgbImage {
     let size = checked_size(width, height, planes, 3);
     image_of(width, height, |pixel| core::array::from_fn(|channel| byte(planes[channel * size + pixel])))
 }
 
-/// Normals as colours, 0.5 + 0.5 n; grey where coverage is at most one half.
+/// Normals as colours 0.5 + 0.5 n; grey where coverage is at most one half.
 pub fn normals(width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> RgbImage {
     let size = checked_size(width, height, planes, 3);
     checked_size(width, height, alpha, 1);
@@ -57,7 +57,8 @@ pub fn normals(width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> Rg
     image_of(width, height, |pixel| if alpha[pixel] > COVERED { color(pixel) } else { NO_NORMAL })
 }
 
-/// Depths in Google's turbo colours, near is red; from the nearest to the farthest where coverage is above one half.
+/// Depths in Google's Turbo colours, red is near, scaled to the range of pixels with coverage above
+/// one half.
 pub fn depth(width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> RgbImage {
     checked_size(width, height, depths, 1);
     checked_size(width, height, alpha, 1);
@@ -74,7 +75,8 @@ pub fn depth(width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> RgbI
     )
 }
 
-/// Differences of two images of equal size as colours: black is none, pale yellow is `full_scale` (of 0 to 1) or more.
+/// Absolute differences of two images in Inferno colours: black is zero, pale yellow is
+/// `full_scale` (in [0, 1]) or more.
 pub fn error_map(ours: &RgbImage, truth: &RgbImage, full_scale: f32) -> RgbImage {
     assert_eq!(ours.dimensions(), truth.dimensions(), "images of equal size are compared");
     let difference = |(a, b): (&u8, &u8)| f32::from(a.abs_diff(*b)) / 255.0;
@@ -85,12 +87,13 @@ pub fn error_map(ours: &RgbImage, truth: &RgbImage, full_scale: f32) -> RgbImage
     })
 }
 
-/// A preview of light: sRGB of the radiance, cut off at 1.
+/// Preview of a lat-long map: radiance in sRGB, clipped at 1.
 pub fn tone_map_latlong(map: &LatLong) -> RgbImage {
     image_of(map.width, map.height, |pixel| core::array::from_fn(|k| byte(srgb_from_linear(map.rgb[3 * pixel + k]))))
 }
 
-/// The image with no edge longer than so many pixels: means of what is made smaller, or else as it is.
+/// Downscales an image to an edge of at most `edge` pixels by averaging; smaller images are
+/// unchanged.
 pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
     let longer = image.width().max(image.height());
     if longer <= edge {
@@ -100,7 +103,11 @@ pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
     imageops::thumbnail(image, scaled(image.width()), scaled(image.height()))
 }
 
-/// Writes three planes of sRGB as PNG, with straight alpha if there is a fourth.
+/// Writes three sRGB planes as PNG, with straight alpha if given.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha: Option<&[f32]>) -> Result<()> {
     let opaque = rgb(width, height, planes);
     let Some(alpha) = alpha else { return write(path, &opaque) };
@@ -111,6 +118,10 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha
 }
 
 /// Writes a plane as a grey PNG.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_gray(path: &Path, width: usize, height: usize, plane: &[f32]) -> Result<()> {
     checked_size(width, height, plane, 1);
     let bytes = plane.iter().map(|value| byte(*value)).collect();
@@ -119,21 +130,33 @@ pub fn write_gray(path: &Path, width: usize, height: usize, plane: &[f32]) -> Re
 }
 
 /// Writes [`normals`] as PNG.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_normals(path: &Path, width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> Result<()> {
     write(path, &normals(width, height, planes, alpha))
 }
 
 /// Writes [`depth`] as PNG.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> Result<()> {
     write(path, &depth(width, height, depths, alpha))
 }
 
 /// Writes an image as PNG.
+///
+/// # Errors
+///
+/// [`Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, image: &RgbImage) -> Result<()> {
     write_png(path, &image.clone().into())
 }
 
-/// An image as the bytes of a PNG, packed fast rather than tightly.
+/// Encodes an image as PNG, for speed rather than size.
 pub fn to_png(image: &RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder =
@@ -142,7 +165,7 @@ pub fn to_png(image: &RgbImage) -> Vec<u8> {
     bytes
 }
 
-/// An image as the bytes of a JPEG; `quality` is 1 to 100.
+/// Encodes an image as JPEG with `quality` from 1 to 100.
 pub fn to_jpeg(image: &RgbImage, quality: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     encode(image, codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, quality));
@@ -183,28 +206,28 @@ fn srgb_from_linear(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// An image of a montage and what is written above it.
+/// An image of a montage with its caption.
 #[derive(Clone, Debug)]
 pub struct Panel {
     /// The image.
     pub image: RgbImage,
-    /// The words; with none in a whole row, no room is left for them.
+    /// Caption; rows without captions leave no space for them.
     pub caption: String,
 }
 
 impl Panel {
-    /// An image with words above it.
+    /// Creates a panel.
     pub fn new(image: RgbImage, caption: impl Into<String>) -> Self {
         Self { image, caption: caption.into() }
     }
 }
 
-/// Images beside each other, without words.
+/// Montage of a row of images without captions.
 pub fn side_by_side(images: &[RgbImage]) -> RgbImage {
     montage(&[images.iter().map(|image| Panel::new(image.clone(), "")).collect()])
 }
 
-/// Rows of images, from the top, with captions.
+/// Montage of rows of images with captions, from the top.
 pub fn montage(rows: &[Vec<Panel>]) -> RgbImage {
     let rows: Vec<RgbImage> = rows.iter().filter(|row| !row.is_empty()).map(|row| row_of(row)).collect();
     let width = rows.iter().map(RgbImage::width).max().unwrap_or(1);
@@ -232,7 +255,7 @@ fn row_of(panels: &[Panel]) -> RgbImage {
     row
 }
 
-/// Writes the words, centred; what does not fit above the image is left out.
+/// Draws the centred caption, truncated to the width of the image.
 fn write_caption(row: &mut RgbImage, left: u32, panel: &Panel) {
     let fitting = (panel.image.width() / (8 * DOT_PX)) as usize;
     let letters: Vec<char> = panel.caption.chars().take(fitting).collect();
@@ -252,9 +275,14 @@ fn draw_letter(row: &mut RgbImage, left: u32, top: u32, letter: char) {
     }
 }
 
-/// Writes frames of equal size, each shown for `frame_ms` milliseconds, over and over.
+/// Writes an endless animation of frames of equal size, each shown for `frame_ms` milliseconds.
 ///
-/// `.png` is an animated PNG in exact colours, which every browser plays; `.gif` has 256 colours a frame.
+/// `.png` is an animated PNG in full colour, which every browser plays; `.gif` has 256 colours per
+/// frame.
+///
+/// # Errors
+///
+/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
 pub fn write_animation(path: &Path, frames: &[RgbImage], frame_ms: u16) -> Result<()> {
     assert!(!frames.is_empty(), "an animation has at least one frame");
     assert!(frames.iter().all(|frame| frame.dimensions() == frames[0].dimensions()), "frames are of equal size");
@@ -282,7 +310,7 @@ fn animated_png(frames: &[RgbImage], frame_ms: u16) -> core::result::Result<Vec<
 }
 
 fn animated_gif(frames: &[RgbImage], frame_ms: u16) -> image::ImageResult<Vec<u8>> {
-    /// From 1, best, to 30; what the encoder takes for a good compromise.
+    /// Quality from 1, best, to 30; the encoder's default.
     const SPEED: i32 = 10;
     let mut bytes = Vec::new();
     let mut encoder = gif::GifEncoder::new_with_speed(bytes.by_ref(), SPEED);

@@ -1,4 +1,4 @@
-//! Photographs, masks and normal maps in memory, and the area average that makes them smaller.
+//! Photographs, masks and normal maps in memory, and downscaling by area averages.
 
 use crate::{
     budget::{PICTURE, PICTURE_NOTES_MAX, len_of},
@@ -15,69 +15,77 @@ use std::{
     path::Path,
 };
 
-/// A picture's future, in bytes of each of its pixels.
+/// Memory of a decoded picture after decoding, in bytes per pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Future {
-    /// Bytes that a pixel is turned into, while those that were decoded are there.
+    /// Bytes after conversion, held beside the decoded ones.
     pub(crate) converted: u64,
-    /// Bytes at most of all that is made of it later, when those are gone.
+    /// Most bytes of later stages, held after the decoded ones are freed.
     pub(crate) later: u64,
 }
 
-/// Red, green, blue and alpha; then sums of five numbers for every fourth of them, where it becomes half as large.
+/// RGBA; then sums of five numbers for every fourth pixel, where the picture is halved.
 const PHOTOGRAPH: Future = Future { converted: 4, later: 10 };
-/// Grey and alpha, then whether it counts.
+/// Grey and alpha, then a flag.
 const MASK: Future = Future { converted: 2, later: 3 };
-/// As a photograph; then three numbers and whether there are any, beside sums of four at another size.
+/// RGBA; then a normal and a flag, beside sums of four numbers at another size.
 const NORMALS: Future = Future { converted: 4, later: 4 + 13 + NORMALS_RESIZED };
-/// Bytes of each pixel of normals that take another size: sums of four numbers, and what becomes of them.
+/// Bytes per pixel of resampled normals: sums of four numbers, a normal and a flag.
 pub(crate) const NORMALS_RESIZED: u64 = 16 + 13;
 
-/// A photograph as it was stored: eight bits a channel, sRGB, straight alpha.
+/// A photograph as stored: eight bits per channel, sRGB, straight alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pixels {
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Red, green, blue, alpha of each pixel, rows from the top; [`UNKNOWN`] where nothing is known of it.
+    /// Red, green, blue, alpha of each pixel, rows from the top; [`UNKNOWN`] for masked pixels.
     pub rgba: Vec<u8>,
 }
 
-/// A photograph as it was opened.
+/// A decoded photograph.
 pub(crate) struct OpenedPixels {
-    /// All of them, or means over squares of them.
+    /// Pixels at full size, or averaged over squares of them.
     pub(crate) pixels: Pixels,
-    /// How many pixels it has, in a row and in rows.
+    /// Width and height at full size.
     pub(crate) size: [u32; 2],
-    /// Whether it was turned as its EXIF data say.
+    /// Whether the picture was rotated by its EXIF orientation.
     pub(crate) is_turned: bool,
 }
 
 impl OpenedPixels {
-    /// The picture at a size, as [`Pixels::resized`] makes it; as it is where it has that.
+    /// Resamples the picture to a size as [`Pixels::resized`] does.
     pub(crate) fn resized(self, [width, height]: [u32; 2]) -> Pixels {
         let found = [self.pixels.width, self.pixels.height];
         if found == self.size {
             return if found == [width, height] { self.pixels } else { self.pixels.resized(width, height) };
         }
-        // Of squares at the edges a part may lie outside of the picture.
+        // Squares at the right and lower edges may extend beyond the picture.
         let side = f64::from(self.size[0].div_ceil(found[0]));
         self.pixels.averaged(self.size.map(|size| f64::from(size) / side), [width, height])
     }
 }
 
 impl Pixels {
-    /// Decodes an image of any format and depth; without an alpha channel it is opaque. EXIF data are not looked at.
+    /// Decodes an image of any format and depth, opaque without an alpha channel. EXIF data are
+    /// ignored.
+    ///
+    /// # Errors
+    ///
+    /// An error of [`crate::Error`] for files that cannot be read or decoded, or exceed their
+    /// memory budget.
     pub fn read(path: &Path) -> Result<Self> {
         Ok(Self::of(decode(path, PHOTOGRAPH)?))
     }
 
-    /// Decodes an image as its camera has it. `fits` says whether a picture of some size has the camera's shape, as far
-    /// as that is known. Programs that find cameras look at pictures as they are stored, so a picture is turned as its
-    /// EXIF data say only where it fits turned and not as it is, or where nothing is known of its camera's size.
+    /// Decodes an image with the orientation of its camera. `fits` returns whether a size has the
+    /// camera's aspect ratio, if that is known. Structure from motion uses pictures as stored; a
+    /// picture is therefore rotated by its EXIF orientation only if it fits rotated and not as
+    /// stored, or if the camera's size is unknown.
     ///
-    /// Where it is to become `downscale` times smaller, and a way is known to decode less than all of it, less is decoded.
+    /// Pictures that are to become `downscale` times smaller are decoded at a lower resolution
+    /// where the format allows it.
     pub(crate) fn open(path: &Path, downscale: u32, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
         if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
             return Ok(OpenedPixels { pixels: Self::of(image), size, is_turned: false });
@@ -101,19 +109,19 @@ impl Pixels {
         let image = image.into_rgba8();
         let (width, height) = image.dimensions();
         let mut rgba = image.into_raw();
-        // No picture may say by chance that a pixel is unknown.
+        // Black transparent pixels stored in the file must not read as [`UNKNOWN`].
         rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.fill(0));
         Self { width, height, rgba }
     }
 
-    /// The average colour over the area of each new pixel, weighted with alpha, so that what is invisible does not
-    /// bleed into edges. Colours are averaged as they are stored, in sRGB. Of unknown pixels nothing is taken; where they
-    /// are more than half of the area, the new pixel is unknown.
+    /// Averages colours over the area of each new pixel, weighted by alpha so that invisible pixels
+    /// do not bleed into edges, in sRGB as stored. Unknown pixels have no weight; a new pixel is
+    /// unknown where they cover more than half of it.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         self.averaged([self.width, self.height].map(f64::from), [width, height])
     }
 
-    /// The same, of a picture that ends so many pixels to the right and below.
+    /// Averages a picture whose right and lower edges lie at `from`, in pixels.
     fn averaged(&self, from: [f64; 2], [width, height]: [u32; 2]) -> Self {
         let average = |x: usize, y: usize| {
             let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
@@ -123,11 +131,12 @@ impl Pixels {
         Self { width, height, rgba: averages.into_iter().flat_map(straighten).collect() }
     }
 
-    /// The colour at a place of the picture, in pixels from its upper left corner: bilinear between the four nearest
-    /// pixels, weighted with alpha, and unknown outside or where one of them is unknown.
+    /// Colour at a position in pixels from the upper left corner: bilinear between the four nearest
+    /// pixels, weighted by alpha, and [`UNKNOWN`] outside of the picture or beside an unknown
+    /// pixel.
     pub(crate) fn between(&self, [x, y]: [f64; 2]) -> [u8; 4] {
         let [width, height] = [self.width, self.height].map(f64::from);
-        // False for NaN.
+        // The comparison is false for NaN as well.
         if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
             return UNKNOWN;
         }
@@ -153,7 +162,7 @@ impl Pixels {
         straighten(sum)
     }
 
-    /// How many pixels are unknown.
+    /// Number of unknown pixels.
     pub(crate) fn unknown_count(&self) -> usize {
         self.rgba.chunks_exact(4).filter(|pixel| is_unknown(pixel)).count()
     }
@@ -168,7 +177,8 @@ fn with_zero([red, green, blue, alpha]: [f32; 4]) -> [f32; 5] {
     [red, green, blue, alpha, 0.0]
 }
 
-/// From a mean of premultiplied colours and alphas, and the share of the area of which nothing is known.
+/// Converts a mean of premultiplied colours and alphas, with the share of unknown area, to straight
+/// alpha.
 fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> [u8; 4] {
     if unknown > 0.5 {
         return UNKNOWN;
@@ -177,7 +187,7 @@ fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> [u8; 4] {
     [red * scale, green * scale, blue * scale, alpha / (1.0 - unknown) * 255.0].map(|channel| (channel + 0.5) as u8)
 }
 
-/// What counts of a photograph.
+/// Mask of the valid pixels of a photograph.
 pub(crate) struct Mask {
     width: u32,
     height: u32,
@@ -185,7 +195,8 @@ pub(crate) struct Mask {
 }
 
 impl Mask {
-    /// Decodes a mask: what is white and opaque counts, what is black or transparent does not; one half is the limit.
+    /// Decodes a mask: white opaque pixels are valid, black or transparent ones are not; the
+    /// threshold is one half.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         const HALF: u32 = 128 * 255;
         let image = decode(path, MASK)?.into_luma_alpha8();
@@ -194,7 +205,7 @@ impl Mask {
         Ok(Self { width, height, counts: counts.collect() })
     }
 
-    /// The picture without what does not count. A mask of another size is stretched.
+    /// Marks masked pixels of a picture as unknown. A mask of another size is stretched.
     pub(crate) fn applied(&self, mut picture: Pixels) -> Pixels {
         let (width, height) = (picture.width as usize, picture.height as usize);
         let column = |x: usize| x * self.width as usize / width;
@@ -208,7 +219,7 @@ impl Mask {
     }
 }
 
-/// True normals of a view.
+/// Ground-truth normals of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Normals {
     /// Pixels in a row.
@@ -217,12 +228,17 @@ pub struct Normals {
     pub height: u32,
     /// Unit normals in world space; zero where there is none.
     pub values: Vec<[f32; 3]>,
-    /// Where there is a normal.
+    /// Whether a pixel has a normal.
     pub mask: Vec<bool>,
 }
 
 impl Normals {
-    /// Decodes a normal map: n = 2 RGB / 255 − 1, made unit, where alpha is at least one half.
+    /// Decodes a normal map: n = 2 RGB / 255 − 1, normalised, where alpha is at least one half.
+    ///
+    /// # Errors
+    ///
+    /// An error of [`crate::Error`] for files that cannot be read or decoded, or exceed their
+    /// memory budget.
     pub fn read(path: &Path) -> Result<Self> {
         let image = decode(path, NORMALS)?.into_rgba8();
         let (width, height) = image.dimensions();
@@ -233,7 +249,8 @@ impl Normals {
         Ok(Self::from_sums(sums, width, height))
     }
 
-    /// The mean direction over the area of each new pixel, where at least half of that area has normals.
+    /// Averages directions over the area of each new pixel, where at least half of that area has
+    /// normals.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let weighted = |x: usize, y: usize| {
             let pixel = y * self.width as usize + x;
@@ -244,7 +261,7 @@ impl Normals {
         Self::from_sums(sums.into_iter(), width, height)
     }
 
-    /// From sums of normals and the share of the area that has any.
+    /// Normalises sums of normals, given with the share of area that has normals.
     fn from_sums(sums: impl Iterator<Item = [f32; 4]>, width: u32, height: u32) -> Self {
         let unit = |[x, y, z, share]: [f32; 4]| {
             if share >= 0.5 { Vec3::new(x, y, z).normalize_or_zero() } else { Vec3::ZERO }
@@ -255,12 +272,12 @@ impl Normals {
     }
 }
 
-/// Decodes an image by its content, or else by its name, and refuses one without pixels.
+/// Decodes an image by its content, or else by its extension.
 pub(crate) fn decode(path: &Path, future: Future) -> Result<DynamicImage> {
     decode_with_orientation(path, future).map(|(image, _)| image)
 }
 
-/// The same, with how its EXIF data say that it should be turned.
+/// Decodes an image and its EXIF orientation.
 fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage, Orientation)> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let mut reader = reader.map_err(Error::reading(path))?;
@@ -279,7 +296,8 @@ fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage,
     Ok((with_pixels(path, image)?, orientation))
 }
 
-/// Asks for what a picture takes while it is decoded, converted and made smaller; the bytes that are decoded.
+/// Checks the memory of decoding, conversion and downscaling against the budget. Returns the
+/// decoded bytes.
 pub(crate) fn ask_for(
     path: &Path,
     decoder: &impl ImageDecoder,
@@ -289,7 +307,7 @@ pub(crate) fn ask_for(
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     let stored = u64::from(decoder.color_type().bytes_per_pixel());
-    // A picture that is turned is there twice.
+    // Rotation holds two copies.
     let beside = working_bytes(format, stored).max(future.converted).max(stored);
     let most = (stored + beside).max(future.later);
     let blocks = if format == Some(ImageFormat::OpenExr) { blocks_of(path)? } else { 0 };
@@ -301,26 +319,25 @@ pub(crate) fn ask_for(
     Ok(decoder.total_bytes())
 }
 
-/// Bytes that a decoder holds for each pixel besides what it gives back.
+/// Working memory of a decoder in bytes per pixel, beside its output.
 fn working_bytes(format: Option<ImageFormat>, stored: u64) -> u64 {
     match format {
-        // Coefficients of four colours.
+        // Coefficients of four channels.
         Some(ImageFormat::Jpeg) => 8,
-        // The frame, and what it is put over.
+        // The frame and the canvas below it.
         Some(ImageFormat::WebP | ImageFormat::Gif) => 8,
-        // The same once more.
+        // A second copy.
         Some(ImageFormat::OpenExr) => stored,
         _ => 0,
     }
 }
 
-/// Bytes of the blocks of an OpenEXR file that are there at once, and of the places of all. A block may be far larger than
-/// the picture, and so may be all of them, which are looked through whatever is shown of them. A header that cannot be read
-/// is left to the decoder.
+/// Memory of the blocks of an OpenEXR file that are decoded at once, and of all block offsets.
+/// Blocks may be far larger than the picture. Invalid headers are left to the decoder.
 fn blocks_of(path: &Path) -> Result<u64> {
-    /// As it is stored and as it is unpacked, on two threads.
+    /// Compressed and decompressed, on two threads.
     const AT_ONCE: u64 = 4;
-    /// Bytes of a place, in the file and as it is sorted.
+    /// Bytes of an offset, in the file and sorted.
     const PLACE: u64 = 16;
     let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
     let mut most = 0;
@@ -334,8 +351,8 @@ fn blocks_of(path: &Path) -> Result<u64> {
     Ok(most)
 }
 
-/// Refuses an OpenEXR file of more attributes than any program writes: each becomes a structure of
-/// some hundred bytes, several times. A header that ends too soon is left to the decoder.
+/// Refuses an OpenEXR file with more attributes than any program writes: each takes some hundred
+/// bytes of memory, several times. Truncated headers are left to the decoder.
 pub(crate) fn refuse_many_attributes(path: &Path, format: Option<ImageFormat>) -> Result<()> {
     const MOST: usize = 4096;
     if format != Some(ImageFormat::OpenExr) {
@@ -350,7 +367,7 @@ pub(crate) fn refuse_many_attributes(path: &Path, format: Option<ImageFormat>) -
     }
 }
 
-/// Number of attributes in all headers of an OpenEXR file; counting ends beyond `most`.
+/// Number of attributes in all headers of an OpenEXR file. Counting ends beyond `most`.
 fn attributes(reader: &mut (impl BufRead + Seek), most: usize) -> std::io::Result<usize> {
     const MULTIPLE_PARTS: u32 = 1 << 12;
     let mut start = [0; 8];
@@ -359,7 +376,8 @@ fn attributes(reader: &mut (impl BufRead + Seek), most: usize) -> std::io::Resul
     let has_parts = u32::from_le_bytes([a, b, c, d]) & MULTIPLE_PARTS != 0;
     let (mut count, mut is_header_empty) = (0, true);
     while count <= most {
-        // An attribute: name, type, length, value. An empty name ends a header, and an empty header all.
+        // An attribute is a name, a type, a length and a value. An empty name ends a header, an
+        // empty header the list.
         if skip_text(reader)? == 0 {
             if is_header_empty || !has_parts {
                 break;
@@ -376,7 +394,7 @@ fn attributes(reader: &mut (impl BufRead + Seek), most: usize) -> std::io::Resul
     Ok(count)
 }
 
-/// Length of a text that ends with a zero, which is skipped as well.
+/// Skips a zero-terminated text and returns its length.
 fn skip_text(reader: &mut impl BufRead) -> std::io::Result<usize> {
     let mut text = Vec::new();
     reader.take(256).read_until(0, &mut text)?;
@@ -403,8 +421,8 @@ pub(crate) fn with_pixels(path: &Path, image: DynamicImage) -> Result<DynamicIma
     Ok(image)
 }
 
-/// Averages over the area of each new pixel: of columns first, then of rows, row by row, so that nothing as large as the
-/// old picture is kept.
+/// Averages over the area of each new pixel, by columns, then rows, one row at a time, so that no
+/// buffer of the old size is needed.
 fn area_average<const N: usize>(
     pixel: impl Fn(usize, usize) -> [f32; N],
     [width, height]: [f64; 2],
@@ -424,7 +442,7 @@ fn area_average<const N: usize>(
     averages
 }
 
-/// Which old pixels lie in a new one, in one direction, and with what share; the shares add up to one.
+/// Old pixels that overlap a new one along one axis, with weights that sum to one.
 struct Span {
     first: usize,
     shares: Vec<f32>,

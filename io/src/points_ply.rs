@@ -1,10 +1,10 @@
-//! Coloured points as PLY files: where training starts from.
+//! Coloured points as PLY files: initial points of a training.
 
 use crate::{error::Result, table::Table, whole_file};
 use std::{io::Write, path::Path};
 
 const LAYOUT: &str = "a point cloud with x, y, z and, for colours, red, green, blue";
-/// Colour of points that have none, as in 3D Gaussian splatting.
+/// Colour of points without colours, as in 3D Gaussian splatting.
 const GRAY: [f32; 3] = [0.5; 3];
 
 /// Points with colours.
@@ -16,7 +16,13 @@ pub struct PointCloud {
     pub colors: Vec<[f32; 3]>,
 }
 
-/// Reads points by the names of their properties; colours of bytes are divided by 255, missing ones are grey.
+/// Reads points by the names of their properties. Colours in bytes are divided by 255, missing ones
+/// are grey.
+///
+/// # Errors
+///
+/// An error of [`crate::Error`] for files that cannot be read or parsed, exceed their memory
+/// budget, or hold numbers that are not finite.
 pub fn read(path: &Path) -> Result<PointCloud> {
     let table = Table::open(path)?;
     let count = table.count();
@@ -34,7 +40,12 @@ pub fn read(path: &Path) -> Result<PointCloud> {
     })
 }
 
-/// Writes points as 3D Gaussian splatting does: floats for positions and (zero) normals, bytes for colours.
+/// Writes points in the layout of 3D Gaussian splatting: floats for positions and (zero) normals,
+/// bytes for colours.
+///
+/// # Errors
+///
+/// [`crate::Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, points: &PointCloud) -> Result<()> {
     assert_eq!(points.positions.len(), points.colors.len(), "every point needs a colour");
     whole_file::write(path, |out| {

@@ -1,4 +1,4 @@
-//! One photograph before it is opened: its file, where it was taken from, and through what.
+//! A photograph before it is decoded: its files, pose and lens.
 
 use crate::{
     budget::{PICTURE, len_of},
@@ -10,9 +10,11 @@ use glam::{DMat3, DVec3};
 use specula_core::camera::{Camera, NEAR};
 use std::path::{Path, PathBuf};
 
-/// Endings that are tried where an image is named without one, or has another one than its list says.
+/// Extensions that are tried where an image is named without one, or has another one than its list
+/// says.
 pub(crate) const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
-/// How much wider or narrower a picture may be than its camera, as a share: sizes are rounded when they are made smaller.
+/// Relative difference allowed between the aspect ratios of a picture and its camera: downscaled
+/// sizes are rounded.
 const SHAPE_TOLERANCE: f64 = 0.02;
 
 /// A photograph with its camera.
@@ -28,32 +30,32 @@ pub struct View {
     pub normal: Option<Normals>,
 }
 
-/// Where a camera is.
+/// Position and rotation of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pose {
-    /// Rotation from world to camera axes: x to the right, y down, looking along +z.
+    /// Rotation from world to camera axes: x to the right, y down, z along the view.
     pub(crate) camera_from_world: DMat3,
-    /// The camera's centre, in world space.
+    /// Centre of projection in world space.
     pub(crate) position: DVec3,
 }
 
-/// A photograph that is to be opened.
+/// A photograph to be decoded.
 pub(crate) struct Shot {
-    /// What it is called.
+    /// Name of the view.
     pub(crate) name: String,
-    /// Its file.
+    /// Path of the image.
     pub(crate) image: PathBuf,
-    /// A picture of what counts in it.
+    /// Path of the mask.
     pub(crate) mask: Option<PathBuf>,
-    /// Its true normals.
+    /// Path of the ground-truth normals.
     pub(crate) normal: Option<PathBuf>,
-    /// Where it was taken from.
+    /// Pose of the camera.
     pub(crate) pose: Pose,
-    /// The size that it had when its lens was measured, if that is known.
+    /// Size for which the lens was calibrated, if known.
     pub(crate) measured_size: Option<[u32; 2]>,
-    /// Its lens, once it is known how large it is.
+    /// Lens for the size of the decoded image.
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
-    /// How many times smaller it is to become.
+    /// Factor by which the image is made smaller.
     pub(crate) downscale: u32,
 }
 
@@ -63,23 +65,22 @@ impl core::fmt::Debug for Shot {
     }
 }
 
-/// A view, and what had to be done for it.
+/// A decoded view, with the changes that it took.
 #[derive(Debug)]
 pub(crate) struct Opened {
     pub(crate) view: View,
-    /// Whether it was resampled to take a lens's distortion out.
+    /// Whether lens distortion was removed.
     pub(crate) is_undistorted: bool,
-    /// Whether it was turned as its EXIF data say.
+    /// Whether the picture was rotated by its EXIF orientation.
     pub(crate) is_turned: bool,
-    /// How many of its pixels are unknown.
+    /// Number of unknown pixels.
     pub(crate) unknown: usize,
 }
 
 impl Shot {
-    /// Opens the photograph: turned as its camera has it, without what its mask leaves out, made smaller, and without
-    /// its lens's distortion.
+    /// Decodes the photograph: rotated to fit its camera, masked, downscaled and undistorted.
     pub(crate) fn open(&self) -> Result<Opened> {
-        // What a mask leaves out it leaves out of the whole picture, pixel by pixel.
+        // A mask applies to the picture at full size, pixel by pixel.
         let downscale = if self.mask.is_some() { 1 } else { self.downscale };
         let mut stored = Pixels::open(&self.image, downscale, |size| self.fits(size))?;
         let (size, is_turned) = (stored.size, stored.is_turned);
@@ -101,7 +102,8 @@ impl Shot {
         Ok(Opened { view, is_undistorted, is_turned, unknown })
     }
 
-    /// Whether a picture of this size has the shape that its camera has, as far as that is known.
+    /// Returns whether a picture of this size has the aspect ratio of its camera; none if that is
+    /// unknown.
     fn fits(&self, [width, height]: [u32; 2]) -> Option<bool> {
         self.measured_size.map(|[camera_width, camera_height]| {
             let ratio = f64::from(width) * f64::from(camera_height) / (f64::from(height) * f64::from(camera_width));
@@ -119,7 +121,7 @@ impl Shot {
     }
 }
 
-/// True normals at the size of their picture.
+/// Reads ground-truth normals at the size of their picture.
 fn normals_at(path: &Path, [width, height]: [u32; 2]) -> Result<Normals> {
     let normals = Normals::read(path)?;
     if [normals.width, normals.height] == [width, height] {
@@ -134,7 +136,7 @@ fn rounded_quotient(size: u32, downscale: u32) -> u32 {
     (f64::from(size) / f64::from(downscale)).round().max(1.0) as u32
 }
 
-/// A pinhole in the place of a lens, whose distortion was taken out.
+/// Pinhole camera of an undistorted picture.
 pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
     Camera {
         camera_from_world: pose.camera_from_world.as_mat3(),
@@ -147,13 +149,14 @@ pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
     }
 }
 
-/// The name by which the field's tools know a view: its image's, without folder and ending.
+/// Name of a view by the field's convention: the file name of its image without folder and
+/// extension.
 pub(crate) fn name_of(image: &Path) -> String {
     let name = if has_image_ending(image) { image.file_stem() } else { image.file_name() };
     name.unwrap_or(image.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// The file of an image; the ending may be missing, or another one than its list says.
+/// Finds the file of an image, also where the extension is missing or differs from the list's.
 pub(crate) fn find_image(named: &Path) -> Option<PathBuf> {
     if has_image_ending(named) && named.is_file() {
         return Some(named.to_owned());
@@ -163,7 +166,8 @@ pub(crate) fn find_image(named: &Path) -> Option<PathBuf> {
     candidates.map(|ending| with_ending(&without_ending, &ending)).find(|path| path.is_file())
 }
 
-/// The mask of an image in a folder of masks: `a.jpg`, COLMAP's `a.jpg.png`, or `a` with another ending.
+/// Finds the mask of an image in a folder of masks: `a.jpg`, COLMAP's `a.jpg.png`, or `a` with
+/// another extension.
 pub(crate) fn find_mask(folder: &Path, image: &Path) -> Option<PathBuf> {
     let named = folder.join(image);
     let double = with_ending(&named, "png");
@@ -178,12 +182,12 @@ pub(crate) fn without_image_ending(path: &Path) -> PathBuf {
     if has_image_ending(path) { path.with_extension("") } else { path.to_owned() }
 }
 
-/// Whether macOS made a file beside the true one, for its own use.
+/// Returns whether a file is one of the `._` companions that macOS creates.
 pub(crate) fn is_macos_shadow(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("._"))
 }
 
-/// Appends: `with_extension` would take `.5` off `frame_1.5`.
+/// Appends an extension; `with_extension` would replace `.5` in `frame_1.5`.
 fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");

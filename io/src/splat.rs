@@ -1,9 +1,10 @@
 //! Plain Gaussians as `.splat`, the layout of antimatter15's viewer, which many others read.
 //!
-//! 32 bytes each, without a header: mean and scale as three `f32` each; red, green, blue and opacity as bytes; the quat
-//! (w, x, y, z) as bytes 128 + 128 q. Colours are those of the first harmonic, the same from everywhere. The order is by
-//! opacity times volume, largest first, so that a viewer shows something before all is there
-//! (github.com/antimatter15/splat, `convert.py`). Numbers are rounded to the nearest byte, where that program cuts off.
+//! 32 bytes per Gaussian, without a header: mean and scale as three `f32` each; red, green, blue
+//! and opacity as bytes; the quat (w, x, y, z) as bytes 128 + 128 q. Colours are those of the
+//! constant harmonic. Gaussians are sorted by opacity times volume, largest first, so that a viewer
+//! can show a partial download (github.com/antimatter15/splat, `convert.py`). Numbers are rounded
+//! to the nearest byte; that program truncates.
 
 use crate::{error::Result, whole_file};
 use specula_core::{
@@ -13,17 +14,21 @@ use specula_core::{
 };
 use std::{io::Write, path::Path};
 
-/// Bytes of a Gaussian.
+/// Bytes per Gaussian.
 pub const RECORD_LEN: usize = 32;
 
 /// Writes plain Gaussians.
+///
+/// # Errors
+///
+/// [`crate::Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     whole_file::write(path, |out| {
         by_visibility(gaussians).into_iter().try_for_each(|gaussian| out.write_all(&record(gaussians, gaussian)))
     })
 }
 
-/// The Gaussians as a reader of the file finds them, in the order in which they are.
+/// Gaussians after quantisation, as a reader decodes them, in their original order.
 pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     let layout = Layout::radiance(0);
     let mut stored =
@@ -39,7 +44,7 @@ pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     stored
 }
 
-/// The most visible first; ties in their order.
+/// Indices by decreasing visibility; ties in their order.
 fn by_visibility(gaussians: &Gaussians<Vec<f32>>) -> Vec<usize> {
     let visibility = |gaussian: usize| {
         let volume = gaussians.get::<3>(gaussian, LOG_SCALE).iter().sum::<f32>().exp();
@@ -72,12 +77,12 @@ fn quat_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; 4] {
     unit(gaussians.get::<4>(gaussian, QUAT)).map(|q| byte(128.0 * q + 128.0))
 }
 
-/// The nearest byte.
+/// Nearest byte, clamped to 0–255.
 pub(crate) fn byte(number: f32) -> u8 {
     number.round().clamp(0.0, 255.0) as u8
 }
 
-/// A quat of unit length; no rotation where it has none.
+/// Normalised quat; the identity for a quat of length 0.
 pub(crate) fn unit(quat: [f32; 4]) -> [f32; 4] {
     let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
     if length > 0.0 { quat.map(|q| q / length) } else { [1.0, 0.0, 0.0, 0.0] }

@@ -1,6 +1,7 @@
 //! Plain Gaussians as `.spz`, Niantic's compressed format, version 3.
 //!
-//! A gzip stream of a header of 16 bytes and one array for each attribute (github.com/nianticlabs/spz, README):
+//! A gzip stream of a header of 16 bytes and one array for each attribute
+//! (github.com/nianticlabs/spz, README):
 //!
 //! | array | numbers |
 //! |---|---|
@@ -8,10 +9,10 @@
 //! | opacities | bytes, 255 σ(opacity) |
 //! | colours | bytes, 255 (0.15 f_dc + ½) |
 //! | scales | bytes, 16 (ln s + 10) |
-//! | rotations | 32 bits: which of (x, y, z, w) is largest, and the others, 10 bits each, within ± √½ |
+//! | rotations | 32 bits: index of the largest of (x, y, z, w); the others, 10 bits each, ± √½ |
 //! | harmonics | bytes, 128 + 128 f_rest, colours innermost |
 //!
-//! Numbers are those of the scene's own world; the format has no word for another.
+//! Positions are in the scene's own world; the format defines no other.
 
 use crate::{
     error::Result,
@@ -28,16 +29,20 @@ use std::{io::Write, path::Path};
 
 const MAGIC: u32 = 0x5053_474e;
 const VERSION: u32 = 3;
-/// What colours are multiplied by, so that those beyond what a screen shows still fit.
+/// Factor of colours, which leaves room beyond the displayable range.
 const COLOR_SCALE: f32 = 0.15;
-/// Steps of a mean over the largest of them, as a power of two.
+/// Bits of the largest coordinate.
 const MEAN_BITS: i32 = 16;
-/// The most bits behind the point: more would leave too few before it.
+/// Most fractional bits; more would leave too few integer bits.
 const FRACTION_MAX: i32 = 20;
 /// Largest magnitude of the three smaller components of a quat.
 const QUAT_STEPS: f32 = 511.0;
 
 /// Writes plain Gaussians.
+///
+/// # Errors
+///
+/// [`crate::Error::Write`], where the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     let Layout { sh_degree, .. } = gaussians.layout;
     let bits = fraction_bits(gaussians);
@@ -57,7 +62,7 @@ pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     })
 }
 
-/// The Gaussians as a reader of the file finds them.
+/// Gaussians after quantisation, as a reader decodes them.
 pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     let layout = gaussians.layout;
     let mut stored = Gaussians { values: vec![0.0; len_of_values(gaussians.count, layout)], ..*gaussians };
@@ -78,8 +83,8 @@ pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     stored
 }
 
-/// So many bits behind the point that the largest coordinate has [`MEAN_BITS`]: whatever the unit, a step is a share of
-/// the scene.
+/// Number of fractional bits for which the largest coordinate has [`MEAN_BITS`], so that the
+/// precision is relative to the scene's size.
 fn fraction_bits(gaussians: &Gaussians<Vec<f32>>) -> i32 {
     let means = (MEAN..MEAN + 3).flat_map(|plane| gaussians.plane(plane));
     let largest = means.fold(f32::MIN_POSITIVE, |most, x| most.max(x.abs()));
@@ -106,14 +111,15 @@ fn scale_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; 3] {
     gaussians.get::<3>(gaussian, LOG_SCALE).map(|log_scale| byte(16.0 * (log_scale + 10.0)))
 }
 
-/// Harmonics but the first, coefficient by coefficient.
+/// Harmonics above degree 0, coefficient by coefficient.
 fn rest_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> Vec<u8> {
     let Layout { sh_degree: Some(_), .. } = gaussians.layout else { return Vec::new() };
     let rest = gaussians.layout.sh_start() + 3..gaussians.layout.plane_count();
     rest.map(|plane| byte(128.0 * gaussians.get::<1>(gaussian, plane)[0] + 128.0)).collect()
 }
 
-/// The place of the largest component in the two highest bits, then the others, sign and magnitude, first one highest.
+/// Packs a quat: the index of the largest component in the two highest bits, then the others as
+/// sign and magnitude.
 fn pack_quat(quat: [f32; 4]) -> u32 {
     let [w, x, y, z] = unit(quat);
     let quat = [x, y, z, w];
@@ -126,7 +132,7 @@ fn pack_quat(quat: [f32; 4]) -> u32 {
     })
 }
 
-/// (w, x, y, z) of what was packed.
+/// Unpacks a quat (w, x, y, z).
 fn unpack_quat(bits: u32) -> [f32; 4] {
     let largest = (bits >> 30) as usize;
     let mut quat = [0.0; 4];

@@ -1,4 +1,4 @@
-//! The vertices of a PLY file as numbers, whatever types and byte order the file has.
+//! Vertices of a PLY file as numbers, of any type and byte order.
 
 use crate::{
     budget::{PLY_HEADER_MAX, PLY_LINE_MAX, SCENE},
@@ -16,34 +16,34 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The element that is read.
+/// Name of the element that is read.
 const VERTEX: &str = "vertex";
 
-/// A PLY file whose header has been read and whose vertices come next.
+/// A PLY file, read up to its first vertex.
 pub(crate) struct Table {
     path: PathBuf,
     encoding: Encoding,
     vertex: ElementDef,
     reader: BufReader<File>,
-    /// Length of the file, in bytes.
+    /// Length of the file in bytes.
     len: u64,
     /// Comment lines of the header, without the word `comment`.
     pub(crate) comments: Vec<String>,
 }
 
-/// Where a number stands in a row, and of which type it is.
+/// Type and byte offset of a number in a row.
 #[derive(Clone)]
 struct Cell {
     scalar: ScalarType,
     offset: usize,
 }
 
-/// Columns in blocks, as [`specula_core::scene::Gaussians`] keeps its planes: a block holds [`BLOCK`] rows, column
-/// after column.
+/// Columns in blocks, the layout of [`specula_core::scene::Gaussians`]: a block holds [`BLOCK`]
+/// rows, column after column.
 pub(crate) struct Columns {
     names: Vec<String>,
     count: usize,
-    /// The blocks; the last one is padded with zeros.
+    /// Blocks; the last one is padded with zeros.
     pub(crate) values: Vec<f32>,
 }
 
@@ -87,8 +87,7 @@ impl Table {
         Ok(table)
     }
 
-    /// Passes by an element; of what it holds nothing is kept, and one without properties holds nothing, however many of
-    /// it there are.
+    /// Skips an element. An element without properties has no bytes, whatever its count.
     fn skip(&mut self, element: &ElementDef) -> Result<()> {
         if element.properties.is_empty() {
             return Ok(());
@@ -107,7 +106,7 @@ impl Table {
         }
     }
 
-    /// Passes by the numbers and lists of an element, one after the other.
+    /// Skips the numbers and lists of an element one by one.
     fn skip_lists(&mut self, element: &ElementDef) -> Result<()> {
         for _ in 0..element.count {
             for property in element.properties.values() {
@@ -124,7 +123,7 @@ impl Table {
         Ok(())
     }
 
-    /// The number in front of a list.
+    /// Length of a list.
     fn list_len(&mut self, element: &ElementDef, index: &ScalarType) -> Result<u64> {
         let mut bytes = [0; size_of::<u64>()];
         let bytes = &mut bytes[..size_of_scalar(index)];
@@ -142,14 +141,15 @@ impl Table {
     }
 
     fn skip_bytes(&mut self, element: &ElementDef, size: u64) -> Result<()> {
-        // Within the buffer, a step is checked by the next read; beyond it, by the file's length.
+        // A step within the buffer is checked by the next read; a longer one against the length of
+        // the file.
         if size > self.reader.buffer().len() as u64 && size > self.left()? {
             return Err(self.unfilled(element));
         }
         self.reader.seek_relative(size as i64).map_err(Error::reading(&self.path))
     }
 
-    /// Bytes from here to the end of the file.
+    /// Bytes to the end of the file.
     fn left(&mut self) -> Result<u64> {
         let position = self.reader.stream_position().map_err(Error::reading(&self.path))?;
         Ok(self.len.saturating_sub(position))
@@ -166,7 +166,7 @@ impl Table {
         Error::PlyHeader { path: self.path.clone(), cause }
     }
 
-    /// How many vertices the header promises.
+    /// Number of vertices in the header.
     pub(crate) fn count(&self) -> usize {
         self.vertex.count
     }
@@ -176,12 +176,12 @@ impl Table {
         self.vertex.properties.keys().map(String::as_str)
     }
 
-    /// Whether there is such a column.
+    /// Returns whether a column exists.
     pub(crate) fn has(&self, name: &str) -> bool {
         self.vertex.properties.contains_key(name)
     }
 
-    /// The largest number that an integer column can hold; 1 for columns of fractions.
+    /// Largest number of an integer column; 1 for columns of fractions.
     pub(crate) fn full_scale(&self, name: &str) -> f32 {
         match self.vertex.properties.get(name).map(|property| &property.data_type) {
             Some(PropertyType::Scalar(ScalarType::UChar)) => f32::from(u8::MAX),
@@ -190,7 +190,7 @@ impl Table {
         }
     }
 
-    /// Reads the named columns. `layout` is what an error says is expected.
+    /// Reads the named columns. `layout` is the expected layout for error messages.
     pub(crate) fn read(mut self, names: &[String], layout: &'static str) -> Result<Columns> {
         if let Some(name) = names.iter().find(|name| !self.has(name)) {
             return Err(Error::MissingProperty { path: self.path, property: name.clone(), layout });
@@ -206,7 +206,8 @@ impl Table {
         Ok(columns)
     }
 
-    /// Keeps a header from asking for more than the file holds, and a file for more than a scene may take.
+    /// Checks the count of the header against the length of the file and the memory budget of a
+    /// scene.
     fn refuse_an_impossible_count(&mut self, row_size: usize, columns: usize) -> Result<()> {
         let (count, left, len) = (self.count() as u64, self.left()?, self.len);
         let least = if self.encoding == Encoding::Ascii { 2 } else { 1 };
@@ -239,7 +240,7 @@ impl Table {
         Ok(())
     }
 
-    /// Reads whole rows, or says how many of them there are.
+    /// Reads whole rows; a truncated file is reported with its number of complete rows.
     fn fill(&mut self, rows: &mut [u8], first: usize, row_size: usize) -> Result<()> {
         let mut filled = 0;
         while filled < rows.len() {
@@ -261,7 +262,7 @@ impl Table {
         self.vertex.properties.get_index_of(name).expect("the column was looked for before")
     }
 
-    /// All columns of a row, and how long a row is.
+    /// Cells of a row, and the length of a row in bytes.
     fn cells(&self) -> Result<(Vec<Cell>, usize)> {
         let mut offset = 0;
         let mut cells = Vec::with_capacity(self.vertex.properties.len());
@@ -276,7 +277,8 @@ impl Table {
         Ok((cells, offset))
     }
 
-    /// Room is made block after block as lines come, for their number says little about how many words they have.
+    /// Memory grows block by block with the lines, since the count of the header says little about
+    /// their words.
     fn read_text(&mut self, columns: &mut Columns, words_in_row: usize) -> Result<()> {
         let places: Vec<usize> = columns.names.iter().map(|name| self.index(name)).collect();
         let vertex = self.vertex.clone();
@@ -299,7 +301,7 @@ impl Table {
         Ok(())
     }
 
-    /// The next line that is not blank, for a row of an element.
+    /// Reads the next line of an element that is not blank.
     fn next_line(&mut self, line: &mut String, element: &ElementDef, row: usize) -> Result<()> {
         loop {
             line.clear();
@@ -328,7 +330,8 @@ impl Table {
     }
 }
 
-/// Decodes one column of some rows. The type is chosen outside of the loop, which the compiler then unrolls.
+/// Decodes one column of some rows. The type is matched outside of the loop, which the compiler
+/// then unrolls.
 fn decode(rows: &[u8], row_size: usize, cell: &Cell, big_endian: bool, column: &mut [f32]) {
     macro_rules! numbers {
         ($number:ty) => {{
@@ -362,7 +365,7 @@ fn size_of_scalar(scalar: &ScalarType) -> usize {
     }
 }
 
-/// Reads the header, of which there may be only so much.
+/// Reads the header up to its longest allowed length.
 fn read_header(path: &Path, reader: &mut BufReader<File>) -> Result<Header> {
     let mut reader = Reader::new(reader.take(PLY_HEADER_MAX));
     let read = Parser::<DefaultElement>::new().read_header(&mut reader);
@@ -378,7 +381,8 @@ fn vertex_of<'a>(path: &Path, header: &'a Header) -> Result<&'a ElementDef> {
     header.elements.get(VERTEX).ok_or_else(|| Error::NoVertices { path: path.to_owned() })
 }
 
-/// PlayCanvas packs position, rotation, scale and colour of a Gaussian into four integers.
+/// Refuses PlayCanvas's layout, which packs position, rotation, scale and colour into four
+/// integers.
 fn refuse_compressed(path: &Path, header: &Header) -> Result<()> {
     let is_packed = |element: &ElementDef| element.properties.keys().any(|name| name.starts_with("packed_"));
     if header.elements.values().any(is_packed) {

@@ -1,5 +1,6 @@
-//! Lists of cameras with poses as matrices: `transforms_train.json` of NeRF-synthetic scenes, and `transforms.json` of
-//! instant-ngp and nerfstudio, whose page on data conventions says what the keys mean.
+//! Lists of cameras with poses as matrices: `transforms_train.json` of NeRF Synthetic, and
+//! `transforms.json` of instant-ngp and nerfstudio. Keys follow nerfstudio's page on data
+//! conventions.
 
 use crate::{
     budget::{EDGE_MAX, LIST},
@@ -14,14 +15,14 @@ use serde::Deserialize;
 use specula_core::camera::Camera;
 use std::path::{Path, PathBuf};
 
-/// How far the columns of a rotation may be from unit length and right angles; printed matrices have 1e-7.
+/// Tolerance for unit length and right angles of a rotation's columns; printed matrices have 1e-7.
 const RIGID_TOLERANCE: f64 = 1e-3;
-/// Names of models whose rays are bent by polynomials, or not at all.
+/// Names of pinhole and polynomial camera models.
 const POLYNOMIAL_MODELS: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
-/// The model of fisheye lenses.
+/// Name of the fisheye model.
 const FISHEYE_MODEL: &str = "OPENCV_FISHEYE";
 
-/// The cameras of a file, and the folder that their images are relative to.
+/// Cameras of a file, and the folder of their image paths.
 #[derive(Debug)]
 pub(crate) struct Transforms {
     path: PathBuf,
@@ -30,18 +31,18 @@ pub(crate) struct Transforms {
     pub(crate) rest: Rest,
 }
 
-/// What nerfstudio says besides.
+/// Optional entries of nerfstudio.
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Rest {
-    /// Points in the world of the frames.
+    /// Point cloud in the world of the frames.
     pub(crate) ply_file_path: Option<String>,
-    /// How COLMAP's world became that of the frames: three rows of four numbers.
+    /// Transform from COLMAP's world to that of the frames: three rows of four numbers.
     pub(crate) applied_transform: Option<Vec<[f64; 4]>>,
-    /// Frames to fit, by their `file_path`.
+    /// Training frames, by their `file_path`.
     pub(crate) train_filenames: Option<Vec<String>>,
-    /// Frames to choose settings by.
+    /// Validation frames.
     pub(crate) val_filenames: Option<Vec<String>>,
-    /// Frames to judge by.
+    /// Test frames.
     pub(crate) test_filenames: Option<Vec<String>>,
 }
 
@@ -58,17 +59,17 @@ struct File {
 /// One camera.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Frame {
-    /// Its image, with or without ending.
+    /// Image, with or without extension.
     pub(crate) file_path: String,
-    /// A picture of what counts in it.
+    /// Mask.
     pub(crate) mask_path: Option<String>,
-    /// From camera to world, rows first, in OpenGL's camera axes.
+    /// World-from-camera matrix, rows first, in OpenGL's camera axes.
     transform_matrix: Vec<[f64; 4]>,
     #[serde(flatten)]
     intrinsics: Intrinsics,
 }
 
-/// Intrinsics, for all frames or for one; what a frame does not say, the file says.
+/// Intrinsics of all frames or of one; those of a frame take precedence.
 #[derive(Clone, Debug, Default, Deserialize)]
 struct Intrinsics {
     camera_model: Option<String>,
@@ -111,7 +112,7 @@ impl Intrinsics {
         }
     }
 
-    /// The distortion, or what is wrong with it.
+    /// Distortion of the lens, or the fault of its parameters.
     fn distortion(&self) -> core::result::Result<Distortion, String> {
         let [k1, k2, k3, k4] = [self.k1, self.k2, self.k3, self.k4].map(|k| k.unwrap_or(0.0));
         let tangential = [self.p1, self.p2].map(|p| p.unwrap_or(0.0));
@@ -132,7 +133,7 @@ impl Intrinsics {
         Ok(Distortion::Polynomial { radial: [k1, k2, k3, 0.0, 0.0, 0.0], tangential }.simplified())
     }
 
-    /// The size that is stated, or what is wrong with it.
+    /// Stated size, or its fault.
     fn stated_size(&self) -> core::result::Result<Option<[u32; 2]>, String> {
         let (Some(width), Some(height)) = (self.w, self.h) else { return Ok(None) };
         if [width, height].iter().all(|size| (1.0..=f64::from(EDGE_MAX)).contains(size)) {
@@ -141,7 +142,7 @@ impl Intrinsics {
         Err(format!("has pictures of {width} by {height} pixels; correct w and h, from 1 to {EDGE_MAX}"))
     }
 
-    /// The lens of an image of this size, or what is wrong with it.
+    /// Lens for an image of this size, or the fault of its parameters.
     fn lens(&self, size: [u32; 2]) -> core::result::Result<Lens, String> {
         let focal_px = self.focal_px(size).ok_or_else(|| NO_FOCAL.to_owned())?;
         let principal_px = self.principal_px(size);
@@ -154,13 +155,14 @@ impl Intrinsics {
         Ok(Lens { focal_px, principal_px, width: size[0], height: size[1], distortion: self.distortion()? })
     }
 
-    /// Pixels per pixel for an image of this size: files may speak of images that were made smaller since.
+    /// Ratio of the image's size to the stated size, for images that were made smaller afterwards.
     fn pixel_scale(&self, [width, height]: [u32; 2]) -> [f64; 2] {
         let scale = |actual: u32, stated: Option<f64>| f64::from(actual) / stated.unwrap_or(f64::from(actual));
         [scale(width, self.w), scale(height, self.h)]
     }
 
-    /// Focal lengths in pixels: those stated, or else from the fields of view; y like x where only x is known.
+    /// Focal lengths in pixels: stated, or from the fields of view; y follows x where only x is
+    /// known.
     fn focal_px(&self, size: [u32; 2]) -> Option<[f64; 2]> {
         let scale = self.pixel_scale(size);
         let of_angle = |pixels: u32, angle: f64| {
@@ -183,7 +185,7 @@ impl Intrinsics {
 }
 
 impl Transforms {
-    /// Reads and checks a file; frames that macOS made for its own use (`._r_0`) stay in the list.
+    /// Reads and checks a file. Companions of macOS (`._r_0`) stay in the list.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let File { intrinsics, frames, rest } = json::read(path, &LIST)?;
         if frames.is_empty() {
@@ -192,17 +194,17 @@ impl Transforms {
         Ok(Self { path: path.to_owned(), intrinsics, frames, rest })
     }
 
-    /// The pinhole of a frame whose image has this size.
+    /// Pinhole camera of a frame whose image has this size.
     pub(crate) fn camera(&self, frame: &Frame, width: u32, height: u32) -> Result<Camera> {
         Ok(camera_of(&self.pose(frame)?, &self.lens(frame)([width, height])?))
     }
 
-    /// Where a frame was taken from.
+    /// Pose of a frame.
     pub(crate) fn pose(&self, frame: &Frame) -> Result<Pose> {
         frame.pose().map_err(|what| self.refuse(frame, what))
     }
 
-    /// What a frame was taken through, once the size of its image is known.
+    /// Lens of a frame, as a function of the image's size.
     pub(crate) fn lens(&self, frame: &Frame) -> impl Fn([u32; 2]) -> Result<Lens> + Sync + use<> {
         let intrinsics = frame.intrinsics.or(&self.intrinsics);
         let (path, frame) = (self.path.clone(), frame.file_path.clone());
@@ -212,7 +214,7 @@ impl Transforms {
         }
     }
 
-    /// The image of a frame; the ending may be missing, or another one than the frame says.
+    /// Finds the image of a frame; its extension may be missing or differ.
     pub(crate) fn image_of(&self, frame: &Frame) -> Result<PathBuf> {
         let named = self.named_by(frame);
         find_image(&named).ok_or_else(|| Error::MissingImage {
@@ -222,22 +224,22 @@ impl Transforms {
         })
     }
 
-    /// Where the image of a frame should be.
+    /// Path of a frame's image as the file names it.
     pub(crate) fn named_by(&self, frame: &Frame) -> PathBuf {
         self.folder().join(frame.file_path.trim_start_matches("./"))
     }
 
-    /// The size that the file states for a frame.
+    /// Stated size of a frame.
     pub(crate) fn stated_size(&self, frame: &Frame) -> Result<Option<[u32; 2]>> {
         frame.intrinsics.or(&self.intrinsics).stated_size().map_err(|what| self.refuse(frame, what))
     }
 
-    /// The folder that paths are relative to.
+    /// Folder of the file, to which paths are relative.
     pub(crate) fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
-    /// The file.
+    /// Path of the file.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
@@ -251,17 +253,18 @@ const NO_FOCAL: &str = "has no focal length; add camera_angle_x (radians) or fl_
 const BAD_FOCAL: &str = "has an impossible focal length; camera_angle_x must be between 0 and π, fl_x above 0";
 
 impl Frame {
-    /// The name by which the field's tools know a view: its image's, without folder and ending.
+    /// Name of a view by the field's convention: the file name of its image without folder and
+    /// extension.
     pub(crate) fn name(&self) -> String {
         shot::name_of(Path::new(&self.file_path))
     }
 
-    /// Whether macOS made this entry beside the true one.
+    /// Returns whether the entry is a companion file of macOS.
     pub(crate) fn is_macos_shadow(&self) -> bool {
         shot::is_macos_shadow(Path::new(&self.file_path))
     }
 
-    /// From OpenGL's camera axes, y up and looking along −z, to ours, y down and looking along +z.
+    /// Converts from OpenGL's camera axes, y up and z backwards, to y down and z forwards.
     fn pose(&self) -> core::result::Result<Pose, String> {
         let rows = &self.transform_matrix;
         if rows.len() < 3 {
@@ -276,7 +279,7 @@ impl Frame {
     }
 }
 
-/// A rotation without the uniform scale that some exporters leave in, or what is wrong with it.
+/// Rotation without the uniform scale that some exporters leave in, or the fault of the matrix.
 fn rigid(matrix: DMat3) -> core::result::Result<DMat3, String> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let scale = (columns.iter().map(|column| column.length_squared()).sum::<f64>() / 3.0).sqrt();

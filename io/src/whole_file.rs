@@ -1,4 +1,4 @@
-//! Files that are finished or untouched: written beside their place, then renamed.
+//! Atomic writing of files: a temporary file beside the target, then a rename.
 
 use crate::error::{Error, Result};
 use std::{
@@ -8,17 +8,18 @@ use std::{
 };
 use tempfile::{Builder, NamedTempFile};
 
-/// Bytes gathered before they go to the operating system.
+/// Size of the write buffer in bytes.
 const BUFFER_SIZE: usize = 1 << 20;
-/// How the names of files begin that are not finished.
+/// Prefix of temporary files.
 const UNFINISHED: &str = ".unfinished-";
 
-/// Writes a file with `fill`, making its folder where there is none; until all is written, nothing is seen of it.
+/// Writes a file with `fill`, creating its folder if needed. The target appears or changes only
+/// when all is written.
 pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> Result<()> {
     write_beside(path, fill).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
 
-/// Writes a file that is at hand already.
+/// Writes a file from bytes.
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write(path, |out| out.write_all(bytes))
 }
@@ -45,8 +46,8 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Removes files of a folder, and of folders in it down to so many levels, that were being written when their program was
-/// killed. What cannot be removed stays: it is in nobody's way but for its size.
+/// Removes temporary files that a killed program left in a folder and, down to `levels`, in its
+/// subfolders. Files that cannot be removed stay; they cost nothing but space.
 pub(crate) fn remove_unfinished(folder: &Path, levels: usize) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
@@ -58,7 +59,7 @@ pub(crate) fn remove_unfinished(folder: &Path, levels: usize) {
     }
 }
 
-/// A file without a name that lasts, with the permissions of any other new file.
+/// Temporary file with the permissions of any other new file.
 fn temporary(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
     builder.prefix(UNFINISHED);

@@ -1,20 +1,24 @@
 //! Scene orientation from cameras: up direction, centre and viewing distance.
 //!
-//! The world of a reconstruction has an arbitrary rotation, origin and unit. The cameras determine the rest:
+//! The world of a reconstruction has an arbitrary rotation, origin and unit. The cameras determine
+//! the rest:
 //!
-//! - **Axis of up.** Photographs are taken level, upright or on their side, so that the horizon is parallel to one axis
-//!   of the picture. Up is the unit vector u with the least Σ min((x·u)², (y·u)²) over the axes x and y of all pictures;
-//!   tilted pictures contribute a constant instead. For a fixed choice of axes u is the smallest eigenvector of Σ a aᵀ;
-//!   the choice and u are refined alternately from many start directions. Among minima of nearly equal cost, small
-//!   terms prefer u perpendicular to the view directions, and upright pictures to pictures on their side.
-//! - **Sign of up.** The majority of upright pictures decides; otherwise cameras look down rather than up; otherwise the
-//!   sum of the pictures' up directions decides.
-//! - **Centre.** The point with the least sum of distances from all optical axes, by iteratively reweighted least
-//!   squares. Where the axes are parallel or meet behind the cameras: the point in front of the cameras' mean at the
-//!   median depth of the scene's points, or the mean itself if the view directions cancel.
+//! - **Axis of up.** Photographs are taken level, upright or on their side, so that the horizon is
+//!   parallel to one axis of the picture. Up is the unit vector u with the least Σ min((x·u)²,
+//!   (y·u)²) over the axes x and y of all pictures; tilted pictures contribute a constant instead.
+//!   For a fixed choice of axes u is the smallest eigenvector of Σ a aᵀ; the choice and u are
+//!   refined alternately from many start directions. Among minima of nearly equal cost, small terms
+//!   prefer u perpendicular to the view directions, and upright pictures to pictures on their side.
+//! - **Sign of up.** The majority of upright pictures decides; otherwise cameras look down rather
+//!   than up; otherwise the sum of the pictures' up directions decides.
+//! - **Centre.** The point with the least sum of distances from all optical axes, by iteratively
+//!   reweighted least squares. Where the axes are parallel or meet behind the cameras: the point in
+//!   front of the cameras' mean at the median depth of the scene's points, or the mean itself if
+//!   the view directions cancel.
 //!
-//! The result is equivariant under rotations of the world, except that a nearby axis of the world replaces an up
-//! direction that the cameras do not determine, and an axis within rounding error replaces the estimate.
+//! The result is equivariant under rotations of the world, except that a nearby axis of the world
+//! replaces an up direction that the cameras do not determine, and an axis within rounding error
+//! replaces the estimate.
 
 use core::f64::consts::FRAC_PI_4;
 use glam::{DMat3, DVec3};
@@ -29,11 +33,13 @@ const ALONG_UP_SIN: f64 = 0.1;
 const START_COUNT: usize = 96;
 /// Most iterations of choosing axes and fitting up; a handful is usual.
 const FIT_ITERATIONS_MAX: usize = 32;
-/// Cost of looking along up, relative to a squared tilt of 1: below the tilts of wrong answers, above zero.
+/// Cost of looking along up, relative to a squared tilt of 1: below the tilts of wrong answers,
+/// above zero.
 const ALONG_UP_COST: f64 = 0.05;
 /// Cost of a picture on its side, relative to a squared tilt of 1.
 const SIDEWAYS_COST: f64 = 0.01;
-/// Prior standard deviation of the roll of hand-held pictures, in radians: 3°. It weighs as much as one picture.
+/// Prior standard deviation of the roll of hand-held pictures, in radians: 3°. It weighs as much as
+/// one picture.
 const ROLL_PRIOR_RAD: f64 = 0.052;
 /// Standard error from which up is undetermined, in radians: 6°.
 const UP_ERROR_MAX_RAD: f64 = 0.105;
@@ -41,7 +47,8 @@ const UP_ERROR_MAX_RAD: f64 = 0.105;
 const MEAN_LENGTH_MIN: f64 = 0.5;
 /// Mean sine of the cameras' pitch from which they look down or up.
 const PITCH_SIN_MIN: f64 = 0.05;
-/// Cosine of the angle to an axis of the world, 37°, within which the axis replaces an undetermined up.
+/// Cosine of the angle to an axis of the world, 37°, within which the axis replaces an undetermined
+/// up.
 const SNAP_COS: f64 = 0.8;
 /// Distance of unit vectors that are equal up to the rounding of `f32` cameras.
 const ROUNDING: f64 = 1e-4;
@@ -79,14 +86,16 @@ impl Axes {
         slope < ALONG_UP_SIN || across.min(along) <= TILTED_SIN * slope
     }
 
-    /// Roll of the picture about its view in radians, counterclockwise from upright; none for a view along up.
+    /// Roll of the picture about its view in radians, counterclockwise from upright; none for a
+    /// view along up.
     fn roll(&self, up: DVec3) -> Option<f64> {
         let (across, above) = (self.right.dot(up), -self.down.dot(up));
         (across.hypot(above) >= ALONG_UP_SIN).then(|| across.atan2(above))
     }
 }
 
-/// Estimates the orientation of a scene from its cameras and any known points; none without cameras.
+/// Estimates the orientation of a scene from its cameras and any known points; none without
+/// cameras.
 pub fn estimate<'a>(cameras: impl IntoIterator<Item = &'a Camera>, points: &[[f32; 3]]) -> Option<Orientation> {
     let axes: Vec<Axes> = cameras.into_iter().map(Axes::of).collect();
     if axes.is_empty() {
@@ -169,8 +178,8 @@ impl LevelFit {
     }
 }
 
-/// Alternates between choosing level axes and fitting up to them until it converges, over the pictures that `counts`
-/// selects. Returns up and its standard error.
+/// Alternates between choosing level axes and fitting up to them until it converges, over the
+/// pictures that `counts` selects. Returns up and its standard error.
 fn fit_up(axes: &[Axes], start: DVec3, counts: impl Fn(&Axes, DVec3) -> bool) -> (DVec3, f64) {
     let (mut up, mut error) = (start, f64::INFINITY);
     for _ in 0..FIT_ITERATIONS_MAX {
@@ -252,7 +261,8 @@ fn estimate_centre(axes: &[Axes], points: &[[f32; 3]]) -> DVec3 {
     })
 }
 
-/// Point with the least sum of distances from all optical axes, each at least `near`; none for parallel axes.
+/// Point with the least sum of distances from all optical axes, each at least `near`; none for
+/// parallel axes.
 fn meeting_point(axes: &[Axes], near: f64) -> Option<DVec3> {
     let mut weights = vec![1.0; axes.len()];
     let mut point = DVec3::ZERO;
@@ -298,8 +308,8 @@ mod tests {
     const COUNT: u64 = 40;
     const MIDDLE: Vec3 = Vec3::new(0.3, -0.2, 0.5);
 
-    /// Cameras around [`MIDDLE`] in a world with +z up, at a distance of 4 and at elevations from `low` to `high`,
-    /// each picture rolled by quarter turns and by normally distributed `degrees`.
+    /// Cameras around [`MIDDLE`] in a world with +z up, at a distance of 4 and at elevations from
+    /// `low` to `high`, each picture rolled by quarter turns and by normally distributed `degrees`.
     fn ring([low, high]: [f32; 2], quarters: impl Fn(u64) -> u64, degrees: f32) -> Vec<Camera> {
         let camera = |k: u64| {
             let (turn, height) = (TAU as f32 * uniform(5, 0, k), low + (high - low) * uniform(5, 1, k));
@@ -352,7 +362,8 @@ mod tests {
             for heights in [[0.0, 0.0], [0.2, 0.2], [0.1, 0.9], [0.8, 0.8], [-0.3, 1.2]] {
                 for seed in 0..4 {
                     let cameras = ring(heights, quarters, 0.0);
-                    // Pictures on their side at the height of what they look at do not tell above from below.
+                    // Pictures on their side at the height of what they look at do not tell above
+                    // from below.
                     let is_told =
                         heights != [0.0, 0.0] || !matches!(name, "all, by 90°" | "all, by 270°" | "any, by any");
                     let (turn, scale, shift) =
@@ -396,7 +407,8 @@ mod tests {
             let turn = some_turn(seed as u64);
             let found = of(&elsewhere(&cameras, turn, 1.0, Vec3::ZERO));
             let error = off(&found, (turn * Vec3::Z).as_dvec3()).to_degrees();
-            // 3° of 35 pictures leave 0.7° in each of two directions; three times as much is one in a hundred.
+            // 3° of 35 pictures leave 0.7° in each of two directions; three times as much is one in
+            // a hundred.
             assert!(error < 2.1, "{heights:?}: {error}°");
             assert!(found.error_degrees.is_some_and(|said| said > 0.2 && error < 4.0 * said), "{error}° of {found:?}");
         }

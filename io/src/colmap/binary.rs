@@ -1,4 +1,4 @@
-//! COLMAP's binary files: counts, identifiers and numbers in little endian, one record after the other.
+//! COLMAP's binary files: little-endian records behind their count.
 
 use super::record::{Camera, Image, KINDS, Point, refuse, unknown_model};
 use crate::{
@@ -11,29 +11,30 @@ use std::{
     path::Path,
 };
 
-/// Bytes of an image's name that are believed.
+/// Longest name of an image in bytes.
 const NAME_MAX: u64 = 4096;
-/// Least bytes of a record: a camera without parameters, an image without a name, a point that no image sees.
+/// Smallest records in bytes: a camera without parameters, an image without a name, a point without
+/// a track.
 const CAMERA_LEN: u64 = 24;
 const IMAGE_LEN: u64 = 73;
 const POINT_LEN: u64 = 51;
-/// Bytes of a place of an image, and of a place in the track of a point.
+/// Bytes of a 2D point of an image, and of an element of a point's track.
 const PLACE_LEN: u64 = 24;
 const TRACK_LEN: u64 = 8;
 
-/// A file of records, and how much of it is left.
+/// Reader of records, with the number of bytes that remain.
 struct Records<'a> {
     path: &'a Path,
     reader: BufReader<File>,
     left: u64,
-    /// What is being read.
+    /// Kind of record, for error messages.
     what: &'static str,
     count: u64,
     index: u64,
 }
 
 impl<'a> Records<'a> {
-    /// Opens a file that begins with the count of its records, each of so many bytes or more.
+    /// Opens a file that begins with the count of its records, each of at least `len_min` bytes.
     fn open(path: &'a Path, what: &'static str, len_min: u64) -> Result<Self> {
         let file = File::open(path).map_err(Error::reading(path))?;
         let left = file.metadata().map_err(Error::reading(path))?.len();
@@ -99,7 +100,7 @@ impl<'a> Records<'a> {
         Ok(numbers)
     }
 
-    /// Text that ends with a zero.
+    /// Reads text that ends with a zero.
     fn text(&mut self) -> Result<String> {
         let mut bytes = Vec::new();
         let most = self.left.min(NAME_MAX);
@@ -111,7 +112,7 @@ impl<'a> Records<'a> {
         String::from_utf8(bytes).map_err(|_| self.refuse("has a name that is not UTF-8; rename the image"))
     }
 
-    /// Passes by a count and so many records of this length.
+    /// Skips a count and that many records of `len` bytes.
     fn pass(&mut self, len: u64) -> Result<()> {
         let count = self.u64()?;
         let size = count.checked_mul(len).filter(|size| *size <= self.left).ok_or_else(|| self.cut_short())?;
@@ -133,7 +134,7 @@ pub(super) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     })
 }
 
-/// Reads `images.bin`, without the places of points in images.
+/// Reads `images.bin` without 2D points.
 pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     Records::open(path, "image", IMAGE_LEN)?.all(|records| {
         let _id = records.u32()?;
@@ -144,7 +145,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     })
 }
 
-/// Reads `points3D.bin`, without the images that see each.
+/// Reads `points3D.bin` without tracks.
 pub(super) fn points(path: &Path) -> Result<Vec<Point>> {
     Records::open(path, "point", POINT_LEN)?.all(|records| {
         let _id = records.u64()?;

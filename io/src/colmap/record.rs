@@ -9,7 +9,7 @@ use crate::{
 use glam::{DMat3, DQuat, DVec3};
 use std::path::Path;
 
-/// A camera as COLMAP has it: one lens for all images that share it.
+/// A camera: one lens, shared by images.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Camera {
     pub(super) id: u32,
@@ -19,25 +19,25 @@ pub(super) struct Camera {
     pub(super) params: Vec<f64>,
 }
 
-/// An image as COLMAP has it.
+/// An image with its pose.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Image {
-    /// From world to camera: w, x, y, z.
+    /// Camera-from-world rotation: w, x, y, z.
     pub(super) quat: [f64; 4],
-    /// What is added to a world point after it was turned.
+    /// Camera-from-world translation.
     pub(super) translation: [f64; 3],
     pub(super) camera: u32,
     pub(super) name: String,
 }
 
-/// A point as COLMAP has it.
+/// A point of the sparse cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     pub(super) position: [f64; 3],
     pub(super) color: [u8; 3],
 }
 
-/// A camera model: its number and name in files, and how many parameters it has.
+/// A camera model: number and name in files, and number of parameters.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Kind {
     pub(super) number: u32,
@@ -45,7 +45,7 @@ pub(super) struct Kind {
     pub(super) params: usize,
 }
 
-/// COLMAP's camera models that are known, by their numbers.
+/// Supported camera models, by number.
 pub(super) const KINDS: [Kind; 11] = [
     Kind { number: 0, name: "SIMPLE_PINHOLE", params: 3 },
     Kind { number: 1, name: "PINHOLE", params: 4 },
@@ -60,7 +60,7 @@ pub(super) const KINDS: [Kind; 11] = [
     Kind { number: 10, name: "THIN_PRISM_FISHEYE", params: 12 },
 ];
 
-/// What to do about a camera model that is not known.
+/// Remedy for an unsupported camera model.
 pub(super) fn unknown_model(model: &str) -> String {
     let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
     format!(
@@ -70,13 +70,13 @@ pub(super) fn unknown_model(model: &str) -> String {
     )
 }
 
-/// What is wrong at a place of a file.
+/// Error at a place of a file.
 pub(super) fn refuse(path: &Path, place: impl Into<String>, what: impl Into<String>) -> Error {
     Error::Place { path: path.to_owned(), place: place.into(), what: what.into() }
 }
 
 impl Image {
-    /// The pose, unless it is none.
+    /// Pose of the image; none where it is not finite or has no rotation.
     pub(super) fn pose(&self) -> Option<Pose> {
         let [w, x, y, z] = self.quat;
         let length = DQuat::from_xyzw(x, y, z, w).length();
@@ -90,7 +90,7 @@ impl Image {
 }
 
 impl Camera {
-    /// A camera that can be, or what is wrong with it.
+    /// Checks sizes and parameters; the error describes the fault.
     pub(super) fn checked(self) -> Result<Self, String> {
         if ![self.width, self.height].iter().all(|size| (1..=u64::from(EDGE_MAX)).contains(size)) {
             return Err(format!(
@@ -107,7 +107,7 @@ impl Camera {
         Ok(self)
     }
 
-    /// Focal lengths, principal point and distortion, of whatever model.
+    /// Focal lengths, principal point and distortion of any model.
     pub(super) fn lens(&self) -> Lens {
         let p = |k: usize| self.params[k];
         let one_focal = [0, 2, 3, 8, 9].contains(&self.model.number);
@@ -119,7 +119,7 @@ impl Camera {
     }
 }
 
-/// The distortion of a model whose coefficients begin with `k(0)`.
+/// Distortion of a model whose coefficients begin with `k(0)`.
 fn distortion_of(model: &Kind, k: impl Fn(usize) -> f64) -> Distortion {
     let polynomial = |radial, tangential| Distortion::Polynomial { radial, tangential };
     let fisheye = |radial, tangential, prism| Distortion::Fisheye { radial, tangential, prism };

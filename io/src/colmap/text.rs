@@ -1,4 +1,5 @@
-//! COLMAP's text files: a record a line, of an image two, words apart by spaces; lines that begin with # say nothing.
+//! COLMAP's text files: one record on a line, two lines for an image; words are separated by
+//! spaces, and comments begin with #.
 
 use super::record::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
 use crate::{
@@ -12,12 +13,12 @@ use std::{
     path::Path,
 };
 
-/// The lines of a file.
+/// Reader of lines.
 struct Lines<'a> {
     path: &'a Path,
     reader: BufReader<File>,
     line: Vec<u8>,
-    /// From 1.
+    /// Line number, from 1.
     number: usize,
 }
 
@@ -27,7 +28,7 @@ impl<'a> Lines<'a> {
         Ok(Self { path, reader: BufReader::new(file), line: Vec::new(), number: 0 })
     }
 
-    /// Goes to the next line, if there is one.
+    /// Reads the next line; false at the end of the file.
     fn next(&mut self) -> Result<bool> {
         self.line.clear();
         self.number += 1;
@@ -36,13 +37,13 @@ impl<'a> Lines<'a> {
         Ok(read > 0)
     }
 
-    /// Goes to the next line, if there is one, without keeping it.
+    /// Skips the next line.
     fn pass(&mut self) -> Result<()> {
         self.number += 1;
         self.reader.skip_until(b'\n').map_err(Error::reading(self.path)).map(drop)
     }
 
-    /// Goes to the next line that says something, if there is one.
+    /// Reads the next line that is neither blank nor a comment; false at the end of the file.
     fn next_record(&mut self) -> Result<bool> {
         while self.next()? {
             if self.line.trim_ascii().first().is_some_and(|first| *first != b'#') {
@@ -52,7 +53,7 @@ impl<'a> Lines<'a> {
         Ok(false)
     }
 
-    /// The words of the line.
+    /// Words of the current line.
     fn words(&self) -> Result<Words<'_>> {
         let line = core::str::from_utf8(&self.line).map_err(|_| self.refuse("is not UTF-8; copy the file again"))?;
         Ok(Words { lines: self, rest: line.trim() })
@@ -63,7 +64,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// What is left of a line.
+/// Remainder of a line.
 struct Words<'a> {
     lines: &'a Lines<'a>,
     rest: &'a str,
@@ -111,8 +112,8 @@ fn camera(lines: &Lines<'_>) -> Result<Camera> {
     Ok(Camera { id, model, width, height, params: params? })
 }
 
-/// Reads `images.txt`: identifier, quaternion, translation, camera, name; the line below, with places of points in the
-/// image, is passed by.
+/// Reads `images.txt`: identifier, quaternion, translation, camera, name. The line of 2D points
+/// below is skipped.
 pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     let mut lines = Lines::open(path)?;
     let mut images = Vec::new();
@@ -136,7 +137,7 @@ fn image(lines: &Lines<'_>) -> Result<Image> {
     Ok(Image { quat, translation, camera, name: words.rest.to_owned() })
 }
 
-/// Reads `points3D.txt`: identifier, position, colour; what follows is passed by.
+/// Reads `points3D.txt`: identifier, position, colour; the rest of a line is ignored.
 pub(super) fn points(path: &Path) -> Result<Vec<Point>> {
     let mut lines = Lines::open(path)?;
     let mut points = Vec::new();

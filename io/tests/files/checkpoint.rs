@@ -1,4 +1,5 @@
-//! Checkpoints: what comes back, and that no file can make the reader panic or ask for memory in vain.
+//! Checkpoints: what comes back, and that no file can make the reader panic or ask for memory in
+//! vain.
 
 use serde_json::{Value, json};
 use specula_core::{

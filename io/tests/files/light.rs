@@ -99,7 +99,8 @@ fn a_map_survives_the_way_to_a_cube_and_back() {
 
 #[test]
 fn a_sun_of_one_pixel_keeps_its_energy() {
-    // From finer than the cube to coarser, near the horizon, half way up, and across the seam of the map.
+    // From finer than the cube to coarser, near the horizon, half way up, and across the seam of
+    // the map.
     for (width, resolution) in [(512, 16), (256, 32), (256, 64), (64, 32)] {
         for (column, row) in [(width / 3, width / 4), (width / 7, width / 8), (0, width / 5), (width - 1, width / 3)] {
             let mut sun = map(width, width / 2, |_, _| [0.0; 3]);

@@ -1,4 +1,5 @@
-//! Files of every format, read and written: one test program, so that it is compiled and linked once.
+//! Files of every format, read and written: one test program, so that it is compiled and linked
+//! once.
 
 mod checkpoint;
 mod dataset;

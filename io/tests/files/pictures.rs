@@ -177,7 +177,8 @@ fn a_jpeg_of_many_scans_is_refused() {
     }
 }
 
-/// A profile of colours that unpacks to far more than its picture is left alone, and the picture is read.
+/// A profile of colours that unpacks to far more than its picture is left alone, and the picture is
+/// read.
 #[test]
 fn profiles_are_not_unpacked_without_end() {
     let folder = tempfile::tempdir().unwrap();

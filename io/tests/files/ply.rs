@@ -67,7 +67,8 @@ fn assert_says(sentence: &str, parts: &[&str]) {
     }
 }
 
-/// The same file in another encoding, with a property of another type and one that nobody asked for.
+/// The same file in another encoding, with a property of another type and one that nobody asked
+/// for.
 fn translated(path: &Path, encoding: &str) -> Vec<u8> {
     let bytes = fs::read(path).unwrap();
     let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;

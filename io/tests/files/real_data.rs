@@ -1,4 +1,5 @@
-//! Published scenes and models, where the environment variable `SPECULA_DATA` names a folder that has them.
+//! Published scenes and models, where the environment variable `SPECULA_DATA` names a folder that
+//! has them.
 
 use specula_io::{
     Result, cameras,
@@ -93,7 +94,7 @@ fn points_of(model: &Path) -> HashMap<u64, [f64; 3]> {
     (0..bytes.count()).map(|_| point(&mut bytes)).collect()
 }
 
-/// Where points were seen, image by image.
+/// Positions of 2D points in each image.
 fn observations_of(model: &Path) -> HashMap<String, Vec<([f64; 2], u64)>> {
     let mut bytes = Bytes::of(&model.join("images.bin"));
     let image = |bytes: &mut Bytes| {
