@@ -6,17 +6,13 @@ use specula_core::{
     camera::Camera,
     executor::Renderer,
     pack::Storage,
-    pipeline::render,
+    pipeline::{Stage, StageObserver, render_observed},
     plan::{Needs, Plan},
     prefilter::{LevelRange, Levels, PrefilterScheme},
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, Image},
+    scene::{Gaussians, Image},
 };
-use specula_cpu::{
-    CpuError, CpuViewer,
-    frame::Frame,
-    stages::{bin::Tiles, prefilter::Light, project::Splats, shade::Colors},
-};
+use specula_cpu::{CpuError, CpuViewer, stages::prefilter::Light};
 use std::{borrow::Cow, time::Instant};
 
 /// The stages that are timed, and the whole of them.
@@ -164,10 +160,12 @@ impl Trial<'_> {
         let light = self.filtered(setting, &rules)?;
         let (gaussians, _) = stored(&self.stored, &self.subject, setting.storage);
         self.exec.set_cutoffs(setting.cutoffs);
-        let mut watch = Stopwatch { exec: &mut self.exec, times: Times::default(), work: Work::default() };
         let light = light.map(|index| &self.lights[index].light);
+        let is_lit = light.is_some() && rules.is_lit;
+        let is_deferred = rules.is_deferred(gaussians.layout);
         let start = Instant::now();
-        let frame = render(&mut watch, gaussians, light, camera, &rules)?;
+        let mut watch = Stopwatch::new([is_lit && !is_deferred, is_lit]);
+        let frame = render_observed(&mut self.exec, gaussians, light, camera, &rules, &mut watch)?;
         watch.times[STAGES.len() - 1] = milliseconds(start);
         let (times, mut work) = (watch.times, watch.work);
         work.weights = light.map_or(0, Light::weight_count);
@@ -250,96 +248,56 @@ fn milliseconds(start: Instant) -> f64 {
 /// Texels that a lookup reads: four of two levels.
 const TEXELS_OF_LOOKUP: usize = 8;
 
-/// A viewer whose stages are timed and counted.
-struct Stopwatch<'a> {
-    exec: &'a mut CpuViewer,
+/// Times of the stages of a picture, and counts of their work.
+struct Stopwatch {
+    /// Start of the stage that runs.
+    start: Instant,
     times: Times,
     work: Work,
+    /// Whether Gaussians look light up, and whether pixels do.
+    looks_light_up: [bool; 2],
 }
 
-impl Stopwatch<'_> {
-    fn timed<T>(
-        &mut self,
-        stage: usize,
-        run: impl FnOnce(&mut CpuViewer) -> Result<T, CpuError>,
-    ) -> Result<T, CpuError> {
-        let start = Instant::now();
-        let result = run(self.exec);
-        self.times[stage] += milliseconds(start);
-        result
+impl Stopwatch {
+    fn new(looks_light_up: [bool; 2]) -> Self {
+        Self { start: Instant::now(), times: Times::default(), work: Work::default(), looks_light_up }
     }
 }
 
-impl Renderer for Stopwatch<'_> {
-    type Array = Vec<f32>;
-    type Light = Light;
-    type Splats = Splats;
-    type Colors = Colors;
-    type Tiles = Tiles;
-    type Frame = Frame;
-    type Error = CpuError;
-
-    fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
-        self.exec.upload(values)
-    }
-
-    fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
-        self.exec.download(array, values)
-    }
-
-    fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
-        self.exec.read_frame(frame, values)
-    }
-
-    fn prefilter(
-        &mut self,
-        environment: &Environment<Vec<f32>>,
-        scheme: PrefilterScheme,
-        levels: LevelRange,
-    ) -> Result<Light, CpuError> {
-        self.exec.prefilter(environment, scheme, levels)
-    }
-
-    fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
-        let splats = self.timed(0, |exec| exec.project(gaussians, camera))?;
-        self.work.perspectives += if splats.are_affine() { 0 } else { gaussians.count };
-        Ok(splats)
-    }
-
-    fn shade(
-        &mut self,
-        gaussians: &Gaussians<Vec<f32>>,
-        camera: &Camera,
-        splats: &mut Splats,
-        light: Option<&Light>,
-        rules: &RenderRules,
-    ) -> Result<Colors, CpuError> {
-        if light.is_some() && !rules.is_deferred(gaussians.layout) {
-            let drawn = splats.records().iter().filter(|record| record.reach > 0.0).count();
-            self.work.texel_reads += TEXELS_OF_LOOKUP * drawn;
+impl StageObserver<CpuViewer> for Stopwatch {
+    fn on_stage(&mut self, stage: Stage<'_, CpuViewer>) {
+        let index = match stage {
+            Stage::Project(_) => 0,
+            Stage::Shade(_) => 1,
+            Stage::Bin(_) => 2,
+            Stage::Blend(..) => 3,
+            Stage::ShadePixels(_) => 4,
+        };
+        self.times[index] += milliseconds(self.start);
+        let [by_gaussian, by_pixel] = self.looks_light_up;
+        match stage {
+            Stage::Project(splats) => {
+                let records = splats.records();
+                self.work.perspectives += if splats.are_affine() { 0 } else { records.len() };
+                if by_gaussian {
+                    let drawn = records.iter().filter(|record| record.reach > 0.0).count();
+                    self.work.texel_reads += TEXELS_OF_LOOKUP * drawn;
+                }
+            }
+            Stage::Shade(_) => {}
+            Stage::Bin(tiles) => self.work.intersections += tiles.intersection_count(),
+            Stage::Blend(splats, frame) => {
+                let pairs = frame.seen_pairs();
+                self.work.pairs += pairs;
+                self.work.pairs_in_perspective += (splats.share_in_perspective() * pairs as f64) as usize;
+            }
+            Stage::ShadePixels(frame) => {
+                if by_pixel {
+                    self.work.texel_reads += TEXELS_OF_LOOKUP * frame.covered_pixels();
+                }
+            }
         }
-        self.timed(1, |exec| exec.shade(gaussians, camera, splats, light, rules))
-    }
-
-    fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
-        let tiles = self.timed(2, |exec| exec.bin(splats, camera))?;
-        self.work.intersections += tiles.intersection_count();
-        Ok(tiles)
-    }
-
-    fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        let frame = self.timed(3, |exec| exec.blend(splats, colors, tiles, camera))?;
-        let pairs = frame.seen_pairs();
-        self.work.pairs += pairs;
-        self.work.pairs_in_perspective += (splats.share_in_perspective() * pairs as f64) as usize;
-        Ok(frame)
-    }
-
-    fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
-        if light.is_some() {
-            self.work.texel_reads += TEXELS_OF_LOOKUP * surface.covered_pixels();
-        }
-        self.timed(4, |exec| exec.shade_pixels(surface, light, camera))
+        self.start = Instant::now();
     }
 }
 

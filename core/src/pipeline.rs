@@ -8,7 +8,37 @@ use crate::{
     state::SceneState,
 };
 
-/// A picture of Gaussians under a light.
+/// Stage of a picture that has just run, with its results.
+#[derive(Debug)]
+pub enum Stage<'a, E: Renderer> {
+    /// Gaussians were projected.
+    Project(&'a E::Splats),
+    /// Splats were shaded.
+    Shade(&'a E::Colors),
+    /// Splats were sorted into tiles.
+    Bin(&'a E::Tiles),
+    /// Tiles were blended.
+    Blend(&'a E::Splats, &'a E::Frame),
+    /// Light was added pixel by pixel.
+    ShadePixels(&'a E::Frame),
+}
+
+/// Observer of the stages of a picture, such as a stopwatch. `()` observes nothing, at no cost.
+pub trait StageObserver<E: Renderer> {
+    /// Called after each stage.
+    fn on_stage(&mut self, stage: Stage<'_, E>);
+}
+
+impl<E: Renderer> StageObserver<E> for () {
+    #[inline(always)]
+    fn on_stage(&mut self, _: Stage<'_, E>) {}
+}
+
+/// Renders Gaussians under a light.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
 pub fn render<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -16,12 +46,36 @@ pub fn render<E: Renderer>(
     camera: &Camera,
     rules: &RenderRules,
 ) -> Result<E::Frame, E::Error> {
+    render_observed(exec, gaussians, light, camera, rules, &mut ())
+}
+
+/// [`render`] under an observer of its stages.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
+pub fn render_observed<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    observer: &mut impl StageObserver<E>,
+) -> Result<E::Frame, E::Error> {
     let light = light.filter(|_| rules.is_lit);
     let mut splats = exec.project(gaussians, camera)?;
+    observer.on_stage(Stage::Project(&splats));
     let colors = exec.shade(gaussians, camera, &mut splats, light, rules)?;
+    observer.on_stage(Stage::Shade(&colors));
     let tiles = exec.bin(&splats, camera)?;
-    let frame = exec.blend(&splats, &colors, &tiles, camera)?;
-    if rules.is_deferred(gaussians.layout) { exec.shade_pixels(frame, light, camera) } else { Ok(frame) }
+    observer.on_stage(Stage::Bin(&tiles));
+    let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
+    observer.on_stage(Stage::Blend(&splats, &frame));
+    if rules.is_deferred(gaussians.layout) {
+        frame = exec.shade_pixels(frame, light, camera)?;
+        observer.on_stage(Stage::ShadePixels(&frame));
+    }
+    Ok(frame)
 }
 
 /// One step of training: forward, backward, update.
