@@ -1,4 +1,4 @@
-//! How good a scene is, on views that it was not fitted to.
+//! Metrics of a scene on held-out views.
 
 use crate::view::View;
 use specula_core::{
@@ -13,21 +13,22 @@ use specula_core::{
     vector::vec3,
 };
 
-/// Measures of one view.
+/// Metrics of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewQuality {
-    /// The view's name.
+    /// Name of the view.
     pub name: String,
-    /// Peak signal-to-noise ratio in dB, of 8-bit pictures.
+    /// Peak signal-to-noise ratio in dB of 8-bit pictures.
     pub psnr: f64,
-    /// Structural similarity, of 8-bit pictures.
+    /// Structural similarity of 8-bit pictures.
     pub ssim: f64,
-    /// Mean angle between rendered and true normals, in degrees, over pixels that have a true normal and whose true
-    /// alpha exceeds one half; a pixel where nothing was rendered counts 90°.
+    /// Mean angle between rendered and ground-truth normals in degrees, over pixels with a
+    /// ground-truth normal and an alpha above one half; pixels without a rendered normal count as
+    /// 90°.
     pub normal_mae: Option<f64>,
 }
 
-/// Means over views; those of normals over the views that have them.
+/// Means over views; of normals over the views that have them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// Mean PSNR in dB.
@@ -38,7 +39,7 @@ pub struct Quality {
     pub normal_mae: Option<f64>,
 }
 
-/// Means of the measures of some views.
+/// Means of the metrics of some views.
 pub fn mean_quality(views: &[ViewQuality]) -> Quality {
     let mean = |of: &dyn Fn(&ViewQuality) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(of).collect();
@@ -51,7 +52,11 @@ pub fn mean_quality(views: &[ViewQuality]) -> Quality {
     }
 }
 
-/// A rendered view in host memory: channels, then transmittance.
+/// Renders a view into host memory: channels, then transmittance.
+///
+/// # Errors
+///
+/// An error of the executor.
 pub fn render_view<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -67,7 +72,7 @@ pub fn render_view<E: Renderer>(
     Ok(Image { width, height, channels, values })
 }
 
-/// Colours of a rendered image over a background, three planes.
+/// Composites a rendered image over a background into three planes.
 pub fn over_background(image: &Image<Vec<f32>>, background: [f32; 3]) -> Vec<f32> {
     let passed = image.plane(image.channels - 1);
     (0..3)
@@ -75,8 +80,8 @@ pub fn over_background(image: &Image<Vec<f32>>, background: [f32; 3]) -> Vec<f32
         .collect()
 }
 
-/// Largest difference of two pictures of one view in what was asked for, and in their transmittance: zero where they
-/// are the same, infinity where one lacks what was asked for, is of another size or is not a number.
+/// Largest difference of two pictures of a view in the channels `asked` and in transmittance.
+/// Infinity where a channel is missing, sizes differ or a difference is NaN.
 pub fn largest_difference(one: &Image<Vec<f32>>, other: &Image<Vec<f32>>, asked: Channels) -> f32 {
     if [one.width, one.height] != [other.width, other.height] {
         return f32::INFINITY;
@@ -96,28 +101,28 @@ fn plane_difference(one: &[f32], other: &[f32]) -> f32 {
     one.iter().zip(other).map(difference).fold(0.0, |max, x| if x.is_nan() { f32::INFINITY } else { max.max(x) })
 }
 
-/// How a view is rendered to be measured: its normals only where there are true ones.
+/// Rules to render a view for its metrics: normals are included where there is ground truth.
 pub fn rules_to_measure(view: &View, rules: &RenderRules) -> RenderRules {
     let channels = if view.normals.is_some() { Channels::Training } else { Channels::Color };
     RenderRules { channels, ..*rules }
 }
 
-/// A rendered view and its truth as measures compare them: three planes of sRGB each, over the same background, both
-/// black where the truth is not known.
+/// A rendered view with its ground truth for metrics: three sRGB planes each over the same
+/// background, black in unknown pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
     /// Pixels in a row.
     pub width: usize,
-    /// What was rendered.
+    /// Rendered picture.
     pub rendered: Vec<f32>,
-    /// What was seen.
+    /// Ground truth.
     pub truth: Vec<f32>,
-    /// Which pixels are known; none where all are.
+    /// Mask of known pixels; none where all are known.
     pub known: Option<Vec<bool>>,
 }
 
 impl Pair {
-    /// The picture of a view beside the view.
+    /// Pairs a rendered image with its view.
     pub fn new(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> Self {
         let mut rendered = over_background(image, background);
         let mut truth = view.over(background);
@@ -130,12 +135,12 @@ impl Pair {
     }
 }
 
-/// Measures the picture of a view, rendered by [`rules_to_measure`].
+/// Metrics of a view rendered with [`rules_to_measure`].
 pub fn measure_view(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> ViewQuality {
     measure_pair(&Pair::new(image, view, background), image, view)
 }
 
-/// The same where picture and view were paired already.
+/// Metrics of a view that is paired already.
 pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQuality {
     let Pair { width, rendered, truth, known } = pair;
     let share = known.as_deref().map_or(1.0, share_of);
@@ -147,9 +152,9 @@ pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQu
     }
 }
 
-/// PSNR in dB of the picture of a view once the exposure that comes closest to the truth was put over it: what is left of the
-/// error where photographs of one scene were exposed differently, and nobody can know how this one was. It is fitted to
-/// the very picture that it is measured on, so it is no measure of what a scene predicts.
+/// PSNR in dB after fitting an exposure to the ground truth. Photographs of a scene may differ in
+/// exposure, which held-out views cannot predict. The fit sees the ground truth, so that the value
+/// is no measure of prediction.
 pub fn fitted_psnr(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> f64 {
     let pair = Pair::new(image, view, background);
     let exposed = exposed(image, &fitted_exposure(image, &pair, background));
@@ -158,10 +163,10 @@ pub fn fitted_psnr(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -
     psnr(mean_squared_error(&rendered, &pair.truth) / share)
 }
 
-/// The exposure with which a picture comes closest to its truth, by least squares over the pixels that are known. What
-/// they do not decide stays as it is.
+/// Least-squares fit of the exposure from a rendered picture to its ground truth over known pixels.
+/// Undetermined parameters remain at the identity.
 fn fitted_exposure(image: &Image<Vec<f32>>, pair: &Pair, background: [f32; 3]) -> Exposure<f32> {
-    /// Weight of colours as they are, in pixels.
+    /// Weight of the identity, in pixels.
     const UNDECIDED: f64 = 1e-3;
     const UNKNOWNS: usize = 4;
     let size = image.pixel_count();
@@ -181,14 +186,14 @@ fn fitted_exposure(image: &Image<Vec<f32>>, pair: &Pair, background: [f32; 3]) -
     columns.map_or(IDENTITY, |columns| core::array::from_fn(|c| core::array::from_fn(|k| columns[k][c])))
 }
 
-/// Numbers of an equation, the others zero.
+/// Coefficients of an equation, padded with zeros.
 fn row_of(numbers: [f64; 4]) -> Row {
     let mut row = [0.0; UNKNOWNS_MAX];
     row[..4].copy_from_slice(&numbers);
     row
 }
 
-/// A picture as a photograph of this exposure shows it.
+/// Applies an exposure to a rendered picture.
 fn exposed(image: &Image<Vec<f32>>, exposure: &Exposure<f32>) -> Image<Vec<f32>> {
     let mut exposed = image.clone();
     let size = image.pixel_count();
@@ -201,18 +206,18 @@ fn exposed(image: &Image<Vec<f32>>, exposure: &Exposure<f32>) -> Image<Vec<f32>>
     exposed
 }
 
-/// Makes what is unknown the same in every picture.
+/// Sets unknown pixels to black.
 fn blacken(planes: &mut [f32], known: &[bool]) {
     let pixels = planes.iter_mut().zip(known.iter().cycle());
     pixels.filter(|(_, known)| !**known).for_each(|(value, _)| *value = 0.0);
 }
 
-/// The share of the pixels that is known, of one at least.
+/// Share of known pixels, counting at least one.
 fn share_of(known: &[bool]) -> f64 {
     known.iter().filter(|known| **known).count().max(1) as f64 / known.len() as f64
 }
 
-/// Mean squared error of two pictures as 8 bits show them.
+/// Mean squared error of two pictures quantised to 8 bits.
 pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
     let square = |(x, y): (&f32, &f32)| {
         let difference = (f64::from(quantize(*x)) - f64::from(quantize(*y))) / 255.0;
@@ -221,7 +226,7 @@ pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
     x.iter().zip(y).map(square).sum::<f64>() / x.len().max(1) as f64
 }
 
-/// Mean angle between rendered and true normals, in degrees.
+/// Mean angle between rendered and ground-truth normals in degrees.
 fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
     const NOTHING_RENDERED: f64 = 90.0;
     let Some(normals) = &view.normals else { return f64::NAN };
@@ -235,13 +240,13 @@ fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
     sum / f64::max(count, 1.0)
 }
 
-/// Mean SSIM of two pictures of three planes, as 8 bits show them.
+/// Mean SSIM of two pictures of three planes, quantised to 8 bits.
 pub fn mean_ssim(width: usize, height: usize, x: &[f32], y: &[f32]) -> f64 {
     assert_eq!(x.len(), 3 * width * height, "three planes are compared");
     ssim_of_known(width, x, y, None)
 }
 
-/// Mean SSIM over the windows whose middle is known.
+/// Mean SSIM over windows centred on known pixels.
 fn ssim_of_known(width: usize, x: &[f32], y: &[f32], known: Option<&[bool]>) -> f64 {
     let size = (x.len() / 3).max(1);
     let share = known.map_or(1.0, share_of);
@@ -259,7 +264,7 @@ fn ssim_sum(width: usize, x: &[f32], y: &[f32], known: Option<&[bool]>) -> f64 {
     counted.map(|k| f64::from(ssim(&SsimMoments { x: x[k], y: y[k], xx: xx[k], yy: yy[k], xy: xy[k] }))).sum()
 }
 
-/// A plane blurred by SSIM's window; beyond the border it is zero.
+/// Convolves a plane with the window of SSIM, zero-padded.
 fn blur(width: usize, plane: &[f32]) -> Vec<f32> {
     const REACH: usize = SSIM_WINDOW / 2;
     let window = ssim_window();
@@ -295,7 +300,7 @@ mod tests {
         let truth = |k: usize| if k % width < 20 { [k as u8, 77, 3, 255] } else { UNKNOWN };
         let rgba = (0..width * height).flat_map(truth).collect();
         let view = View { name: "torn".into(), camera, rgba, normals: None };
-        // What is known is shown as it is, one level too bright; elsewhere there is noise, then nothing.
+        // Known pixels are one level too bright; unknown ones hold noise, then zeros.
         let image = |elsewhere: fn(usize) -> f32| {
             let shown = |c: usize, k: usize| match view.rgba[4 * k..4 * k + 4] {
                 [.., 0] => elsewhere(k),
@@ -313,7 +318,7 @@ mod tests {
         assert!((noisy.psnr - one_level).abs() < 0.1, "{} dB", noisy.psnr);
         assert!(noisy.ssim > 0.9, "{}", noisy.ssim);
     }
-    /// A rendered picture with a soft edge, and a view of it as a photograph of this exposure shows it.
+    /// A rendered picture with a soft edge, and a view of it under an exposure.
     fn photographed(exposure: &Exposure<f32>) -> (Image<Vec<f32>>, View) {
         let (width, height) = (24, 16);
         let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width as u32, height as u32);
@@ -332,7 +337,7 @@ mod tests {
 
     #[test]
     fn the_exposure_of_a_photograph_is_found_and_nothing_is_lost_where_there_is_none() {
-        /// What rounding to 8 bits leaves, in dB: errors of 0.29 of a level.
+        /// PSNR in dB of rounding to 8 bits: errors of 0.29 levels.
         const ROUNDED: f64 = 55.0;
         let exposure = [[0.7, 0.1, 0.0, 0.05], [0.05, 0.9, -0.1, 0.1], [0.0, 0.1, 0.8, -0.02]];
         let (image, view) = photographed(&exposure);

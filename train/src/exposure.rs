@@ -1,12 +1,13 @@
-//! How the photographs of a training were exposed: a map of colours for each, which is learned beside the scene.
+//! Exposures of the training photographs: an affine map of colours for each, learned beside the
+//! scene.
 //!
-//! A factor that all maps share cannot be told from the scene's own colours. So the mean of the maps is kept at the
-//! identity: after every step what it has moved is taken out of all of them. The mean of what the photographs would show of
-//! a pixel is then its colour as it is rendered without any map: the scene looks as the photographs do on average.
+//! A factor common to all maps is indistinguishable from the scene's colours. The mean of the maps
+//! is therefore kept at the identity: each step subtracts its change from all maps. Rendered
+//! without a map, a pixel then has the mean colour of the photographs.
 //!
-//! Maps that change slowly from one side of the scene to the other are hard to tell from colours that do so. What
-//! photographs hardly decide therefore goes back to the identity, by a decay of its own beside Adam's step (Loshchilov and
-//! Hutter 2019, "Decoupled Weight Decay Regularization").
+//! Maps that vary slowly across the scene are hard to distinguish from colours that do. Decoupled
+//! weight decay (Loshchilov and Hutter 2019) pulls poorly determined parameters back to the
+//! identity.
 
 use specula_core::{
     expose::{Exposure, IDENTITY},
@@ -14,7 +15,7 @@ use specula_core::{
     state::{AdamMoments, ExposureState},
 };
 
-/// What of a map's distance from the identity is taken back with each step, for a learning rate of one.
+/// Weight decay towards the identity per step, relative to the learning rate.
 const DECAY: f32 = 10.0;
 
 /// Exposures of `count` photographs before the first step: identities.
@@ -23,8 +24,8 @@ pub(crate) fn identities(count: usize) -> ExposureState {
     ExposureState { maps: vec![IDENTITY; count], moments: AdamMoments { mean: zeros.clone(), square: zeros } }
 }
 
-/// Takes Adam's step for one photograph, whose first step has the number 1. Returns how many numbers of the gradient
-/// were skipped because they were not finite.
+/// Takes Adam's step for one photograph, whose first step has the number 1. Returns how many
+/// numbers of the gradient were skipped because they were not finite.
 pub(crate) fn step(exposures: &mut ExposureState, view: usize, grad: &Exposure<f64>, rate: f32, number: u32) -> usize {
     let (corrected_rate, epsilon) = (corrected_rate(rate, number), corrected_epsilon(number));
     let kept = 1.0 - (DECAY * rate).min(1.0);
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
     use specula_core::random::uniform;
 
-    /// Sums of a few numbers near one, in `f32`.
+    /// Rounding error of sums of a few `f32` numbers near one.
     const ROUNDING: f32 = 1e-6;
 
     fn grad(step: u32) -> Exposure<f64> {
@@ -101,7 +102,7 @@ mod tests {
         let mut exposures = identities(2);
         (exposures.maps[0][0][0], exposures.maps[1][0][0]) = (1.2, 0.8);
         assert_eq!(step(&mut exposures, 0, &[[0.0; 4]; 3], RATE, 1), 0, "zeros are finite");
-        // One of two maps has lost its share, and both lose half of that as their mean is centred.
+        // One of two maps decays, and centring halves the change for both.
         let apart = exposures.maps[0][0][0] - exposures.maps[1][0][0];
         assert!((apart - 0.4 + 0.2 * DECAY * RATE).abs() < ROUNDING, "they are {apart} apart");
     }

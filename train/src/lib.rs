@@ -1,6 +1,7 @@
-//! The optimisation loop: profiles, schedules, densification, evaluation. It knows no executor by name.
+//! The optimisation loop: profiles, schedules, densification, evaluation. It is generic over
+//! executors.
 //!
-//! A grey picture is learned by fifty steps on the processor; [`evaluate`] measures views that were held out.
+//! Fifty steps on the CPU learn a grey picture; [`evaluate`] computes metrics of held-out views.
 //!
 //! ```
 //! use glam::Vec3;

@@ -1,4 +1,4 @@
-//! What distinguishes one kind of training from another: data, not code paths.
+//! Profiles: the parameters that distinguish one kind of training from another, as data.
 
 use specula_core::{
     loss::{LossWeights, NormalForm},
@@ -10,70 +10,71 @@ use specula_core::{
     shade::ShadingRules,
 };
 
-/// Learning rates of all attributes, over a run.
+/// Learning rates of all attributes over a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
-    /// Of the means, in units of the scene's extent.
+    /// Means, in units of the scene's extent.
     pub mean: Schedule,
-    /// Of the logarithms of the scales.
+    /// Logarithms of the scales.
     pub log_scale: Schedule,
-    /// Of the quats.
+    /// Quats.
     pub quat: Schedule,
-    /// Of the opacity logits.
+    /// Opacity logits.
     pub opacity: Schedule,
-    /// Of the raw diffuse colour.
+    /// Raw diffuse colour.
     pub diffuse: Schedule,
-    /// Of the raw tint.
+    /// Raw tint.
     pub tint: Schedule,
-    /// Of the raw roughness.
+    /// Raw roughness.
     pub roughness: Schedule,
-    /// Of Δn₁ and Δn₂.
+    /// Normal residuals Δn₁ and Δn₂.
     pub normal_residual: [Schedule; 2],
-    /// Of the first spherical harmonic.
+    /// First spherical harmonic.
     pub sh_first: Schedule,
-    /// Of the others.
+    /// Other harmonics.
     pub sh_rest: Schedule,
-    /// Of the environment's numbers.
+    /// Values of the environment.
     pub environment: Schedule,
 }
 
-/// When and how Gaussians are added and removed. Iterations are those of the full run.
+/// Schedule and thresholds of densification, for the full number of iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densification {
-    /// First iteration after which it acts.
+    /// Iteration after which densification begins.
     pub from: u32,
-    /// Last iteration before which it acts.
+    /// Iteration before which densification ends.
     pub until: u32,
-    /// Iterations between two actions.
+    /// Iterations between densifications.
     pub every: u32,
     /// Mean gradient, in normalised device coordinates, from which a Gaussian is refined.
     pub grad_min: f32,
     /// Scale, as a share of the scene's extent, above which a Gaussian is split rather than cloned.
     pub split_share: f32,
-    /// Scale, as a share of the scene's extent, above which a Gaussian is removed after the first opacity reset.
+    /// Scale, as a share of the scene's extent, above which a Gaussian is removed after the first
+    /// opacity reset.
     pub prune_share: f32,
     /// Opacity below which a Gaussian is removed.
     pub opacity_min: f32,
     /// Iterations between two opacity resets; 0 for none.
     pub reset_every: u32,
-    /// Most Gaussians that there may be.
+    /// Largest number of Gaussians.
     pub count_max: usize,
 }
 
-/// The trainable light at the start.
+/// Initial light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightStart {
     /// Texels along an edge of a face.
     pub resolution: usize,
-    /// What its numbers mean.
+    /// Activation of its values.
     pub activation: RadianceActivation,
-    /// Radiance everywhere.
+    /// Initial radiance.
     pub radiance: f32,
     /// Largest radiance kept after each step; infinite for none.
     pub radiance_max: f32,
 }
 
-/// How a new Gaussian's attributes start.
+/// Initial attributes of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaussianStart {
     /// Opacity.
@@ -82,43 +83,44 @@ pub struct GaussianStart {
     pub tint: f32,
     /// Roughness.
     pub roughness: f32,
-    /// Share of a point's colour that starts as diffuse.
+    /// Share of a point's colour that becomes diffuse.
     pub diffuse_share: f32,
 }
 
 /// A kind of training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub name: &'static str,
     /// Attributes of the Gaussians.
     pub layout: Layout,
-    /// The shading function.
+    /// Shading function.
     pub shading: ShadingRules,
-    /// The prefilter.
+    /// Prefilter.
     pub scheme: PrefilterScheme,
-    /// The light; none for plain Gaussian splatting.
+    /// Initial light; none for plain Gaussian splatting.
     pub light: Option<LightStart>,
-    /// How Gaussians start.
+    /// Initial attributes.
     pub start: GaussianStart,
-    /// Where Gaussians reflect the light; everywhere for none. What lies outside has colours of its own alone, so the
-    /// light need not explain what is near and behind.
+    /// Region in which Gaussians reflect the light; none for everywhere. Gaussians outside have
+    /// only their own colours, so that the light need not explain nearby background.
     pub foreground: Option<Ball>,
-    /// What is minimised.
+    /// Weights of the losses.
     pub weights: LossWeights,
-    /// Share of the run that looks at pictures of half their size, where a step costs less.
+    /// Share of the training at half resolution, where a step costs less.
     pub coarse_until: f32,
-    /// Share of the run after which the normal loss begins.
+    /// Share of the training after which the normal loss begins.
     pub normal_from: f32,
-    /// What is left of the normal loss's weight at the end of the run; over the second half it falls in a straight line.
+    /// Final weight of the normal loss relative to its start; it falls linearly over the second
+    /// half.
     pub normal_last: f32,
-    /// Share of the run after which the residual harmonics begin; bands follow one by one.
+    /// Share of the training after which residual harmonics are enabled, band by band.
     pub harmonics_from: f32,
-    /// Share of the run between two bands of the harmonics.
+    /// Share of the training between two bands.
     pub harmonics_step: f32,
     /// Learning rates.
     pub rates: Rates,
-    /// Learning rate of how photographs were exposed; none where all are taken for equally exposed.
+    /// Learning rate of exposures; none where exposures are not learned.
     pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
@@ -127,7 +129,7 @@ pub struct Profile {
 /// Names of all profiles.
 pub const NAMES: [&str; 4] = ["specula", "paper", "official", "3dgs"];
 
-/// A profile by its name, for a run of so many iterations.
+/// Profile by name, for a number of iterations.
 pub fn by_name(name: &str, iterations: u32) -> Option<Profile> {
     match name {
         "specula" => Some(specula(iterations)),
@@ -138,7 +140,7 @@ pub fn by_name(name: &str, iterations: u32) -> Option<Profile> {
     }
 }
 
-/// All losses off, to be switched on one by one.
+/// All losses off.
 const NO_LOSS: LossWeights = LossWeights {
     absolute: 0.0,
     squared: 0.0,
@@ -186,8 +188,8 @@ fn plain(iterations: u32) -> Profile {
     }
 }
 
-/// INRIA's densification, its end moved with the length of the run: refinement stops half way. INRIA refines from a
-/// gradient of 2e-4; views that are seen at half their size at first refine less, and 1.9e-4 makes up for it.
+/// INRIA's densification, scaled to the length of the training: it ends half way. INRIA's gradient
+/// threshold is 2e-4; half resolution at the start refines less, which 1.9e-4 compensates.
 fn densification(iterations: u32) -> Densification {
     Densification {
         from: 500.min(iterations / 6),
@@ -202,12 +204,12 @@ fn densification(iterations: u32) -> Densification {
     }
 }
 
-/// The learning rate of how photographs were exposed, where that is learned.
+/// Learning rate of exposures.
 pub fn exposure_rate(iterations: u32) -> Schedule {
     Schedule { first: 2e-2, last: 2e-3, steps: iterations }
 }
 
-/// The paper's equations and weights to the letter; what it leaves open is as in plain Gaussian splatting.
+/// The paper's equations and weights; parameters that it omits follow plain Gaussian splatting.
 fn paper(iterations: u32) -> Profile {
     let shading_rate = Schedule::constant(2.5e-3);
     let plain = plain(iterations);
@@ -237,7 +239,7 @@ fn paper(iterations: u32) -> Profile {
     }
 }
 
-/// What the authors' code does: its shading, its prefilter, its losses, its effective learning rates.
+/// GaussianShader's released code: its shading, prefilter, losses and effective learning rates.
 fn official(iterations: u32) -> Profile {
     let follows_light = Schedule { first: 1.6e-2, last: 1.6e-3, steps: iterations };
     let plain = plain(iterations);
@@ -276,7 +278,7 @@ fn official(iterations: u32) -> Profile {
     }
 }
 
-/// Ours: whatever measures best.
+/// specula's own profile, tuned for quality.
 fn specula(iterations: u32) -> Profile {
     let falling = |rate: f32| Schedule { first: rate, last: 0.1 * rate, steps: iterations };
     let paper = paper(iterations);
@@ -319,7 +321,7 @@ fn specula(iterations: u32) -> Profile {
     }
 }
 
-/// What the paper's ablation switches off.
+/// Terms that the paper's ablation removes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ablation {
     /// No `L_sparse`.
@@ -333,15 +335,15 @@ pub struct Ablation {
 }
 
 impl Profile {
-    /// What is minimised when this share of the run is done. The loss on normals begins late and ends low: first there
-    /// must be surfaces, and last the colours say where they are to the pixel.
+    /// Loss weights at a progress in \[0, 1\]. The normal loss begins after surfaces have formed,
+    /// and falls at the end, when colours locate them to the pixel.
     pub fn weights_at(&self, done: f32) -> LossWeights {
         let fallen = (2.0 * done - 1.0).clamp(0.0, 1.0);
         let share = if done < self.normal_from { 0.0 } else { 1.0 - fallen * (1.0 - self.normal_last) };
         LossWeights { normal: share * self.weights.normal, ..self.weights }
     }
 
-    /// The profile without what the ablation names.
+    /// Removes the terms of an ablation from the profile.
     pub fn without(mut self, ablation: Ablation) -> Self {
         if ablation.no_sparse {
             self.weights.sparse = 0.0;

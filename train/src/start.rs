@@ -1,4 +1,4 @@
-//! The first Gaussians: from points, or from random points where there are none.
+//! Initial Gaussians, from a point cloud or from random points.
 
 use crate::{
     profile::{GaussianStart, Profile},
@@ -24,32 +24,32 @@ use specula_core::{
 /// A coloured point, from which a Gaussian starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// In world space.
+    /// Position in world space.
     pub position: [f32; 3],
-    /// sRGB, in \[0, 1\].
+    /// Colour in sRGB, in \[0, 1\].
     pub color: [f32; 3],
 }
 
-/// Edge of the cube that random points fill, centred at the origin: that of the NeRF-synthetic scenes.
+/// Edge of the cube of random points around the origin, which encloses the scenes of NeRF
+/// Synthetic.
 const CUBE_HALF: f32 = 1.3;
-/// Random streams, apart from each other.
+/// Independent streams of random numbers.
 const POINT_STREAM: u64 = 0x706f_696e;
 const NORMAL_STREAM: u64 = 0x6e6f_726d;
 
-/// How far the cameras of NeRF-synthetic spread ([`extent_of`]).
+/// Camera extent of NeRF Synthetic ([`extent_of`]).
 const CUBE_EXTENT: f32 = 4.4;
-/// Scenes whose cameras spread so far are taken for as large as those of NeRF-synthetic.
+/// Camera extents that count as those of NeRF Synthetic.
 const USUAL_EXTENTS: core::ops::RangeInclusive<f32> = 1.0..=20.0;
 
-/// Half the edge of the cube for random points: that of NeRF-synthetic, and in scenes of quite another size one in
-/// proportion.
+/// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent
+/// where that differs much.
 fn half_cube(extent: f32) -> f32 {
     if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
 }
 
-/// Random grey points in the cube that the scenes of NeRF-synthetic fill, or a larger or smaller one where the cameras are
-/// much farther from each other, or closer. Points that some picture shows as empty are
-/// drawn again, a bounded number of times, where pictures have an alpha channel.
+/// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much. Points
+/// that a picture with an alpha channel shows as empty are redrawn a bounded number of times.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     const DRAWS_MAX: u64 = 400;
     let half = half_cube(extent_of(views));
@@ -67,10 +67,10 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     points
 }
 
-/// Points behind some points, for what they do not reach: COLMAP finds few where little stands out, as on walls and tables.
-/// Each lies on the ray of a random opaque pixel and has its colour; its depth is from once to four times the median
-/// depth of the points that the view sees, evenly in 1 / depth. Views in turn; fewer than `count` where pixels are not
-/// opaque.
+/// Points behind a cloud, where structure from motion finds few, as on plain walls. Each lies on
+/// the ray of a random opaque pixel and has its colour; its depth is one to four times the median
+/// depth of the cloud in that view, uniform in 1 / depth. Views alternate. Fewer than `count`
+/// points result where pixels are not opaque.
 pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) -> Vec<Point> {
     let depths: Vec<Option<f32>> = views.iter().map(|view| median_depth(points, &view.camera)).collect();
     let draw = |index: usize| {
@@ -89,11 +89,11 @@ pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) 
     if views.is_empty() { Vec::new() } else { (0..count).filter_map(draw).collect() }
 }
 
-/// How many times farther than the points themselves those behind them may be.
+/// Largest ratio of the depth of a background point to the median depth of the cloud.
 const BEHIND: f32 = 4.0;
 const BEHIND_STREAM: u64 = 0x6265_6869;
 
-/// The median depth of the points that a camera sees, if it sees any.
+/// Median depth of the points inside a camera's view.
 fn median_depth(points: &[Point], camera: &Camera) -> Option<f32> {
     let seen = points.iter().filter(|point| pixel_of(camera, point.position).is_some());
     let depth = |point: &Point| (camera.camera_from_world * (position_vec(point.position) - camera.position)).z;
@@ -102,7 +102,7 @@ fn median_depth(points: &[Point], camera: &Camera) -> Option<f32> {
     (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Whether a view does not show a point's place as empty.
+/// Returns whether a view does not show a point's position as empty.
 fn may_be_solid(view: &View, position: [f32; 3]) -> bool {
     let Some([x, y]) = pixel_of(&view.camera, position) else { return true };
     let pixel = y * view.camera.width as usize + x;
@@ -122,7 +122,7 @@ fn position_vec([x, y, z]: [f32; 3]) -> glam::Vec3 {
     glam::Vec3::new(x, y, z)
 }
 
-/// Gaussians at the points, as large as the distance to their neighbours; in the order of space.
+/// Creates Gaussians at the points, sized by the distance to their neighbours, in Morton order.
 pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Vec<f32>> {
     let points = &in_space(points);
     let layout = profile.layout;
@@ -143,7 +143,7 @@ pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Ve
     gaussians
 }
 
-/// Points in the order of space, in which densification keeps their Gaussians.
+/// Points in Morton order, in which densification keeps their Gaussians.
 fn in_space(points: &[Point]) -> Vec<Point> {
     let bounds = points.iter().fold(Bounds::NOTHING, |bounds, point| bounds.with(point.position));
     let mut sorted = points.to_vec();
@@ -167,8 +167,8 @@ fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Poin
     }
 }
 
-/// Logarithm of the root of the mean squared distance to the three nearest neighbours. Points that lie on one another count
-/// as a little apart: by 3e-4, or by that share of a cloud that is smaller than one unit.
+/// Logarithm of the root mean squared distance to the three nearest neighbours. Coincident points
+/// count as 3e-4 apart, or as that share of a cloud smaller than one unit.
 fn log_scales(points: &[Point]) -> Vec<f32> {
     const NEIGHBOURS: usize = 3;
     const SQUARE_MIN: f32 = 1e-7;
@@ -185,7 +185,7 @@ fn log_scales(points: &[Point]) -> Vec<f32> {
     positions.iter().map(|position| 0.5 * mean_square(position).max(square_min).ln()).collect()
 }
 
-/// The longest edge of the box around some points.
+/// Longest edge of the points' bounding box.
 fn size_of(points: &[Point]) -> f32 {
     let edge = |axis: usize| {
         let along = points.iter().map(|point| point.position[axis]);
@@ -194,24 +194,24 @@ fn size_of(points: &[Point]) -> f32 {
     [0, 1, 2].map(edge).into_iter().fold(0.0, f32::max)
 }
 
-/// Where a layout keeps each attribute, with the learning rate that it has.
+/// Learning rate of every plane of a layout at an iteration.
 pub(crate) fn rates_by_plane(layout: Layout, rates: &crate::profile::Rates, extent: f32, step: u32) -> Vec<f32> {
     let mut by_plane = vec![0.0; layout.plane_count()];
-    let mut put = |first: usize, count: usize, rate: f32| by_plane[first..first + count].fill(rate);
-    put(MEAN, 3, rates.mean.at(step) * extent);
-    put(LOG_SCALE, 3, rates.log_scale.at(step));
-    put(QUAT, 4, rates.quat.at(step));
-    put(OPACITY, 1, rates.opacity.at(step));
+    let mut fill = |first: usize, count: usize, rate: f32| by_plane[first..first + count].fill(rate);
+    fill(MEAN, 3, rates.mean.at(step) * extent);
+    fill(LOG_SCALE, 3, rates.log_scale.at(step));
+    fill(QUAT, 4, rates.quat.at(step));
+    fill(OPACITY, 1, rates.opacity.at(step));
     if layout.is_shaded() {
-        put(DIFFUSE, 3, rates.diffuse.at(step));
-        put(TINT, 3, rates.tint.at(step));
-        put(ROUGHNESS, 1, rates.roughness.at(step));
-        put(NORMAL_RESIDUAL_1, 3, rates.normal_residual[0].at(step));
-        put(NORMAL_RESIDUAL_2, 3, rates.normal_residual[1].at(step));
+        fill(DIFFUSE, 3, rates.diffuse.at(step));
+        fill(TINT, 3, rates.tint.at(step));
+        fill(ROUGHNESS, 1, rates.roughness.at(step));
+        fill(NORMAL_RESIDUAL_1, 3, rates.normal_residual[0].at(step));
+        fill(NORMAL_RESIDUAL_2, 3, rates.normal_residual[1].at(step));
     }
     if layout.sh_count() > 0 {
-        put(layout.sh_start(), 3, rates.sh_first.at(step));
-        put(layout.sh_start() + 3, 3 * (layout.sh_count() - 1), rates.sh_rest.at(step));
+        fill(layout.sh_start(), 3, rates.sh_first.at(step));
+        fill(layout.sh_start() + 3, 3 * (layout.sh_count() - 1), rates.sh_rest.at(step));
     }
     by_plane
 }

@@ -20,60 +20,66 @@ use specula_core::{
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 
-/// The raw tint of what reflects nothing: σ(−64) = 1.6e-28 is lost beside any colour, and gradients in its proportion are
-/// lost beside Adam's ε of 1e-15, so that neither the tint nor the light takes a step for its sake.
+/// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 vanishes beside any
+/// colour, and gradients of that scale beside Adam's ε of 1e-15, so that neither the tint nor the
+/// light moves.
 pub const TINT_LOGIT_OFF: f32 = -64.0;
 
-/// What a run is told.
+/// Settings of a training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// The kind of training.
+    /// Profile.
     pub profile: Profile,
-    /// How many steps.
+    /// Number of steps.
     pub iterations: u32,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Behind the Gaussians, sRGB.
+    /// Background colour in sRGB.
     pub background: [f32; 3],
-    /// How many random points to start from where none are given.
+    /// Number of random points, where no points are given.
     pub random_points: usize,
 }
 
-/// Why a run could not start or go on.
+/// Error of a training.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError<E> {
-    /// There is nothing to learn from.
+    /// There are no views.
     #[error("a training needs at least one picture, and there is none")]
     NoViews,
-    /// There is nothing to start from.
+    /// There are no points to start from.
     #[error(
         "a training needs at least one point to start from, and there is none; give a point cloud or more random points"
     )]
     NoPoints,
-    /// What was learned does not belong to the run that is to go on from it.
+    /// A training state belongs to other settings or views.
     #[error("what was learned is not of a training with these settings and views: {what}")]
     OtherRun {
-        /// What does not fit.
+        /// First mismatch.
         what: &'static str,
     },
-    /// The executor failed.
+    /// A stage failed.
     #[error(transparent)]
     Executor(#[from] E),
 }
 
-/// A run: a scene, what is known of its gradients, and the pictures that it is fitted to.
+/// A training: scene, optimiser state and target pictures.
 #[derive(Debug)]
 pub struct Trainer<E: Executor> {
     exec: E,
     settings: Settings,
-    /// Cameras and pictures at full size, and at half.
+    /// Cameras and targets at full and at half size.
     pictures: [Vec<(Camera, E::Target)>; 2],
     extent: f32,
     state: TrainingState<E::Array>,
 }
 
 impl<E: Executor> Trainer<E> {
-    /// A run over these views that starts from these points, or from random ones if there are none.
+    /// Starts a training from points, or from random points if there are none.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::NoViews`], [`TrainError::NoPoints`], or [`TrainError::Executor`] where data
+    /// cannot be uploaded.
     pub fn new(exec: E, settings: Settings, views: &[View], points: &[Point]) -> Result<Self, TrainError<E::Error>> {
         if views.is_empty() {
             return Err(TrainError::NoViews);
@@ -92,8 +98,13 @@ impl<E: Executor> Trainer<E> {
         Ok(trainer)
     }
 
-    /// A run that goes on from what another had learned, with the same settings and views; on the same kind of executor
-    /// it goes on to the last bit.
+    /// Resumes a training from its state, with the same settings and views. On the same kind of
+    /// executor the result is the same to the last bit.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::NoViews`], [`TrainError::OtherRun`] for a state of other settings or views, or
+    /// [`TrainError::Executor`] where data cannot be uploaded.
     pub fn resume(
         mut exec: E,
         settings: Settings,
@@ -124,7 +135,7 @@ impl<E: Executor> Trainer<E> {
         Ok(Self { exec, settings, pictures, extent, state })
     }
 
-    /// The state of the training, copied to the host.
+    /// Copies the state of the training to the host.
     ///
     /// # Errors
     ///
@@ -142,7 +153,11 @@ impl<E: Executor> Trainer<E> {
         })
     }
 
-    /// Takes one step, and densifies where the schedule says so.
+    /// Takes one step, and densifies by the schedule.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`], where a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
         self.state.iteration += 1;
         let view = self.next_view() as usize;
@@ -171,7 +186,7 @@ impl<E: Executor> Trainer<E> {
         Ok((report, self.refine()?))
     }
 
-    /// Pictures in a random order, each once before any comes again.
+    /// Next view of the current pass; each pass visits all views in random order.
     fn next_view(&mut self) -> u32 {
         if self.state.order.is_empty() {
             self.state.order = (0..self.pictures[0].len() as u32).collect();
@@ -191,7 +206,7 @@ impl<E: Executor> Trainer<E> {
         self.state.nonfinite += report.nonfinite;
     }
 
-    /// Adam's step for the exposure of a picture. Pictures come in turns, so the number of the turn is that of its step.
+    /// Takes Adam's step for the exposure of a picture. The step number is the number of the pass.
     fn expose(&mut self, view: usize, report: &StepReport) {
         let turn = (self.state.iteration - 1) / self.pictures[0].len() as u32 + 1;
         let schedule = self.settings.profile.exposure;
@@ -200,7 +215,7 @@ impl<E: Executor> Trainer<E> {
         }
     }
 
-    /// How the scene is rendered at an iteration: harmonics come in band by band.
+    /// Rendering rules at an iteration: harmonics are enabled band by band.
     pub fn rules_at(&self, iteration: u32, channels: Channels) -> RenderRules {
         let profile = &self.settings.profile;
         let done = self.done(iteration);
@@ -219,7 +234,7 @@ impl<E: Executor> Trainer<E> {
         }
     }
 
-    /// The share of the run that lies behind an iteration.
+    /// Progress of the training at an iteration, in \[0, 1\].
     fn done(&self, iteration: u32) -> f32 {
         iteration as f32 / self.settings.iterations.max(1) as f32
     }
@@ -250,7 +265,7 @@ impl<E: Executor> Trainer<E> {
         Ok(report)
     }
 
-    /// What lies outside of the foreground reflects nothing from here on.
+    /// Disables specular reflection of Gaussians outside of the foreground.
     fn disable_background_specular(&mut self) -> Result<(), TrainError<E::Error>> {
         let Profile { layout, foreground, .. } = self.settings.profile;
         if layout.is_shaded() && foreground.is_some() {
@@ -266,7 +281,7 @@ impl<E: Executor> Trainer<E> {
     pub fn iteration(&self) -> u32 {
         self.state.iteration
     }
-    /// Whether all steps are taken.
+    /// Returns whether all steps are taken.
     pub fn is_finished(&self) -> bool {
         self.state.iteration >= self.settings.iterations
     }
@@ -274,23 +289,23 @@ impl<E: Executor> Trainer<E> {
     pub fn psnr(&self) -> Option<f64> {
         self.state.psnr
     }
-    /// Gradients left out so far because they were not finite.
+    /// Gradients skipped so far because they were not finite.
     pub fn nonfinite(&self) -> usize {
         self.state.nonfinite
     }
-    /// The Gaussians now.
+    /// Current Gaussians.
     pub fn gaussians(&self) -> &Gaussians<E::Array> {
         &self.state.scene.gaussians
     }
-    /// The light now, if there is one.
+    /// Current light, if there is one.
     pub fn environment(&self) -> Option<&Environment<E::Array>> {
         self.state.scene.light.as_ref().map(|(light, _)| light)
     }
-    /// How the pictures were exposed, in the order of the views, if that is learned.
+    /// Exposures in the order of the views, if they are learned.
     pub fn exposures(&self) -> Option<&ExposureState> {
         self.state.exposures.as_ref()
     }
-    /// What the run was told.
+    /// Settings of the training.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
@@ -299,7 +314,7 @@ impl<E: Executor> Trainer<E> {
         &mut self.exec
     }
 
-    /// The scene on the host: Gaussians, and the light if there is one.
+    /// Copies the scene to the host: Gaussians, and the light if there is one.
     ///
     /// # Errors
     ///
@@ -312,7 +327,7 @@ impl<E: Executor> Trainer<E> {
     }
 }
 
-/// The state before the first step: moments and statistics are zero.
+/// State before the first step: moments and statistics are zero.
 fn initial_state(
     gaussians: Gaussians<Vec<f32>>,
     environment: Option<Environment<Vec<f32>>>,
@@ -332,7 +347,7 @@ fn initial_state(
     TrainingState { scene, exposures, order: Vec::new(), iteration: 0, psnr: None, nonfinite: 0 }
 }
 
-/// Compares a state with the settings and the number of views of a training; the error names the first mismatch.
+/// Compares a state with the settings and the number of views; the error names the first mismatch.
 fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count: usize) -> Result<(), &'static str> {
     let SceneState { gaussians: Gaussians { count, layout, values }, moments, statistics, light } = &state.scene;
     let profile = &settings.profile;
@@ -438,13 +453,13 @@ pub struct HostScene {
     pub environment: Option<Environment<Vec<f32>>>,
 }
 
-/// Whether views at half their size still show something.
+/// Returns whether views at half their size are still large enough to train on.
 fn all_can_be_halved(views: &[View]) -> bool {
     const SIZE_MIN: u32 = 64;
     views.iter().all(|view| view.camera.width.min(view.camera.height) >= 2 * SIZE_MIN)
 }
 
-/// Pictures, and their cameras with the near plane of the whole scene.
+/// Uploads pictures, with cameras that share the near plane of the scene.
 fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Result<Vec<(Camera, E::Target)>, E::Error> {
     let mut upload = |view: &View| {
         let [width, height] = [view.camera.width as usize, view.camera.height as usize];

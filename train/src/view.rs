@@ -1,41 +1,42 @@
-//! A picture and where it was taken from.
+//! A picture with its camera.
 
 use specula_core::{
     camera::Camera,
     color::{UNKNOWN, has_alpha, is_unknown, over},
 };
 
-/// True normals of a view.
+/// Ground-truth normals of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Normals {
     /// World-space unit normals, pixel by pixel.
     pub values: Vec<[f32; 3]>,
-    /// Which pixels have one.
+    /// Whether a pixel has a normal.
     pub mask: Vec<bool>,
 }
 
-/// A picture of 8-bit sRGB and straight alpha, and its camera, whose size is the picture's. A pixel that is [`UNKNOWN`]
-/// counts neither in training nor in measures.
+/// A picture in 8-bit sRGB with straight alpha, and a camera of the same size. [`UNKNOWN`] pixels
+/// take part neither in training nor in metrics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// What the data set calls it.
+    /// Name in the data set.
     pub name: String,
-    /// From where it was taken.
+    /// Camera of the picture.
     pub camera: Camera,
-    /// width · height · 4 bytes, row by row.
+    /// Red, green, blue, alpha of each pixel, row by row: width · height · 4 bytes.
     pub rgba: Vec<u8>,
-    /// True normals, if they are known.
+    /// Ground-truth normals, if known.
     pub normals: Option<Normals>,
 }
 
 impl View {
-    /// Whether any pixel is not opaque.
+    /// Returns whether any pixel is not opaque.
     pub fn has_alpha(&self) -> bool {
         has_alpha(&self.rgba)
     }
 
-    /// The view at half its size: means over 2×2 pixels, weighted by alpha; a last odd row or column is left out. Where
-    /// more than two of the four are unknown, the mean is, else they are left out of it. Normals are not kept.
+    /// Downscales the view by two: means over 2 × 2 pixels, weighted by alpha, without a last odd
+    /// row or column. A pixel is unknown where more than two of the four are; fewer have no weight.
+    /// Normals are dropped.
     pub fn halved(&self) -> Self {
         let [width, height] = [self.camera.width as usize / 2, self.camera.height as usize / 2];
         let row_len = self.camera.width as usize;
@@ -46,7 +47,7 @@ impl View {
             if known < 2 {
                 return UNKNOWN;
             }
-            // Unknown pixels have no alpha, so no weight.
+            // Unknown pixels have zero alpha and therefore no weight.
             let alphas = corners.map(|start| u32::from(self.rgba[start + 3]));
             let sum: u32 = alphas.iter().sum();
             let color = |c: usize| {
@@ -64,13 +65,14 @@ impl View {
         }
     }
 
-    /// Which pixels are known; none where all are.
+    /// Mask of known pixels; none where all are known.
     pub fn known(&self) -> Option<Vec<bool>> {
         let known: Vec<bool> = self.rgba.chunks_exact(4).map(|pixel| !is_unknown(pixel)).collect();
         known.contains(&false).then_some(known)
     }
 
-    /// The picture over a background, as three planes in \[0, 1\]; what is unknown shows the background.
+    /// Composites the picture over a background into three planes in \[0, 1\]; unknown pixels show
+    /// the background.
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
         let share = |byte: u8| f32::from(byte) / 255.0;
         let pixel = move |c: usize, pixel: &[u8]| over(share(pixel[c]), share(pixel[3]), background[c]);
@@ -79,12 +81,13 @@ impl View {
     }
 }
 
-/// How far the cameras spread: 1.1 times the largest distance of one from their mean (INRIA's measure of a scene).
+/// Extent of the cameras: 1.1 times the largest distance from their mean, INRIA's measure of a
+/// scene's size.
 pub fn extent_of(views: &[View]) -> f32 {
     extent_of_cameras(views.iter().map(|view| &view.camera))
 }
 
-/// [`extent_of`] of cameras; 1 for a single one.
+/// [`extent_of`] for cameras; 1 for a single camera.
 pub fn extent_of_cameras<'a>(cameras: impl ExactSizeIterator<Item = &'a Camera> + Clone) -> f32 {
     const MARGIN: f32 = 1.1;
     let count = cameras.len().max(1) as f32;
