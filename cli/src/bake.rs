@@ -8,7 +8,6 @@
 
 use crate::{
     failure::Failure,
-    look::evenly,
     progress::{self, Work},
 };
 use glam::Vec3;
@@ -30,7 +29,7 @@ use specula_core::{
     vector::{Vec3 as Vector, vec3},
 };
 use specula_cpu::{CpuExecutor, stages::prefilter::Light};
-use specula_scene::{Scene, ShadingModel, environment::fitting};
+use specula_scene::{Scene, ShadingModel, environment::fitting, orbit::evenly_spaced};
 
 /// Directions all around.
 const AROUND: usize = 256;
@@ -55,7 +54,7 @@ pub(crate) struct Baked {
 /// Bakes the colours of a shaded scene, seen from these cameras, into harmonics.
 pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8) -> Result<Baked, Failure> {
     let most = (COLORS_MAX / scene.gaussians.count.max(1)).clamp(8, CAMERAS_MAX);
-    let cameras = evenly(cameras, most);
+    let cameras = evenly_spaced(cameras, most);
     let mut studio = Studio::new(scene)?;
     let work = progress::work("baking", cameras.len() as u64);
     let mut sights = Vec::new();
@@ -71,7 +70,7 @@ pub(crate) fn bake(scene: &Scene, cameras: &[Camera], degree: u8) -> Result<Bake
 /// The diffuse colours of a shaded scene alone, without any light.
 pub(crate) fn diffuse(scene: &Scene, cameras: &[Camera]) -> Result<Baked, Failure> {
     let Scene { gaussians, shading_model, .. } = scene;
-    let normals = bake(scene, &evenly(cameras, 8), 0)?.normals;
+    let normals = bake(scene, &evenly_spaced(cameras, 8), 0)?.normals;
     let mut plain = shapes_of(gaussians, Layout::radiance(0));
     let start = plain.layout.sh_start();
     for gaussian in 0..gaussians.count {

@@ -10,8 +10,7 @@ use crate::{
     fit::{Start, Training},
     interrupt,
     lock::Lock,
-    look::Tour,
-    orientation, output, progress,
+    output, progress,
     scene::Renderer,
 };
 use serde_json::{Map, Value, json};
@@ -26,7 +25,7 @@ use specula_report::{
     measure::{self, MAE, MEASURES, PSNR, SSIM, Values},
     number::group_digits,
 };
-use specula_scene::{ExecutorChoice, Scene};
+use specula_scene::{ExecutorChoice, Scene, orbit::turntable, orientation};
 use specula_train::{
     profile,
     start::{Point, random_points},
@@ -92,9 +91,9 @@ fn orbit(data: &Dataset, scene: &Scene) -> Vec<Camera> {
     let [width, height] = FRAME_SIZE;
     let known = data.test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height)));
     let known: Vec<NamedCamera> = known.collect();
-    let found = orientation::found(None, known.iter().map(|(_, camera)| camera));
-    let orientation = found.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians));
-    Tour::around(&orientation, &known, FRAMES, None).cameras.into_iter().map(|(_, camera)| camera).collect()
+    let found = orientation::estimate(known.iter().map(|(_, camera)| camera), &[]);
+    let orientation = found.unwrap_or_else(|| orientation::of_gaussians(&scene.gaussians));
+    turntable(&orientation, &known, FRAMES, None).into_iter().map(|(_, camera)| camera).collect()
 }
 
 /// Refuses a folder with a training that is not of an earlier demo; one of a demo is replaced.

@@ -7,8 +7,8 @@ use crate::{
     background::{Backdrop, Background},
     dataset,
     failure::Failure,
-    orientation, output,
-    place::differences,
+    output,
+    picture_folder::differences,
     progress,
     scene::{self, Renderer, background_of, note_oddities, relight},
 };
@@ -21,7 +21,7 @@ use specula_report::{
     measure::{self, LPIPS, PSNR_FITTED},
     relighting::{GroundTruth, RelightingQuality},
 };
-use specula_scene::OpenedModel;
+use specula_scene::{OpenedModel, orientation};
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::{
     fs,
@@ -130,7 +130,7 @@ fn measure_lpips(
 fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View]) -> Result<Vec<RelitScene>, Failure> {
     let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
     let background = background_of(opened, args.background);
-    let found = orientation::found(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
+    let found = orientation::recorded_or_estimated(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
     let up = found.map_or(Vec3::Z, |found| orientation::up(&found));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truth = GroundTruth::read(&folder, &cameras)?;

@@ -5,13 +5,10 @@ use crate::{
     background::Background,
     bake::{self, Baked},
     failure::Failure,
-    fuse,
-    look::{Tour, evenly, own_cameras},
-    orientation, output,
-    place::refuse_options_without_light,
+    output,
+    picture_folder::refuse_options_without_light,
     prefilter, progress,
     scene::{self, Renderer, background_of, note_oddities, relight},
-    upright::{Axes, Upright},
 };
 use serde_json::json;
 use specula_core::{
@@ -30,7 +27,14 @@ use specula_io::{
     splat, spz,
 };
 use specula_report::number::group_digits;
-use specula_scene::{OpenedModel, Scene, ShadingModel, environment::radiance};
+use specula_scene::{
+    OpenedModel, Scene, SceneRenderer, ShadingModel,
+    environment::radiance,
+    fusion,
+    orbit::{self, evenly_spaced},
+    orientation,
+    upright::{AxisConvention, Upright},
+};
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -71,8 +75,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
     note_oddities(&opened);
     if let Some(env) = &args.env {
-        let above = orientation::up(&orientation::of(&opened, args.showing.scene_up)?);
-        relight(&mut opened.scene, env, &args.env_options, above)?;
+        let up = orientation::up(&opened.orientation(args.showing.scene_up.map(Into::into))?);
+        relight(&mut opened.scene, env, &args.env_options, up)?;
     }
     for path in &args.output {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -105,8 +109,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
 
 /// How the scene stands; its first camera is in front of it.
 fn stance(args: &Export, opened: &OpenedModel) -> Result<Stance, Failure> {
-    let first = own_cameras(opened)?.unwrap_or_default().first().map(|(_, camera)| *camera);
-    Ok((orientation::of(opened, args.showing.scene_up)?, first))
+    let first = opened.cameras()?.first().map(|(_, camera)| *camera);
+    Ok((opened.orientation(args.showing.scene_up.map(Into::into))?, first))
 }
 
 /// What a file becomes.
@@ -143,10 +147,10 @@ impl Kind {
     }
 
     /// Where its axes point, as its readers take it.
-    fn axes(self) -> Axes {
+    fn axes(self) -> AxisConvention {
         match self {
-            Self::Ply | Self::Splat => Axes::YDown,
-            Self::Spz | Self::Glb => Axes::YUp,
+            Self::Ply | Self::Splat => AxisConvention::YDown,
+            Self::Spz | Self::Glb => AxisConvention::YUp,
         }
     }
 }
@@ -211,13 +215,17 @@ impl Exporter<'_> {
     }
 
     /// What puts it upright in a world with these axes, if that is asked for.
-    fn upright(&self, axes: Axes) -> Option<Upright> {
-        self.stance.as_ref().map(|(orientation, first)| Upright::of(orientation, first.as_ref(), axes))
+    fn upright(&self, axes: AxisConvention) -> Option<Upright> {
+        self.stance.as_ref().map(|(orientation, first)| Upright::new(orientation, first.as_ref(), axes))
     }
 
     /// The cameras that it was fitted to, or some all around.
     fn cameras(&self) -> Result<Vec<Camera>, Failure> {
-        Ok(Tour::fitted(&self.opened)?.unwrap_or_else(|| Tour::sphere(&self.scene().gaussians, SPHERE)))
+        let known = self.opened.training_cameras()?;
+        if known.is_empty() {
+            return Ok(orbit::sphere(&self.scene().gaussians, SPHERE));
+        }
+        Ok(known.into_iter().map(|(_, camera)| camera).collect())
     }
 
     /// What can be seen of the Gaussians, baked if they are shaded, with harmonics of this degree at most.
@@ -256,7 +264,7 @@ impl Exporter<'_> {
             Kind::Splat => splat::write(path, gaussians)?,
             Kind::Spz => spz::write(path, gaussians)?,
             Kind::Glb => {
-                let placement = upright.map(|upright| upright.placement());
+                let placement = upright.map(|upright| upright.node_transform());
                 glb::write(path, gaussians, self.shading(kept, normals.as_deref()).as_ref(), placement)?;
             }
         }
@@ -336,7 +344,8 @@ impl Exporter<'_> {
         if self.args.no_error {
             return Ok(Vec::new());
         }
-        let cameras = evenly(&Tour::of_scene(&self.opened)?, COMPARED_MAX);
+        let cameras: Vec<Camera> = self.opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
+        let cameras = evenly_spaced(&cameras, COMPARED_MAX);
         let pictures = self.pictures(self.scene().clone(), &cameras)?;
         Ok(cameras.into_iter().zip(pictures).collect())
     }
@@ -385,8 +394,8 @@ impl Exporter<'_> {
         let values = || radiance(light.activation, &light.values);
         let up = self.args.up;
         let upright = self.upright(match up {
-            Up::Y => Axes::YUp,
-            Up::Z => Axes::ZUp,
+            Up::Y => AxisConvention::YUp,
+            Up::Z => AxisConvention::ZUp,
         });
         if kind == LightKind::Filtered {
             let filter = self.filter(path);
@@ -396,7 +405,7 @@ impl Exporter<'_> {
             };
         }
         let height = ROWS * light.resolution;
-        let stand = upright.map_or(up.stand(), |upright| upright.stand(up.axis()));
+        let stand = upright.map_or(up.stand(), |upright| upright.map_stand(up.axis()));
         let map = latlong::from_cube(&values(), light.resolution, 2 * height, height, stand);
         latlong::write(path, &map)?;
         self.say(
@@ -425,7 +434,7 @@ impl Exporter<'_> {
     }
 
     fn write_mesh(&self, path: &Path) -> Result<(), Failure> {
-        let cameras = evenly(&self.cameras()?, FUSED_MAX);
+        let cameras = evenly_spaced(&self.cameras()?, FUSED_MAX);
         let scene = self.scene().clone();
         if scene.gaussians.count == 0 {
             return Err(Failure::Input(format!(
@@ -434,15 +443,18 @@ impl Exporter<'_> {
             )));
         }
         let gaussians = scene.gaussians.clone();
-        let mut renderer = Renderer::new(scene, Channels::Training, &self.args.showing.machine)?;
-        let mesh = fuse::mesh(&mut renderer, &gaussians, &cameras, self.args.voxels)?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Training, &(&self.args.showing.machine).into())?;
+        let work = progress::work("fusing", cameras.len() as u64);
+        let progress = |done| work.done(done as u64, String::new);
+        let mesh = fusion::fuse(&mut renderer, &gaussians, &cameras, self.args.voxels, progress)?;
+        work.finish();
         if mesh.triangles.is_empty() {
             return Err(Failure::Input(format!(
                 "no camera sees a surface in {:?}; take more --voxels, or a model with opaque surfaces",
                 self.args.model
             )));
         }
-        let mesh = match self.upright(Axes::YUp) {
+        let mesh = match self.upright(AxisConvention::YUp) {
             Some(upright) => upright.mesh(mesh),
             None => mesh,
         };

@@ -1,12 +1,10 @@
 //! Which part of a scene reflects the light.
 
-use crate::{
-    orientation::centre,
-    typed::{kept_as_typed, numbers},
-};
+use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
 use specula_core::region::Ball;
 use specula_io::orientation::Orientation;
+use specula_scene::orientation::centre;
 
 /// How far what cameras look at reaches, as a share of their own distance from its middle.
 const SHARE: f32 = 0.5;

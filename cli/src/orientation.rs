@@ -1,20 +1,10 @@
-//! Which way is up in a scene, and where its middle is: as somebody says, as the model says, or as its cameras tell.
+//! Up direction of a scene on the command line.
 
-use crate::{
-    failure::Failure,
-    look::{own_cameras, whole},
-    typed::{kept_as_typed, numbers},
-};
+use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
-use glam::Vec3;
-use specula_core::{camera::Camera, scene::Gaussians};
-use specula_io::{
-    model_folder::ModelInfo,
-    orientation::{Orientation, UpSource},
-};
-use specula_scene::{OpenedModel, orientation::estimate};
+use specula_io::orientation::{Orientation, UpSource};
 
-/// The axes of a world, as they are typed.
+/// Axes by their names.
 const AXES: [(&str, [f64; 3]); 6] = [
     ("x", [1.0, 0.0, 0.0]),
     ("y", [0.0, 1.0, 0.0]),
@@ -24,7 +14,7 @@ const AXES: [(&str, [f64; 3]); 6] = [
     ("-z", [0.0, 0.0, -1.0]),
 ];
 
-/// What is above in a scene because somebody says so: a direction of any length but 0.
+/// Up direction as given by the user: an axis, or a vector of any length but 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UpChoice([f64; 3]);
 
@@ -44,7 +34,6 @@ impl FromStr for UpChoice {
     }
 }
 
-/// As it is typed.
 impl fmt::Display for UpChoice {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.0;
@@ -54,57 +43,13 @@ impl fmt::Display for UpChoice {
 
 kept_as_typed!(UpChoice);
 
-/// Of a scene that was opened.
-pub(crate) fn of(opened: &OpenedModel, asked: Option<UpChoice>) -> Result<Orientation, Failure> {
-    let known = own_cameras(opened)?.unwrap_or_default();
-    let cameras = || known.iter().map(|(_, camera)| camera);
-    let found = found(opened.info.as_ref(), cameras()).unwrap_or_else(|| of_cloud(&opened.scene.gaussians));
-    Ok(with_up(found, asked, cameras()))
-}
-
-/// What a model says, or else its cameras tell; none where there are none.
-pub(crate) fn found<'a>(
-    info: Option<&ModelInfo>,
-    cameras: impl IntoIterator<Item = &'a Camera>,
-) -> Option<Orientation> {
-    let said = info.and_then(|info| info.orientation).filter(Orientation::is_valid);
-    said.or_else(|| estimate(cameras, &[]))
-}
-
-/// The same with what somebody says is above, if anybody does.
-pub(crate) fn with_up<'a>(
-    found: Orientation,
-    asked: Option<UpChoice>,
-    cameras: impl IntoIterator<Item = &'a Camera>,
-) -> Orientation {
-    asked.map_or(found, |UpChoice(up)| specula_scene::orientation::with_up(found, up, cameras))
-}
-
-/// Those of Gaussians alone: +z is above, as in Blender, and from the distance all of them are seen.
-pub(crate) fn of_cloud(gaussians: &Gaussians<Vec<f32>>) -> Orientation {
-    let (centre, distance) = whole(gaussians);
-    Orientation {
-        up: [0.0, 0.0, 1.0],
-        centre: centre.as_dvec3().to_array(),
-        distance: distance.into(),
-        up_source: UpSource::Nothing,
-        cameras: 0,
-        rolled: 0,
-        error_degrees: None,
+impl From<UpChoice> for [f64; 3] {
+    fn from(UpChoice(up): UpChoice) -> Self {
+        up
     }
 }
 
-/// What is above.
-pub(crate) fn up(orientation: &Orientation) -> Vec3 {
-    Vec3::from(orientation.up.map(|x| x as f32))
-}
-
-/// The middle.
-pub(crate) fn centre(orientation: &Orientation) -> Vec3 {
-    Vec3::from(orientation.centre.map(|x| x as f32))
-}
-
-/// What was found of a data set, in a sentence.
+/// Sentence on the orientation of a data set.
 pub(crate) fn words(orientation: &Orientation) -> String {
     let Orientation { up, up_source, cameras, rolled, error_degrees, .. } = orientation;
     let up = direction_words(*up);
@@ -124,7 +69,7 @@ pub(crate) fn words(orientation: &Orientation) -> String {
     }
 }
 
-/// An axis by its name, another direction by its numbers.
+/// Name of an axis; components of another direction.
 fn direction_words(direction: [f64; 3]) -> String {
     let axis = AXES.iter().find(|(_, axis)| *axis == direction);
     let sign = |name: &str| if name.starts_with('-') { name.to_owned() } else { format!("+{name}") };

@@ -3,10 +3,10 @@
 use crate::{
     args::{Look, Relight},
     background::Backdrop,
+    camera_set::CameraSet,
     failure::Failure,
-    look::Tour,
-    orientation, output,
-    place::{Place, differences, light_differences},
+    output,
+    picture_folder::{PictureFolder, differences, light_differences},
     render::{Job, behind},
     scene::{self, relight},
 };
@@ -17,7 +17,7 @@ use specula_io::{
     picture,
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
-use specula_scene::Layer;
+use specula_scene::{Layer, orientation};
 use std::path::Path;
 
 /// Pixels of a preview of light.
@@ -31,28 +31,33 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         ));
     }
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
-    let tour = Tour::choose(&args.look, &opened)?;
-    let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &tour.cameras)).transpose()?;
-    let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
-    let map = relight(&mut opened.scene, &args.env, &args.env_options, above)?;
+    let set = CameraSet::choose(&args.look, &opened)?;
+    let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
+    let up = orientation::up(&opened.orientation(args.look.showing.scene_up.map(Into::into))?);
+    let map = relight(&mut opened.scene, &args.env, &args.env_options, up)?;
     let Look { background, showing, .. } = &args.look;
     let mut words = differences(&opened, &showing.machine, *background, showing.profile);
     words.extend(light_differences(&args.env_options));
-    let place =
-        Place::of(&opened, args.output.as_deref(), &format!("relight/{}", output::stem(&args.env)), &tour, &words)?;
-    output::make_folder(&place.folder)?;
-    place.claim(&tour, true)?;
-    write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
+    let folder = PictureFolder::of(
+        &opened,
+        args.output.as_deref(),
+        &format!("relight/{}", output::stem(&args.env)),
+        &set,
+        &words,
+    )?;
+    output::make_folder(&folder.path)?;
+    folder.claim(&set, true)?;
+    write_light(&folder.path.join("light.png"), opened.scene.light.as_ref(), up)?;
 
-    let behind = behind(&args.look, &tour, &opened, Some((map, args.env_options.env_up.stand(above))))?;
-    let job = Job { look: &args.look, tour: &tour, layers: &[Layer::Rgb], place: &place, behind: &behind };
+    let behind = behind(&args.look, &set, &opened, Some((map, args.env_options.env_up.stand(up))))?;
+    let job = Job { look: &args.look, cameras: &set, layers: &[Layer::Rgb], folder: &folder, behind: &behind };
     let mut pairs = Vec::new();
     job.run(opened, |index, image| {
         pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
         Ok(())
     })?;
     if truths.is_none() {
-        return output::say(&place.folder.display().to_string());
+        return output::say(&folder.path.display().to_string());
     }
     let measured = RelightingQuality::of(&pairs, behind.color().0);
     if args.json {
@@ -61,9 +66,9 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
 }
 
-/// Writes a preview of a light, if there is one: lat-long, with what is above in the scene at its upper edge.
-pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>, above: Vec3) -> Result<(), Failure> {
-    let stand = Stand::above(above.as_dvec3().to_array());
+/// Writes a preview of a light, if there is one: lat-long, with what is up in the scene at its upper edge.
+pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>, up: Vec3) -> Result<(), Failure> {
+    let stand = Stand::above(up.as_dvec3().to_array());
     light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, stand))
 }
 

@@ -3,11 +3,11 @@
 use crate::{
     args::{Look, MachineOptions, Render},
     background::{Backdrop, Behind},
+    camera_set::CameraSet,
     dataset,
     failure::Failure,
-    look::Tour,
-    orientation, output,
-    place::{Place, differences, light_differences, refuse_options_without_light},
+    output,
+    picture_folder::{PictureFolder, differences, light_differences, refuse_options_without_light},
     progress,
     relight::write_light,
     scene::{self, background_of, note_oddities, relight},
@@ -27,7 +27,7 @@ use specula_io::{
     picture::{self, RgbImage},
 };
 use specula_report::measure::picture_name;
-use specula_scene::{ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, overlap};
+use specula_scene::{ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, orientation, overlap};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;
 
@@ -38,26 +38,26 @@ const FRAME_MS: u16 = 60;
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
     let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
-    let tour = Tour::choose(&args.look, &opened)?;
+    let set = CameraSet::choose(&args.look, &opened)?;
     note_oddities(&opened);
-    let above = orientation::up(&orientation::of(&opened, args.look.showing.scene_up)?);
+    let up = orientation::up(&opened.orientation(args.look.showing.scene_up.map(Into::into))?);
     let mut map = None;
     if let Some(env) = &args.env {
-        map = Some(relight(&mut opened.scene, env, &args.env_options, above)?);
+        map = Some(relight(&mut opened.scene, env, &args.env_options, up)?);
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
         tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
     }
     let layers = layers_of(&args.layers, &opened);
-    let place = Place::of(&opened, args.output.as_deref(), tour.name, &tour, &words_of(args, &opened))?;
-    output::make_folder(&place.folder)?;
-    place.claim(&tour, args.env.is_some())?;
+    let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &words_of(args, &opened))?;
+    output::make_folder(&folder.path)?;
+    folder.claim(&set, args.env.is_some())?;
     if layers.contains(&Layer::Light) {
-        write_light(&place.folder.join("light.png"), opened.scene.light.as_ref(), above)?;
+        write_light(&folder.path.join("light.png"), opened.scene.light.as_ref(), up)?;
     }
 
-    let behind = behind(&args.look, &tour, &opened, map.zip(Some(args.env_options.env_up.stand(above))))?;
-    let job = Job { look: &args.look, tour: &tour, layers: &layers, place: &place, behind: &behind };
-    let truths = if args.env.is_none() { true_views(&opened, &tour) } else { Vec::new() };
+    let behind = behind(&args.look, &set, &opened, map.zip(Some(args.env_options.env_up.stand(up))))?;
+    let job = Job { look: &args.look, cameras: &set, layers: &layers, folder: &folder, behind: &behind };
+    let truths = if args.env.is_none() { true_views(&opened, &set) } else { Vec::new() };
     job.write_truths(&truths)?;
     let mut verification = match args.verify_omissions {
         true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine)?),
@@ -67,10 +67,10 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         return render_within(error, args, opened, &job);
     }
     job.run(opened, |index, image| match &mut verification {
-        Some(verification) => verification.compare(&tour.cameras[index].1, image),
+        Some(verification) => verification.compare(&set.cameras[index].1, image),
         None => Ok(()),
     })?;
-    output::say(&place.folder.display().to_string())?;
+    output::say(&folder.path.display().to_string())?;
     verification.map_or(Ok(()), Verification::report)
 }
 
@@ -96,13 +96,13 @@ fn words_of(args: &Render, opened: &OpenedModel) -> Vec<String> {
 /// Background that is asked for: a colour, the light of a file as it stands, or else the scene's own.
 pub(crate) fn behind(
     look: &Look,
-    tour: &Tour,
+    set: &CameraSet,
     opened: &OpenedModel,
     map: Option<(LatLong, Stand)>,
 ) -> Result<Behind, Failure> {
     let own = || opened.scene.light.clone().filter(|_| opened.scene.gaussians.layout.is_shaded());
     match (look.background, map) {
-        (Some(Backdrop::Environment), Some((map, stand))) => Ok(Behind::Light(finest(&map, stand, tour))),
+        (Some(Backdrop::Environment), Some((map, stand))) => Ok(Behind::Light(finest(&map, stand, set))),
         (Some(Backdrop::Environment), None) => own().map(Behind::Light).ok_or_else(|| {
             Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
         }),
@@ -111,9 +111,9 @@ pub(crate) fn behind(
 }
 
 /// A map as a cube whose texels are about as wide as a pixel of the cameras, unless the map's are wider.
-fn finest(map: &LatLong, stand: Stand, tour: &Tour) -> Environment<Vec<f32>> {
+fn finest(map: &LatLong, stand: Stand, set: &CameraSet) -> Environment<Vec<f32>> {
     const RESOLUTIONS: RangeInclusive<usize> = 64..=1024;
-    let sharpest = tour.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
+    let sharpest = set.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
     let needed = (2.0 * sharpest) as usize;
     let resolution = needed.min(map.width / 2).clamp(*RESOLUTIONS.start(), *RESOLUTIONS.end()).next_power_of_two();
     let values = latlong::to_cube(map, resolution, stand);
@@ -125,14 +125,14 @@ fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) 
     if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
-    let cameras = job.tour.cameras.iter().map(|(_, camera)| *camera).collect();
+    let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
         tracing::info!("only colours are verified; other layers have the same setting");
     }
     let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
     let renderer = within.renderer(&opened.scene, Layer::channels(job.layers));
     job.run_with(renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
-    output::say(&job.place.folder.display().to_string())?;
+    output::say(&job.folder.path.display().to_string())?;
     output::say(within.certificate())?;
     output::say(&within.report())
 }
@@ -184,9 +184,9 @@ fn layers_of(asked: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
 #[derive(Debug)]
 pub(crate) struct Job<'a> {
     pub(crate) look: &'a Look,
-    pub(crate) tour: &'a Tour,
+    pub(crate) cameras: &'a CameraSet,
     pub(crate) layers: &'a [Layer],
-    pub(crate) place: &'a Place,
+    pub(crate) folder: &'a PictureFolder,
     pub(crate) behind: &'a Behind,
 }
 
@@ -212,22 +212,22 @@ impl Job<'_> {
 
         mut each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
-        let work = progress::work("rendering", self.tour.cameras.len() as u64);
+        let work = progress::work("rendering", self.cameras.cameras.len() as u64);
         let make = |index: usize| -> Result<_, Failure> {
-            let image = renderer.render(&self.tour.cameras[index].1)?;
+            let image = renderer.render(&self.cameras.cameras[index].1)?;
             each(index, &image)?;
             Ok(image)
         };
         let finish = |index, image: Image<Vec<f32>>| {
             let colors = self.write(index, &image, form)?;
-            Ok(colors.filter(|_| self.tour.is_turntable))
+            Ok(colors.filter(|_| self.cameras.is_turntable))
         };
         let progress = |done| work.done(done as u64, String::new);
-        let frames = overlap(self.tour.cameras.len(), progress, make, finish)?;
+        let frames = overlap(self.cameras.cameras.len(), progress, make, finish)?;
         work.finish();
         let frames: Vec<RgbImage> = frames.into_iter().flatten().collect();
         if frames.len() > 1 {
-            picture::write_animation(&self.place.folder.join("turntable.png"), &frames, FRAME_MS)?;
+            picture::write_animation(&self.folder.path.join("turntable.png"), &frames, FRAME_MS)?;
         }
         Ok(())
     }
@@ -237,10 +237,10 @@ impl Job<'_> {
         let mut colors = None;
         for layer in self.layers {
             let picture = match layer {
-                Layer::Rgb => self.behind.picture(image, &self.tour.cameras[index].1),
+                Layer::Rgb => self.behind.picture(image, &self.cameras.cameras[index].1),
                 other => other.picture(image, form, self.behind.color().0),
             };
-            picture::write(&self.place.of_layer(*layer).join(picture_name(index)), &picture)?;
+            picture::write(&self.folder.of_layer(*layer).join(picture_name(index)), &picture)?;
             if *layer == Layer::Rgb {
                 colors = Some(picture);
             }
@@ -250,21 +250,21 @@ impl Job<'_> {
 
     /// Writes the true pictures of the views, where they are known and of the same size.
     fn write_truths(&self, views: &[View]) -> Result<(), Failure> {
-        let pairs = self.tour.cameras.par_iter().zip(views).enumerate();
+        let pairs = self.cameras.cameras.par_iter().zip(views).enumerate();
         pairs.try_for_each(|(index, ((name, camera), view))| {
             let size = [camera.width, camera.height];
             if *name != view.name || size != [view.camera.width, view.camera.height] {
                 return Ok(());
             }
-            let path = self.place.folder.join("gt").join(picture_name(index));
+            let path = self.folder.path.join("gt").join(picture_name(index));
             Ok(picture::write(&path, &self.behind.truth(view))?)
         })
     }
 }
 
-/// The photographs of a tour's views, if the data set of the training is still there.
-fn true_views(opened: &OpenedModel, tour: &Tour) -> Vec<View> {
-    let (Some(info), Some(split)) = (&opened.info, tour.split) else { return Vec::new() };
+/// The photographs of a set's views, if the data set of the training is still there.
+fn true_views(opened: &OpenedModel, set: &CameraSet) -> Vec<View> {
+    let (Some(info), Some(split)) = (&opened.info, set.split) else { return Vec::new() };
     views_of(info, split.has_test(), split.has_train()).unwrap_or_else(|failure| {
         tracing::warn!("without true pictures: {failure}");
         Vec::new()

@@ -7,11 +7,11 @@ use crate::{
     },
     demo,
     failure::Failure,
-    look::Tour,
     output, progress,
     scene::{self, background_of, into_subject},
 };
 use specula_accuracy::subject::Subject;
+use specula_core::camera::Camera;
 use specula_report::tradeoff::{self, Options, spread_cameras};
 use std::path::{Path, PathBuf};
 
@@ -47,7 +47,8 @@ fn demo_model(folder: &Path) -> Result<PathBuf, Failure> {
 
 fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
     let opened = scene::open(model, None)?;
-    let cameras = spread_cameras(&Tour::of_scene(&opened)?, args.views.into(), args.size);
+    let cameras: Vec<Camera> = opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
+    let cameras = spread_cameras(&cameras, args.views.into(), args.size);
     let background = background_of(&opened, None).0;
     let subject = into_subject(opened.scene, cameras, background);
     if !subject.has_reference() {

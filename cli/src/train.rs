@@ -29,7 +29,10 @@ use specula_io::{
 };
 use specula_report::measure::{self, ViewMeasures};
 use specula_report::number::group_digits;
-use specula_scene::{RenderOptions, Scene, SceneRenderer};
+use specula_scene::{
+    RenderOptions, Scene, SceneRenderer,
+    orientation::{of_gaussians, with_up},
+};
 use specula_train::{
     profile::Profile,
     start::{Point, points_behind, random_points},
@@ -257,8 +260,10 @@ fn load(args: &Train) -> Result<Dataset, Failure> {
     let mut data = dataset::load(source, &options_of(args))?;
     if args.photographs.scene_up.is_some() {
         let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
-        data.orientation =
-            data.orientation.map(|found| orientation::with_up(found, args.photographs.scene_up, cameras()));
+        data.orientation = data.orientation.map(|found| match args.photographs.scene_up {
+            Some(up) => with_up(found, up.into(), cameras()),
+            None => found,
+        });
         data.orientation.iter().for_each(|found| tracing::info!("{}", orientation::words(found)));
     }
     if args.eval && data.test.is_empty() {
@@ -352,7 +357,7 @@ fn watch(
     let scene = training.scene()?;
     let subject = Subject {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        orientation: data.orientation.unwrap_or_else(|| orientation::of_cloud(&scene.gaussians)),
+        orientation: data.orientation.unwrap_or_else(|| of_gaussians(&scene.gaussians)),
         scene,
         views: data.test.iter().chain(&data.train).map(named).collect(),
         held_out: data.test.len(),

@@ -5,14 +5,12 @@ use crate::{
     background::Background,
     dataset,
     failure::Failure,
-    interrupt,
-    look::{Surroundings, own_cameras},
-    orientation, output,
+    interrupt, output,
     scene::{self, background_of, note_oddities},
 };
 use core::net::SocketAddr;
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{OpenedModel, RenderOptions, Scene};
+use specula_scene::{OpenedModel, RenderOptions, Scene, orbit::StartView};
 use specula_viewer::{
     LiveTraining, MapUp, Navigation, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };
@@ -29,8 +27,8 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let background = background_of(&opened, args.background);
     let subject = Subject {
         name: name_of(&args.scene),
-        views: own_cameras(&opened)?.unwrap_or_default(),
-        orientation: orientation::of(&opened, args.showing.scene_up)?,
+        views: opened.cameras()?,
+        orientation: opened.orientation(args.showing.scene_up.map(Into::into))?,
         held_out: opened.test_views().unwrap_or(0),
         photographs: photographs_of(&opened),
         scene: opened.scene,
@@ -65,7 +63,7 @@ pub(crate) struct Subject {
 impl From<Subject> for ViewedScene {
     fn from(subject: Subject) -> Self {
         let Subject { name, scene, views, held_out, orientation, photographs, background } = subject;
-        let Surroundings { known: views, first, start, centre, up } = Surroundings::of(&orientation, views);
+        let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
         let navigation = Navigation { first, start, centre, up };
         Self { name, scene, views, held_out, navigation, photographs, background: background.0 }
     }

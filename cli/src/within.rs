@@ -159,10 +159,7 @@ fn report(tally: &Tally, compares: bool, is_exact: bool, asked: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        look::Tour,
-        scene::{self, background_of},
-    };
+    use crate::scene::{self, background_of};
     use specula_accuracy::verify::shares;
     use std::{env, path::Path};
 
@@ -175,8 +172,8 @@ mod tests {
         let models = env::var("MODELS").expect("MODELS names folders of models");
         for model in models.split(':') {
             let opened = scene::open(Path::new(model), None).expect("a model");
-            let cameras = Tour::of_scene(&opened).expect("the model has cameras");
-            let cameras: Vec<Camera> = (0..VIEWS).map(|k| cameras[k * cameras.len() / VIEWS]).collect();
+            let cameras = opened.evaluation_cameras().expect("the model has cameras");
+            let cameras: Vec<Camera> = (0..VIEWS).map(|k| cameras[k * cameras.len() / VIEWS].1).collect();
             let background = background_of(&opened, None).0;
             let subject = into_subject(opened.scene, cameras, background);
             let reference = Reference::new(&subject);

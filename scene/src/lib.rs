@@ -25,14 +25,17 @@ pub mod backdrop;
 pub mod device;
 pub mod environment;
 mod error;
+pub mod fusion;
 pub mod layer;
 pub mod light_file;
 mod opened;
+pub mod orbit;
 pub mod orientation;
 pub mod overlap;
 mod renderer;
 mod scene;
 mod shading_model;
+pub mod upright;
 
 pub use device::{Device, ExecutorChoice, RenderOptions};
 pub use error::SceneError;

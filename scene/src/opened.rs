@@ -1,6 +1,10 @@
 //! Models from their folders.
 
-use crate::{Scene, ShadingModel};
+use crate::{
+    Scene, ShadingModel,
+    orbit::{self, near_plane, turntable},
+    orientation::{of_gaussians, recorded_or_estimated, with_up},
+};
 use serde_json::Value;
 use specula_core::camera::near_of;
 use specula_cpu::morton::sort_in_space;
@@ -9,6 +13,7 @@ use specula_io::{
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
     model_folder::{self, Model, ModelInfo},
+    orientation::Orientation,
 };
 use specula_train::view::extent_of_cameras;
 use std::path::{Path, PathBuf};
@@ -88,6 +93,49 @@ impl OpenedModel {
             cameras.truncate(count);
         }
         Ok(cameras)
+    }
+
+    /// Cameras of the training: all but the held-out views; all cameras, where the model does not say
+    /// which are held out.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn training_cameras(&self) -> Result<Vec<NamedCamera>> {
+        let mut cameras = self.cameras()?;
+        let held_out = self.test_views().filter(|count| *count < cameras.len()).unwrap_or(0);
+        Ok(cameras.split_off(held_out))
+    }
+
+    /// Cameras of the held-out views, else all cameras, else an orbit around the scene: views that
+    /// show how a scene without any cameras of its own looks as well.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn evaluation_cameras(&self) -> Result<Vec<NamedCamera>> {
+        let cameras = self.test_cameras()?;
+        if !cameras.is_empty() {
+            return Ok(cameras);
+        }
+        let mut cameras = turntable(&self.orientation(None)?, &[], orbit::DEFAULT_COUNT, None);
+        let near = near_plane(&cameras);
+        cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
+        Ok(cameras)
+    }
+
+    /// Orientation that the model records, else the estimate from its cameras, else that of its
+    /// Gaussians; `up`, a vector of any length but 0, replaces the up direction.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn orientation(&self, up: Option<[f64; 3]>) -> Result<Orientation> {
+        let known = self.cameras()?;
+        let cameras = || known.iter().map(|(_, camera)| camera);
+        let found = recorded_or_estimated(self.info.as_ref(), cameras());
+        let found = found.unwrap_or_else(|| of_gaussians(&self.scene.gaussians));
+        Ok(up.map_or(found, |up| with_up(found, up, cameras())))
     }
 
     /// Number of held-out views, which come first among the cameras; none where the model does not

@@ -20,10 +20,14 @@
 //! replaces an up direction that the cameras do not determine, and an axis within rounding error
 //! replaces the estimate.
 
+use crate::orbit::framing;
 use core::f64::consts::FRAC_PI_4;
-use glam::{DMat3, DVec3};
-use specula_core::{camera::Camera, eigen, sphere};
-use specula_io::orientation::{Orientation, UpSource};
+use glam::{DMat3, DVec3, Vec3};
+use specula_core::{camera::Camera, eigen, scene::Gaussians, sphere};
+use specula_io::{
+    model_folder::ModelInfo,
+    orientation::{Orientation, UpSource},
+};
 
 /// Sine of the roll from which a picture counts as tilted: 20°.
 const TILTED_SIN: f64 = 0.342;
@@ -113,6 +117,40 @@ pub fn estimate<'a>(cameras: impl IntoIterator<Item = &'a Camera>, points: &[[f3
         rolled: count_rolled(&axes, up),
         error_degrees: error.map(f64::to_degrees),
     })
+}
+
+/// Orientation that a model records, else the estimate from its cameras; none without either.
+pub fn recorded_or_estimated<'a>(
+    info: Option<&ModelInfo>,
+    cameras: impl IntoIterator<Item = &'a Camera>,
+) -> Option<Orientation> {
+    let recorded = info.and_then(|info| info.orientation).filter(Orientation::is_valid);
+    recorded.or_else(|| estimate(cameras, &[]))
+}
+
+/// Orientation of Gaussians without cameras: up is +z, as in Blender, and all of them are seen from
+/// the viewing distance.
+pub fn of_gaussians(gaussians: &Gaussians<Vec<f32>>) -> Orientation {
+    let (centre, distance) = framing(gaussians);
+    Orientation {
+        up: [0.0, 0.0, 1.0],
+        centre: centre.as_dvec3().to_array(),
+        distance: distance.into(),
+        up_source: UpSource::Nothing,
+        cameras: 0,
+        rolled: 0,
+        error_degrees: None,
+    }
+}
+
+/// Up direction in world space, a unit vector.
+pub fn up(orientation: &Orientation) -> Vec3 {
+    Vec3::from(orientation.up.map(|x| x as f32))
+}
+
+/// Centre in world space.
+pub fn centre(orientation: &Orientation) -> Vec3 {
+    Vec3::from(orientation.centre.map(|x| x as f32))
 }
 
 /// Replaces the up direction by the user's, a vector of any length but 0.

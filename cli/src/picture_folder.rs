@@ -1,11 +1,11 @@
-//! Folders of pictures and names of results: one for each way of rendering, so that none takes the
-//! place of another.
+//! Folders of pictures and names of results: one for each way of rendering, so that none overwrites
+//! another's.
 
 use crate::{
     args::{EnvOptions, EnvUp, MachineOptions, ProfileName},
     background::Backdrop,
+    camera_set::CameraSet,
     failure::Failure,
-    look::Tour,
     output::stem,
     scene::background_of,
 };
@@ -22,7 +22,7 @@ const CAMERAS: &str = "views.json";
 /// Folders beside those of layers.
 const OTHERS: [&str; 2] = ["renders", "gt"];
 
-/// Words for everything in which a rendering differs from `specula render MODEL`.
+/// Parts of a name, one for each difference from `specula render MODEL`.
 pub(crate) fn differences(
     opened: &OpenedModel,
     machine: &MachineOptions,
@@ -36,15 +36,15 @@ pub(crate) fn differences(
         ProjectionModel::Ray => Some("ray".to_owned()),
         ProjectionModel::Within(alpha) => Some(format!("within-{alpha}")),
     };
-    let behind = background.and_then(|asked| match asked {
+    let background = background.and_then(|asked| match asked {
         Backdrop::Environment => Some("on-env".to_owned()),
         Backdrop::Color(color) => (color != background_of(opened, None)).then(|| format!("on-{color}")),
     });
     let read = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{}", profile.name()));
-    [storage, projection, behind, read].into_iter().flatten().collect()
+    [storage, projection, background, read].into_iter().flatten().collect()
 }
 
-/// Words for a light that is not as its file has it.
+/// Parts of a name, one for each change to the light of a file.
 pub(crate) fn light_differences(options: &EnvOptions) -> Vec<String> {
     let up = match options.env_up {
         EnvUp::Scene => None,
@@ -55,7 +55,7 @@ pub(crate) fn light_differences(options: &EnvOptions) -> Vec<String> {
     [up, exposure].into_iter().flatten().collect()
 }
 
-/// Refuses options of a light where none is named: they would change nothing.
+/// Refuses options of a light without a light, which would change nothing.
 pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: &EnvOptions) -> Result<(), Failure> {
     if light.is_some() || light_differences(options).is_empty() {
         return Ok(());
@@ -65,28 +65,28 @@ pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: &EnvOp
 
 /// Folder of pictures.
 #[derive(Debug)]
-pub(crate) struct Place {
-    pub(crate) folder: PathBuf,
-    /// The folder of colours: `renders` to the field's tools, `rgb` where the user chose the place.
+pub(crate) struct PictureFolder {
+    pub(crate) path: PathBuf,
+    /// Folder of colours: `renders` as in other tools, `rgb` in a folder that the user named.
     rgb: &'static str,
 }
 
-impl Place {
-    /// Folder that was asked for, or `MODEL/<what>/ours_N`, its name followed by `words` and by a size
-    /// that is not that of the views.
+impl PictureFolder {
+    /// Folder `asked` for, or `MODEL/GROUP/ours_N`, its name followed by `differences` and by a size
+    /// other than that of the views.
     pub(crate) fn of(
         opened: &OpenedModel,
         asked: Option<&Path>,
-        what: &str,
-        tour: &Tour,
-        words: &[String],
+        group: &str,
+        set: &CameraSet,
+        differences: &[String],
     ) -> Result<Self, Failure> {
         match (asked, &opened.folder, opened.iteration) {
-            (Some(folder), _, _) => Ok(Self { folder: folder.to_owned(), rgb: "rgb" }),
+            (Some(folder), _, _) => Ok(Self { path: folder.to_owned(), rgb: "rgb" }),
             (None, Some(model), Some(iteration)) => {
-                let size = tour.other_size.map(|[width, height]| format!("{width}x{height}"));
-                let name = [&[method_of(iteration)], words, &Vec::from_iter(size)].concat().join("_");
-                Ok(Self { folder: model.join(what).join(name), rgb: "renders" })
+                let size = set.other_size.map(|[width, height]| format!("{width}x{height}"));
+                let name = [&[method_of(iteration)], differences, &Vec::from_iter(size)].concat().join("_");
+                Ok(Self { path: model.join(group).join(name), rgb: "renders" })
             }
             _ => Err(Failure::Input("a PLY file has no folder for pictures; name one with -o".into())),
         }
@@ -94,15 +94,15 @@ impl Place {
 
     /// Folder of a layer.
     pub(crate) fn of_layer(&self, layer: Layer) -> PathBuf {
-        self.folder.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
+        self.path.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
     }
 
-    /// Lists the cameras beside the pictures, and removes pictures of other cameras that an earlier
-    /// rendering left here; all of them, where the light may be another.
-    pub(crate) fn claim(&self, tour: &Tour, may_be_relit: bool) -> Result<(), Failure> {
-        let path = self.folder.join(CAMERAS);
+    /// Lists the cameras beside the pictures, and removes an earlier rendering's pictures if its cameras
+    /// differ, or if its light may differ.
+    pub(crate) fn claim(&self, set: &CameraSet, may_be_relit: bool) -> Result<(), Failure> {
+        let path = self.path.join(CAMERAS);
         let before = fs::read(&path).ok();
-        cameras::write(&path, &tour.cameras)?;
+        cameras::write(&path, &set.cameras)?;
         let now = fs::read(&path).ok();
         if before.is_some() && (may_be_relit || before != now) {
             self.remove_pictures();
@@ -110,18 +110,18 @@ impl Place {
         Ok(())
     }
 
-    /// Removes numbered pictures of all layers. One that cannot be removed is told when it is written.
+    /// Removes numbered pictures of all layers. Failures show when the pictures are written.
     fn remove_pictures(&self) {
         let layers = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS);
-        for folder in layers.map(|name| self.folder.join(name)) {
+        for folder in layers.map(|name| self.path.join(name)) {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
             entries.filter(|path| is_numbered(path)).for_each(|path| drop(fs::remove_file(path)));
         }
-        let _ = fs::remove_file(self.folder.join("turntable.png"));
+        let _ = fs::remove_file(self.path.join("turntable.png"));
     }
 }
 
-/// Whether a file is named as [`specula_report::measure::picture_name`] names pictures.
+/// Returns whether a file has a name of [`specula_report::measure::picture_name`].
 fn is_numbered(path: &Path) -> bool {
     let stem = stem(path);
     path.extension().is_some_and(|ending| ending == "png")

@@ -1,0 +1,332 @@
+//! Cameras around a scene: turntables, spheres, and the first view of a viewer.
+
+use crate::orientation::{centre, is_upright, up};
+use core::f32::consts::{FRAC_PI_2, TAU};
+use glam::Vec3;
+use specula_core::{
+    camera::{Camera, near_of},
+    scene::{Gaussians, MEAN},
+    sphere::directions,
+};
+use specula_io::{cameras::NamedCamera, orientation::Orientation};
+use specula_train::view::extent_of_cameras;
+
+/// Width and height of pictures of a scene without cameras, in pixels.
+pub const DEFAULT_SIZE: [u32; 2] = [800, 800];
+/// Cameras in the orbit of a scene without cameras.
+pub const DEFAULT_COUNT: u32 = 8;
+/// Horizontal field of view of cameras in an orbit, in radians: that of NeRF Synthetic.
+const FIELD_OF_VIEW_RAD: f32 = 0.691_111_2;
+
+/// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its known
+/// cameras. Where these leave out a quarter of the circle or more, the turntable goes back and forth
+/// along the arc that they cover.
+///
+/// `size` is the width and height of pictures, in pixels. Intrinsics, near plane included, are those
+/// of the first known camera if there is one, whatever `size` is.
+pub fn turntable(
+    orientation: &Orientation,
+    known: &[NamedCamera],
+    count: u32,
+    size: Option<[u32; 2]>,
+) -> Vec<NamedCamera> {
+    let orbit = Orbit::new(orientation, known);
+    let like = known.first().map(|(_, camera)| *camera);
+    let camera_at = |index: u32| {
+        let azimuth = orbit.azimuth_at(index as f32 / count as f32);
+        (format!("{index:05}"), orbit.camera(azimuth, like, size))
+    };
+    (0..count).map(camera_at).collect()
+}
+
+/// Cameras evenly spread over a sphere around Gaussians, all of which they see.
+pub fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
+    let (centre, distance) = framing(gaussians);
+    let [width, height] = DEFAULT_SIZE;
+    let camera = |direction: [f64; 3]| {
+        let outwards = Vec3::from(direction.map(|x| x as f32));
+        let up = outwards.any_orthonormal_vector();
+        Camera::look_at(centre + outwards * distance, centre, up, FIELD_OF_VIEW_RAD, width, height)
+    };
+    let cameras: Vec<Camera> = directions(count as usize).map(camera).collect();
+    let near = near_of(extent_of_cameras(cameras.iter()));
+    cameras.into_iter().map(|camera| Camera { near, ..camera }).collect()
+}
+
+/// Near plane of cameras, in proportion to how far they spread.
+pub fn near_plane(cameras: &[NamedCamera]) -> f32 {
+    near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)))
+}
+
+/// First view of a free navigation through a scene.
+#[derive(Debug)]
+pub struct StartView {
+    /// Known cameras of the scene, with a common near plane.
+    pub known: Vec<NamedCamera>,
+    /// Index of the known camera to start from: the first with an upright picture; none if most
+    /// pictures are on their side.
+    pub first: Option<usize>,
+    /// Upright camera to start from if `first` is none.
+    pub start: Camera,
+    /// Centre of the scene.
+    pub centre: Vec3,
+    /// Up direction, a unit vector.
+    pub up: Vec3,
+}
+
+impl StartView {
+    /// First view of a scene with these known cameras, if any.
+    pub fn new(orientation: &Orientation, mut known: Vec<NamedCamera>) -> Self {
+        let orbit = Orbit::new(orientation, &known);
+        let around: Vec<Camera> = (0..DEFAULT_COUNT)
+            .map(|index| orbit.camera(TAU * index as f32 / DEFAULT_COUNT as f32, None, None))
+            .collect();
+        let near = match known.is_empty() {
+            true => near_of(extent_of_cameras(around.iter())),
+            false => near_plane(&known),
+        };
+        known.iter_mut().for_each(|(_, camera)| camera.near = near);
+        let upright = known.iter().position(|(_, camera)| is_upright(orientation, camera));
+        let first = upright.filter(|_| 2 * orientation.rolled <= orientation.cameras);
+        let start = known.first().map_or(around[0], |(_, camera)| levelled(camera, orbit.up));
+        Self { start: Camera { near, ..start }, known, first, centre: orbit.centre, up: orbit.up }
+    }
+}
+
+/// Camera rolled about its view until `up` is upwards in its picture; unchanged for a view along up.
+fn levelled(camera: &Camera, up: Vec3) -> Camera {
+    let forward = camera.camera_from_world.row(2);
+    if forward.cross(up).length() < 1e-3 {
+        return *camera;
+    }
+    let [width, height] = [camera.width, camera.height];
+    let level = Camera::look_at(camera.position, camera.position + forward, up, FIELD_OF_VIEW_RAD, width, height);
+    Camera { camera_from_world: level.camera_from_world, ..*camera }
+}
+
+/// Circle around a scene.
+struct Orbit {
+    centre: Vec3,
+    up: Vec3,
+    distance: f32,
+    /// Angle above the horizon, in radians.
+    elevation: f32,
+    /// Part of the circle that known cameras cover; none for the whole circle.
+    arc: Option<Arc>,
+}
+
+/// Arc of a circle, in radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Arc {
+    start: f32,
+    len: f32,
+}
+
+impl Arc {
+    /// Complement of the widest gap between angles, if that gap is a quarter of the circle or more and
+    /// three times as wide as the mean gap: an obstacle, or a side that was not photographed.
+    fn of(mut angles: Vec<f32>) -> Option<Self> {
+        angles.sort_by(f32::total_cmp);
+        let next = |k: usize| angles.get(k + 1).copied().unwrap_or(angles[0] + TAU);
+        let gaps = (0..angles.len()).map(|k| (next(k) - angles[k], next(k)));
+        let (gap, start) = gaps.max_by(|(one, _), (other, _)| one.total_cmp(other))?;
+        let least = FRAC_PI_2.max(3.0 * TAU / angles.len() as f32);
+        (gap >= least).then_some(Self { start, len: TAU - gap })
+    }
+}
+
+impl Orbit {
+    fn new(orientation: &Orientation, known: &[NamedCamera]) -> Self {
+        /// Elevation without known cameras, in radians.
+        const DEFAULT_ELEVATION_RAD: f32 = 0.4;
+        const ELEVATION_MAX_RAD: f32 = 1.0;
+        let (centre, up, distance) = (centre(orientation), up(orientation), orientation.distance as f32);
+        if known.is_empty() {
+            return Self { centre, up, distance, elevation: DEFAULT_ELEVATION_RAD, arc: None };
+        }
+        let share = 1.0 / known.len() as f32;
+        let height = share * known.iter().map(|(_, camera)| up.dot(camera.position - centre)).sum::<f32>();
+        let elevation =
+            (height / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).asin().clamp(0.0, ELEVATION_MAX_RAD);
+        let orbit = Self { centre, up, distance, elevation, arc: None };
+        Self { arc: Arc::of(known.iter().filter_map(|(_, camera)| orbit.azimuth_of(camera)).collect()), ..orbit }
+    }
+
+    /// Azimuth of a camera near the circle's elevation and not inside the circle, in radians; none for
+    /// others, whose views differ from those of the circle.
+    fn azimuth_of(&self, camera: &Camera) -> Option<f32> {
+        /// Largest difference of elevation, in radians.
+        const ELEVATION_TOLERANCE_RAD: f32 = 0.35;
+        /// Least distance from the centre, relative to the circle's.
+        const DISTANCE_MIN: f32 = 0.9;
+        let from_centre = camera.position - self.centre;
+        let distance = from_centre.length();
+        let elevation = (self.up.dot(from_centre) / distance).clamp(-1.0, 1.0).asin();
+        let is_near =
+            (elevation - self.elevation).abs() <= ELEVATION_TOLERANCE_RAD && distance >= DISTANCE_MIN * self.distance;
+        let [x, y] = horizon(self.up).map(|axis| axis.dot(from_centre));
+        is_near.then(|| y.atan2(x))
+    }
+
+    /// Azimuth at a time of a turntable, from 0 to 1, in radians: uniform around the circle, or
+    /// sinusoidal between the ends of the arc.
+    fn azimuth_at(&self, time: f32) -> f32 {
+        match self.arc {
+            None => TAU * time,
+            Some(Arc { start, len }) => start + len * 0.5 * (1.0 - (TAU * time).cos()),
+        }
+    }
+
+    /// Camera on the circle that looks at the centre, with the intrinsics of `like`.
+    fn camera(&self, azimuth: f32, like: Option<Camera>, size: Option<[u32; 2]>) -> Camera {
+        let [east, north] = horizon(self.up);
+        let outwards = east * azimuth.cos() + north * azimuth.sin();
+        let direction = outwards * self.elevation.cos() + self.up * self.elevation.sin();
+        let [width, height] = size.unwrap_or(DEFAULT_SIZE);
+        let up = if self.elevation < FRAC_PI_2 { self.up } else { outwards };
+        let camera =
+            Camera::look_at(self.centre + direction * self.distance, self.centre, up, FIELD_OF_VIEW_RAD, width, height);
+        match like {
+            Some(like) => Camera { camera_from_world: camera.camera_from_world, position: camera.position, ..like },
+            None => camera,
+        }
+    }
+}
+
+/// Two orthonormal directions perpendicular to `up`, from the first of which azimuths count.
+fn horizon(up: Vec3) -> [Vec3; 2] {
+    let east = up.any_orthonormal_vector();
+    [east, up.cross(east)]
+}
+
+/// At most `count_max` items, evenly spaced in the slice.
+pub fn evenly_spaced<T: Copy>(items: &[T], count_max: usize) -> Vec<T> {
+    let count = items.len().min(count_max);
+    (0..count).map(|k| items[(2 * k + 1) * items.len() / (2 * count)]).collect()
+}
+
+/// Centre of Gaussians, and the distance from which a camera sees all of them.
+pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    let (centre, radius) = extent(gaussians);
+    (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
+}
+
+/// Median of the means, and the 0.9 quantile of their distances from it; 1 where that is 0.
+fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    const SHARE: f32 = 0.9;
+    let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);
+    let centre = Vec3::new(median(MEAN), median(MEAN + 1), median(MEAN + 2));
+    let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
+    let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
+    (centre, if radius > 0.0 { radius } else { 1.0 })
+}
+
+fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
+    let Some(last) = numbers.len().checked_sub(1) else { return 0.0 };
+    let index = (share * last as f32) as usize;
+    *numbers.select_nth_unstable_by(index, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::orientation::estimate;
+    use glam::Mat3;
+
+    /// Cameras in a circle, most pictures or some of them turned by 90°.
+    fn circle(rolled: usize) -> Vec<NamedCamera> {
+        let camera = |k: usize| {
+            let (sin, cos) = (k as f32).sin_cos();
+            let upright = Camera::look_at(Vec3::new(4.0 * cos, 4.0 * sin, 2.0), Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
+            let turn = if k < rolled { Mat3::from_rotation_z(FRAC_PI_2) } else { Mat3::IDENTITY };
+            (k.to_string(), Camera { camera_from_world: turn * upright.camera_from_world, ..upright })
+        };
+        (0..9).map(camera).collect()
+    }
+
+    #[test]
+    fn a_view_in_another_frame_is_not_stretched_and_shows_no_less() {
+        let view = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
+        let off_centre = Camera { principal_px: [40.0, 33.0], ..view };
+        for camera in [view, off_centre] {
+            for [width, height] in [[640, 480], [48, 320], [90, 200]] {
+                let framed = camera.framed(width, height);
+                assert_eq!(framed.focal_px[0], framed.focal_px[1], "squares stay squares");
+                let scale = framed.focal_px[0] / camera.focal_px[0];
+                // The old picture's corners lie in the new picture, around its centre.
+                let corner =
+                    |axis: usize, pixels: f32| framed.principal_px[axis] + scale * (pixels - camera.principal_px[axis]);
+                let [left, right] = [corner(0, 0.0), corner(0, 90.0)];
+                let [top, bottom] = [corner(1, 0.0), corner(1, 60.0)];
+                assert!(left >= -1e-3 && top >= -1e-3, "{framed:?}");
+                assert!((left + right - width as f32).abs() < 1e-2 && (top + bottom - height as f32).abs() < 1e-2);
+            }
+        }
+        assert_eq!(view.framed(90, 60), view);
+        assert_eq!(view.framed(45, 30), view.resized(45, 30));
+        // A photograph of 1000 x 667 pixels made half as large.
+        let photograph = Camera { width: 1000, height: 667, ..view };
+        assert_eq!(photograph.framed(500, 333), photograph.resized(500, 333), "rounded, not another shape");
+    }
+
+    #[test]
+    fn one_begins_upright_whatever_is_rolled() {
+        for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
+            let known = circle(rolled);
+            let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let around = StartView::new(&orientation, known.clone());
+            assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
+            let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
+            assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
+            assert!(
+                forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
+                "one looks where the first camera does"
+            );
+            let cameras = turntable(&orientation, &known, 8, None);
+            assert!(cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
+            assert!(around.centre.length() < 1e-5 && (cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn a_turntable_goes_to_and_fro_where_cameras_leave_much_of_the_circle_out() {
+        let all_around = circle(0);
+        let [start, len] = [2.5_f32, 3.0];
+        let side: Vec<NamedCamera> = (0..20)
+            .map(|k| {
+                let (sin, cos) = (start + len * k as f32 / 19.0).sin_cos();
+                let eye = Vec3::new(4.0 * cos, 4.0 * sin, 2.0);
+                (k.to_string(), Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60))
+            })
+            .collect();
+        // From above, and from close by, one sees what one does not see from the circle.
+        let [above, close] = [Vec3::new(0.4, 0.1, 4.4), Vec3::new(1.5, 0.5, 0.8)];
+        let others = [above, close].map(|eye| Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60));
+        let side: Vec<NamedCamera> =
+            side.into_iter().chain(others.map(|camera| ("other".to_owned(), camera))).collect();
+        let angles = |known: &[NamedCamera]| {
+            let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
+            let cameras = turntable(&orientation, known, 12, None);
+            let angle = |camera: &Camera| camera.position.y.atan2(camera.position.x).rem_euclid(TAU);
+            cameras.iter().map(|(_, camera)| angle(camera)).collect::<Vec<f32>>()
+        };
+        let widest = |mut angles: Vec<f32>| {
+            angles.sort_by(f32::total_cmp);
+            angles.windows(2).map(|pair| pair[1] - pair[0]).fold(angles[0] + TAU - angles[11], f32::max)
+        };
+        assert!((widest(angles(&all_around)) - TAU / 12.0).abs() < 1e-4, "evenly around");
+        let turns = angles(&side);
+        assert!(turns.iter().all(|turn| (start - 1e-3..start + len + 1e-3).contains(turn)), "{turns:?}");
+        assert!((turns[0] - start).abs() < 1e-3 && (turns[6] - start - len).abs() < 1e-3, "from end to end: {turns:?}");
+        assert!((turns[1] - turns[11]).abs() < 1e-4, "and back the same way");
+    }
+
+    #[test]
+    fn a_few_cameras_leave_nothing_out() {
+        for count in [1, 3, 8] {
+            let angles = (0..count).map(|k| 0.3 + TAU * k as f32 / count as f32).collect();
+            assert_eq!(Arc::of(angles), None, "{count} cameras, evenly spread");
+        }
+        assert_eq!(Arc::of(Vec::new()), None);
+    }
+}
