@@ -1,5 +1,5 @@
-//! What this machine can do, with the vectors and threads that the executor uses: the ceilings that stages are held
-//! against.
+//! Ceilings of this machine, with the vectors and threads of the executor: upper bounds for the
+//! stages.
 
 use core::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};

@@ -13,7 +13,7 @@ use specula_gpu::{Gpu, GpuError, GpuExecutor};
 
 const PROFILES: [&str; 3] = ["3dgs", "paper", "specula"];
 
-/// What is measured, and how often.
+/// Groups to measure, and their sample counts.
 struct Extent {
     size: u32,
     count: usize,

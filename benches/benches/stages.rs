@@ -1,5 +1,5 @@
-//! One group for each stage, on the torus at 800 × 800; throughput in what the stage works on. What there is to do is
-//! printed first: it does not depend on the machine.
+//! One group for each stage, on the torus at 800 × 800; throughput in what the stage works on. What
+//! there is to do is printed first: it does not depend on the machine.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use specula_benches::{
@@ -100,7 +100,8 @@ fn steps(criterion: &mut Criterion) {
     }
 }
 
-/// A scene in which nothing shines, under a light, rendered by its plan: what is left is plain Gaussian splatting.
+/// A scene in which nothing shines, under a light, rendered by its plan: what is left is plain
+/// Gaussian splatting.
 fn diffuse(criterion: &mut Criterion) {
     const NO_TINT: f32 = -100.0;
     let mut exec = CpuExecutor::new();

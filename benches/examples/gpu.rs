@@ -1,8 +1,8 @@
-//! What a GPU takes for pictures and for steps of training, and for each of their stages, beside what it could do at
-//! best; see `scripts/bench-gpu`.
+//! Times of pictures, training steps and their stages on a GPU, beside the device's ceilings; see
+//! `scripts/bench-gpu`.
 //!
-//! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case that would take longer
-//! than is left is not begun.
+//! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case
+//! that would take longer than is left is not begun.
 
 use core::{fmt, time::Duration};
 use specula_benches::{
@@ -45,12 +45,12 @@ const CASES: [Case; 14] = [
     Case("specula", 1600, 1_000_000),
     Case("specula", 1600, 5_000_000),
 ];
-/// What a measurement may take; more repetitions are made until then.
+/// Time budget of a measurement; it is repeated until the budget is used up.
 const PATIENCE: Duration = Duration::from_secs(2);
 const REPETITIONS_MAX: usize = 100;
 /// A stage is run so often; the fastest counts, and the first also compiles kernels.
 const STAGE_RUNS: usize = 3;
-/// What a case takes, in pictures and steps of both executors: those that are timed, and their stages one by one.
+/// Times of a case: pictures and steps of both executors, and their stages one by one.
 const ROUNDS: f64 = 12.0;
 const MEBIBYTE: f64 = 1_048_576.0;
 
@@ -95,7 +95,8 @@ fn main() -> Result<(), GpuError> {
 struct Bench {
     viewer: GpuViewer,
     ceilings: Option<Ceilings>,
-    /// The slowest picture and step of both executors so far, in seconds for each pixel and Gaussian.
+    /// The slowest picture and step of both executors so far, in seconds for each pixel and
+    /// Gaussian.
     pace: f64,
     stages: Vec<(Case, Storage, Vec<StageTime>)>,
 }
@@ -202,7 +203,7 @@ struct Stand<'a> {
     like: &'a Scene<CpuExecutor>,
 }
 
-/// What a picture takes, and how close it is to the CPU's.
+/// Time of a picture, and its distance from the CPU's.
 struct Picture {
     seconds: f64,
     agreement: f64,
@@ -249,7 +250,7 @@ impl<'a> Stand<'a> {
     }
 }
 
-/// What a stage takes on the device.
+/// Time of a stage on the device.
 struct StageTime {
     stage: Stage,
     amounts: Amounts,
@@ -345,7 +346,8 @@ impl StageTime {
     }
 }
 
-/// The median time of some repetitions, the first left out: kernels are compiled when they are first used.
+/// The median time of some repetitions, the first left out: kernels are compiled when they are
+/// first used.
 fn median<E>(mut run: impl FnMut() -> Result<(), E>) -> Result<f64, E> {
     run()?;
     let start = Instant::now();

@@ -1,5 +1,6 @@
-//! What pictures lose by halves: all that `Storage::F16` stores so, and each kind of number alone, means and scales among
-//! them, which it keeps in full. On the torus, and on the models whose folders are named.
+//! Loss of pictures by half precision: of all that `Storage::F16` stores in halves, and of each
+//! kind of number alone, among them means and scales, which it keeps in full. Measured on the
+//! torus, and on the model folders given as arguments.
 
 use core::ops::Range;
 use specula_benches::{camera, environment, scene::LIGHT, torus, trained::Trained};

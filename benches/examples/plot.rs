@@ -1,5 +1,5 @@
-//! Quality against time, from the `timeline.json` of trainings:
-//! `cargo run --release -p specula-benches --example plot -- OUT.svg TITLE NAME=MODEL/timeline.json ...`
+//! Quality against time, from the `timeline.json` of trainings: `cargo run --release -p
+//! specula-benches --example plot -- OUT.svg TITLE NAME=MODEL/timeline.json ...`
 
 use core::error::Error;
 use plotters::prelude::*;

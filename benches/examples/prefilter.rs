@@ -1,5 +1,6 @@
-//! Error and time of the prefilter: the official scheme, ours, and the chains of mips that `specula prefilter` writes, all
-//! in one run. Errors are those of [`specula_tests::prefilter_error`]; times are the least of some runs.
+//! Error and time of the prefilter: the official scheme, ours, and the chains of mips that `specula
+//! prefilter` writes, all in one run. Errors are those of [`specula_tests::prefilter_error`]; times
+//! are the least of some runs.
 //!
 //! Arguments: resolutions of the base map, 64 and 128 by default.
 

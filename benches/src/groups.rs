@@ -12,13 +12,13 @@ use std::time::Instant;
 
 /// Benches of one scene on an executor.
 pub struct Groups<'a, E: Renderer> {
-    /// Who measures.
+    /// Criterion instance.
     pub criterion: &'a mut Criterion,
     /// The scene's name.
     pub name: String,
-    /// How often each stage is measured.
+    /// Samples for each stage.
     pub samples: usize,
-    /// What there is to do.
+    /// Work of the stage.
     pub amounts: Amounts,
     /// Waits until all that an executor was asked for is done.
     pub finish: fn(&mut E) -> Result<(), E::Error>,

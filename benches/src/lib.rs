@@ -1,5 +1,5 @@
-//! A generated scene for the benches: Gaussians on a torus, the same on every machine; what there is to do in it, and
-//! what measures it on any executor.
+//! A generated scene for the benches: Gaussians on a torus, the same on every machine; what there
+//! is to do in it, and what measures it on any executor.
 
 pub mod groups;
 pub mod scene;
@@ -23,8 +23,8 @@ use specula_train::{
 const SEED: u64 = 7;
 const RADIUS: [f32; 2] = [1.0, 0.4];
 
-/// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in 0.3–0.98; in the order
-/// that a training keeps them in.
+/// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in
+/// 0.3–0.98; in the order that a training keeps them in.
 pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
     let points: Vec<Point> = (0..count).map(|k| Point { position: place(k).0, color: [0.6, 0.4, 0.3] }).collect();
     let mut cloud = gaussians(&points, profile, SEED);

@@ -18,9 +18,9 @@ pub const LIGHT: usize = 64;
 /// A scene and everything that a training knows of it.
 #[derive(Debug)]
 pub struct Scene<E: Executor> {
-    /// How it is trained.
+    /// Training settings.
     pub profile: Profile,
-    /// How it is rendered.
+    /// Rendering rules.
     pub rules: RenderRules,
     /// From where.
     pub camera: Camera,

@@ -58,20 +58,20 @@ impl Stage {
     }
 }
 
-/// What a scene has, from which follows what its stages have to do.
+/// Sizes of a scene, which determine the work of its stages.
 #[derive(Clone, Copy, Debug)]
 pub struct Amounts {
-    /// How many Gaussians there are.
+    /// Number of Gaussians.
     pub gaussians: usize,
-    /// What planes they have.
+    /// Planes of the Gaussians.
     pub layout: Layout,
-    /// How they are stored.
+    /// Storage of the Gaussians.
     pub storage: Storage,
     /// Pixels of the picture.
     pub pixels: usize,
-    /// How it is rendered.
+    /// Rendering rules.
     pub rules: RenderRules,
-    /// What there is to blend.
+    /// Work of blending.
     pub work: Work,
 }
 
@@ -83,7 +83,7 @@ const SPLAT: usize = 14;
 const GEOMETRY: usize = 6;
 
 impl Amounts {
-    /// What throughput counts: Gaussians, pixels, texels, pairs of a pixel and a splat, or steps.
+    /// Unit of throughput: Gaussians, pixels, texels, pairs of a pixel and a splat, or steps.
     pub fn elements(&self, stage: Stage) -> usize {
         match stage {
             Stage::Prefilter | Stage::PrefilterVjp => FACE_COUNT * LIGHT * LIGHT,
@@ -94,12 +94,14 @@ impl Amounts {
         }
     }
 
-    /// Bytes that a stage has to read and write once, on a device: an estimate, without the light, which stays in caches.
-    /// None where several kernels go over the same memory again and again, so that the count would say little.
+    /// Bytes that a stage has to read and write once, on a device: an estimate, without the light,
+    /// which stays in caches. None where several kernels go over the same memory again and again,
+    /// so that the count would say little.
     pub fn bytes(&self, stage: Stage) -> Option<usize> {
         let Self { gaussians, layout, pixels, work: Work { intersections, .. }, .. } = *self;
         let channels = self.rules.blended(layout).count();
-        // Of a pixel: its channels and the transmittance; of a splat in a tile: its number, itself and its channels.
+        // Of a pixel: its channels and the transmittance; of a splat in a tile: its number, itself
+        // and its channels.
         let (pixel, splat) = (channels + 1, 1 + SPLAT - 2 + channels.next_multiple_of(4));
         let grad = GEOMETRY + channels;
         let numbers = match stage {
@@ -127,9 +129,9 @@ impl Amounts {
         }
     }
 
-    /// Operations of a stage, counted from core's formulas: for each pair the offset (2), the exponent (4), 2ˣ (16), α
-    /// (2), the step (5) and a multiply-add for each channel; 49 and two for each channel on the way back; for each
-    /// pixel and colour of SSIM 520.
+    /// Operations of a stage, counted from core's formulas: for each pair the offset (2), the
+    /// exponent (4), 2ˣ (16), α (2), the step (5) and a multiply-add for each channel; 49 and two
+    /// for each channel on the way back; for each pixel and colour of SSIM 520.
     pub fn operations(&self, stage: Stage) -> Option<usize> {
         let channels = self.rules.blended(self.layout).count();
         match stage {
@@ -141,7 +143,7 @@ impl Amounts {
     }
 }
 
-/// What measures stages.
+/// Measures stages.
 pub trait Meter<E: Renderer> {
     /// Measures a stage, as often as it likes; what `prepare` does is no part of it.
     fn measure<I, O>(
@@ -180,7 +182,8 @@ pub fn measure_picture<E: Renderer>(
     meter.measure(exec, Stage::Frame, nothing, |exec, ()| render(exec, cloud, light, camera, &rules))
 }
 
-/// The other stages of a step: the light, the loss, and the way back to an update that changes nothing.
+/// The other stages of a step: the light, the loss, and the way back to an update that changes
+/// nothing.
 pub fn measure_step<E: Executor>(
     exec: &mut E,
     scene: &mut Scene<E>,

@@ -12,14 +12,15 @@ use specula_io::{
 use specula_train::profile::{Profile, by_name};
 use std::path::Path;
 
-/// What is in its folder. Attributes are as they stand in the file, which is near enough to measure with.
+/// Contents of a model folder. Attributes are used as stored, which is accurate enough for
+/// measurements.
 #[derive(Debug)]
 pub struct Trained {
     /// The Gaussians, in the order that a training keeps them in.
     pub cloud: Gaussians<Vec<f32>>,
     /// Their light.
     pub light: Option<Environment<Vec<f32>>>,
-    /// What they were trained as.
+    /// Profile of the training.
     pub profile: Profile,
     /// All cameras.
     pub cameras: Vec<Camera>,

@@ -1,5 +1,6 @@
-//! What blending has to do, counted with core's formulas one pixel at a time: the counts do not depend on the machine,
-//! and the loop that makes them is the scalar path that the executors are compared with.
+//! Work of blending, counted with core's formulas one pixel at a time: the counts do not depend on
+//! the machine, and the loop that makes them is the scalar path that the executors are compared
+//! with.
 
 use core::fmt;
 use specula_core::{
@@ -23,12 +24,13 @@ const TILE: usize = TILE_SIZE as usize;
 /// Pixels along an edge of a quad, the least that the CPU's kernels work on.
 const QUAD: usize = 4;
 
-/// How much there is to blend in a picture.
+/// Amount of blending in a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Splats in tiles.
     pub intersections: usize,
-    /// Pixels of quads that a splat may touch, for all splats before their tile has ended: what kernels evaluate.
+    /// Pixels of quads that a splat may touch, for all splats before their tile has ended: what
+    /// kernels evaluate.
     pub processed: usize,
     /// Pixels that a splat is seen in.
     pub significant: usize,
@@ -41,7 +43,7 @@ impl fmt::Display for Work {
     }
 }
 
-/// What there is to blend in a picture of this cloud.
+/// Counts the work of blending a picture of this cloud.
 pub fn work_of(exec: &mut CpuExecutor, cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Work {
     let splats = exec.project(cloud, camera).expect("the CPU projects");
     let tiles = exec.bin(&splats, camera).expect("the CPU bins");
@@ -101,8 +103,8 @@ fn count_quad(
     }
 }
 
-/// The straightforward loop: every pixel of a tile walks through the tile's splats until it ends. Channels, then the
-/// transmittance, plane by plane.
+/// The straightforward loop: every pixel of a tile walks through the tile's splats until it ends.
+/// Channels, then the transmittance, plane by plane.
 pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Vec<f32> {
     let [width, height] = [camera.width as usize, camera.height as usize];
     let channels = colors.channels;

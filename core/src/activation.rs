@@ -2,7 +2,8 @@
 
 use crate::real::Real;
 
-/// Logistic function 1 / (1 + e^−x), in \[0, 1\]. Evaluated through e^−|x|, so no argument overflows.
+/// Logistic function 1 / (1 + e^−x), in \[0, 1\]. Evaluated through e^−|x|, so no argument
+/// overflows.
 #[inline(always)]
 pub fn sigmoid<R: Real>(x: R) -> R {
     let small = (-x.abs()).exp();

@@ -1,8 +1,9 @@
-//! Attributes of a Gaussian: stored planes to material, harmonics and channels, with their gradients.
+//! Attributes of a Gaussian: stored planes to material, harmonics and channels, with their
+//! gradients.
 //!
-//! The composition of the stage `shade` and of its gradient, over any memory. An executor implements
-//! two small traits: [`AttributePlanes`] reads the numbers of a Gaussian, or of several side by side,
-//! and [`AttributeGrads`] takes their gradients. It calls, in this order,
+//! The composition of the stage `shade` and of its gradient, over any memory. An executor
+//! implements two small traits: [`AttributePlanes`] reads the numbers of a Gaussian, or of several
+//! side by side, and [`AttributeGrads`] takes their gradients. It calls, in this order,
 //!
 //! ```text
 //! forward   material and surface  GaussianShading::shaded
@@ -153,9 +154,11 @@ impl<R: Real> Harmonics<R> {
 pub struct LightSample<R> {
     /// Prefiltered radiance along the reflected direction.
     pub specular: Vec3<R>,
-    /// Irradiance / π along the normal; read by [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
+    /// Irradiance / π along the normal; read by
+    /// [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
     pub ambient: Vec3<R>,
-    /// (F_x, F_y) of the split-sum table; read by [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
+    /// (F_x, F_y) of the split-sum table; read by
+    /// [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
     pub split_sum: [R; 2],
 }
 
@@ -170,7 +173,8 @@ impl<R: Real> LightSample<R> {
 /// Gradient that comes back through the lookups of a [`LightSample`].
 #[derive(Clone, Copy, Debug)]
 pub struct LookupGrad<R> {
-    /// Gradients of the reflected direction and of the roughness; none where no light was looked up.
+    /// Gradients of the reflected direction and of the roughness; none where no light was looked
+    /// up.
     pub specular: Option<(Vec3<R>, R)>,
     /// Gradients of the normal, and of n·v and the roughness through the split-sum table; none but
     /// for [`ShadingForm::Official`](crate::shade::ShadingForm::Official) under a light.
@@ -369,14 +373,14 @@ impl GaussianShading {
         channels
     }
 
-    /// Gradient of the terms of [`GaussianShading::surface_channels`] through the colour; its light is
-    /// that of the [`LightSample`].
+    /// Gradient of the terms of [`GaussianShading::surface_channels`] through the colour; its light
+    /// is that of the [`LightSample`].
     #[inline(always)]
     pub fn terms_vjp<R: Real>(&self, terms: &Terms<R>, channels: &LayerChannels<R>) -> Terms<R> {
         shade_vjp(self.rules.shading.form, terms, channels.vec3(channel::COLOR))
     }
-    /// Gradient of [`GaussianShading::color_channels`] without shading attributes: writes that of the
-    /// coefficients. Normals of such Gaussians have none.
+    /// Gradient of [`GaussianShading::color_channels`] without shading attributes: writes that of
+    /// the coefficients. Normals of such Gaussians have none.
     #[inline(always)]
     pub fn radiance_vjp<R: Real>(
         &self,
@@ -391,8 +395,8 @@ impl GaussianShading {
         let mean = view_dir_vjp(planes.vec3(MEAN), eye, grad_view);
         PoseGrad { mean, ..PoseGrad::zero(grad_view.x) }
     }
-    /// Gradient of [`GaussianShading::shaded`] from those of its terms, channels and lookups: writes
-    /// those of the shading attributes.
+    /// Gradient of [`GaussianShading::shaded`] from those of its terms, channels and lookups:
+    /// writes those of the shading attributes.
     #[inline(always)]
     pub fn surface_vjp<R: Real>(
         &self,

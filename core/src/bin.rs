@@ -1,4 +1,4 @@
-//! Which tiles of the screen a splat touches.
+//! Tiles of the screen that a splat touches.
 
 use crate::{
     cutoffs::Cutoffs,
@@ -66,8 +66,9 @@ impl<R: Real> Outline<R> {
     }
 }
 
-/// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`; the second is
-/// smaller than the first where the outline misses the band. What is no ellipse is everywhere.
+/// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`;
+/// the second is smaller than the first where the outline misses the band. What is no ellipse is
+/// everywhere.
 #[inline(always)]
 pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] {
     let [x, y] = outline.center;
@@ -86,7 +87,8 @@ pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] 
     [choose(left, 1.0, -f32::MAX), choose(right, -1.0, f32::MAX)]
 }
 
-/// First and past-the-last of so many tiles along an axis that the interval from `low` to `high`, in pixels, touches.
+/// First and past-the-last of so many tiles along an axis that the interval from `low` to `high`,
+/// in pixels, touches.
 #[inline(always)]
 pub fn tile_range<R: Real>(low: R, high: R, tile_count: R) -> [R; 2] {
     let (zero, before) = (low.zero(), low.constant(-1.0));

@@ -1,8 +1,8 @@
 //! One step of compositing: a splat over what is already in a pixel (paper, eq. C).
 //!
-//! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that would bring its
-//! transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind weigh nothing, and what it had is kept apart, for the
-//! background.
+//! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that
+//! would bring its transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind
+//! weigh nothing, and what it had is kept apart, for the background.
 
 use crate::{
     cutoffs::Cutoffs,
@@ -10,7 +10,8 @@ use crate::{
     splat::{ROOT_SCALE, Splat2d, SplatGrad},
 };
 
-/// No splat is more opaque than this, so that the light behind it, and its gradient, can be recovered.
+/// No splat is more opaque than this, so that the light behind it, and its gradient, can be
+/// recovered.
 pub const MAX_ALPHA: f32 = 0.99;
 
 /// log₂ of [`MAX_ALPHA`].
@@ -25,7 +26,7 @@ pub struct Falloff<R> {
     pub log2_strength: R,
 }
 
-/// How strong a splat is at the offset δ = pixel centre − mean.
+/// Strength of a splat at the offset δ = pixel centre − mean.
 #[inline(always)]
 pub fn falloff<R: Real>(splat: &Splat2d<R>, dx: R, dy: R) -> Falloff<R> {
     let offset = scaled_offset(splat, dx, dy);
@@ -64,14 +65,15 @@ pub fn passes_alpha_test<R: Real>(log2_strength: R) -> R::Mask {
     Cutoffs::DEFAULT.passes_alpha_test(log2_strength)
 }
 
-/// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]` and so for δy. It
-/// is for sure where this says no: |W δ| is bounded by the box around the image of the box.
+/// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]`
+/// and so for δy. It is for sure where this says no: |W δ| is bounded by the box around the image
+/// of the box.
 #[inline(always)]
 pub fn may_overlap<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
     Cutoffs::DEFAULT.may_overlap_column(splat, &column_of(splat, dx), dy)
 }
 
-/// What a splat is in all boxes between the same bounds of δx.
+/// Bounds of a splat in a column of boxes, between the same bounds of δx.
 #[derive(Clone, Copy, Debug)]
 pub struct Column<R> {
     /// log₂ of the largest strength that u allows.
@@ -112,13 +114,14 @@ pub fn alpha<R: Real>(log2_strength: R) -> R {
     Cutoffs::DEFAULT.alpha(log2_strength)
 }
 
-/// What a pixel lets through while splats come, front to back.
+/// State of a pixel between two splats, front to back.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelState<R> {
-    /// Transmittance in front of the next splat. It only falls: once it is below [`crate::cutoffs::TRANSMITTANCE_MIN`], the pixel has
-    /// ended.
+    /// Transmittance in front of the next splat. It only falls: once it is below
+    /// [`crate::cutoffs::TRANSMITTANCE_MIN`], the pixel has ended.
     pub transmittance: R,
-    /// Transmittance of the picture: that of a pixel that goes on, and what a pixel that has ended had before.
+    /// Transmittance of the picture: that of a pixel that goes on, and what a pixel that has ended
+    /// had before.
     pub left: R,
 }
 
@@ -136,12 +139,12 @@ pub fn is_active<R: Real>(transmittance: R) -> R::Mask {
     Cutoffs::DEFAULT.is_active(transmittance)
 }
 
-/// What one splat does to a pixel.
+/// Contribution of one splat to a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Composite<R> {
     /// α T: the splat's weight; zero if the pixel ends here or has ended.
     pub weight: R,
-    /// What is let through behind it.
+    /// State of the pixel behind the splat.
     pub behind: PixelState<R>,
 }
 
@@ -160,8 +163,8 @@ impl Cutoffs {
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
         self.may_pass_alpha_test((-w).mul_add(w, column.most))
     }
-    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen, which is told by the
-    /// logarithm, while its power is still being worked out.
+    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen,
+    /// which is told by the logarithm, while its power is still being worked out.
     #[inline(always)]
     pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
         let strength = log2_strength.exp2_of_small();
@@ -185,7 +188,7 @@ fn transmittance_behind<R: Real>(alpha: R, transmittance: R) -> R {
     (-alpha).mul_add(transmittance, transmittance)
 }
 
-/// What a pixel knows while its splats are replayed front to back.
+/// State of a pixel in the backward pass, which replays its splats front to back.
 #[derive(Clone, Copy, Debug)]
 pub struct Replay<R> {
     /// Transmittance in front of the splat; zero once the pixel has ended.
@@ -194,12 +197,13 @@ pub struct Replay<R> {
     pub remaining: R,
 }
 
-/// What one splat does to a pixel on the way back.
+/// Gradient of one splat at a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct StepGrad<R> {
     /// Gradient of the logarithm of the splat's strength.
     pub log_strength: R,
-    /// The splat's weight, as in [`Composite`]: times the pixel's gradient, it is that of the splat's channels.
+    /// The splat's weight, as in [`Composite`]: times the pixel's gradient, it is that of the
+    /// splat's channels.
     pub weight: R,
     /// The pixel behind it.
     pub behind: Replay<R>,
@@ -207,9 +211,9 @@ pub struct StepGrad<R> {
 
 /// Gradient of one step.
 ///
-/// `color_dot_grad` is the splat's channels times the pixel's gradients. Of ∂C/∂αᵢ = Tᵢ cᵢ − Σ_{k>i} wₖ cₖ / (1 − αᵢ)
-/// only the product with the gradient is needed, so channels cost nothing here. Where alpha was limited the strength
-/// has no influence, and the gradient is zero.
+/// `color_dot_grad` is the splat's channels times the pixel's gradients. Of ∂C/∂αᵢ = Tᵢ cᵢ −
+/// Σ_{k>i} wₖ cₖ / (1 − αᵢ) only the product with the gradient is needed, so channels cost nothing
+/// here. Where alpha was limited the strength has no influence, and the gradient is zero.
 #[inline(always)]
 pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) -> StepGrad<R> {
     let alpha = alpha(log2_strength);
@@ -223,8 +227,8 @@ pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) 
     StepGrad { log_strength: (grad_alpha * alpha).keep(is_free), weight, behind: Replay { transmittance, remaining } }
 }
 
-/// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln strength, (u, w) the
-/// scaled offset.
+/// Sums over the pixels of a splat, from which its gradient follows. `h` is the gradient of ln
+/// strength, (u, w) the scaled offset.
 #[derive(Clone, Copy, Debug)]
 pub struct OffsetMoments<R> {
     /// Σ h u, Σ h w.
@@ -254,8 +258,8 @@ impl<R: Real> OffsetMoments<R> {
     }
 }
 
-/// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx δx) / W_yy. The depth
-/// gets none: compositing does not read it.
+/// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx
+/// δx) / W_yy. The depth gets none: compositing does not read it.
 #[inline(always)]
 pub fn moments_vjp<R: Real>(splat: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
     let [xx, yx, yy] = splat.root;

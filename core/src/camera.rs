@@ -11,7 +11,7 @@ use glam::{Mat3 as GlamMat3, Vec3 as GlamVec3};
 /// in scene units).
 pub const NEAR: f32 = 0.2;
 
-/// Where a picture is taken from, and through what.
+/// Pinhole camera: pose, intrinsics, near plane and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Rotation from world to camera axes.
@@ -20,7 +20,7 @@ pub struct Camera {
     pub position: GlamVec3,
     /// Focal lengths along x and y, in pixels.
     pub focal_px: [f32; 2],
-    /// Where the optical axis meets the image, in pixels from its upper left corner.
+    /// Principal point, in pixels from the upper left corner.
     pub principal_px: [f32; 2],
     /// Gaussians closer to the camera plane than this are not drawn; at least zero.
     pub near: f32,
@@ -30,15 +30,18 @@ pub struct Camera {
     pub height: u32,
 }
 
-/// [`Camera::near`] of a scene whose cameras spread so far: [`NEAR`], or less in a scene that is smaller than one unit.
+/// [`Camera::near`] of a scene whose cameras spread so far: [`NEAR`], or less in a scene that is
+/// smaller than one unit.
 pub fn near_of(extent: f32) -> f32 {
     NEAR * extent.min(1.0)
 }
 
 impl Camera {
-    /// A camera at `position` that looks at `target`, with `up` upwards in the picture, and [`NEAR`] for its near plane.
+    /// A camera at `position` that looks at `target`, with `up` upwards in the picture, and
+    /// [`NEAR`] for its near plane.
     ///
-    /// `fov_x` is the horizontal field of view in radians, in (0, π). `up` must not be parallel to the view.
+    /// `fov_x` is the horizontal field of view in radians, in (0, π). `up` must not be parallel to
+    /// the view.
     pub fn look_at(position: GlamVec3, target: GlamVec3, up: GlamVec3, fov_x: f32, width: u32, height: u32) -> Self {
         let forward = (target - position).normalize();
         let right = forward.cross(up).normalize();
@@ -67,9 +70,9 @@ impl Camera {
         }
     }
 
-    /// The view in a frame of another shape, without distortion: all of the picture at the largest scale
-    /// that fits, and more of the scene beside it where the frame is wider or taller. Where the shapes
-    /// agree up to the rounding of a pixel, [`Camera::resized`].
+    /// The view in a frame of another shape, without distortion: all of the picture at the largest
+    /// scale that fits, and more of the scene beside it where the frame is wider or taller. Where
+    /// the shapes agree up to the rounding of a pixel, [`Camera::resized`].
     pub fn framed(&self, width: u32, height: u32) -> Self {
         let (old, new) = ([self.width, self.height].map(|n| n as f32), [width, height].map(|n| n as f32));
         let scale = [new[0] / old[0], new[1] / old[1]];
@@ -111,7 +114,8 @@ impl Camera {
         }
     }
 
-    /// 1.3 times the largest |x/z| and |y/z| seen: beyond it the local affine projection is taken at the limit.
+    /// 1.3 times the largest |x/z| and |y/z| seen: beyond it the local affine projection is taken
+    /// at the limit.
     fn slope_limit(&self) -> [f32; 2] {
         let extent = [self.width as f32, self.height as f32];
         core::array::from_fn(|axis| {
@@ -121,7 +125,8 @@ impl Camera {
     }
 }
 
-/// How far outside the picture, in half fields of view, the projection's Jacobian is still followed (INRIA's value).
+/// Limit of the slopes at which the projection's Jacobian is evaluated, in half fields of view
+/// (INRIA's value).
 pub const SLOPE_MARGIN: f32 = 1.3;
 
 /// A [`Camera`] in the numbers that formulas compute with.
@@ -142,7 +147,8 @@ pub struct CameraOf<R> {
 }
 
 impl<R: Real> CameraOf<R> {
-    /// The same camera as a projection needs it: what is not affine follows the Jacobian however far outside.
+    /// The same camera as a projection needs it: what is not affine follows the Jacobian however
+    /// far outside.
     #[inline(always)]
     pub fn for_projection(self, projection: ProjectionModel) -> Self {
         let free = self.slope_limit[0].constant(f32::MAX);
@@ -160,7 +166,8 @@ impl<R: Real> CameraOf<R> {
         let ray = self.camera_from_world.transform_transposed(ray);
         ray * -ray.length_squared().sqrt().recip()
     }
-    /// A world point in camera space. The centre is subtracted first, so far from the origin nothing cancels.
+    /// A world point in camera space. The centre is subtracted first, so far from the origin
+    /// nothing cancels.
     #[inline(always)]
     pub fn to_camera(&self, point: Vec3<R>) -> Vec3<R> {
         self.camera_from_world.transform(point - self.position)

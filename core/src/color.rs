@@ -13,8 +13,8 @@ const POWER: f32 = 1.0 / 2.4;
 const SCALE: f32 = 1.055;
 const OFFSET: f32 = 0.055;
 
-/// sRGB value of linear radiance. Continued above 1 by the same curve, and below 0 by the same line, so that values
-/// outside the range of a picture still have a gradient towards it.
+/// sRGB value of linear radiance. Continued above 1 by the same curve, and below 0 by the same
+/// line, so that values outside the range of a picture still have a gradient towards it.
 #[inline(always)]
 pub fn srgb_from_linear<R: Real>(linear: R) -> R {
     let curved = (linear.max(linear.constant(LINEAR_LIMIT)).log2() * POWER).exp2() * SCALE - OFFSET;
@@ -45,8 +45,9 @@ pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3
     }
 }
 
-/// Residual colours are no larger than this, of either sign: brighter than any light, and the gradients of losses, which
-/// go with the square of what a picture shows, stay far from the end of an `f32`.
+/// Residual colours are no larger than this, of either sign: brighter than any light, and the
+/// gradients of losses, which go with the square of what a picture shows, stay far from the end of
+/// an `f32`.
 pub const COLOR_MAX: f32 = 1e6;
 
 /// A colour within ± [`COLOR_MAX`].
@@ -87,8 +88,9 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
-/// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At an alpha of zero no
-/// colour is seen, so this one can be set aside; that of other transparent pixels is another.
+/// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At
+/// an alpha of zero no colour is seen, so this one can be set aside; that of other transparent
+/// pixels is another.
 pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
 
 /// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].
@@ -108,7 +110,8 @@ pub fn composite<R: Real>(color: R, transmittance: R, background: R) -> R {
     transmittance.mul_add(background, color)
 }
 
-/// Gradient of [`composite`] with respect to the transmittance, added to `sum`; that of the colour is `grad` itself.
+/// Gradient of [`composite`] with respect to the transmittance, added to `sum`; that of the colour
+/// is `grad` itself.
 #[inline(always)]
 pub fn composite_vjp<R: Real>(background: R, grad: R, sum: R) -> R {
     grad.mul_add(background, sum)

@@ -1,4 +1,5 @@
-//! Shape of a Gaussian: rotation from a quat, scales from their logarithms, Σ = R S Sᵀ Rᵀ (paper, section 3.1).
+//! Shape of a Gaussian: rotation from a quat, scales from their logarithms, Σ = R S Sᵀ Rᵀ (paper,
+//! section 3.1).
 
 use crate::{
     each,
@@ -11,7 +12,8 @@ pub type Quat<R> = [R; 4];
 
 /// Quats whose components are all smaller than this count as the identity.
 pub const QUAT_MIN: f32 = 1e-12;
-/// Logarithms of scales are kept in [−LOG_SCALE_LIMIT, LOG_SCALE_LIMIT]: e^40 squared is still an `f32`.
+/// Logarithms of scales are kept in [−LOG_SCALE_LIMIT, LOG_SCALE_LIMIT]: e^40 squared is still an
+/// `f32`.
 pub const LOG_SCALE_LIMIT: f32 = 40.0;
 
 /// The rotation that a quat stands for, after normalisation. A quat of length zero is the identity.
@@ -20,7 +22,8 @@ pub fn rotation<R: Real>(quat: Quat<R>) -> Mat3<R> {
     rotation_of_unit(normalize_quat(quat).0)
 }
 
-/// Gradient of [`rotation`] with respect to the quat, of a gradient by columns; zero for a quat of length zero.
+/// Gradient of [`rotation`] with respect to the quat, of a gradient by columns; zero for a quat of
+/// length zero.
 #[inline(always)]
 pub fn rotation_vjp<R: Real>(quat: Quat<R>, grad: &Mat3<R>) -> Quat<R> {
     let ([w, x, y, z], inverse_length) = normalize_quat(quat);
@@ -66,7 +69,8 @@ pub fn covariance<R: Real>(quat: Quat<R>, log_scales: Vec3<R>) -> [R; 6] {
 /// The unit quat and 1 / length; the identity and 0 for a quat of length zero.
 #[inline(always)]
 fn normalize_quat<R: Real>([w, x, y, z]: Quat<R>) -> (Quat<R>, R) {
-    // The largest component is divided out first, so that neither 1e-30 nor 1e30 leaves the range of f32.
+    // The largest component is divided out first, so that neither 1e-30 nor 1e30 leaves the range
+    // of f32.
     let largest = w.abs().max(x.abs()).max(y.abs().max(z.abs()));
     let is_rotation = w.constant(QUAT_MIN).less(largest);
     let largest = R::select(is_rotation, largest, w.constant(1.0));

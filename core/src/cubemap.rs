@@ -1,12 +1,14 @@
 //! Directions on the faces of a cube: addresses, footprints, solid angles.
 //!
-//! Faces are +X −X +Y −Y +Z −Z, as in OpenGL, Vulkan and WebGPU. A map of resolution n is kept with an *apron*: each
-//! face is surrounded by the neighbouring texels of the adjacent faces, (n + 2)² texels in all. A bilinear footprint
-//! then always lies inside one padded face, and looking a direction up is continuous across every edge and corner.
+//! Faces are +X −X +Y −Y +Z −Z, as in OpenGL, Vulkan and WebGPU. A map of resolution n is kept with
+//! an *apron*: each face is surrounded by the neighbouring texels of the adjacent faces, (n + 2)²
+//! texels in all. A bilinear footprint then always lies inside one padded face, and looking a
+//! direction up is continuous across every edge and corner.
 //!
-//! A texel beyond an edge lies up to half a texel further along it than the bilinear footprint takes it for, as in every
-//! seamless cube map. So what is looked up is a direction up to √2 / 6n away within half a texel of the edges, and by the
-//! curvature of the face, up to 1 / n², elsewhere.
+//! A texel beyond an edge lies up to half a texel further along it than the bilinear footprint
+//! takes it for, as in every seamless cube map. So what is looked up is a direction up to √2 / 6n
+//! away within half a texel of the edges, and by the curvature of the face, up to 1 / n²,
+//! elsewhere.
 
 use crate::{
     double::Double,
@@ -34,7 +36,8 @@ pub const fn padded_index(face: usize, column: isize, row: isize, resolution: us
     (face * width + (row + 1) as usize) * width + (column + 1) as usize
 }
 
-/// The direction, not of unit length, of a point (u, v) in \[−1, 1\]² on a face; v points down the rows.
+/// The direction, not of unit length, of a point (u, v) in \[−1, 1\]² on a face; v points down the
+/// rows.
 pub fn direction(face: usize, u: f64, v: f64) -> [f64; 3] {
     match face {
         0 => [1.0, -v, -u],
@@ -64,8 +67,9 @@ pub fn texel_solid_angle(column: usize, row: usize, resolution: usize) -> f64 {
     corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 }
 
-/// The texels of the map without apron that an apron texel shows: one across an edge; at a corner, where three faces
-/// meet, the mean of the three around it. Column and row are those of [`padded_index`].
+/// The texels of the map without apron that an apron texel shows: one across an edge; at a corner,
+/// where three faces meet, the mean of the three around it. Column and row are those of
+/// [`padded_index`].
 pub fn apron_sources(face: usize, column: isize, row: isize, resolution: usize) -> Apron {
     let last = resolution as isize - 1;
     let (inner_column, inner_row) = (column.clamp(0, last), row.clamp(0, last));
@@ -76,12 +80,12 @@ pub fn apron_sources(face: usize, column: isize, row: isize, resolution: usize) 
     Apron { texels: [across(inner_column, inner_row), across(column, inner_row), across(inner_column, row)], count: 3 }
 }
 
-/// Where an apron texel comes from.
+/// Source of an apron texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Apron {
     /// Indices into the map without apron.
     pub texels: [usize; 3],
-    /// How many of them count, each with weight 1 / count.
+    /// Number of texels in use, each with weight 1 / count.
     pub count: usize,
 }
 
@@ -166,7 +170,8 @@ pub struct Footprint<R> {
     pub lower: R,
 }
 
-/// The bilinear footprint of a point on a map of this resolution. Indices are exact up to a resolution of 1024.
+/// The bilinear footprint of a point on a map of this resolution. Indices are exact up to a
+/// resolution of 1024.
 #[inline(always)]
 pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> Footprint<R> {
     let half = resolution * 0.5;
@@ -179,7 +184,8 @@ pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> Footprint<R> {
     Footprint { texel: (point.face * width + row) * width + column, right: x - column, lower: y - row }
 }
 
-/// Bilinear mean of the four texels of a footprint: upper left, upper right, lower left, lower right.
+/// Bilinear mean of the four texels of a footprint: upper left, upper right, lower left, lower
+/// right.
 #[inline(always)]
 pub fn bilinear<R: Real>(texels: [Vec3<R>; 4], right: R, lower: R) -> Vec3<R> {
     let [a, b, c, d] = texels;

@@ -1,4 +1,4 @@
-//! What becomes of the Gaussians of a cloud in a picture: drawn, or left out and why. Counted when asked for.
+//! Reasons for which Gaussians are culled from a picture, and their counts.
 
 use crate::{
     attributes::{AttributePlanes, Harmonics, StoredGaussian},
@@ -11,7 +11,7 @@ use crate::{
     },
 };
 
-/// What becomes of a Gaussian. Of several reasons to leave it out, the first counts.
+/// Reason for which a Gaussian is culled: the first of those that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CullReason {
     /// It is drawn.
@@ -84,14 +84,15 @@ impl CullReason {
         }
     }
 
-    /// That of a Gaussian in a picture that reads all its attributes; without a camera, as far as its own numbers tell.
+    /// That of a Gaussian in a picture that reads all its attributes; without a camera, as far as
+    /// its own numbers tell.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: Option<&Camera>) -> Self {
         nonfinite(gaussians, gaussian)
             .unwrap_or_else(|| camera.map_or(Self::Drawn, |camera| in_view(gaussians, gaussian, camera)))
     }
 }
 
-/// How many Gaussians have which [`CullReason`].
+/// Number of Gaussians of each [`CullReason`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CullStats {
     counts: [usize; CullReason::ALL.len()],

@@ -17,8 +17,8 @@ pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 pub enum ProjectionModel {
     /// Local affine (EWA, Zwicker et al. 2001), with INRIA's limit of the slope.
     Affine,
-    /// Affine onto the plane that touches the unit sphere in the direction of the mean, then exactly
-    /// onto the screen.
+    /// Affine onto the plane that touches the unit sphere in the direction of the mean, then
+    /// exactly onto the screen.
     Tangent,
     /// Largest response along each pixel's ray ([`crate::perspective`]).
     Ray,
@@ -27,8 +27,8 @@ pub enum ProjectionModel {
     Within(f32),
 }
 
-/// Culling and early-termination thresholds. Training and the free functions of [`crate::blend`] and
-/// [`mod@crate::bin`] use [`Cutoffs::DEFAULT`].
+/// Culling and early-termination thresholds. Training and the free functions of [`crate::blend`]
+/// and [`mod@crate::bin`] use [`Cutoffs::DEFAULT`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutoffs {
     alpha_min: f32,

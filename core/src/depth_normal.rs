@@ -9,14 +9,14 @@ use crate::{
 /// Coverage below which a pixel has no surface.
 pub const SURFACE_COVERAGE: f32 = 0.5;
 
-/// Where a pixel of this coverage has a surface.
+/// Mask of pixels whose coverage makes them a surface.
 #[inline(always)]
 pub fn is_surface<R: Real>(coverage: R) -> R::Mask {
     coverage.constant(SURFACE_COVERAGE).less(coverage)
 }
 
-/// Expected depth of a pixel from its blended depth Σ w z and its coverage A = Σ w: their quotient. Callers leave out
-/// pixels of small coverage.
+/// Expected depth of a pixel from its blended depth Σ w z and its coverage A = Σ w: their quotient.
+/// Callers leave out pixels of small coverage.
 #[inline(always)]
 pub fn expected_depth<R: Real>(blended_depth: R, coverage: R) -> R {
     blended_depth / coverage
@@ -42,7 +42,8 @@ pub struct Cross<T> {
     pub below: T,
 }
 
-/// The weight of a pixel's normal: its coverage where it and its neighbours have a surface, else zero.
+/// The weight of a pixel's normal: its coverage where it and its neighbours have a surface, else
+/// zero.
 #[inline(always)]
 pub fn surface_weight<R: Real>(coverage: R, around: &Cross<R>) -> R {
     let least = coverage.min(around.left.min(around.right)).min(around.above.min(around.below));

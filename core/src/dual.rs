@@ -1,4 +1,5 @@
-//! Dual numbers: a value and its exact derivative along one direction, to hold every `_vjp` against.
+//! Dual numbers: a value and its exact derivative along one direction, to hold every `_vjp`
+//! against.
 
 use crate::{math, real::Real};
 use core::ops::{Add, Div, Mul, Neg, Sub};

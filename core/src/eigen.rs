@@ -2,12 +2,14 @@
 
 use crate::math;
 
-/// Turns that make every matrix diagonal up to rounding: each sweep of three squares what is left beside the diagonal.
+/// Turns that make every matrix diagonal up to rounding: each sweep of three squares what is left
+/// beside the diagonal.
 const SWEEPS: usize = 12;
 
-/// The eigenvalues of a symmetric matrix, smallest first, each with its eigenvector of unit length; the vectors are at right
-/// angles. By Jacobi's turns (Golub and Van Loan 2013, section 8.5), which are exact to rounding also where eigenvalues are
-/// equal. Of the matrix its upper triangle is read.
+/// The eigenvalues of a symmetric matrix, smallest first, each with its eigenvector of unit length;
+/// the vectors are at right angles. By Jacobi's turns (Golub and Van Loan 2013, section 8.5), which
+/// are exact to rounding also where eigenvalues are equal. Of the matrix its upper triangle is
+/// read.
 pub fn symmetric(matrix: [[f64; 3]; 3]) -> [(f64, [f64; 3]); 3] {
     let mut matrix = matrix;
     let mut vectors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

@@ -45,7 +45,7 @@ impl core::fmt::Display for BufferLength {
 
 impl core::error::Error for BufferLength {}
 
-/// What densification did.
+/// Counts of one densification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DensifyReport {
     /// Gaussians that were copied.
@@ -61,7 +61,7 @@ pub struct DensifyReport {
 pub struct RandomKey {
     /// The run's seed.
     pub seed: u64,
-    /// What it is used for, such as an iteration.
+    /// Stream of draws, such as an iteration.
     pub stream: u64,
 }
 
@@ -74,11 +74,11 @@ pub struct TrainingStep<'a, E: Executor> {
     pub target: &'a E::Target,
     /// Behind the Gaussians, sRGB.
     pub background: [f32; 3],
-    /// How the photograph was exposed; none where it shows colours as they are.
+    /// Exposure of the photograph; none where colours are compared unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
-    /// How it is rendered.
+    /// Rendering rules.
     pub rules: &'a RenderRules,
-    /// What is minimised.
+    /// Weights of the losses.
     pub weights: &'a LossWeights,
     /// Learning rate of every plane.
     pub rates: &'a [f32],
@@ -90,7 +90,7 @@ pub struct TrainingStep<'a, E: Executor> {
     pub number: u32,
 }
 
-/// What one step came to.
+/// Results of one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepReport {
     /// The losses before the step.
@@ -101,10 +101,12 @@ pub struct StepReport {
     pub exposure: Option<Exposure<f64>>,
 }
 
-/// A machine that can run the stages that make a picture. Arrays and the results of stages are its own types.
+/// A machine that can run the stages that make a picture. Arrays and the results of stages are its
+/// own types.
 ///
-/// Stages compute the same thing on every executor, up to rounding; each is deterministic. The results of a stage go
-/// to later stages of the same executor, together with the very Gaussians and camera that they came from.
+/// Stages compute the same thing on every executor, up to rounding; each is deterministic. The
+/// results of a stage go to later stages of the same executor, together with the very Gaussians and
+/// camera that they came from.
 pub trait Renderer {
     /// `f32` numbers where this executor keeps them.
     type Array;
@@ -114,7 +116,7 @@ pub trait Renderer {
     type Splats;
     /// Their channels.
     type Colors;
-    /// Which splats each tile holds, front to back.
+    /// Splats of each tile, front to back.
     type Tiles;
     /// A blended picture: premultiplied channels and transmittance.
     type Frame;
@@ -123,8 +125,8 @@ pub trait Renderer {
 
     /// Numbers to the executor.
     fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
-    /// Gaussians to the executor, and whatever else has the same planes, such as their moments. It may keep so many as
-    /// a single array of its own does not hold.
+    /// Gaussians to the executor, and whatever else has the same planes, such as their moments. It
+    /// may keep so many as a single array of its own does not hold.
     fn upload_gaussians<A: AsRef<[f32]>>(
         &mut self,
         gaussians: &Gaussians<A>,
@@ -138,8 +140,8 @@ pub trait Renderer {
     /// [`BufferLength`], where `values` has not the array's length.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
     /// A frame back to the host: its channels, then its transmittance, plane by plane. Its channels
-    /// are those of [`RenderRules::blended`], which are more than was asked for where light is looked
-    /// up per pixel.
+    /// are those of [`RenderRules::blended`], which are more than was asked for where light is
+    /// looked up per pixel.
     ///
     /// # Errors
     ///
@@ -155,8 +157,8 @@ pub trait Renderer {
     ) -> Result<Self::Light, Self::Error>;
     /// Gaussians to splats. What is not finite in place, shape or opacity is not drawn.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;
-    /// Splats to channels. Without a light there is no specular term. Splats of Gaussians whose attributes are not finite,
-    /// of those that the rules ask for, are not drawn from here on.
+    /// Splats to channels. Without a light there is no specular term. Splats of Gaussians whose
+    /// attributes are not finite, of those that the rules ask for, are not drawn from here on.
     fn shade(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
@@ -175,9 +177,10 @@ pub trait Renderer {
         tiles: &Self::Tiles,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
-    /// The light of every pixel added to its blended surface ([`crate::pixel`]): the colour of the picture becomes
-    /// what it shows; where the layers of specular colour and light are asked for, they are filled in. The frame keeps
-    /// the surface, which the gradients of this stage and of blending read.
+    /// The light of every pixel added to its blended surface ([`crate::pixel`]): the colour of the
+    /// picture becomes what it shows; where the layers of specular colour and light are asked for,
+    /// they are filled in. The frame keeps the surface, which the gradients of this stage and of
+    /// blending read.
     fn shade_pixels(
         &mut self,
         surface: Self::Frame,
@@ -199,17 +202,17 @@ pub trait Executor: Renderer {
 
     /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
-    /// [`Renderer::bin`] for a step of training. An executor that would have to wait to know how much memory it takes may
-    /// go by former steps instead; if that is too little, no later stage of the step changes anything, and
-    /// [`Executor::report`] says so.
+    /// [`Renderer::bin`] for a step of training. An executor that would have to wait to know how
+    /// much memory it takes may go by former steps instead; if that is too little, no later stage
+    /// of the step changes anything, and [`Executor::report`] says so.
     fn bin_for_step(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error> {
         self.bin(splats, camera)
     }
-    /// A picture as a photograph of this exposure shows it ([`crate::expose`]). The frame keeps the colours as they were,
-    /// which the gradients of this stage read.
+    /// A picture as a photograph of this exposure shows it ([`crate::expose`]). The frame keeps the
+    /// colours as they were, which the gradients of this stage read.
     fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error>;
-    /// The gradient of a picture's losses against what it should be, over a background in sRGB. What the losses came to
-    /// is told by [`Executor::report`].
+    /// The gradient of a picture's losses against what it should be, over a background in
+    /// sRGB. What the losses came to is told by [`Executor::report`].
     fn loss(
         &mut self,
         frame: &Self::Frame,
@@ -219,16 +222,16 @@ pub trait Executor: Renderer {
         background: [f32; 3],
     ) -> Result<Self::FrameGrad, Self::Error>;
 
-    /// Gradient of [`Executor::expose`]: that of the photograph becomes that of the picture as it was before. That of the
-    /// exposure, a sum over the pixels, is told by [`Executor::report`].
+    /// Gradient of [`Executor::expose`]: that of the photograph becomes that of the picture as it
+    /// was before. That of the exposure, a sum over the pixels, is told by [`Executor::report`].
     fn expose_vjp(
         &mut self,
         frame: &Self::Frame,
         exposure: &Exposure<f32>,
         grad: Self::FrameGrad,
     ) -> Result<Self::FrameGrad, Self::Error>;
-    /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended surface; and that of the
-    /// light, if there is one.
+    /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended
+    /// surface; and that of the light, if there is one.
     fn shade_pixels_vjp(
         &mut self,
         surface: &Self::Frame,
@@ -246,8 +249,9 @@ pub trait Executor: Renderer {
         grad: &Self::FrameGrad,
         camera: &Camera,
     ) -> Result<Self::SplatGrads, Self::Error>;
-    /// Gradient of [`Renderer::shade`] and [`Renderer::project`], which read the same attributes: of the Gaussians,
-    /// and of the light if there is one and the Gaussians looked it up. Adds the losses on the attributes themselves.
+    /// Gradient of [`Renderer::shade`] and [`Renderer::project`], which read the same attributes:
+    /// of the Gaussians, and of the light if there is one and the Gaussians looked it up. Adds the
+    /// losses on the attributes themselves.
     fn gaussians_vjp(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
@@ -266,7 +270,8 @@ pub trait Executor: Renderer {
         grad: &Self::LightGrad,
     ) -> Result<Self::Array, Self::Error>;
 
-    /// One step of Adam for every plane, each at its own rate. Gradients that are not finite are left out, and counted.
+    /// One step of Adam for every plane, each at its own rate. Gradients that are not finite are
+    /// left out, and counted.
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -275,8 +280,9 @@ pub trait Executor: Renderer {
         rates: &[f32],
         step: u32,
     ) -> Result<(), Self::Error>;
-    /// [`Executor::gaussians_vjp`] and [`Executor::optimise`], one after the other. An executor may do both at once, so
-    /// that the gradient never goes through memory; the result is the same to the last bit.
+    /// [`Executor::gaussians_vjp`] and [`Executor::optimise`], one after the other. An executor may
+    /// do both at once, so that the gradient never goes through memory; the result is the same to
+    /// the last bit.
     fn update(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -294,8 +300,8 @@ pub trait Executor: Renderer {
         self.optimise(gaussians, moments, grad, step.rates, step.number)?;
         Ok(of_light)
     }
-    /// One step of Adam for the light; radiance that is kept as it is stays between zero and `radiance_max`. Gradients
-    /// that are not finite are left out, and counted.
+    /// One step of Adam for the light; radiance that is kept as it is stays between zero and
+    /// `radiance_max`. Gradients that are not finite are left out, and counted.
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
@@ -305,9 +311,10 @@ pub trait Executor: Renderer {
         radiance_max: f32,
         step: u32,
     ) -> Result<(), Self::Error>;
-    /// What came of the stages since the last report: the losses of the last picture, the gradient of its exposure, and how
-    /// many gradients were left out. Of a whole step only this has to wait until everything is done. `None` if [`Executor::bin_for_step`] took
-    /// too little memory: then nothing was changed, and the step is to be taken again, for which there is enough now.
+    /// Results of the stages since the last report: the losses of the last picture, the gradient of
+    /// its exposure, and the number of gradients left out. It is the only synchronisation point of
+    /// a step. `None` if [`Executor::bin_for_step`] took too little memory: then nothing was
+    /// changed, and the step has to be repeated, for which there is enough now.
     fn report(&mut self) -> Result<Option<StepReport>, Self::Error>;
 
     /// Adds one view to what densification knows.
@@ -329,8 +336,8 @@ pub trait Executor: Renderer {
         count_max: usize,
         key: RandomKey,
     ) -> Result<DensifyReport, Self::Error>;
-    /// Limits one plane to at most `ceiling` and forgets its momentum, as the opacity reset does; where a ball is given,
-    /// of those Gaussians whose means lie outside.
+    /// Limits one plane to at most `ceiling` and forgets its momentum, as the opacity reset does;
+    /// where a ball is given, of those Gaussians whose means lie outside.
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,

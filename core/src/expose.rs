@@ -1,8 +1,9 @@
-//! Exposure of photographs: an affine map of colours for each, so that the scene itself keeps one look.
+//! Exposure of photographs: an affine map of colours for each, so that the scene itself keeps one
+//! look.
 //!
-//! A picture is seen as C' = A C + (1 − T) b, where C is its premultiplied colour and T the transmittance: what is seen of
-//! the scene is mapped, the background behind it is not. So it is the same as if every Gaussian had the colour A c + b, and
-//! where nothing is seen nothing changes.
+//! A picture is seen as C' = A C + (1 − T) b, where C is its premultiplied colour and T the
+//! transmittance: what is seen of the scene is mapped, the background behind it is not. So it is
+//! the same as if every Gaussian had the colour A c + b, and where nothing is seen nothing changes.
 
 use crate::{
     real::Real,
@@ -15,14 +16,16 @@ pub type Exposure<R> = [[R; 4]; 3];
 /// Colours as they are.
 pub const IDENTITY: Exposure<f32> = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
-/// A C + a b: a premultiplied colour C with coverage a = 1 − T in \[0, 1\], as a photograph of this exposure shows it.
+/// A C + a b: a premultiplied colour C with coverage a = 1 − T in \[0, 1\], as a photograph of this
+/// exposure shows it.
 #[inline(always)]
 pub fn expose<R: Real>(exposure: &Exposure<R>, color: Vec3<R>, coverage: R) -> Vec3<R> {
     let row = |[red, green, blue, offset]: [R; 4]| red * color.x + green * color.y + blue * color.z + offset * coverage;
     vec3(row(exposure[0]), row(exposure[1]), row(exposure[2]))
 }
 
-/// Gradient of [`expose`] with respect to the exposure, the colour and the coverage: g Cᵀ and a g, Aᵀ g, and b · g.
+/// Gradient of [`expose`] with respect to the exposure, the colour and the coverage: g Cᵀ and a g,
+/// Aᵀ g, and b · g.
 #[inline(always)]
 pub fn expose_vjp<R: Real>(
     exposure: &Exposure<R>,

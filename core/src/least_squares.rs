@@ -1,8 +1,8 @@
 //! Weighted least squares by the normal equations.
 //!
-//! Minimises Σ w |Σ_k x_k c_k − t|² over the unknowns c, three targets t at once, by N c = r with N = Σ w x xᵀ and
-//! r = Σ w x t (Lawson and Hanson 1974, chapter 19), in `f64`. N does not depend on the targets, so where many fits have
-//! the same rows x it is summed once.
+//! Minimises Σ w |Σ_k x_k c_k − t|² over the unknowns c, three targets t at once, by N c = r with N
+//! = Σ w x xᵀ and r = Σ w x t (Lawson and Hanson 1974, chapter 19), in `f64`. N does not depend on
+//! the targets, so where many fits have the same rows x it is summed once.
 
 use crate::math;
 
@@ -11,7 +11,7 @@ pub const UNKNOWNS_MAX: usize = 16;
 /// Numbers of a lower triangle with [`UNKNOWNS_MAX`] rows.
 const TRIANGLE: usize = UNKNOWNS_MAX * (UNKNOWNS_MAX + 1) / 2;
 
-/// What the unknowns are multiplied by in one equation; those beyond a fit's own do not count.
+/// Coefficients of the unknowns in one equation; those beyond the fit's count are ignored.
 pub type Row = [f64; UNKNOWNS_MAX];
 
 /// The normal equations of a fit.
@@ -59,8 +59,8 @@ impl LeastSquares {
         }
     }
 
-    /// The unknowns, for each of the three targets. None where the rows do not decide all of them, or where a number is not
-    /// finite.
+    /// The unknowns, for each of the three targets. None where the rows do not decide all of them,
+    /// or where a number is not finite.
     pub fn solve(&self) -> Option<[[f32; 3]; UNKNOWNS_MAX]> {
         let root = self.root()?;
         let mut solution = self.right;
@@ -80,7 +80,8 @@ impl LeastSquares {
         solution.iter().flatten().all(|number| number.is_finite()).then_some(solution)
     }
 
-    /// The lower triangle L with L Lᵀ = N, by Cholesky. None unless N is positive definite beyond rounding.
+    /// The lower triangle L with L Lᵀ = N, by Cholesky. None unless N is positive definite beyond
+    /// rounding.
     fn root(&self) -> Option<[f64; TRIANGLE]> {
         const ROUNDING: f64 = 1e-12;
         let mut root = self.normal;

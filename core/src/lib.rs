@@ -1,18 +1,21 @@
-//! What specula computes, as pure functions of values: no allocation, no threads, no files, no `unsafe`.
+//! Formulas of specula as pure functions of values: no allocation, no threads, no files, no
+//! `unsafe`.
 //!
 //! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> (shade_pixels) -> (expose) -> loss
+//! scene -> plan -> prefilter -> project -> shade -> bin -> blend
+//!       -> (shade_pixels) -> (expose) -> loss
 //!   densify <- optimise <- prefilter_vjp <- gaussians_vjp <- blend_vjp <-+
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
-//! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination thresholds;
-//!   [`plan`]: rules without the terms that a scene does not need
-//! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`], [`cubemap`])
-//! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`], [`perspective`]);
-//!   [`cull`]: reasons for which Gaussians are not drawn
+//! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination
+//!   thresholds; [`plan`]: rules without the terms that a scene does not need
+//! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`],
+//!   [`cubemap`])
+//! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`],
+//!   [`perspective`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`pixel`]: the same pixel by pixel, for the stage `shade_pixels`
@@ -24,12 +27,12 @@
 //! * [`eigen`]: symmetric matrices; [`sphere`]: directions; [`least_squares`]: normal equations
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
-//! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of every error
-//! figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient of a function's result
-//! back to its arguments and stands right after the function.
+//! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of
+//! every error figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient
+//! of a function's result back to its arguments and stands right after the function.
 //!
-//! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s + c_r)`, without any
-//! executor:
+//! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s +
+//! c_r)`, without any executor:
 //!
 //! ```
 //! use specula_core::{
@@ -51,7 +54,8 @@
 //! let rules = ShadingRules::PAPER;
 //! let surface = surface(&material, vec3(1.0, 0.0, 1.0), rules);
 //! // Seen from +x and +z, it mirrors what is at −x and +z.
-//! assert!((surface.reflection_dir.x + surface.reflection_dir.z).abs() < 1e-6 && surface.reflection_dir.z > 0.7);
+//! let reflected = surface.reflection_dir;
+//! assert!((reflected.x + reflected.z).abs() < 1e-6 && reflected.z > 0.7);
 //!
 //! let color_under = |radiance: f32| {
 //!     let unlit = Terms::unlit(surface.diffuse, Vec3::splat(0.0));

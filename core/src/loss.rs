@@ -1,4 +1,5 @@
-//! What training minimises: colour, structure, normals, sparsity, size of residuals (paper, section 3.4).
+//! Losses of training: colour, structure, normals, sparsity, size of residuals (paper, section
+//! 3.4).
 
 use crate::{
     activation::{sigmoid, softplus},
@@ -24,8 +25,8 @@ pub fn ssim_window() -> [f32; SSIM_WINDOW] {
     core::array::from_fn(|k| (at(k) / sum) as f32)
 }
 
-/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally far from its middle
-/// is added first.
+/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally
+/// far from its middle is added first.
 #[inline(always)]
 pub fn window_mean<R: Real>(window: &[R; SSIM_WINDOW], tap: impl Fn(usize) -> R) -> R {
     const REACH: usize = SSIM_WINDOW / 2;
@@ -76,7 +77,8 @@ pub struct SsimMoments<R> {
 }
 
 impl<R: Real> SsimMoments<R> {
-    /// What windows take the means of: x, y, x² + y², xy. Of the squares only their sum counts.
+    /// Quantities whose windowed means SSIM takes: x, y, x² + y², xy. Only the sum of the squares
+    /// is needed.
     #[inline(always)]
     pub fn products(x: R, y: R) -> [R; 4] {
         [x, y, x.mul_add(x, y * y), x * y]
@@ -88,7 +90,8 @@ impl<R: Real> SsimMoments<R> {
     }
 }
 
-/// Structural similarity of two windows (Wang et al. 2004, eq. 13), in \[−1, 1\]; 1 for equal windows.
+/// Structural similarity of two windows (Wang et al. 2004, eq. 13), in \[−1, 1\]; 1 for equal
+/// windows.
 #[inline(always)]
 pub fn ssim<R: Real>(m: &SsimMoments<R>) -> R {
     let (luminance, contrast) = ssim_parts(m);
@@ -108,8 +111,8 @@ pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
     [through_mean - grad_xy * m.y - grad_xx * m.x * 2.0, grad_xx, grad_xy]
 }
 
-/// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of all windows that see
-/// it, each times the pixel's weight in it.
+/// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of
+/// all windows that see it, each times the pixel's weight in it.
 #[inline(always)]
 pub fn ssim_pixel_vjp<R: Real>(x: R, y: R, [grad_x, grad_xx, grad_xy]: [R; 3]) -> R {
     let through_squares = x * 2.0 * grad_xx + y * grad_xy;
@@ -130,7 +133,8 @@ pub fn normal_distance<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>) -> R {
     (rendered - geometric).length_squared()
 }
 
-/// Gradient of [`normal_distance`] with respect to the rendered normal; that of the geometric one is its negative.
+/// Gradient of [`normal_distance`] with respect to the rendered normal; that of the geometric one
+/// is its negative.
 #[inline(always)]
 pub fn normal_distance_vjp<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>, grad: R) -> Vec3<R> {
     (rendered - geometric) * (grad * 2.0)
@@ -148,8 +152,8 @@ pub fn normal_cosine_vjp<R: Real>(rendered: Vec3<R>, geometric: Vec3<R>, grad: R
     (geometric * -grad, rendered * -grad)
 }
 
-/// ln o + ln(1 − o) of an opacity o = σ(x), from its logit x: −softplus(−x) − softplus(x) (paper, eq. L_sparse).
-/// Finite for every finite x.
+/// ln o + ln(1 − o) of an opacity o = σ(x), from its logit x: −softplus(−x) − softplus(x) (paper,
+/// eq. L_sparse). Finite for every finite x.
 #[inline(always)]
 pub fn sparse<R: Real>(opacity_logit: R) -> R {
     -(softplus(opacity_logit) + softplus(-opacity_logit))
@@ -161,8 +165,8 @@ pub fn sparse_vjp<R: Real>(opacity_logit: R, grad: R) -> R {
     (grad * (sigmoid(opacity_logit) * -2.0 + 1.0)).keep(opacity_logit.is_finite())
 }
 
-/// Gradient of the square of a number of a normal residual, times half of `grad`: x g, with x within ± [`RESIDUAL_MAX`];
-/// zero for what is not finite.
+/// Gradient of the square of a number of a normal residual, times half of `grad`: x g, with x
+/// within ± [`RESIDUAL_MAX`]; zero for what is not finite.
 #[inline(always)]
 pub fn residual_vjp<R: Real>(number: R, grad: R) -> R {
     (number.clamp(-RESIDUAL_MAX, RESIDUAL_MAX) * grad).keep(number.is_finite())
@@ -187,7 +191,7 @@ pub fn sparse_coverage_vjp<R: Real>(coverage: R, grad: R) -> R {
     (grad * (a.recip() - (-a + 1.0).recip())).keep(is_free)
 }
 
-/// Which distance between rendered and geometric normals is minimised.
+/// Distance between rendered and geometric normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NormalForm {
     /// [`normal_distance`], with gradients to the normals and to the depth (the paper).
@@ -198,7 +202,7 @@ pub enum NormalForm {
     Cosine,
 }
 
-/// What the normal loss looks at in a pixel.
+/// Inputs of the normal loss at a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalPatch<R> {
     /// Camera-space rays through the four neighbours, with z = 1.
@@ -211,7 +215,8 @@ pub struct NormalPatch<R> {
     pub coverage: R,
 }
 
-/// Value of the normal loss and its gradients with respect to the rendered normal and the neighbours' depths.
+/// Value of the normal loss and its gradients with respect to the rendered normal and the
+/// neighbours' depths.
 #[inline(always)]
 pub fn normal_loss<R: Real>(
     form: NormalForm,
@@ -227,8 +232,8 @@ pub fn normal_loss<R: Real>(
     (value, grad_rendered, grad_depths)
 }
 
-/// Value of the normal loss and its gradients with respect to the rendered normal and the geometric one, both
-/// premultiplied by coverage.
+/// Value of the normal loss and its gradients with respect to the rendered normal and the geometric
+/// one, both premultiplied by coverage.
 #[inline(always)]
 fn compare_normals<R: Real>(
     form: NormalForm,
@@ -251,7 +256,7 @@ fn compare_normals<R: Real>(
     }
 }
 
-/// How much of each loss; all but the last two are means over the pixels of a picture.
+/// Weight of each loss; all but the last two are means over the pixels of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LossWeights {
     /// Of |C − C_gt|.
@@ -262,7 +267,7 @@ pub struct LossWeights {
     pub dssim: f32,
     /// Of the normal loss, weighted by coverage.
     pub normal: f32,
-    /// Which normal loss.
+    /// Form of the normal loss.
     pub normal_form: NormalForm,
     /// Of the sparse loss on the rendered coverage.
     pub sparse_coverage: f32,
@@ -277,8 +282,8 @@ pub struct LossWeights {
 }
 
 impl LossWeights {
-    /// Without the losses that nothing is there for: of coverage, unless the true picture has an alpha channel; of what
-    /// is seen of the geometry, unless it was blended.
+    /// Without the losses that nothing is there for: of coverage, unless the true picture has an
+    /// alpha channel; of what is seen of the geometry, unless it was blended.
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
@@ -290,7 +295,7 @@ impl LossWeights {
     }
 }
 
-/// What the losses came to, unweighted means.
+/// Values of the losses, as unweighted means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossReport {
     /// The weighted sum of what follows.

@@ -1,4 +1,5 @@
-//! Where Gaussians lie in memory: what is near in space is near in memory, so that tiles read what lies together.
+//! Morton order of Gaussians in memory: neighbours in space are neighbours in memory, so tiles read
+//! coherently.
 
 use crate::real::Real;
 
@@ -29,8 +30,9 @@ impl Bounds {
         self
     }
 
-    /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of the box. Points
-    /// outside, and what is not a number, count to the nearest cell or to the first.
+    /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of
+    /// the box. Points outside, and what is not a number, count to the nearest cell or to the
+    /// first.
     pub fn code(&self, point: [f32; 3]) -> u32 {
         let mut code = 0;
         for axis in 0..3 {
@@ -40,8 +42,8 @@ impl Bounds {
     }
 }
 
-/// Which of 1024 cells between two bounds a coordinate lies in, with its place in the cell as the fraction; zero for what
-/// is not a number, as in a flat box.
+/// Cell of a coordinate, of 1024 between two bounds, with the position in the cell as the fraction;
+/// zero for NaN, as in a flat box.
 #[inline(always)]
 pub fn cell<R: Real>(x: R, low: R, high: R) -> R {
     let cells = (1 << BITS) as f32;

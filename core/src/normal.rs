@@ -1,4 +1,5 @@
-//! The normal of a Gaussian: its shortest axis, turned to the viewer, plus a learned residual (paper, eq. normal).
+//! The normal of a Gaussian: its shortest axis, turned to the viewer, plus a learned residual
+//! (paper, eq. normal).
 
 use crate::{
     each,
@@ -6,22 +7,24 @@ use crate::{
     vector::{Mat3, Vec3, normalize_or, normalize_or_vjp, vec3},
 };
 
-/// Which axis of a Gaussian is taken for its normal.
+/// Axis of a Gaussian that is taken for its normal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AxisRule {
     /// The column of R that belongs to the smallest scale, as the paper says.
     Shortest,
-    /// The first row of R with its columns sorted by scale: what the authors' code computes, and what its
-    /// checkpoints were trained with.
+    /// The first row of R with its columns sorted by scale: what the authors' code computes, and
+    /// what its checkpoints were trained with.
     SortedRow,
     /// No axis at all: the residual alone is the normal (the paper's ablation "without v").
     None,
 }
 
-/// Columns of R picked by rank of their scales: `[k][c]` says, as 1 or 0, whether column c has rank k.
+/// Columns of R picked by rank of their scales: `[k][c]` says, as 1 or 0, whether column c has rank
+/// k.
 type Ranks<R> = [[R; 3]; 3];
 
-/// The axis of a Gaussian before it is turned to the viewer; of unit length, or zero for [`AxisRule::None`].
+/// The axis of a Gaussian before it is turned to the viewer; of unit length, or zero for
+/// [`AxisRule::None`].
 ///
 /// Equal scales: the earlier axis counts as the shorter.
 #[inline(always)]
@@ -61,8 +64,8 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     [first, middle, last]
 }
 
-/// Numbers of residuals count as no larger than this, of either sign: beside so much an axis of unit length is lost in
-/// rounding.
+/// Numbers of residuals count as no larger than this, of either sign: beside so much an axis of
+/// unit length is lost in rounding.
 pub const RESIDUAL_MAX: f32 = 1e8;
 
 /// A normal that faces the viewer.
@@ -77,9 +80,11 @@ pub struct Facing<R: Real> {
     residual: Vec3<R>,
 }
 
-/// n = (v + Δn₁) where ω_o · v > 0, else −(v + Δn₂), normalised. Where the sum has no length, ± v is taken.
+/// n = (v + Δn₁) where ω_o · v > 0, else −(v + Δn₂), normalised. Where the sum has no length, ± v
+/// is taken.
 ///
-/// Residuals are taken within ± [`RESIDUAL_MAX`]. `negate_second` is the paper's sign of Δn₂; the authors' code computes −v + Δn₂ instead.
+/// Residuals are taken within ± [`RESIDUAL_MAX`]. `negate_second` is the paper's sign of Δn₂; the
+/// authors' code computes −v + Δn₂ instead.
 #[inline(always)]
 pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2], negate_second: bool) -> Facing<R> {
     let along = axis.dot(view_dir);
@@ -92,8 +97,8 @@ pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2]
     Facing { normal: normalize_or(sum, fallback), residual_squared: residual.length_squared(), sum, keeps, residual }
 }
 
-/// Gradient of [`facing`]: with respect to the axis and both residuals, of which a limited number has none. The choice of
-/// side is locally constant.
+/// Gradient of [`facing`]: with respect to the axis and both residuals, of which a limited number
+/// has none. The choice of side is locally constant.
 #[inline(always)]
 pub fn facing_vjp<R: Real>(
     facing: &Facing<R>,

@@ -9,7 +9,8 @@ pub const BETA2: f32 = 0.999;
 /// Added to the root of the mean squared gradient (INRIA's value: practically nothing).
 pub const EPSILON: f32 = 1e-15;
 
-/// Gradients beyond this, of either sign, count as not finite: their squares are no numbers of an `f32`.
+/// Gradients beyond this, of either sign, count as not finite: their squares are no numbers of an
+/// `f32`.
 pub const GRAD_MAX: f32 = 1e18;
 
 /// A parameter with its running means.
@@ -29,12 +30,12 @@ pub fn corrected_rate(rate: f32, step: u32) -> f32 {
     (f64::from(rate) * math::sqrt64(power(BETA2)) / power(BETA1)) as f32
 }
 
-/// What [`EPSILON`] becomes under the same correction: ε √(1 − β₂ᵗ).
+/// [`EPSILON`] under the same correction: ε √(1 − β₂ᵗ).
 pub fn corrected_epsilon(step: u32) -> f32 {
     (f64::from(EPSILON) * math::sqrt64(1.0 - math::pow64(f64::from(BETA2), f64::from(step)))) as f32
 }
 
-/// Where a gradient can be followed: it is a number, and no larger than [`GRAD_MAX`].
+/// Mask of usable gradients: finite, and no larger than [`GRAD_MAX`].
 #[inline(always)]
 pub fn is_usable<R: Real>(grad: R) -> R::Mask {
     grad.abs().less_or_equal(grad.constant(GRAD_MAX))

@@ -3,7 +3,7 @@
 use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;
 
-/// How an executor stores the numbers of Gaussians and the texels of a filtered light.
+/// Storage of the numbers of Gaussians and of the texels of a filtered light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Storage {
     /// In full: what training needs.
@@ -13,9 +13,10 @@ pub enum Storage {
     F16,
 }
 
-/// First planes of a Gaussian that are always stored in full: its mean and its scales. At a distance of 4 from the origin
-/// halves are 2⁻⁸ apart, which is more than a pixel of most pictures; and where two scales are nearly equal, rounding
-/// makes another axis the shortest, and so another normal.
+/// First planes of a Gaussian that are always stored in full: its mean and its scales. At a
+/// distance of 4 from the origin halves are 2⁻⁸ apart, which is more than a pixel of most pictures;
+/// and where two scales are nearly equal, rounding makes another axis the shortest, and so another
+/// normal.
 pub const FULL_PLANES: usize = QUAT;
 
 impl Storage {
@@ -45,8 +46,8 @@ impl Storage {
     }
 }
 
-/// The nearest half, ties to the even one. Finite numbers beyond ±65504 become that; infinity and what is no number
-/// stay so.
+/// The nearest half, ties to the even one. Finite numbers beyond ±65504 become that; infinity and
+/// what is no number stay so.
 fn half(number: f32) -> f16 {
     let limit = f32::from(f16::MAX);
     f16::from_f32(if number.is_finite() { number.clamp(-limit, limit) } else { number })
@@ -56,7 +57,8 @@ fn rounded(number: f32) -> f32 {
     half(number).to_f32()
 }
 
-/// Two numbers as the nearest halves in one word, the first in the low bits, as WGSL's `pack2x16float` has them.
+/// Two numbers as the nearest halves in one word, the first in the low bits, as WGSL's
+/// `pack2x16float` has them.
 pub fn pack2(a: f32, b: f32) -> u32 {
     u32::from(half(a).to_bits()) | u32::from(half(b).to_bits()) << 16
 }
@@ -68,8 +70,9 @@ pub fn unpack2(word: u32) -> [f32; 2] {
     [low.to_f32(), high.to_f32()]
 }
 
-/// Gaussians as halves. A block of words has the [`FULL_PLANES`] as they are, then one plane of words for two of
-/// numbers; a last odd one is paired with zeros. There are [`Storage::words`] for each Gaussian of each block.
+/// Gaussians as halves. A block of words has the [`FULL_PLANES`] as they are, then one plane of
+/// words for two of numbers; a last odd one is paired with zeros. There are [`Storage::words`] for
+/// each Gaussian of each block.
 pub fn pack<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, words: &mut [u32]) {
     let words_of_block = BLOCK * Storage::F16.words(gaussians.layout);
     let blocks = gaussians.values.as_ref().chunks(gaussians.block_len());

@@ -1,20 +1,24 @@
 //! The perspective inside of a splat, which the local affine projection leaves out.
 //!
-//! Let a Gaussian have the mean μ and the covariance Σ in camera space, and let δ be the offset of a pixel from the image
-//! of μ. Along the ray through the pixel its largest response, in front of the eye, is exp(−½ q) with
+//! Let a Gaussian have the mean μ and the covariance Σ in camera space, and let δ be the offset of
+//! a pixel from the image of μ. Along the ray through the pixel its largest response, in front of
+//! the eye, is exp(−½ q) with
 //!
 //! ```text
 //! q = |W δ|² / (u² + κ |W δ|²),    u = max(1 + l·δ, 0),    κ = 1 / (μᵀ Σ⁻¹ μ),
 //! l·δ = (d − d₀)ᵀ Σ⁻¹ μ / (d₀ᵀ Σ⁻¹ μ)
 //! ```
 //!
-//! where d is the ray, d₀ that through the mean, and W the root of the conic of the affine projection, taken at the mean
-//! however far off the axis it lies. It follows from q = |(μ × d)|²_Σ / |d|²_adj Σ (the cofactors of Cauchy and Binet).
-//! The affine projection is l = 0 and κ = 0; the projection onto the plane that touches the unit sphere where the mean is
-//! seen is κ = 0 and l·δ = d₀·(d − d₀) / |d₀|². So what each leaves out is known: to first order an alpha is
-//! off by no more than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½ r²).
+//! where d is the ray, d₀ that through the mean, and W the root of the conic of the affine
+//! projection, taken at the mean however far off the axis it lies. It follows from q = |(μ × d)|²_Σ
+//! / |d|²_adj Σ (the cofactors of Cauchy and Binet). The affine projection is l = 0 and κ = 0; the
+//! projection onto the plane that touches the unit sphere where the mean is seen is κ = 0 and l·δ =
+//! d₀·(d − d₀) / |d₀|². So what each leaves out is known: to first order an alpha is off by no more
+//! than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½
+//! r²).
 //!
-//! Σ holds the low-pass as [`crate::project::BLUR`] does, in the plane of the screen at the mean's depth.
+//! Σ holds the low-pass as [`crate::project::BLUR`] does, in the plane of the screen at the mean's
+//! depth.
 
 use crate::{
     blend::least_squared,
@@ -41,8 +45,8 @@ pub struct Perspective<R> {
 const OFF_BY_SLOPE: f32 = 1.159_4;
 /// Largest ½ r⁴ exp(−½ r²): 8 exp(−2).
 const OFF_BY_CURVATURE: f32 = 1.082_7;
-/// How close to a parabola a footprint may come, as the square of its eccentricity, and how close the eye to it. Beyond, it
-/// counts as everywhere.
+/// Limit of a footprint's squared eccentricity, and of the eye's closeness to it; beyond it the
+/// footprint counts as everywhere.
 const ELLIPSE_MAX: f32 = 0.99;
 
 /// The perspective of a Gaussian's splat, as a projection has it.
@@ -68,7 +72,7 @@ pub fn perspective<R: Real>(
     }
 }
 
-/// How far an alpha of the affine projection is off at most, to first order.
+/// Upper bound of the affine projection's error of alpha, to first order.
 #[inline(always)]
 pub fn affine_error<R: Real>(splat: &Splat<R>, exact: &Perspective<R>) -> R {
     let [x, y] = slope_in_deviations(splat, exact.slope);
@@ -99,8 +103,8 @@ fn along_tangent<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Perspective
     Perspective { slope: [mean.x * scale / fx, mean.y * scale / fy], curvature: mean.z.zero() }
 }
 
-/// All numbers are sums of squares, by Cauchy and Binet over the axes of the Gaussian and the two of the low-pass, so
-/// nothing cancels.
+/// All numbers are sums of squares, by Cauchy and Binet over the axes of the Gaussian and the two
+/// of the low-pass, so nothing cancels.
 #[inline(always)]
 fn along_ray<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Perspective<R> {
     let mean = mean_in_camera(shape, camera);
@@ -160,11 +164,12 @@ fn in_pixels<R: Real>(v: Vec3<R>, depth: R, camera: &CameraOf<R>) -> Vec3<R> {
     vec3(v.x * fx, v.y * fy, v.z * fx) * depth.recip()
 }
 
-/// Where a splat in perspective is seen, and its variances along x and y, in px².
+/// Footprint of a splat in perspective, and its variances along x and y, in px².
 ///
-/// q ≤ reach² is |y| ≤ ρ (1 + λ·y) with y = W δ, ρ² = reach² / (1 − κ reach²) and λ = W⁻ᵀ l: an ellipse with one focus at
-/// the mean and the eccentricity ρ |λ|, if that is below one. Where it is not, or the eye is within reach, the footprint
-/// is everywhere: its root is zero and its variances are infinite.
+/// q ≤ reach² is |y| ≤ ρ (1 + λ·y) with y = W δ, ρ² = reach² / (1 − κ reach²) and λ = W⁻ᵀ l: an
+/// ellipse with one focus at the mean and the eccentricity ρ |λ|, if that is below one. Where it is
+/// not, or the eye is within reach, the footprint is everywhere: its root is zero and its variances
+/// are infinite.
 #[inline(always)]
 pub fn footprint_in_perspective<R: Real>(
     splat: &Splat<R>,
@@ -224,8 +229,8 @@ pub fn log2_strength<R: Real>(log2_opacity: R, squared: R, ray_scale: R, scaled_
     log2_opacity - squared / scaled_curvature.mul_add(squared, scale * scale)
 }
 
-/// Whether a splat in perspective may be seen somewhere in a box of offsets from its mean; it is for sure where this says
-/// no.
+/// Whether a splat in perspective may be seen somewhere in a box of offsets from its mean; it is
+/// for sure where this says no.
 #[inline(always)]
 pub fn may_overlap<R: Real>(
     cutoffs: &Cutoffs,

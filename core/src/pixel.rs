@@ -1,9 +1,11 @@
-//! Shading pixel by pixel: Gaussians blend their attributes, and the light is looked up once for what a pixel shows.
+//! Shading pixel by pixel: Gaussians blend their attributes, and the light is looked up once for
+//! what a pixel shows.
 //!
-//! With w_i = α_i T_i a pixel holds the premultiplied sums A = Σ w_i, B = Σ w_i (c_d + c_r)_i, N = Σ w_i n_i,
-//! S = Σ w_i s_i and P = Σ w_i ρ_i. Its colour is A · γ(B/A + S/A ⊙ L_s(r, P/A)), r the view direction mirrored at
-//! N/|N|: the paper's shading function of a mean surface (deferred shading; Ye et al. 2024, "3D Gaussian Splatting with
-//! Deferred Reflection"). Like [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
+//! With w_i = α_i T_i a pixel holds the premultiplied sums A = Σ w_i, B = Σ w_i (c_d + c_r)_i, N =
+//! Σ w_i n_i, S = Σ w_i s_i and P = Σ w_i ρ_i. Its colour is A · γ(B/A + S/A ⊙ L_s(r, P/A)), r the
+//! view direction mirrored at N/|N|: the paper's shading function of a mean surface (deferred
+//! shading; Ye et al. 2024, "3D Gaussian Splatting with Deferred Reflection"). Like
+//! [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
 
 use crate::{
     color::{srgb_color, srgb_color_vjp},
@@ -15,7 +17,7 @@ use crate::{
 /// Coverage below which a pixel counts as this well covered; a splat that is drawn covers more.
 pub const COVERAGE_MIN: f32 = 1e-3;
 
-/// What was blended into a pixel, premultiplied.
+/// Surface attributes blended into a pixel, premultiplied.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixel<R> {
     /// Diffuse and residual colour, linear.
@@ -43,8 +45,8 @@ pub struct PixelSurface<R> {
     pub reflection_dir: Vec3<R>,
 }
 
-/// The mean surface of a pixel that is seen along −`view_dir`, a unit vector to the eye. A pixel whose normals cancel
-/// is taken to face the eye.
+/// The mean surface of a pixel that is seen along −`view_dir`, a unit vector to the eye. A pixel
+/// whose normals cancel is taken to face the eye.
 #[inline(always)]
 pub fn pixel_surface<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> PixelSurface<R> {
     let per_coverage = per_coverage(pixel.coverage);
@@ -82,7 +84,8 @@ fn per_coverage<R: Real>(coverage: R) -> R {
     coverage.max(coverage.constant(COVERAGE_MIN)).recip()
 }
 
-/// The colour of a pixel under `light`, the prefiltered radiance along its reflection: sRGB-encoded, premultiplied.
+/// The colour of a pixel under `light`, the prefiltered radiance along its reflection:
+/// sRGB-encoded, premultiplied.
 #[inline(always)]
 pub fn pixel_color<R: Real>(surface: &PixelSurface<R>, light: Vec3<R>, coverage: R) -> Vec3<R> {
     srgb_color(surface.base + surface.tint.times(light)) * coverage
@@ -94,8 +97,8 @@ pub fn unlit_pixel_color<R: Real>(base: Vec3<R>, coverage: R) -> Vec3<R> {
     srgb_color(base * per_coverage(coverage)) * coverage
 }
 
-/// Gradient of [`pixel_color`]: with respect to the surface, whose reflection it does not depend on; to the light; to
-/// the coverage.
+/// Gradient of [`pixel_color`]: with respect to the surface, whose reflection it does not depend
+/// on; to the light; to the coverage.
 #[inline(always)]
 pub fn pixel_color_vjp<R: Real>(
     surface: &PixelSurface<R>,

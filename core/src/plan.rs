@@ -1,4 +1,5 @@
-//! What a scene and a request need, and so what a run can do without. Whatever is left out changes no bit of a picture.
+//! Rendering plan: the terms that a scene and a request need. Leaving out the others changes no bit
+//! of a picture.
 
 use crate::{
     activation::sigmoid,
@@ -10,15 +11,16 @@ use crate::{
     shade::ShadingForm,
 };
 
-/// What the Gaussians of a scene and their light make use of. Gaussians that are too faint to be drawn do not count;
-/// what is not a number counts as infinite, so it is never left out.
+/// Upper bounds of the terms that the Gaussians of a scene and their light use. Gaussians that are
+/// too faint to be drawn do not count; NaN counts as infinite, so it is never left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Largest opacity · tint of any Gaussian: how much specular light can matter.
     pub specular: f32,
     /// Largest tint of any Gaussian as a multiple of its diffuse colour, red, green or blue.
     pub tint_to_diffuse: f32,
-    /// Smallest and largest roughness; the first exceeds the second if there are no shaded Gaussians.
+    /// Smallest and largest roughness; the first exceeds the second if there are no shaded
+    /// Gaussians.
     pub roughness: [f32; 2],
     /// Largest component of any normal residual.
     pub normal_residual: f32,
@@ -26,20 +28,22 @@ pub struct Needs {
     pub harmonics: [f32; 4],
     /// Largest radiance of any texel of the light; zero without a light.
     pub radiance: f32,
-    /// Whether every number of every Gaussian is finite. Where one is not, it is told by the very attribute.
+    /// Whether every number of every Gaussian is finite. Where one is not, it is told by the very
+    /// attribute.
     pub is_finite: bool,
 }
 
 /// Gaussians of less opacity are never drawn, however their opacity is rounded on the way.
 const FAINT: f32 = 0.5 * ALPHA_MIN;
-/// Diffuse colours below this count as black: their products with blending weights, at least 4e-7, stay normal numbers.
+/// Diffuse colours below this count as black: their products with blending weights, at least 4e-7,
+/// stay normal numbers.
 const DIFFUSE_MIN: f32 = 1e-30;
-/// Numbers below this have an e-function of exactly zero in `f32`, wherever it comes from: e^−104 is half of the
-/// smallest number.
+/// Numbers below this have an e-function of exactly zero in `f32`, wherever it comes from: e^−104
+/// is half of the smallest number.
 const EXPONENT_OF_ZERO: f32 = -110.0;
 
 impl Needs {
-    /// What a scene without Gaussians and light needs.
+    /// Needs of a scene without Gaussians and light.
     pub const NOTHING: Self = Self {
         specular: 0.0,
         tint_to_diffuse: 0.0,
@@ -140,11 +144,11 @@ pub enum Unlit {
     NothingShaded,
     /// There is no light, or it is black.
     Dark,
-    /// What is reflected is too little to change the last bit of a colour.
+    /// Reflected light does not change the last bit of any colour.
     LostInRounding,
 }
 
-/// How a scene is rendered with nothing but what it needs, beside how it would be rendered in full.
+/// Reduced rendering rules of a scene, beside the full ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
     /// With nothing but what is needed.
@@ -155,16 +159,19 @@ pub struct Plan {
     pub unlit: Option<Unlit>,
 }
 
-/// Light that adds less than this share of the diffuse colour is lost when it is added: half a unit in the last place
-/// is 2⁻²⁵ of a number at least, and half of that is left for the roundings of sums and of the light.
+/// Light that adds less than this share of the diffuse colour is lost when it is added: half a unit
+/// in the last place is 2⁻²⁵ of a number at least, and half of that is left for the roundings of
+/// sums and of the light.
 const LOST_IN_ROUNDING: f32 = 1.490_116_1e-8; // 2^-26
 
 impl Plan {
-    /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered into `levels`.
+    /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered
+    /// into `levels`.
     ///
-    /// Levels that no roughness of the scene comes near are left out. One more is kept on either side: the roughness of
-    /// a pixel is a mean, which rounding may carry over the border of a level. Nothing is left out where a number of a
-    /// Gaussian is not finite: only who reads it finds that out.
+    /// Levels that no roughness of the scene comes near are left out. One more is kept on either
+    /// side: the roughness of a pixel is a mean, which rounding may carry over the border of a
+    /// level. Nothing is left out where a number of a Gaussian is not finite: only who reads it
+    /// finds that out.
     pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
         if !needs.is_finite {
             return Self { rules: *asked, full: in_full(asked), unlit: None };
@@ -201,8 +208,9 @@ fn unlit(layout: Layout, needs: &Needs, rules: &RenderRules) -> Option<Unlit> {
     }
 }
 
-/// Whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. The authors' form reflects
-/// without a tint as well; pixel by pixel a residual may leave nothing of the diffuse colour; layers show the light.
+/// Whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. The
+/// authors' form reflects without a tint as well; pixel by pixel a residual may leave nothing of
+/// the diffuse colour; layers show the light.
 fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
     let is_added_to_diffuse = match rules.shading.form {
         ShadingForm::Paper => true,

@@ -1,8 +1,10 @@
-//! Light into roughness levels (paper, eq. L_s): which levels there are, and which texels each of their texels sees.
+//! Light into roughness levels (paper, eq. L_s): which levels there are, and which texels each of
+//! their texels sees.
 //!
-//! A level is a linear map of the base: y_i = Σ_j A_ij x_j with Σ_j A_ij = 1. The light is kept as a pyramid of
-//! means over 2×2 texels, weighted by their solid angles, and a row of A is a *cut* through that pyramid: a node is
-//! taken whole where the lobe hardly changes across it, and opened elsewhere. Far tails of a lobe thus cost little.
+//! A level is a linear map of the base: y_i = Σ_j A_ij x_j with Σ_j A_ij = 1. The light is kept as
+//! a pyramid of means over 2×2 texels, weighted by their solid angles, and a row of A is a *cut*
+//! through that pyramid: a node is taken whole where the lobe hardly changes across it, and opened
+//! elsewhere. Far tails of a lobe thus cost little.
 
 use crate::{
     cubemap,
@@ -15,7 +17,7 @@ use crate::{
 /// Most levels that any scheme has.
 pub const MAX_LEVELS: usize = 10;
 
-/// Which prefiltering: levels, lobes and weights.
+/// Prefilter scheme: levels, lobes and weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PrefilterScheme {
     /// Exact solid angles, lobes cut by their energy, ten levels.
@@ -75,15 +77,16 @@ pub struct Levels {
     count: usize,
 }
 
-/// Roughness of our levels: each about a third more than the one before, so that a linear blend of two neighbours stays
-/// close, from a lobe that is lost in a texel of a 64² map on. Chosen by measurement (docs/performance.md, The prefilter).
+/// Roughness of our levels: each about a third more than the one before, so that a linear blend of
+/// two neighbours stays close, from a lobe that is lost in a texel of a 64² map on. Chosen by
+/// measurement (docs/performance.md, The prefilter).
 const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.0];
 /// No level is coarser than this.
 const RESOLUTION_MIN: usize = 16;
 /// The official scheme's roughness of the first and of the last but one level.
 const OFFICIAL_ROUGHNESS: [f32; 2] = [0.08, 0.5];
 
-/// Which roughness the levels of a mip chain have: engines look a roughness up by its inverse.
+/// Roughness of the levels of a mip chain; engines find the level of a roughness by its inverse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MipRoughness {
     /// Level / last level = ρ: glTF (`EXT_lights_image_based`), Bevy.
@@ -112,8 +115,8 @@ impl Levels {
         }
     }
 
-    /// Levels of one's own, sharpest first. None unless there are two to [`MAX_LEVELS`], their roughness grows within
-    /// \[0, 1\], and their resolutions are powers of two that do not.
+    /// Levels of one's own, sharpest first. None unless there are two to [`MAX_LEVELS`], their
+    /// roughness grows within \[0, 1\], and their resolutions are powers of two that do not.
     pub fn of(levels: &[Level]) -> Option<Self> {
         let is_level = |level: &Level| (0.0..=1.0).contains(&level.roughness) && level.resolution.is_power_of_two();
         let is_in_order =
@@ -128,8 +131,8 @@ impl Levels {
         })
     }
 
-    /// A mip chain: so many levels, each half as wide as the one before. None where [`Levels::of`] gives none, or where a
-    /// level would have no texel.
+    /// A mip chain: so many levels, each half as wide as the one before. None where [`Levels::of`]
+    /// gives none, or where a level would have no texel.
     pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
         let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
         let levels = levels.get_mut(..count)?;
@@ -139,7 +142,8 @@ impl Levels {
         Self::of(levels)
     }
 
-    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α = 0.95 / resolution.
+    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α =
+    /// 0.95 / resolution.
     fn exact(resolution: usize) -> Self {
         let resolve = |roughness: f32| {
             let mut size = resolution;
@@ -171,7 +175,8 @@ impl Levels {
     }
 }
 
-/// Position of a roughness between the levels: level i at its own roughness, linear in between, constant outside.
+/// Position of a roughness between the levels: level i at its own roughness, linear in between,
+/// constant outside.
 #[inline(always)]
 pub fn level_of_roughness<R: Real>(roughness: R, levels: &[Level]) -> R {
     let mut position = roughness.zero();
@@ -194,15 +199,16 @@ pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) 
     grad * slope
 }
 
-/// How wide a pyramid node may be, as a share of the lobe's own scale at its distance, to be taken whole: narrow lobes
-/// have many rows and see little of each node, so a coarse cut serves them; wide lobes have few rows and get a fine one.
+/// Largest width of a pyramid node that is taken whole, as a share of the lobe's scale at its
+/// distance. Narrow lobes have many rows and cover little of each node, so a coarse cut suffices;
+/// wide lobes have few rows and get a fine one.
 const OPENING: [f64; 2] = [1.4, 0.5];
 /// Lobes with a larger α count as wide.
 const WIDE_ALPHA: f64 = 0.05;
 /// Wide lobes take no node that is wider than this, in radians.
 const NODE_WIDTH_MAX: f64 = 0.2;
-/// The share of a lobe inside its cut. The rest is spread so thin that it moves the mean by a thousandth, and would make
-/// half of a narrow lobe's weights.
+/// The share of a lobe inside its cut. The rest is spread so thin that it moves the mean by a
+/// thousandth, and would make half of a narrow lobe's weights.
 pub const ENERGY_KEPT: f64 = 0.995;
 
 /// A lobe around a direction: which nodes of the light's pyramid it sees, and how much of each.
@@ -215,7 +221,8 @@ pub struct Lobe {
 }
 
 impl Lobe {
-    /// The lobe of a roughness whose square is `alpha_ggx`, in (0, 1], around a unit vector; cut at [`ENERGY_KEPT`].
+    /// The lobe of a roughness whose square is `alpha_ggx`, in (0, 1], around a unit vector; cut at
+    /// [`ENERGY_KEPT`].
     pub fn new(reflection_dir: Vec3<Double>, alpha_ggx: f64) -> Self {
         let angle = ggx::energy_angle(alpha_ggx, ENERGY_KEPT);
         // 2 sin(θ/2), from the cosine
@@ -223,7 +230,8 @@ impl Lobe {
         Self { reflection_dir, alpha_ggx, cut }
     }
 
-    /// Whether any of a node of this resolution, with its centre at `node_dir`, lies inside the cut.
+    /// Whether any of a node of this resolution, with its centre at `node_dir`, lies inside the
+    /// cut.
     pub fn sees(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
         // Half the diagonal of a node is √2 / resolution at most.
         self.distance(node_dir) <= self.cut + core::f64::consts::SQRT_2 / resolution as f64
@@ -231,8 +239,8 @@ impl Lobe {
 
     /// Whether the lobe changes across a node so much that it must be opened.
     ///
-    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2 over its resolution,
-    /// exceeds a share of that.
+    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2
+    /// over its resolution, exceeds a share of that.
     pub fn must_open(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
         let width = core::f64::consts::FRAC_PI_2 / resolution as f64;
         let is_wide = self.alpha_ggx > WIDE_ALPHA;
@@ -240,7 +248,8 @@ impl Lobe {
         is_wide && width > NODE_WIDTH_MAX || width > OPENING[usize::from(is_wide)] * scale
     }
 
-    /// ∫ K cos θ over a node, before normalisation: K cos θ at the centres of its quarters, times their solid angles.
+    /// ∫ K cos θ over a node, before normalisation: K cos θ at the centres of its quarters, times
+    /// their solid angles.
     pub fn weight(&self, quarters: &[(Vec3<Double>, f64); 4]) -> f64 {
         quarters.iter().fold(0.0, |sum, (light_dir, solid_angle)| {
             let weight = ggx::lobe_weight(self.reflection_dir, *light_dir, Double(self.alpha_ggx));
@@ -289,7 +298,8 @@ impl Node {
     }
 }
 
-/// The official scheme's weight of a texel, meant as its solid angle: a product of two arcs, half a texel off.
+/// The official scheme's weight of a texel, meant as its solid angle: a product of two arcs, half a
+/// texel off.
 pub fn official_texel_weight(column: usize, row: usize, resolution: usize) -> f64 {
     let half = resolution as f64 / 2.0;
     let arc = |k: usize| {
@@ -299,8 +309,9 @@ pub fn official_texel_weight(column: usize, row: usize, resolution: usize) -> f6
     arc(column) * arc(row)
 }
 
-/// The official scheme's cut: cosine of the first of 10⁶ angles, uniform in [0, π/2], at which the running sum of
-/// D(cos θ), without its sine, reaches 99 % of the whole. It is then applied to the angle of the light.
+/// The official scheme's cut: cosine of the first of 10⁶ angles, uniform in [0, π/2], at which the
+/// running sum of D(cos θ), without its sine, reaches 99 % of the whole. It is then applied to the
+/// angle of the light.
 pub fn official_cut_cosine(alpha_ggx: f64) -> f64 {
     const STEPS: u32 = 1_000_000;
     const KEPT: f64 = 0.99;
@@ -317,8 +328,8 @@ pub fn official_cut_cosine(alpha_ggx: f64) -> f64 {
     0.0
 }
 
-/// The official scheme's weight of light from a texel in a lobe: cos θ · D(θ/2) · weight / 4, zero outside the cut.
-/// `texel_weight` is the texel's [`official_texel_weight`].
+/// The official scheme's weight of light from a texel in a lobe: cos θ · D(θ/2) · weight / 4, zero
+/// outside the cut. `texel_weight` is the texel's [`official_texel_weight`].
 pub fn official_lobe_weight(
     reflection_dir: Vec3<Double>,
     texel_dir: Vec3<Double>,
@@ -334,12 +345,14 @@ pub fn official_lobe_weight(
     cosine.max(0.0) * ggx::distribution(cos_half, alpha_ggx) * texel_weight / 4.0
 }
 
-/// Weight of a texel in the cosine-weighted mean of the light around a normal, irradiance / π: cos θ Ω / π.
+/// Weight of a texel in the cosine-weighted mean of the light around a normal, irradiance / π: cos
+/// θ Ω / π.
 pub fn irradiance_weight(normal: Vec3<Double>, texel_dir: Vec3<Double>, solid_angle: f64) -> f64 {
     texel_dir.dot(normal).0.max(0.0) * solid_angle / core::f64::consts::PI
 }
 
-/// The official scheme's [`irradiance_weight`]: its own texel weight, a cosine cut at 0.999, and no normalisation.
+/// The official scheme's [`irradiance_weight`]: its own texel weight, a cosine cut at 0.999, and no
+/// normalisation.
 pub fn official_irradiance_weight(normal: Vec3<Double>, texel_dir: Vec3<Double>, texel_weight: f64) -> f64 {
     texel_dir.dot(normal).0.clamp(0.0, 0.999) * texel_weight / core::f64::consts::PI
 }

@@ -1,4 +1,5 @@
-//! From a Gaussian in the world to a splat on the screen: the local affine (EWA) projection of Zwicker et al. 2001.
+//! From a Gaussian in the world to a splat on the screen: the local affine (EWA) projection of
+//! Zwicker et al. 2001.
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
@@ -10,14 +11,15 @@ use crate::{
     vector::{Mat3, Vec3, vec3},
 };
 
-/// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's low-pass).
+/// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's
+/// low-pass).
 pub const BLUR: f32 = 0.3;
 
-/// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px: no picture tells longer
-/// ones apart, and the determinant of such a splat still is an `f32`.
+/// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
+/// no picture tells longer ones apart, and the determinant of such a splat still is an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
 
-/// What of a Gaussian decides its splat.
+/// Attributes of a Gaussian that determine its splat.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape<R> {
     /// Centre, in world space.
@@ -31,7 +33,7 @@ pub struct Shape<R> {
 }
 
 impl<R: Real> Shape<R> {
-    /// Where every number is finite: no other Gaussian is drawn.
+    /// Mask of Gaussians whose numbers are all finite: no others are drawn.
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [w, x, y, z] = self.quat;
@@ -51,7 +53,7 @@ impl<R: Real> Shape<R> {
     }
 }
 
-/// What [`project`] and [`project_vjp`] both need.
+/// Intermediate values of [`project`] and [`project_vjp`].
 #[derive(Clone, Copy, Debug)]
 struct Projection<R> {
     mean_in_camera: Vec3<R>,
@@ -69,11 +71,13 @@ struct Projection<R> {
     determinant: R,
 }
 
-/// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do those with a number that
-/// is not finite: they must not be drawn. What else their splat holds means nothing.
+/// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do
+/// those with a number that is not finite: they must not be drawn. What else their splat holds
+/// means nothing.
 ///
-/// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V by Cauchy and
-/// Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of 10⁵ px keep their digits.
+/// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V
+/// by Cauchy and Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of
+/// 10⁵ px keep their digits.
 #[inline(always)]
 pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let p = projection(shape, camera);
@@ -93,14 +97,15 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     }
 }
 
-/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is its gradient. A Gaussian
-/// that is not finite has none.
+/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is
+/// its gradient. A Gaussian that is not finite has none.
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
     let [grad_first, grad_second] = half_grad(&p, grad.root_conic);
 
-    // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes and the depth.
+    // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes
+    // and the depth.
     let (fx, fy) = (camera.focal_px[0] * p.inverse_depth, camera.focal_px[1] * p.inverse_depth);
     let columns = p.camera_from_local.columns();
     let scale_of = p.scales.to_array();
@@ -187,7 +192,8 @@ pub(crate) fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
     (a.sqrt().recip(), -(b / a) * yy, yy)
 }
 
-/// Gradient of both rows of the half matrix, from that of the root of the conic; zero where they were bounded.
+/// Gradient of both rows of the half matrix, from that of the root of the conic; zero where they
+/// were bounded.
 #[inline(always)]
 fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
     let (a, b, determinant) = (p.variance_x, p.covariance_xy, p.determinant);
@@ -207,7 +213,8 @@ fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) ->
     ]
 }
 
-/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. What is not a number stays so.
+/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. What is not a number stays
+/// so.
 #[inline(always)]
 fn bounded<R: Real>(row: Vec3<R>) -> Vec3<R> {
     let most = row.x.constant(EXTENT_MAX);

@@ -1,4 +1,5 @@
-//! Random numbers from counters: (seed, stream, index) always gives the same number, on any machine and thread.
+//! Random numbers from counters: (seed, stream, index) always gives the same number, on any machine
+//! and thread.
 
 /// 64 well mixed bits of a seed and two counters (the finaliser of SplitMix64, Steele et al. 2014).
 pub const fn bits(seed: u64, stream: u64, index: u64) -> u64 {
@@ -10,7 +11,8 @@ pub fn uniform(seed: u64, stream: u64, index: u64) -> f32 {
     (bits(seed, stream, index) >> 40) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// A number from the normal distribution (Box and Muller 1958). Uses the indices 2·index and 2·index + 1.
+/// A number from the normal distribution (Box and Muller 1958). Uses the indices 2·index and
+/// 2·index + 1.
 pub fn normal(seed: u64, stream: u64, index: u64) -> f32 {
     let radius = crate::math::sqrt(-2.0 * crate::math::ln(1.0 - uniform(seed, stream, 2 * index)));
     let angle = core::f32::consts::TAU * uniform(seed, stream, 2 * index + 1);

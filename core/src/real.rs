@@ -5,10 +5,12 @@ use core::{
     ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub},
 };
 
-/// A real number, or several side by side: `f32`, SIMD lanes, [`crate::double::Double`], [`crate::dual::Dual`].
+/// A real number, or several side by side: `f32`, SIMD lanes, [`crate::double::Double`],
+/// [`crate::dual::Dual`].
 ///
-/// Arithmetic also takes `f32` literals. There are no branches on values: comparisons give a mask, and
-/// [`Real::select`] chooses lane by lane. Both sides of a choice are evaluated, so both must be harmless.
+/// Arithmetic also takes `f32` literals. There are no branches on values: comparisons give a mask,
+/// and [`Real::select`] chooses lane by lane. Both sides of a choice are evaluated, so both must be
+/// harmless.
 pub trait Real:
     Copy
     + Debug
@@ -48,14 +50,14 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// The larger of the two.
     fn max(self, other: Self) -> Self;
-    /// Where `self` < `other`; false where either is NaN.
+    /// Mask of `self` < `other`; false where either is NaN.
     fn less(self, other: Self) -> Self::Mask;
-    /// Where `self` ≤ `other`; false where either is NaN.
+    /// Mask of `self` ≤ `other`; false where either is NaN.
     fn less_or_equal(self, other: Self) -> Self::Mask;
     /// `if_true` where the mask holds, `if_false` elsewhere.
     fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self;
 
-    /// Where `self` is a number of an `f32`: no NaN, no infinity.
+    /// Mask of finite numbers in the range of `f32`: no NaN, no infinity.
     #[inline(always)]
     fn is_finite(self) -> Self::Mask {
         self.abs().less_or_equal(self.constant(f32::MAX))
@@ -103,8 +105,8 @@ pub trait Real:
     }
 }
 
-/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the least relative error, 7.5e-8,
-/// about that of `f32` itself.
+/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the least relative
+/// error, 7.5e-8, about that of `f32` itself.
 pub const EXP2_COEFFICIENTS: [f32; 6] =
     [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 /// Exponents below this give denormal numbers, which cost an order of magnitude in time.
@@ -116,10 +118,12 @@ pub const EXP2_SMALL: f32 = 100.0;
 /// Adding this number rounds an `f32` below 2²² to the nearest whole number.
 pub const ROUND_MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
 
-/// 2 / ((2k+1) ln 2), k = 0…4: log2(m) = Σ cₖ s^(2k+1) with s = (m−1)/(m+1), to 4e-10 for m in [√½, √2].
+/// 2 / ((2k+1) ln 2), k = 0…4: log2(m) = Σ cₖ s^(2k+1) with s = (m−1)/(m+1), to 4e-10 for m in [√½,
+/// √2].
 pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
-/// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), so that few operations wait for each other.
+/// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), so that few operations wait for
+/// each other.
 #[inline(always)]
 pub fn exp2_fraction<R: Real>(x: R) -> R {
     let c = |k: usize| x.constant(EXP2_COEFFICIENTS[k]);

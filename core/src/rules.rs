@@ -21,7 +21,7 @@ pub struct RenderRules {
     pub is_lit: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
-    /// What the picture is asked to have: colour, what training reads, or all layers.
+    /// Requested channels: colour, those of training, or all layers.
     pub channels: Channels,
 }
 
@@ -42,7 +42,7 @@ impl RenderRules {
     pub fn is_deferred(&self, layout: Layout) -> bool {
         layout.is_shaded() && self.shading.form == ShadingForm::Deferred
     }
-    /// What is blended so that the picture has the channels that were asked for.
+    /// Channels that have to be blended for the requested ones.
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
@@ -72,7 +72,7 @@ impl RenderRules {
     }
 }
 
-/// What is blended into a picture, in one pass.
+/// Channels that are blended into a picture in one pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Channels {
     /// Colour alone: 3 channels.
@@ -90,7 +90,7 @@ pub enum Channels {
 impl Channels {
     const ALL: [Self; 5] = [Self::Color, Self::Training, Self::Lit, Self::Surface, Self::Layers];
 
-    /// How many numbers a Gaussian brings to a pixel.
+    /// Number of channels.
     pub const fn count(self) -> usize {
         match self {
             Self::Color => channel::NORMAL,
@@ -113,8 +113,8 @@ impl Channels {
         Self::Layers
     }
 
-    /// Where one of the channels of all layers, as [`mod@channel`] numbers them, lies among these; none if it is left
-    /// out.
+    /// Index among these channels of a channel of all layers, as [`mod@channel`] numbers them; none
+    /// if it is left out.
     #[inline(always)]
     pub const fn index_of(self, of_layers: usize) -> Option<usize> {
         match self {
@@ -129,7 +129,8 @@ impl Channels {
     }
 }
 
-/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it lies in others.
+/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it
+/// lies in others.
 pub mod channel {
     /// Colour, sRGB-encoded.
     pub const COLOR: usize = 0;

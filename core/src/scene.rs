@@ -1,23 +1,25 @@
-//! What is rendered and fitted: Gaussians, an environment, images. Generic over the storage `A`, so that the same
-//! types stand for host memory (`Vec<f32>`) and for an executor's own arrays.
+//! Scene types: Gaussians, an environment, images. They are generic over the storage `A`, which is
+//! host memory (`Vec<f32>`) or an executor's arrays.
 
-/// How a Gaussian gets its colour.
+/// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Appearance {
     /// Spherical harmonics alone: plain Gaussian splatting.
     Radiance,
-    /// Diffuse, tint, roughness, two normal residuals and residual harmonics: the paper's shading function.
+    /// Diffuse, tint, roughness, two normal residuals and residual harmonics: the paper's shading
+    /// function.
     Shaded,
 }
 
-/// Which planes a cloud of Gaussians has. One plane is one number of every Gaussian, side by side.
+/// Planes of a cloud of Gaussians. One plane is one number of every Gaussian, side by side.
 ///
-/// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then, shaded only,
-/// diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23; then the spherical
-/// harmonics, plane 3k + c for coefficient k and colour c. All values are kept before activation.
+/// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then,
+/// shaded only, diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23;
+/// then the spherical harmonics, plane 3k + c for coefficient k and colour c. All values are kept
+/// before activation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Layout {
-    /// How colours come about.
+    /// Source of colours.
     pub appearance: Appearance,
     /// Degree of the spherical harmonics, 0–3; `None` is no harmonics at all.
     pub sh_degree: Option<u8>,
@@ -75,14 +77,14 @@ impl Layout {
     }
 }
 
-/// A cloud of Gaussians, in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`] numbers long, so that
-/// a block is one piece of memory and a plane of it one SIMD vector. The last block is padded; what the padding holds
-/// is ignored.
+/// A cloud of Gaussians, in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`]
+/// numbers long, so that a block is one piece of memory and a plane of it one SIMD vector. The last
+/// block is padded; what the padding holds is ignored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussians<A> {
-    /// How many Gaussians there are.
+    /// Number of Gaussians.
     pub count: usize,
-    /// What the planes mean.
+    /// Meaning of the planes.
     pub layout: Layout,
     /// The blocks, one after the other: `len_of_values` numbers.
     pub values: A,
@@ -102,7 +104,7 @@ impl<A> Gaussians<A> {
     pub fn block_len(&self) -> usize {
         BLOCK * self.layout.plane_count()
     }
-    /// Where a plane's number of one Gaussian lies.
+    /// Index of a plane's number of one Gaussian.
     pub fn index_of(&self, gaussian: usize, plane: usize) -> usize {
         (gaussian / BLOCK * self.layout.plane_count() + plane) * BLOCK + gaussian % BLOCK
     }
@@ -129,7 +131,7 @@ impl<A: AsMut<[f32]>> Gaussians<A> {
     }
 }
 
-/// How the numbers of an environment become radiance.
+/// Activation of an environment's numbers to radiance ([`crate::environment`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RadianceActivation {
     /// As they are: radiance itself, which a trainer keeps from becoming negative.
@@ -138,13 +140,13 @@ pub enum RadianceActivation {
     Exponential,
 }
 
-/// Light from far away: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution² RGB texels,
-/// row by row, in the texel order of OpenGL, Vulkan and WebGPU.
+/// Light from far away: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution²
+/// RGB texels, row by row, in the texel order of OpenGL, Vulkan and WebGPU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment<A> {
     /// Texels along an edge of a face.
     pub resolution: usize,
-    /// What the numbers mean.
+    /// Activation of the numbers.
     pub activation: RadianceActivation,
     /// 6 · resolution² · 3 numbers.
     pub values: A,

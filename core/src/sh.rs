@@ -92,8 +92,8 @@ pub fn basis_vjp<R: Real>(direction: Vec3<R>, count: usize, grad: &[R; MAX_COUNT
     out
 }
 
-/// Colour of plain Gaussian splatting from the sum of its harmonics: sum + ½, at least zero (INRIA's convention) and at
-/// most [`COLOR_MAX`].
+/// Colour of plain Gaussian splatting from the sum of its harmonics: sum + ½, at least zero
+/// (INRIA's convention) and at most [`COLOR_MAX`].
 #[inline(always)]
 pub fn radiance<R: Real>(sum: Vec3<R>) -> Vec3<R> {
     each!(sum, x => (x + 0.5).clamp(0.0, COLOR_MAX))

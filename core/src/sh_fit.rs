@@ -1,7 +1,9 @@
-//! Harmonics that come closest to colours that were seen from some directions: weighted least squares.
+//! Harmonics that come closest to colours that were seen from some directions: weighted least
+//! squares.
 //!
-//! Minimises Σ w (½ + Σ_k Y_k(d) c_k − colour)² for each of red, green and blue over the coefficients c
-//! ([`crate::least_squares`]). Where many Gaussians are seen from the same directions, these are summed once.
+//! Minimises Σ w (½ + Σ_k Y_k(d) c_k − colour)² for each of red, green and blue over the
+//! coefficients c ([`crate::least_squares`]). Where many Gaussians are seen from the same
+//! directions, these are summed once.
 
 use crate::{
     double::Double,
@@ -51,14 +53,14 @@ impl Fit {
         self.0.add_target(harmonics, target_of(color), weight);
     }
 
-    /// The coefficients, red, green and blue of each. None where the directions do not decide all of them, or where a
-    /// number is not finite.
+    /// The coefficients, red, green and blue of each. None where the directions do not decide all
+    /// of them, or where a number is not finite.
     pub fn solve(&self) -> Option<[[f32; 3]; MAX_COUNT]> {
         self.0.solve()
     }
 }
 
-/// What the harmonics add to the middle.
+/// Colour of the harmonics, beside the constant.
 fn target_of(color: [f32; 3]) -> [f64; 3] {
     color.map(|channel| f64::from(channel) - 0.5)
 }

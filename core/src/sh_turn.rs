@@ -1,8 +1,8 @@
 //! Harmonics of a scene that is turned: each degree turns within itself.
 //!
-//! A colour Σ c_k Y_k(d) that is to be the same towards R d needs c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d) Y_j(d) dω / ∫ Y_j² dω. The
-//! integrands are polynomials of degree 6 at most, which a quadrature of Gauss along z and of equal steps around it
-//! integrates exactly, so nothing is lost but rounding.
+//! A colour Σ c_k Y_k(d) that is to be the same towards R d needs c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d)
+//! Y_j(d) dω / ∫ Y_j² dω. The integrands are polynomials of degree 6 at most, which a quadrature of
+//! Gauss along z and of equal steps around it integrates exactly, so nothing is lost but rounding.
 
 use crate::{
     double::Double,
@@ -12,13 +12,14 @@ use crate::{
 };
 use core::f64::consts::TAU;
 
-/// Where Gauss–Legendre of four nodes evaluates, exact up to degree 7, and its weights; as often on the other side of 0.
+/// Nodes and weights of four-point Gauss–Legendre quadrature, exact up to degree 7; the positive
+/// half of them.
 const NODES: [(f64, f64); 2] =
     [(0.339_981_043_584_856_26, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_85)];
 /// Steps around z, exact up to degree 7.
 const AROUND: usize = 8;
 
-/// What turns harmonics: row j has the weights of the old coefficients in the new coefficient j.
+/// Rotation of harmonics: row j has the weights of the old coefficients in the new coefficient j.
 pub type ShTurn = [[f64; MAX_COUNT]; MAX_COUNT];
 
 /// The turn of harmonics that goes with `rotation`, whose rows are given, of directions and places.

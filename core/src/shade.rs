@@ -1,8 +1,9 @@
-//! The colour of a Gaussian towards a viewer: the paper's shading function, and the authors' code's.
+//! The colour of a Gaussian towards a viewer: the paper's shading function, and the authors'
+//! code's.
 //!
-//! Shading runs in three steps, because the light in between is read from memory: [`surface`] turns attributes into
-//! directions and activated colours; the executor looks the light up along `surface.reflection_dir`; [`shade`] puts
-//! the terms together. Each step has its `_vjp`.
+//! Shading runs in three steps, because the light in between is read from memory: [`surface`] turns
+//! attributes into directions and activated colours; the executor looks the light up along
+//! `surface.reflection_dir`; [`shade`] puts the terms together. Each step has its `_vjp`.
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
@@ -14,13 +15,14 @@ use crate::{
     vector::{Vec3, normalize_or, normalize_or_vjp},
 };
 
-/// Which equation gives the colour.
+/// Equation of the colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ShadingForm {
     /// γ(c_d + s ⊙ L_s + c_r), γ the sRGB curve (paper, eq. 3).
     Paper,
-    /// σ(k_d − ln 3) + E(n)(1 − s) + L_s ⊙ (s F_x + F_y) + c_r: what the authors' code computes. No γ; an ambient
-    /// term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and roughness.
+    /// σ(k_d − ln 3) + E(n)(1 − s) + L_s ⊙ (s F_x + F_y) + c_r: what the authors' code computes. No
+    /// γ; an ambient term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and
+    /// roughness.
     Official,
     /// c_d + c_r, linear: what is blended where light is added pixel by pixel ([`crate::pixel`]).
     Deferred,
@@ -29,9 +31,9 @@ pub enum ShadingForm {
 /// The choices in which trainings of this method differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ShadingRules {
-    /// Which equation.
+    /// Equation of the colour.
     pub form: ShadingForm,
-    /// Which axis is the normal's base.
+    /// Axis that the normal starts from.
     pub axis: AxisRule,
     /// Whether a flipped normal is −(v + Δn₂), as the paper says, or −v + Δn₂.
     pub negate_second_residual: bool,
@@ -46,7 +48,8 @@ impl ShadingRules {
     pub const OFFICIAL: Self =
         Self { form: ShadingForm::Official, axis: AxisRule::SortedRow, negate_second_residual: false };
 
-    /// What is subtracted from the raw diffuse colour before the sigmoid: ln 3 in the authors' code.
+    /// Shift that is subtracted from the raw diffuse colour before the sigmoid: ln 3 in the
+    /// authors' code.
     pub const fn diffuse_shift(&self) -> f32 {
         match self.form {
             ShadingForm::Paper | ShadingForm::Deferred => 0.0,
@@ -75,7 +78,7 @@ pub struct Material<R> {
 }
 
 impl<R: Real> Material<R> {
-    /// Where every number that a [`project::Shape`](crate::project::Shape) does not have is finite.
+    /// Mask of finite attributes, beside those of a [`project::Shape`](crate::project::Shape).
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [first, second] = self.normal_residuals;
@@ -87,7 +90,7 @@ impl<R: Real> Material<R> {
     }
 }
 
-/// What light meets: directions and activated colours of one Gaussian seen from one place.
+/// Surface of a Gaussian seen from one position: directions and activated colours.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface<R: Real> {
     /// From the Gaussian to the eye, of unit length.
@@ -130,7 +133,8 @@ pub struct SurfaceGrad<R> {
     pub roughness: R,
 }
 
-/// The direction from a Gaussian to the eye. A Gaussian in the eye itself is taken to be seen along +z.
+/// The direction from a Gaussian to the eye. A Gaussian in the eye itself is taken to be seen along
+/// +z.
 #[inline(always)]
 pub fn view_dir<R: Real>(mean: Vec3<R>, eye: Vec3<R>) -> Vec3<R> {
     normalize_or(eye - mean, Vec3::constant(mean.x, glam::Vec3::Z))
@@ -166,7 +170,8 @@ pub fn surface<R: Real>(material: &Material<R>, eye: Vec3<R>, rules: ShadingRule
     }
 }
 
-/// Gradient of [`surface`] with respect to the attributes. The scales get none: their order is locally constant.
+/// Gradient of [`surface`] with respect to the attributes. The scales get none: their order is
+/// locally constant.
 #[inline(always)]
 pub fn surface_vjp<R: Real>(
     material: &Material<R>,
@@ -209,7 +214,7 @@ pub fn reflect_vjp<R: Real>(view_dir: Vec3<R>, normal: Vec3<R>, grad: Vec3<R>) -
     (normal * along - grad, view_dir * along + grad * cosine)
 }
 
-/// What [`shade`] adds up.
+/// Terms of the shading function ([`shade`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Terms<R> {
     /// Diffuse colour.
@@ -227,7 +232,7 @@ pub struct Terms<R> {
 }
 
 impl<R: Real> Terms<R> {
-    /// What a Gaussian without light adds up: its own colours.
+    /// Terms of a Gaussian without light: diffuse and residual colour.
     #[inline(always)]
     pub fn unlit(diffuse: Vec3<R>, residual: Vec3<R>) -> Self {
         let none = Vec3::zero(diffuse.x);

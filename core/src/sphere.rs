@@ -2,7 +2,8 @@
 
 use crate::math;
 
-/// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the same share of it.
+/// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the
+/// same share of it.
 pub fn directions(count: usize) -> impl Iterator<Item = [f64; 3]> {
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     (0..count).map(move |k| {

@@ -1,12 +1,13 @@
-//! The split-sum table of the authors' shading: how much a GGX surface reflects, as scale and bias of its tint.
+//! The split-sum table of the authors' shading: how much a GGX surface reflects, as scale and bias
+//! of its tint.
 
 use crate::math;
 
 /// Texels along each side of the table: n·v across, roughness down.
 pub const RESOLUTION: usize = 256;
 
-/// (F_x, F_y) at one n·v in (0, 1] and one roughness in \[0, 1\] (Karis 2013; height-correlated Smith shadowing as in
-/// Heitz 2014, eq. 99; Schlick's Fresnel):
+/// (F_x, F_y) at one n·v in (0, 1] and one roughness in \[0, 1\] (Karis 2013; height-correlated
+/// Smith shadowing as in Heitz 2014, eq. 99; Schlick's Fresnel):
 ///
 /// ```text
 /// F_x = E[(1 − f) G v·h / (n·h n·v)],  F_y = E[f G v·h / (n·h n·v)],  f = (1 − v·h)⁵
@@ -14,8 +15,8 @@ pub const RESOLUTION: usize = 256;
 ///
 /// over half vectors drawn from D(h) n·h; here a Hammersley set of `samples` points. F_x + F_y ≤ 1.
 ///
-/// The usual variable of that draw, u, leaves a pole 1/√(1 − u) at grazing half vectors; t = √(1 − u) has none, and
-/// 1024 points then come within 2e-4 of the integral, where they were 1e-2 away.
+/// The usual variable of that draw, u, leaves a pole 1/√(1 − u) at grazing half vectors; t = √(1 −
+/// u) has none, and 1024 points then come within 2e-4 of the integral, where they were 1e-2 away.
 pub fn integrate(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
     let alpha_ggx = (roughness * roughness).max(1e-6);
     let view = [math::sqrt64(1.0 - n_dot_v * n_dot_v), n_dot_v];

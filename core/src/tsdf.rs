@@ -1,14 +1,16 @@
 //! A surface from pictures of depth: truncated signed distances on a grid, as running means.
 //!
-//! Curless and Levoy 1996, "A Volumetric Method for Building Complex Models from Range Images": every picture says of a
-//! voxel how far before the surface it lies along the view; the mean over all pictures changes its sign at the surface.
+//! Curless and Levoy 1996, "A Volumetric Method for Building Complex Models from Range Images":
+//! every picture says of a voxel how far before the surface it lies along the view; the mean over
+//! all pictures changes its sign at the surface.
 
 use crate::math;
 
-/// What is known of a voxel.
+/// State of a voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Voxel {
-    /// Distance to the surface in truncation lengths, in \[−1, 1\]: positive before it, negative behind.
+    /// Distance to the surface in truncation lengths, in \[−1, 1\]: positive before it, negative
+    /// behind.
     pub distance: f32,
     /// Sum of the weights of all pictures that saw it; zero where none did.
     pub weight: f32,
@@ -19,9 +21,9 @@ pub struct Voxel {
 }
 
 impl Voxel {
-    /// The voxel after one more picture, in which the surface lies `distance` truncation lengths behind it and has this
-    /// colour. What lies more than one such length behind a surface is hidden by it: then nothing is learned. Colours
-    /// count within one length of the surface.
+    /// The voxel after one more picture, in which the surface lies `distance` truncation lengths
+    /// behind it and has this colour. What lies more than one such length behind a surface is
+    /// hidden by it: then nothing is learned. Colours count within one length of the surface.
     #[must_use]
     pub fn seen(self, distance: f32, color: [f32; 3], weight: f32) -> Self {
         if !(distance >= -1.0 && weight > 0.0) {
@@ -42,11 +44,12 @@ impl Voxel {
 /// Corners of a cell, x fastest: bit k of the number is the step along axis k.
 pub const CORNERS: usize = 8;
 
-/// Where the surface passes through a cell, from the distances at its corners: the mean of the points at which it crosses
-/// the edges, in cells from the corner 0, and the unit normal, which points to where distances grow. None where all
-/// corners lie on one side.
+/// Surface vertex of a cell, from the distances at its corners: the mean of the points at which the
+/// surface crosses the edges, in cells from the corner 0, and the unit normal towards growing
+/// distances. None where all corners lie on one side.
 ///
-/// Gibson 1998, "Constrained Elastic Surface Nets", without the elastic part ("naive surface nets").
+/// Gibson 1998, "Constrained Elastic Surface Nets", without the elastic part ("naive surface
+/// nets").
 pub fn vertex(distances: &[f32; CORNERS]) -> Option<([f32; 3], [f32; 3])> {
     let (mut sum, mut crossings) = ([0.0; 3], 0.0);
     for (from, axis) in (0..CORNERS).flat_map(|from| (0..3).map(move |axis| (from, axis))) {
@@ -65,7 +68,8 @@ pub fn vertex(distances: &[f32; CORNERS]) -> Option<([f32; 3], [f32; 3])> {
     })
 }
 
-/// The gradient of the trilinear distance at a place of a cell, made unit; zero where there is none.
+/// The gradient of the trilinear distance at a place of a cell, made unit; zero where there is
+/// none.
 fn normal(distances: &[f32; CORNERS], place: [f32; 3]) -> [f32; 3] {
     let share = |corner: usize, axis: usize| match corner >> axis & 1 {
         0 => 1.0 - place[axis],

@@ -16,8 +16,8 @@ pub struct Vec3<R> {
 
 /// Each component of a vector through an expression: `each!(v, x => x + 1.0)`.
 ///
-/// Written out it stays where it stands; a closure or a function that is handed on is compiled apart, without the vector
-/// features of the machine, and costs a call for every operation.
+/// Written out it stays where it stands; a closure or a function that is handed on is compiled
+/// apart, without the vector features of the machine, and costs a call for every operation.
 #[macro_export]
 macro_rules! each {
     ($vector:expr, $component:ident => $result:expr) => {{
@@ -108,7 +108,7 @@ impl<R: Real> Vec3<R> {
             R::select(mask, if_true.z, if_false.z),
         )
     }
-    /// Where all components are finite.
+    /// Mask of vectors whose components are all finite.
     #[inline(always)]
     pub fn is_finite(self) -> R::Mask {
         self.x.is_finite() & self.y.is_finite() & self.z.is_finite()
@@ -120,7 +120,8 @@ impl<R: Real> Vec3<R> {
     }
 }
 
-/// Vectors no longer than this have no direction: the square root of the smallest number whose square is normal.
+/// Vectors no longer than this have no direction: the square root of the smallest number whose
+/// square is normal.
 pub const LENGTH_MIN: f32 = 1e-18;
 
 /// `v` / |v|, or `fallback` where |v| is below [`LENGTH_MIN`], with a zero gradient there.

@@ -1,4 +1,5 @@
-//! Attributes of a block of Gaussians as lanes: [`specula_core::attributes`] over this machine's memory.
+//! Attributes of a block of Gaussians as lanes: [`specula_core::attributes`] over this machine's
+//! memory.
 
 use crate::lanes::{LaneMask, Lanes};
 use fearless_simd::Simd;

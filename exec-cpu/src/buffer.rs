@@ -1,5 +1,5 @@
-//! Memory that is used again: what a stage returns gives its memory back when it is dropped, so that a training takes
-//! none from the system once it has met its largest pictures.
+//! Memory that is used again: what a stage returns gives its memory back when it is dropped, so
+//! that a training takes none from the system once it has met its largest pictures.
 
 use core::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -44,7 +44,8 @@ impl<T: Default> Pool<T> {
         Buffer { values, len, home: self.clone() }
     }
 
-    /// The smallest free memory that is large enough, unless it is far too large; else the largest that is too small.
+    /// The smallest free memory that is large enough, unless it is far too large; else the largest
+    /// that is too small.
     fn nearest(&self, len: usize) -> Option<Vec<T>> {
         const WASTE_MAX: usize = 4;
         let mut free = self.lock();

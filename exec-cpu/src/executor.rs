@@ -123,7 +123,8 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
     }
 
-    /// Filters light into levels of one's own, with the weights of a scheme. The first of them is as fine as the light.
+    /// Filters light into levels of one's own, with the weights of a scheme. The first of them is
+    /// as fine as the light.
     pub fn prefilter_into(
         &mut self,
         environment: &Environment<Vec<f32>>,

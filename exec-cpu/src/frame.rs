@@ -1,4 +1,5 @@
-//! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat touches.
+//! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat
+//! touches.
 
 use crate::{buffer::Buffer, context::Context};
 use rayon::prelude::*;
@@ -22,14 +23,14 @@ pub(crate) const RGB: usize = 3;
 /// A number of each pixel of a quad, row by row.
 pub(crate) type Quad = [f32; BLOCK];
 
-/// Which tiles of a picture hold something.
+/// Tiles of a picture that are covered by a splat.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cover {
     pub(crate) columns: usize,
     pub(crate) rows: usize,
     /// Covered tiles, in the order of rows.
     pub(crate) tiles: Buffer<u32>,
-    /// How many covered tiles there are before each tile, and in all.
+    /// Number of covered tiles before each tile, and in all.
     before: Buffer<u32>,
 }
 
@@ -62,7 +63,7 @@ impl Cover {
         let tile = self.tiles[slot] as usize;
         [tile % self.columns, tile / self.columns]
     }
-    /// Where a covered tile begins, in pixels.
+    /// Upper left corner of a covered tile, in pixels.
     pub(crate) fn origin(&self, slot: usize) -> [f32; 2] {
         self.place(slot).map(|tile| (tile * SIZE) as f32)
     }
@@ -73,12 +74,13 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
-/// Quads that a tile of so many channels takes: those of the channels, quad after quad, then the transmittances.
+/// Quads that a tile of so many channels takes: those of the channels, quad after quad, then the
+/// transmittances.
 pub(crate) const fn tile_len(channels: usize) -> usize {
     (channels + 1) * QUADS
 }
 
-/// Where a channel of a quad lies in a tile.
+/// Index of a channel of a quad in a tile.
 #[inline(always)]
 pub(crate) const fn at(channels: usize, quad: usize, channel: usize) -> usize {
     if channel < channels { quad * channels + channel } else { QUADS * channels + quad }
@@ -91,11 +93,11 @@ pub struct Frame {
     pub(crate) height: usize,
     pub(crate) channels: usize,
     pub(crate) cover: Cover,
-    /// What was blended: [`tile_len`] quads for each covered tile.
+    /// Blended channels: [`tile_len`] quads for each covered tile.
     pub(crate) blended: Buffer<Quad>,
     /// The colour of the picture, quad after quad, where it is not what was blended.
     pub(crate) shaded: Option<Buffer<Quad>>,
-    /// And as a photograph of some exposure shows it.
+    /// Colour of the picture after its exposure, quad after quad, if it has one.
     pub(crate) exposed: Option<Buffer<Quad>>,
     /// For each intersection a bit for each quad in which the splat was seen.
     pub(crate) seen: Buffer<u16>,
@@ -145,8 +147,8 @@ impl Frame {
     fn shown(&self, slot: usize, quad: usize, channel: usize) -> &Quad {
         if channel < RGB { self.color(slot, quad, channel) } else { &self.tile(slot)[at(self.channels, quad, channel)] }
     }
-    /// Planes of the picture, row by row: its channels, then transmittance, which is one where no splat
-    /// is. There are [`Frame::len_of_values`] numbers.
+    /// Planes of the picture, row by row: its channels, then transmittance, which is one where no
+    /// splat is. There are [`Frame::len_of_values`] numbers.
     pub fn read(&self, values: &mut [f32]) {
         let of_nothing = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
         self.read_planes(values, of_nothing, |slot, quad, channel| self.shown(slot, quad, channel));
@@ -217,7 +219,8 @@ pub struct FrameGrad {
 }
 
 impl FrameGrad {
-    /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero where nothing is.
+    /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero
+    /// where nothing is.
     pub fn read(&self, frame: &Frame, values: &mut [f32]) {
         let len = tile_len(self.channels);
         frame.read_planes(

@@ -86,7 +86,8 @@ pub fn store3<S: Simd>(v: Vec3<Lanes<S>>, block: &mut [f32], plane: usize) {
 
 /// The sum of each of some lanes, in a fixed order, as many numbers as there are lanes to sum.
 ///
-/// Neighbours fold into one until each lane holds one of the sums: a quarter of the work of summing one by one.
+/// Neighbours fold into one until each lane holds one of the sums: a quarter of the work of summing
+/// one by one.
 #[inline(always)]
 pub(crate) fn sum_each<S: Simd>(all: &[Lanes<S>], out: &mut [f32]) {
     for (lanes, out) in all.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {

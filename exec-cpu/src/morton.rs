@@ -13,8 +13,8 @@ pub(crate) fn codes(gaussians: &Gaussians<Vec<f32>>) -> Vec<u32> {
     (0..gaussians.count).into_par_iter().map(|index| bounds.code(mean(index))).collect()
 }
 
-/// Sorts a cloud so that neighbours in space are neighbours in memory, which every stage is faster with. A picture
-/// changes only where two splats are equally deep.
+/// Sorts a cloud so that neighbours in space are neighbours in memory, which every stage is faster
+/// with. A picture changes only where two splats are equally deep.
 pub fn sort_in_space(gaussians: &mut Gaussians<Vec<f32>>) {
     let codes = codes(gaussians);
     let mut order: Vec<u32> = (0..gaussians.count as u32).collect();

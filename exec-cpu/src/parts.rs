@@ -1,4 +1,5 @@
-//! Work in parts: something cut into pieces of any lengths, which threads visit without a list of them.
+//! Work in parts: something cut into pieces of any lengths, which threads visit without a list of
+//! them.
 
 /// Something that can be cut in two.
 pub(crate) trait Parts: Sized + Send {
@@ -10,7 +11,7 @@ pub(crate) trait Parts: Sized + Send {
 pub(crate) struct Pieces<'a, T> {
     values: &'a mut [T],
     first: usize,
-    /// Where a part begins in the whole slice.
+    /// Start of a part in the whole slice.
     start_of: &'a (dyn Fn(usize) -> usize + Sync),
 }
 

@@ -10,7 +10,7 @@ use crate::{
 pub(crate) type Row = [f32; SIZE];
 /// A row of a tile with half a row of each neighbour.
 pub(crate) type WideRow = [f32; 2 * SIZE];
-/// Where the tile itself begins in a [`WideRow`].
+/// Start of the tile in a [`WideRow`].
 pub(crate) const CENTER: usize = SIZE / 2;
 
 /// Some planes of a grid of tiles.
@@ -26,8 +26,8 @@ impl Planes {
     pub(crate) fn new(context: &Context, [columns, rows]: [usize; 2], count: usize) -> Self {
         Self { columns, rows, count, values: context.take::<Row>(columns * rows * count * SIZE) }
     }
-    /// All planes, row of tiles by row of tiles, and where each row of tiles begins. There a plane follows another, and
-    /// in each [`place_in_row`] says where a tile lies.
+    /// All planes, row of tiles by row of tiles, and where each row of tiles begins. There a plane
+    /// follows another, and in each [`place_in_row`] says where a tile lies.
     pub(crate) fn parts(&mut self) -> (&mut [Row], impl Fn(usize) -> usize + Sync + use<>) {
         let len = self.columns * self.count * SIZE;
         (&mut self.values, move |row| row * len)
@@ -38,7 +38,8 @@ impl Planes {
         let row_start = row * self.columns * self.count * SIZE;
         &self.values[row_start + place_in_row(self.columns, plane, column)..][..SIZE]
     }
-    /// The rows of a plane in the columns of a tile, as many above as below it, in the terms of [`Planes::read_window`].
+    /// The rows of a plane in the columns of a tile, as many above as below it, in the terms of
+    /// [`Planes::read_window`].
     #[inline(always)]
     pub(crate) fn rows_around<const ROWS: usize>(
         &self,
@@ -57,9 +58,9 @@ impl Planes {
         }
         rows
     }
-    /// A plane of a tile with some rows above and below and half a row to the left and right, into `window`: its `ROWS`
-    /// are [`SIZE`] and twice as many more as it reaches up or down. Beyond the picture, and in tiles that nobody wrote,
-    /// everything is zero.
+    /// A plane of a tile with some rows above and below and half a row to the left and right, into
+    /// `window`: its `ROWS` are [`SIZE`] and twice as many more as it reaches up or down. Beyond
+    /// the picture, and in tiles that nobody wrote, everything is zero.
     #[inline(always)]
     pub(crate) fn read_window<const ROWS: usize>(
         &self,
@@ -85,8 +86,8 @@ impl Planes {
     }
 }
 
-/// For the row of tiles above, a tile's own and that below: the first of `rows` rows around the tile that it fills, how
-/// many they are, and the first of its own that they show.
+/// For the row of tiles above, a tile's own and that below: the first of `rows` rows around the
+/// tile that it fills, how many they are, and the first of its own that they show.
 const fn bands(rows: usize) -> [(usize, usize, usize); 3] {
     let reach = (rows - SIZE) / 2;
     [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)]
@@ -103,7 +104,7 @@ fn copy_part(across: usize, rows: &mut [WideRow], own: &[Row]) {
     }
 }
 
-/// Where a tile's plane lies in a row of tiles.
+/// Start of a tile's plane in a row of tiles.
 #[inline(always)]
 pub(crate) const fn place_in_row(columns: usize, plane: usize, column: usize) -> usize {
     (plane * columns + column) * SIZE

@@ -1,4 +1,5 @@
-//! Stages of the pipeline, each in the file of its name: core's formulas over lanes, divided among threads.
+//! Stages of the pipeline, each in the file of its name: core's formulas over lanes, divided among
+//! threads.
 
 pub mod bin;
 pub(crate) mod blend;

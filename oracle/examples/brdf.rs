@@ -1,5 +1,6 @@
-//! How far the paper's specular light, a tint times a lobe around the mirrored direction, is from light under a whole
-//! microfacet reflectance (`specula_oracle::independent::brdf`). Both by quadrature, so nothing of a prefilter is in it.
+//! Error of the paper's specular light, a tint times a lobe around the mirrored direction, against
+//! a whole microfacet reflectance (`specula_oracle::independent::brdf`). Both are computed by
+//! quadrature, without a prefilter.
 //!
 //! ```sh
 //! cargo run --release -p specula-oracle --example brdf
@@ -27,7 +28,7 @@ const LIGHTS: [(&str, usize, usize); 4] = [
 ];
 const NUMBERS: usize = 8;
 
-/// What goes to the eye under all lights.
+/// Radiance towards the eye under all lights.
 struct Seen {
     /// Under the whole reflectance.
     whole: Reflected<NUMBERS>,
@@ -64,7 +65,8 @@ fn all_seen(light: &(impl Fn([f64; 3]) -> [f64; NUMBERS] + Sync), n_dot_v: f64, 
     (0..DIRECTIONS).into_par_iter().map(one).collect()
 }
 
-/// A normal, from a spiral over the sphere, and a direction to the eye, turned about it by golden angles.
+/// A normal, from a spiral over the sphere, and a direction to the eye, turned about it by golden
+/// angles.
 fn place(k: usize, n_dot_v: f64) -> ([f64; 3], [f64; 3]) {
     let golden = core::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
@@ -76,8 +78,8 @@ fn place(k: usize, n_dot_v: f64) -> ([f64; 3], [f64; 3]) {
     (normal, to_eye)
 }
 
-/// Errors √(Σ |model − whole|² / Σ |whole|²): of the paper's term for tints of 1 and of 0.04, and of the lobe times the
-/// share of light that the whole reflectance sends back, for a tint of 1.
+/// Errors √(Σ |model − whole|² / Σ |whole|²): of the paper's term for tints of 1 and of 0.04, and
+/// of the lobe times the share of light that the whole reflectance sends back, for a tint of 1.
 fn cell(seen: &[Seen], numbers: core::ops::Range<usize>) -> String {
     let paper = |tint: f64| error(seen, numbers.clone(), tint, |_| tint);
     let share = error(seen, numbers.clone(), 1.0, |whole| whole.of(0, 1.0));

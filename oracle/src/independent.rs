@@ -1,15 +1,17 @@
-//! A renderer that shares no formula with core, in `f64`: what core's own formulas are held against.
+//! Independent renderer in `f64` that shares no formula with core: the reference for core's own.
 //!
-//! Of core it knows types of scenes alone ([`specula_core::scene`], [`specula_core::camera::Camera`]). Everything is
-//! written a second time, the plain way: no tiles, no culling, no early end; every Gaussian in every pixel, exactly
-//! along its ray, each pixel sorted by itself; light by quadrature.
+//! Of core it knows types of scenes alone ([`specula_core::scene`],
+//! [`specula_core::camera::Camera`]). Everything is written a second time, the plain way: no tiles,
+//! no culling, no early end; every Gaussian in every pixel, exactly along its ray, each pixel
+//! sorted by itself; light by quadrature.
 //!
 //! * [`rays`]: how strong Gaussians are along a ray, in which order, and what is blended of them
 //! * [`surface`]: their colours: harmonics, and the paper's shading function
-//! * [`lobe`]: light under a GGX lobe, what every prefilter approximates; [`brdf`]: light under the whole reflectance
-//!   that the lobe is a part of
+//! * [`lobe`]: light under a GGX lobe, the integral that every prefilter approximates; [`brdf`]:
+//!   light under the whole reflectance that the lobe is a part of
 //!
-//! Numbers of any size are not its purpose: where the model limits what is out of bounds, this does not.
+//! Numbers of any size are not its purpose: where the model limits what is out of bounds, this does
+//! not.
 
 pub mod brdf;
 pub mod lobe;
@@ -22,7 +24,7 @@ use rays::{Gaussian, Order, View, blend};
 use specula_core::scene::Image;
 use surface::{Light, Look, SURFACE_CHANNELS, Surface, pixel_color};
 
-/// Who looks the light up.
+/// Place where light is looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightPer {
     /// Each Gaussian, once for a picture: its colour is blended.
@@ -31,8 +33,8 @@ pub enum LightPer {
     Pixel,
 }
 
-/// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. Looks are all of one kind; plain
-/// radiance asks for no light.
+/// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. Looks are
+/// all of one kind; plain radiance asks for no light.
 pub fn render(
     scene: &[(Gaussian, Look)],
     light: &Light<'_>,

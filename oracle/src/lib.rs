@@ -1,9 +1,10 @@
 //! The whole pipeline from core's formulas, one plain loop after the other, over any number.
 //!
-//! No tiles, lanes or culling beyond what defines the picture: what an executor's stages are compared with, in `f64` as
-//! the oracle of its error. The stages have core's names; [`loss_and_gradient`] is one step of training up to the
-//! gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`. [`independent`] is a renderer that shares no formula
-//! with any of this. [`scenes`] and [`stress`] are what is looked at.
+//! No tiles, lanes or culling beyond what defines the picture: what an executor's stages are
+//! compared with, in `f64` as the oracle of its error. The stages have core's names;
+//! [`loss_and_gradient`] is one step of training up to the gradients. Layouts are core's, over
+//! `Vec<R>` instead of `Vec<f32>`. [`independent`] is a renderer that shares no formula with any of
+//! this. [`scenes`] and [`stress`] are what is looked at.
 #![forbid(unsafe_code)]
 
 mod cloud;
@@ -51,7 +52,8 @@ pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec
     (0..gaussians.count).map(|index| project::project(&gaussian(gaussians, index).shape(), &camera)).collect()
 }
 
-/// Gaussians to splats, in another projection; the perspective inside of them, where it is not affine.
+/// Gaussians to splats, in another projection; the perspective inside of them, where it is not
+/// affine.
 pub fn project_within<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,
@@ -138,8 +140,8 @@ fn shaded_and_terms<R: Number>(
     (shaded, terms)
 }
 
-/// Gradient of [`shade()`]: adds those of the Gaussians and of the light's texels. That of the depth belongs to
-/// [`project_vjp`]; plain Gaussians pass on the gradient of their colour alone.
+/// Gradient of [`shade()`]: adds those of the Gaussians and of the light's texels. That of the
+/// depth belongs to [`project_vjp`]; plain Gaussians pass on the gradient of their colour alone.
 pub fn shade_vjp<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,
@@ -217,21 +219,21 @@ pub fn render_within<R: Number>(
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 
-/// What a step of training sees and wants, beside the scene itself.
+/// Inputs of a training step beside the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, R> {
     /// From where.
     pub camera: &'a Camera,
     /// The picture that was taken there.
     pub target: &'a Target<R>,
-    /// How it is rendered.
+    /// Rendering rules.
     pub rules: &'a RenderRules,
-    /// What is minimised.
+    /// Weights of the losses.
     pub weights: &'a LossWeights,
 }
 
-/// The weighted loss of a scene in one view. `frozen` holds the weights that the losses treat as constants; without
-/// it they are those of this very picture.
+/// The weighted loss of a scene in one view. `frozen` holds the weights that the losses treat as
+/// constants; without it they are those of this very picture.
 pub fn loss<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     light: Option<&Light<R>>,

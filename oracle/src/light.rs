@@ -20,7 +20,7 @@ pub struct Operator {
     pub levels: Levels,
     /// Resolution and first node of each step of the pyramid of means, finest first.
     pyramid: Vec<(usize, usize)>,
-    /// How many times narrower nodes are than those of executors.
+    /// Factor by which nodes are narrower than those of executors.
     fineness: usize,
     /// For each level a row of (node, weight) for each texel.
     rows: Vec<Vec<Vec<(usize, f64)>>>,
@@ -38,8 +38,8 @@ impl Operator {
         Self::finer(resolution, 1)
     }
 
-    /// The same from nodes that are so many times narrower, a power of two, over lobes that are not cut off: the limit is
-    /// the sum over all texels.
+    /// The same from nodes that are so many times narrower, a power of two, over lobes that are not
+    /// cut off: the limit is the sum over all texels.
     pub fn finer(resolution: usize, fineness: usize) -> Self {
         let levels = Levels::new(PrefilterScheme::Exact, resolution);
         let mut pyramid = vec![(resolution, 0)];
@@ -90,7 +90,8 @@ impl Operator {
         first + cubemap::texel_index(node.face, node.column, node.row, node.resolution)
     }
 
-    /// Each node above the base with its four children and their shares of its solid angle; finest first.
+    /// Each node above the base with its four children and their shares of its solid angle; finest
+    /// first.
     fn means(&self) -> impl Iterator<Item = (usize, [(usize, f64); 4])> {
         self.pyramid[1..].iter().flat_map(|(size, _)| texels_of(*size)).map(|node| {
             let children = node.children();

@@ -1,4 +1,4 @@
-//! What training minimises, pixel by pixel and Gaussian by Gaussian.
+//! Losses of training, pixel by pixel and Gaussian by Gaussian.
 
 use crate::{
     cloud::{AddedGrads, gaussian},
@@ -22,7 +22,7 @@ pub struct Target<R> {
     pub srgb: Vec<R>,
     /// Its alpha, if it has one.
     pub alpha: Option<Vec<R>>,
-    /// What shows behind the Gaussians, sRGB.
+    /// Background colour, sRGB.
     pub background: [f32; 3],
 }
 
@@ -36,7 +36,7 @@ pub struct FrozenWeights {
 }
 
 impl FrozenWeights {
-    /// How many pixels the normal loss looks at.
+    /// Number of pixels of the normal loss.
     pub fn surface_count(&self) -> usize {
         self.surface.iter().filter(|weight| **weight > 0.0).count()
     }
@@ -236,7 +236,8 @@ fn depth_and_coverage<R: Number>(frame: &Frame<R>, pixel: usize) -> (R, R) {
     (frame.values[channel::DEPTH * size + pixel], -frame.values[(frame.channels - 1) * size + pixel] + 1.0)
 }
 
-/// Pixels of one plane in the window around a pixel, with their weights; outside the picture all is zero.
+/// Pixels of one plane in the window around a pixel, with their weights; outside the picture all is
+/// zero.
 fn window(
     weights: [f64; SSIM_WINDOW],
     width: usize,

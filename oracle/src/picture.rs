@@ -12,7 +12,8 @@ use specula_core::{
     vector::Vec3,
 };
 
-/// A blended picture: premultiplied channels as planes, then the transmittance behind them as the last plane.
+/// A blended picture: premultiplied channels as planes, then the transmittance behind them as the
+/// last plane.
 pub type Frame<R> = Image<Vec<R>>;
 
 /// Splats that are drawn, nearest first; those of equal depth in the order of the Gaussians.
@@ -73,8 +74,9 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
     blend_within(splats, None, colors, order, camera, &Cutoffs::DEFAULT)
 }
 
-/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them. Rows in which a splat is not seen are
-/// skipped, which changes nothing. Without perspectives projection was affine.
+/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them. Rows in which a
+/// splat is not seen are skipped, which changes nothing. Without perspectives projection was
+/// affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,

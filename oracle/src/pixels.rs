@@ -61,7 +61,8 @@ pub fn shade_pixels<R: Number>(surface: &Frame<R>, light: Option<&Light<R>>, cam
     picture
 }
 
-/// Gradient of [`shade_pixels`]: that of the picture becomes that of the surface; adds to the light's.
+/// Gradient of [`shade_pixels`]: that of the picture becomes that of the surface; adds to the
+/// light's.
 pub fn shade_pixels_vjp<R: Number>(
     surface: &Frame<R>,
     light: Option<&Light<R>>,

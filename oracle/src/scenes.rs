@@ -12,8 +12,8 @@ pub fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
 }
 
-/// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from 0.27 to 0.95,
-/// attributes within 1.2 of zero.
+/// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from
+/// 0.27 to 0.95, attributes within 1.2 of zero.
 pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f32>> {
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
     for gaussian in 0..count {

@@ -1,4 +1,5 @@
-//! Scenes at the edges of what is valid, by name: whatever renders and trains must stay in its senses there.
+//! Scenes at the edges of what is valid, by name: whatever renders and trains must stay in its
+//! senses there.
 
 use crate::scenes::{camera, random_cloud, random_environment};
 use glam::{Mat3, Vec3};
@@ -30,11 +31,12 @@ pub struct Case {
     pub background: [f32; 3],
     /// Alpha of the true picture's pixels.
     pub alpha: u8,
-    /// Whether much of the picture hangs on rounding, so that little can be said of it but that it is finite.
+    /// Whether much of the picture hangs on rounding, so that little can be said of it but that it
+    /// is finite.
     pub is_on_edge: bool,
 }
 
-/// What the Gaussians of every case have.
+/// Layout of the Gaussians of every case.
 pub const LAYOUT: Layout = Layout::shaded(Some(1));
 /// Texels along an edge of every light's face.
 pub const RESOLUTION: usize = 16;
@@ -59,7 +61,8 @@ impl Case {
         Self { environment: Some(environment), ..self }
     }
 
-    /// The ways of shading that tell something about it: both ways of looking light up, if there is any.
+    /// The ways of shading that tell something about it: both ways of looking light up, if there is
+    /// any.
     pub fn shadings(&self) -> &'static [ShadingRules] {
         match self.environment {
             Some(_) => &[ShadingRules::PAPER, ShadingRules::DEFERRED],
@@ -74,9 +77,10 @@ impl Case {
         (0..4 * pixels).map(byte).collect()
     }
 
-    /// The same scene, but for its last digits: what the camera, the attributes and the light are made of is moved by
-    /// up to `share` of itself. By how much results move is what rounding may do to them; where something is cut off,
-    /// it moves them across the cut. Means stay, so that equal depths do.
+    /// The same scene, but for its last digits: what the camera, the attributes and the light are
+    /// made of is moved by up to `share` of itself. By how much results move is what rounding may
+    /// do to them; where something is cut off, it moves them across the cut. Means stay, so that
+    /// equal depths do.
     pub fn nudged(&self, share: f32, seed: u64) -> Self {
         let factor = |kind: u64, number: u64| 1.0 + share * (2.0 * random::uniform(seed, kind, number) - 1.0);
         let mut case = self.clone();
@@ -90,7 +94,8 @@ impl Case {
         for plane in LOG_SCALE..LAYOUT.plane_count() {
             // Axes of one length stay so.
             let kind = if (LOG_SCALE..QUAT).contains(&plane) { LOG_SCALE } else { plane };
-            // Logarithms and what goes through a sigmoid count as no smaller than one: so does their rounding.
+            // Logarithms and what goes through a sigmoid count as no smaller than one: so does
+            // their rounding.
             let is_raw = !(QUAT..OPACITY).contains(&plane) && plane < LAYOUT.sh_start();
             for gaussian in 0..self.cloud.count {
                 let factor = factor(kind as u64, gaussian as u64);

@@ -21,7 +21,8 @@ use specula_oracle::{
     scenes::{camera, random_cloud, random_environment},
 };
 
-/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and what hangs on it.
+/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and what
+/// hangs on it.
 const CONSTANTS_OF_CORE: f64 = 2e-7;
 /// A few roundings of `f64`.
 const ROUNDING: f64 = 1e-11;
@@ -77,7 +78,8 @@ fn in_one_order_it_draws_what_the_pipeline_draws() {
     }
 }
 
-/// Gaussians one behind the other, small beside what lies between them, so that there is but one order.
+/// Gaussians one behind the other, small beside what lies between them, so that there is but one
+/// order.
 fn queue() -> Gaussians<Vec<f32>> {
     let mut cloud = cloud(Layout::radiance(1), 5, 1.0);
     let (eye, target) = (glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1));
@@ -223,8 +225,8 @@ fn turning_the_whole_world_changes_nothing() {
     }
 }
 
-/// A camera that turns in its place sees along a ray what it saw there before, in the same order: nothing pops. By the
-/// depth of means it does, because depths change.
+/// A camera that turns in its place sees along a ray what it saw there before, in the same order:
+/// nothing pops. By the depth of means it does, because depths change.
 #[test]
 fn turning_the_camera_alone_pops_only_where_depths_of_means_decide() {
     let (mut gaussians, channels) = crossing();
@@ -263,7 +265,8 @@ fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_thos
         assert_eq!(drawn(DVec3::new(0.0, 0.0, behind), Order::Mean), 0, "means decide at {behind}");
     }
     assert_eq!(drawn(DVec3::new(0.0, 0.0, -2.0), Order::Response), 0, "nothing of it is in front");
-    // Beside the eye, a little behind it: rays to its side are nearest to its mean in front of the eye.
+    // Beside the eye, a little behind it: rays to its side are nearest to its mean in front of the
+    // eye.
     let beside = DVec3::new(2.0, 0.0, -0.1);
     assert_eq!(drawn(beside, Order::Mean), 0, "its mean is behind");
     let seen = drawn(beside, Order::Response);

@@ -1,8 +1,9 @@
-//! The prefilter's operator: light into roughness levels is linear, and its weights depend on the resolution alone. They
-//! are worked out here once, from core's formulas; executors keep them and apply them.
+//! The prefilter's operator: light into roughness levels is linear, and its weights depend on the
+//! resolution alone. They are worked out here once, from core's formulas; executors keep them and
+//! apply them.
 //!
-//! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the filtered texels (*rows*);
-//! levels with aprons are what is looked up.
+//! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
+//! filtered texels (*rows*); levels with aprons are what is looked up.
 #![forbid(unsafe_code)]
 
 pub mod sparse;
@@ -138,7 +139,8 @@ fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
 }
 
 impl Operator {
-    /// The operator for a base of this resolution, a power of two; rows of levels that are not kept are zero.
+    /// The operator for a base of this resolution, a power of two; rows of levels that are not kept
+    /// are zero.
     pub fn new(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Self {
         Self::of_levels(scheme, Levels::new(scheme, resolution), kept)
     }
@@ -226,7 +228,8 @@ impl Operator {
     pub fn resolution(&self, level: usize) -> usize {
         self.blocks[level].resolution
     }
-    /// First texel of each level with its apron, of the irradiance map behind them, and one past the last.
+    /// First texel of each level with its apron, of the irradiance map behind them, and one past
+    /// the last.
     #[inline(always)]
     pub fn offsets(&self) -> &[usize] {
         &self.padded_offsets
@@ -243,8 +246,8 @@ impl Operator {
     pub fn forget_rows(&mut self) {
         self.stored = None;
     }
-    /// The rows piece by piece, each with the number of its first: for whoever cannot keep them all. A piece has about so
-    /// many weights, and is worked out when it is asked for.
+    /// The rows piece by piece, each with the number of its first: for whoever cannot keep them
+    /// all. A piece has about so many weights, and is worked out when it is asked for.
     pub fn pieces(&self, weights_at_once: usize) -> impl Iterator<Item = (usize, Sparse)> + '_ {
         const ROWS_AT_ONCE: usize = 512;
         const ROWS_OF_A_TASK: usize = 16;
@@ -379,8 +382,8 @@ impl Operator {
         Cone { axis, resolution, least_cosine, weights }
     }
 
-    /// The weights by row, unless there are too many. Which of the two it is must not depend on the levels that are kept:
-    /// their sums are rounded in another order.
+    /// The weights by row, unless there are too many. Which of the two it is must not depend on the
+    /// levels that are kept: their sums are rounded in another order.
     fn store(&self) -> Option<Linear> {
         const ROWS_AT_ONCE: usize = 512;
         let rows: Vec<usize> = (0..self.row_count()).collect();
@@ -446,7 +449,8 @@ impl Operator {
     }
 }
 
-/// Calls `visit` for every texel of a padded map in order, with the texels that it shows and the weight of each.
+/// Calls `visit` for every texel of a padded map in order, with the texels that it shows and the
+/// weight of each.
 fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
     let last = resolution as isize;
     for face in 0..FACE_COUNT {

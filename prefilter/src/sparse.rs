@@ -16,7 +16,7 @@ pub struct Linear {
 /// A sparse matrix by rows.
 #[derive(Debug, Default)]
 pub struct Sparse {
-    /// Where each row begins among the weights, and one past the last.
+    /// Start of each row among the weights, and one past the last.
     pub starts: Vec<usize>,
     /// The column of each weight.
     pub columns: Vec<u32>,
@@ -35,11 +35,12 @@ impl Linear {
 }
 
 impl Sparse {
-    /// How many rows there are.
+    /// Number of rows.
     pub fn row_count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
-    /// The rows in as few ranges as there can be with no more than so many weights each; a row that has more is alone.
+    /// The rows in as few ranges as there can be with no more than so many weights each; a row that
+    /// has more is alone.
     pub fn ranges(&self, weights_max: usize) -> Vec<Range<usize>> {
         let mut ranges = Vec::new();
         let mut first = 0;

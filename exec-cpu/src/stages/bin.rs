@@ -1,4 +1,4 @@
-//! Which splats each tile holds, front to back.
+//! Splats of each tile, front to back.
 
 use crate::{
     buffer::Buffer,
@@ -22,20 +22,20 @@ use specula_core::{
 
 /// Tiles of a picture and the splats that they hold.
 ///
-/// An *intersection* is one splat in one tile. Intersections are emitted Gaussian by Gaussian, and lie in memory tile
-/// by tile, each tile sorted by depth and ties by the order of the Gaussians.
+/// An *intersection* is one splat in one tile. Intersections are emitted Gaussian by Gaussian, and
+/// lie in memory tile by tile, each tile sorted by depth and ties by the order of the Gaussians.
 #[derive(Debug)]
 pub struct Tiles {
     /// The tiles that hold any splat.
     pub(crate) cover: Cover,
     /// First intersection of each tile, and one past the last.
     starts: Buffer<u32>,
-    /// Gaussian of each intersection. Atomic because threads fill it at places that no slice divides; a load is a
-    /// plain load.
+    /// Gaussian of each intersection. Atomic because threads fill it at places that no slice
+    /// divides; a load is a plain load.
     gaussians: Buffer<AtomicU32>,
     /// First emission of each Gaussian, and one past the last.
     pub(crate) emissions: Buffer<u32>,
-    /// Where an emission lies among the intersections.
+    /// Position of an emission among the intersections.
     positions: Buffer<AtomicU32>,
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn bin_all(context: &Context, splats: &Splats, camera: &Camera) -> Re
 /// The rows of tiles that a splat may touch.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RowRange {
-    /// Where its spans lie, one for each row.
+    /// Index of its first span; there is one for each row.
     first_span: u32,
     first: u16,
     count: u16,
@@ -99,7 +99,7 @@ type Span = [u16; 2];
 /// Rows of tiles, first emissions and spans of all splats.
 type Spans = (Buffer<RowRange>, Buffer<u32>, Buffer<Span>);
 
-/// Which tiles splats touch.
+/// Tiles that splats touch.
 struct Spread {
     /// For each splat, and one past the last.
     rows: Buffer<RowRange>,
@@ -178,8 +178,8 @@ fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
     RowRange { first_span: 0, first, count: end.saturating_sub(first) }
 }
 
-/// The columns that each splat of a block touches in each of its rows, and how many tiles those are. `spans` begin with
-/// span `first_span`.
+/// The columns that each splat of a block touches in each of its rows, and how many tiles those
+/// are. `spans` begin with span `first_span`.
 #[inline(always)]
 fn spread_block<S: Simd>(
     simd: S,
@@ -236,8 +236,8 @@ fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>
     (footprint, load(6))
 }
 
-/// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for positive numbers are in
-/// the order of the numbers. Bits that all depths share are left out.
+/// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for
+/// positive numbers are in the order of the numbers. Bits that all depths share are left out.
 pub(crate) fn depth_order(context: &Context, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
     let drawn = || records.iter().enumerate().filter(|(_, record)| record.reach > 0.0);
     let bounds = drawn().fold((0, u32::MAX, 0), |(count, low, high), (_, record)| {

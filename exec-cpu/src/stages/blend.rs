@@ -1,4 +1,5 @@
-//! Tiles to a picture and back, a quad of four by four pixels at a time: most splats are small and round.
+//! Tiles to a picture and back, a quad of four by four pixels at a time: most splats are small and
+//! round.
 
 use crate::{
     context::Context,
@@ -124,8 +125,8 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
     }
 }
 
-/// Blends some splats into a quad, one after the other; returns a bit for each that was seen by a pixel that had not
-/// ended. The quad stays in registers meanwhile.
+/// Blends some splats into a quad, one after the other; returns a bit for each that was seen by a
+/// pixel that had not ended. The quad stays in registers meanwhile.
 #[inline(always)]
 fn blend_quad<S: Simd, const C: usize>(
     simd: S,
@@ -142,7 +143,8 @@ fn blend_quad<S: Simd, const C: usize>(
     if splats == 0 || alive.bits() == 0 {
         return 0;
     }
-    // Pixels that have ended let nothing through: a product that is never looked at would become denormal, and slow.
+    // Pixels that have ended let nothing through: a product that is never looked at would become
+    // denormal, and slow.
     let mut state = PixelState { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
     let mut sums = [front; C];
     for c in 0..C {

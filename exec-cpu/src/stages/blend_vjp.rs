@@ -31,7 +31,8 @@ const REPLAYED_AT_ONCE: usize = 32;
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatGrads {
     pub(crate) channels: usize,
-    /// Block by block, `GEOMETRY + channels` planes of [`BLOCK`] numbers: mean2d, root of the conic, opacity; channels.
+    /// Block by block, `GEOMETRY + channels` planes of [`BLOCK`] numbers: mean2d, root of the
+    /// conic, opacity; channels.
     values: Buffer<f32>,
 }
 
@@ -45,7 +46,7 @@ impl SplatGrads {
         own.copy_from_slice(values);
         Self { channels, values: own }
     }
-    /// How many channels there are.
+    /// Number of channels.
     pub fn channel_count(&self) -> usize {
         self.channels
     }
@@ -53,8 +54,8 @@ impl SplatGrads {
     pub fn values(&self) -> &[f32] {
         &self.values
     }
-    /// The gradient of one channel of one Gaussian: by linearity the sum over all pixels of the pixel's gradient, times
-    /// the share that the Gaussian has of the pixel.
+    /// The gradient of one channel of one Gaussian: by linearity the sum over all pixels of the
+    /// pixel's gradient, times the share that the Gaussian has of the pixel.
     pub fn of_channel(&self, gaussian: usize, channel: usize) -> f32 {
         self.block(gaussian / BLOCK)[(GEOMETRY + channel) * BLOCK + gaussian % BLOCK]
     }
@@ -65,8 +66,8 @@ impl SplatGrads {
     }
 }
 
-/// Some splats of a tile and their channels, side by side. Reading them all before the first is used lets the waits
-/// for memory overlap.
+/// Some splats of a tile and their channels, side by side. Reading them all before the first is
+/// used lets the waits for memory overlap.
 struct Near<const C: usize> {
     records: [SplatRecord; REPLAYED_AT_ONCE],
     colors: [[f32; C]; REPLAYED_AT_ONCE],
@@ -140,7 +141,8 @@ fn sum_slots<const C: usize>(context: &Context, slots: &[f32], tiles: &Tiles) ->
     sums
 }
 
-/// Sums of known size, so that they stay in registers, into every [`BLOCK`]th place; zeros for what is not there.
+/// Sums of known size, so that they stay in registers, into every [`BLOCK`]th place; zeros for what
+/// is not there.
 #[inline(always)]
 fn sum_slots_of<const C: usize>(gaussian: usize, count: usize, slots: &[f32], tiles: &Tiles, out: &mut [f32]) {
     let (mut geometry, mut channels) = ([0.0; GEOMETRY], [0.0; C]);
@@ -198,7 +200,8 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     }
 }
 
-/// Replays one splat over the quads in which it was seen and writes its gradient. `weights` is memory to work in.
+/// Replays one splat over the quads in which it was seen and writes its gradient. `weights` is
+/// memory to work in.
 #[inline(always)]
 fn splat_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -231,7 +234,8 @@ fn splat_vjp<S: Simd, const C: usize>(
         weight.store(&mut weights[index]);
         moments = moments.with(log_strength, offset);
     });
-    // Channels in a loop of their own: there are too many sums to keep all of them in registers at once.
+    // Channels in a loop of their own: there are too many sums to keep all of them in registers at
+    // once.
     let mut grad_colors = [zero; C];
     for_each_bit(seen, |index| {
         let weight = Lanes::load(simd, &weights[index]);
@@ -285,7 +289,7 @@ fn write_geometry(grad: &SplatGrad<f32>, out: &mut [f32]) {
     out[5] = grad.opacity;
 }
 
-/// What the pixels of a quad know while their splats are replayed.
+/// State of the pixels of a quad in the backward pass.
 #[derive(Clone, Copy)]
 struct ReplayQuad {
     transmittance: Quad,

@@ -24,7 +24,8 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is finite.
+/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is
+/// finite.
 pub(crate) fn observe(
     context: &Context,
     statistics: &mut Statistics<Vec<f32>>,
@@ -54,7 +55,7 @@ fn grad_lengths<S: Simd>(simd: S, grads: &[f32], [half_width, half_height]: [f32
     grad_length(grad, [Lanes::splat(simd, half_width), Lanes::splat(simd, half_height)]).to_array()
 }
 
-/// What becomes of one Gaussian: where it comes from, and which part of a split it is.
+/// Gaussian after densification: its parent, and its role.
 #[derive(Clone, Copy)]
 struct Heir {
     parent: usize,
@@ -162,7 +163,8 @@ fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {
     vec3(x, y, z)
 }
 
-/// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or everywhere.
+/// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or
+/// everywhere.
 pub(crate) fn limit_plane(
     gaussians: &mut Gaussians<Vec<f32>>,
     moments: &mut AdamMoments<Vec<f32>>,

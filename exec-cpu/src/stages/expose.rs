@@ -49,7 +49,7 @@ fn lift<S: Simd>(simd: S, exposure: &Exposure<f32>) -> Exposure<Lanes<S>> {
     [row(red), row(green), row(blue)]
 }
 
-/// What is seen in a quad, and its coverage.
+/// Colour of a quad before exposure, and its coverage.
 #[inline(always)]
 fn seen<S: Simd>(simd: S, frame: &Frame, slot: usize, quad: usize) -> (Vec3<Lanes<S>>, Lanes<S>) {
     let channel = |c: usize| Lanes::load(simd, frame.color_before_exposure(slot, quad, c));
@@ -70,7 +70,8 @@ fn expose_tile<S: Simd>(simd: S, frame: &Frame, slot: usize, exposure: &Exposure
     }
 }
 
-/// The gradient of a tile of the photograph becomes that of the picture; returns that of the exposure.
+/// The gradient of a tile of the photograph becomes that of the picture; returns that of the
+/// exposure.
 #[inline(always)]
 fn tile_vjp<S: Simd>(
     simd: S,

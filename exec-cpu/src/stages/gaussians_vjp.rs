@@ -109,7 +109,7 @@ pub(crate) fn update(
 /// The most planes that a cloud can have.
 const PLANES_MAX: usize = Layout::shaded(Some(3)).plane_count();
 
-/// How blocks are divided among tasks.
+/// Division of blocks among tasks.
 struct BlockParts {
     /// Blocks of a part.
     blocks: usize,
@@ -117,7 +117,7 @@ struct BlockParts {
     count: usize,
 }
 
-/// What the way back through shading and projection reads.
+/// Inputs of the backward pass through shading and projection.
 struct Backwards<'a> {
     splats: &'a Splats,
     scene: Scene<'a>,
@@ -168,7 +168,7 @@ impl Backwards<'_> {
 struct SplatGradLanes<S: Simd> {
     geometry: [Lanes<S>; GEOMETRY],
     channels: LayerChannels<Lanes<S>>,
-    /// Where any gradient is not zero.
+    /// Mask of Gaussians with a gradient that is not zero.
     is_touched: <Lanes<S> as Real>::Mask,
 }
 
@@ -256,7 +256,8 @@ fn lit_vjp<S: Simd>(
     scene.shading.surface_vjp(planes, camera.position, &lit.shaded, &grad, &grads.channels, &lookup, out)
 }
 
-/// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal residuals.
+/// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal
+/// residuals.
 #[inline(always)]
 fn attribute_losses_vjp<S: Simd>(
     simd: S,

@@ -1,7 +1,7 @@
 //! Looking light up: footprints from core, texels from memory.
 //!
-//! A texel is read as one small vector, and its colours are mixed there; sixteen mixtures then become lanes. So a texel
-//! is one load, where gathering each colour into lanes would take three.
+//! A texel is read as one small vector, and its colours are mixed there; sixteen mixtures then
+//! become lanes. So a texel is one load, where gathering each colour into lanes would take three.
 
 use crate::{
     buffer::Buffer,
@@ -20,7 +20,7 @@ use specula_core::{
 };
 use specula_prefilter::SPLIT_SUM;
 
-/// Where light is to be read: between two levels, at the same point of the cube.
+/// Position of a lookup: between two levels, at the same point of the cube.
 struct Place<S: Simd> {
     point: FacePoint<Lanes<S>>,
     sharp: Corners<S>,
@@ -219,8 +219,8 @@ pub(crate) fn look_up_irradiance<S: Simd>(simd: S, light: &Light, normal: Vec3<L
     Lookup::at(simd, light, place)
 }
 
-/// Gradient of [`look_up`], or of [`look_up_irradiance`], which has none in the roughness: with respect to direction
-/// and roughness; adds to the light's.
+/// Gradient of [`look_up`], or of [`look_up_irradiance`], which has none in the roughness: with
+/// respect to direction and roughness; adds to the light's.
 #[inline(always)]
 pub(crate) fn look_up_vjp<S: Simd>(
     simd: S,
@@ -323,8 +323,8 @@ pub(crate) fn split_sum_vjp<S: Simd>(
     [right * RESOLUTION as f32 * fetch.is_free[0], lower * RESOLUTION as f32 * fetch.is_free[1]]
 }
 
-/// Parts into which Gaussians or pixels are divided while they add to the light's gradient. The number is fixed, so the
-/// sum's order is the same on any number of threads.
+/// Parts into which Gaussians or pixels are divided while they add to the light's gradient. The
+/// number is fixed, so the sum's order is the same on any number of threads.
 pub(crate) const LIGHT_PARTS: usize = 8;
 
 /// The sum of lights' gradients, in the order of the parts.

@@ -1,4 +1,5 @@
-//! Losses of a picture against its target, and their gradients: colour, structure, normals, coverage.
+//! Losses of a picture against its target, and their gradients: colour, structure, normals,
+//! coverage.
 
 mod comparison;
 mod normals;

@@ -9,7 +9,7 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// What a step of Adam needs to know beside its numbers.
+/// Corrected learning rates and ε of a step of Adam.
 #[derive(Clone, Debug)]
 pub(crate) struct StepSize {
     /// Learning rate of every plane, corrected for the start of a run.
@@ -26,8 +26,8 @@ impl StepSize {
     }
 }
 
-/// One step for numbers in blocks of as many planes as there are rates; counts gradients that were not finite and were
-/// left out.
+/// One step for numbers in blocks of as many planes as there are rates; counts gradients that were
+/// not finite and were left out.
 pub(crate) fn adam_blocks(
     context: &Context,
     values: &mut [f32],

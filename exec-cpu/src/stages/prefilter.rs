@@ -1,4 +1,5 @@
-//! Light into roughness levels: a sparse linear operator, built once for a resolution and applied at every step.
+//! Light into roughness levels: a sparse linear operator, built once for a resolution and applied
+//! at every step.
 
 use crate::{buffer::Buffer, context::Context};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
@@ -22,7 +23,8 @@ pub struct Light {
     operator: Arc<Operator>,
     /// All levels, one after the other; then the irradiance map, if there is one.
     pub(crate) texels: Buffer<Texel>,
-    /// What they were made of: the radiance of the base, coarser and coarser, then the filtered rows.
+    /// Inputs of the texels: the pyramid of the base's radiance, finest first, then the filtered
+    /// rows.
     nodes: Buffer<Texel>,
 }
 
@@ -54,7 +56,8 @@ impl Light {
     pub(crate) fn offsets(&self) -> &[usize] {
         self.operator.offsets()
     }
-    /// All levels, one after the other, each with its apron; then the irradiance map, if there is one.
+    /// All levels, one after the other, each with its apron; then the irradiance map, if there is
+    /// one.
     pub fn texels(&self) -> &[Texel] {
         &self.texels
     }

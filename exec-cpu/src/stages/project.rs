@@ -28,7 +28,7 @@ pub struct SplatRecord {
     pub log2_opacity: f32,
     /// Depth.
     pub depth: f32,
-    /// How many standard deviations the splat reaches; negative if it is not drawn.
+    /// Reach of the splat, in standard deviations; negative if it is not drawn.
     pub reach: f32,
     /// Half width and half height, in pixels.
     pub half_extent: [f32; 2],
@@ -52,9 +52,10 @@ pub(crate) struct PerspectiveRecord {
 /// All Gaussians on the screen, in their order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
-    /// Where the projection is not affine, centre, root and half extent are those of the footprint.
+    /// Records of all splats. If the projection is not affine, centre, root and half extent are
+    /// those of the footprint.
     pub(crate) records: Buffer<SplatRecord>,
-    /// Where the projection is not affine, what is blended.
+    /// Splats as they are blended, if the projection is not affine.
     pub(crate) in_perspective: Option<Buffer<PerspectiveRecord>>,
     /// For each block a bit for each Gaussian that is drawn.
     drawn: Buffer<u16>,
@@ -69,7 +70,7 @@ impl Splats {
     pub fn are_affine(&self) -> bool {
         self.in_perspective.is_none()
     }
-    /// How many of those that are drawn have perspective inside, as a share.
+    /// Share of the drawn splats that are not affine.
     pub fn share_in_perspective(&self) -> f64 {
         let Some(splats) = &self.in_perspective else { return 0.0 };
         let drawn = || splats.iter().zip(self.records.iter()).filter(|(_, record)| record.reach > 0.0);
@@ -187,7 +188,7 @@ fn project_in_perspective<S: Simd>(
     }
 }
 
-/// How far the splats of a block reach; notes which of the first `count` are drawn.
+/// Reach of the splats of a block; sets a bit for each of the first `count` that is drawn.
 #[inline(always)]
 fn reach_of<S: Simd>(simd: S, splat: &Splat<Lanes<S>>, cutoffs: &Cutoffs, count: usize, drawn: &mut u16) -> Lanes<S> {
     let reach = footprint_within(splat, cutoffs).reach.min(Lanes::splat(simd, cutoffs.reach_max()));

@@ -26,7 +26,7 @@ use specula_core::{
 /// The channels of each Gaussian, side by side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Colors {
-    /// How many numbers a Gaussian has.
+    /// Number of channels of a Gaussian.
     pub channels: usize,
     /// The numbers.
     pub(crate) values: Buffer<f32>,
@@ -39,7 +39,7 @@ impl Colors {
     }
 }
 
-/// What shading needs beside the Gaussians.
+/// Inputs of shading beside the Gaussians.
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) shading: GaussianShading,

@@ -92,7 +92,7 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
     }
 }
 
-/// What was blended into a quad, and from where it is seen.
+/// Surface that was blended into a quad, and its view directions.
 struct Seen<S: Simd> {
     pixel: Pixel<Lanes<S>>,
     view_dir: Vec3<Lanes<S>>,

@@ -16,7 +16,8 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have ended: a bit each.
+/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have
+/// ended: a bit each.
 pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 
 /// A number of each.
@@ -46,7 +47,8 @@ pub(crate) trait SplatBatch {
     /// Takes one in, its mean from the tile's corner.
     fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
 
-    /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that may touch it.
+    /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that
+    /// may touch it.
     fn prepare<S: Simd>(&mut self, simd: S, first: usize, cutoffs: &Cutoffs, splats: &mut [u64; QUADS]);
 
     /// log₂ of a splat's strength in some pixels.

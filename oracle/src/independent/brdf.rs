@@ -1,26 +1,30 @@
-//! Light under a whole microfacet reflectance, by quadrature in `f64`: what the paper's lobe is a part of.
+//! Light under a whole microfacet reflectance, by quadrature in `f64`: what the paper's lobe is a
+//! part of.
 //!
 //! ```text
-//! L_o(v) = ∫ L(l) f(v, l) (n·l)₊ dl,    f = F(v·h) D(h) G(v, l) / (4 n·v n·l),    h = (v + l) / |v + l|
+//! L_o(v) = ∫ L(l) f(v, l) (n·l)₊ dl,    f = F(v·h) D(h) G(v, l) / (4 n·v n·l),
+//!     h = (v + l) / |v + l|
 //! ```
 //!
-//! D is GGX (Walter et al. 2007, eq. 33), G the masking of Smith with correlated heights, 1 / (1 + Λ(v) + Λ(l)) (Heitz
-//! 2014, eqs. 72 and 99), F that of Schlick 1994, F₀ + (1 − F₀) (1 − v·h)⁵. Light that is reflected more than once between
-//! facets is lost, as in any such model. The paper's L_s keeps of all this one lobe around the mirrored direction, that
-//! of D seen from the normal, and scales it by a tint that stands for F and G.
+//! D is GGX (Walter et al. 2007, eq. 33), G the masking of Smith with correlated heights, 1 / (1 +
+//! Λ(v) + Λ(l)) (Heitz 2014, eqs. 72 and 99), F that of Schlick 1994, F₀ + (1 − F₀) (1 − v·h)⁵.
+//! Light that is reflected more than once between facets is lost, as in any such model. The paper's
+//! L_s keeps of all this one lobe around the mirrored direction, that of D seen from the normal,
+//! and scales it by a tint that stands for F and G.
 
 use super::sphere::{Direction, Weights, add, cross, dot, integrate, length, normalised, sub};
 use core::f64::consts::PI;
 
-/// How wide a cell may be, as a share of the scale on which D changes.
+/// Largest width of a cell, as a share of the scale on which D changes.
 const OPENING: f64 = 0.35;
-/// Cells at the horizon, where reflection ends in a kink, are no wider than this share of the opening.
+/// Cells at the horizon, where reflection ends in a kink, are no wider than this share of the
+/// opening.
 const HORIZON: f64 = 0.05;
 
 /// Light that goes to the eye from a surface, but for its reflectance at normal incidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflected<const N: usize> {
-    /// What F₀ = 1 adds to the rest: ∫ L D G / (4 n·v) (1 − (1 − v·h)⁵) dl.
+    /// Integral that F₀ scales: ∫ L D G / (4 n·v) (1 − (1 − v·h)⁵) dl.
     pub scale: [f64; N],
     /// The rest, which is there for F₀ = 0 too: ∫ L D G / (4 n·v) (1 − v·h)⁵ dl.
     pub rest: [f64; N],
@@ -35,8 +39,8 @@ impl<const N: usize> Reflected<N> {
 
 /// L_o of a surface with a normal, seen from a direction on its side; both unit vectors.
 ///
-/// `radiance` may have kinks as [`super::lobe::filtered`] says. Roughness is perceptual, in \[0, 1\]; at 0 the surface is a
-/// mirror. `n·v` should be more than a hundredth.
+/// `radiance` may have kinks as [`super::lobe::filtered`] says. Roughness is perceptual, in \[0,
+/// 1\]; at 0 the surface is a mirror. `n·v` should be more than a hundredth.
 pub fn reflected<const N: usize>(
     radiance: impl Fn([f64; 3]) -> [f64; N],
     normal: [f64; 3],
@@ -101,7 +105,8 @@ impl Weights<2> for Facets {
         [weight * (1.0 - rest), weight * rest]
     }
 
-    /// h moves by 1 / (2 v·h) of what l does at most, and D changes by as much as h comes nearer to the normal, or α.
+    /// h moves by 1 / (2 v·h) of what l does at most, and D changes by as much as h comes nearer to
+    /// the normal, or α.
     fn widest(&self, middle: Direction, width: f64) -> f64 {
         let half = normalised(add(self.to_eye, middle));
         let slowness = 2.0 * dot(self.to_eye, half).max(0.5 * dot(self.normal, self.to_eye));
@@ -120,7 +125,7 @@ mod tests {
     use super::*;
     use crate::independent::assert_close;
 
-    /// What three points along an edge of a cell miss.
+    /// Error of three points along an edge of a cell.
     const QUADRATURE: f64 = 2e-4;
     const ROUGHNESS: [f64; 5] = [0.02, 0.1, 0.3, 0.6, 1.0];
     const NORMAL: Direction = [0.36, -0.48, 0.8];
@@ -137,7 +142,8 @@ mod tests {
         reflected(|_| [1.0], NORMAL, at(n_dot_v), roughness, 1).of(0, 1.0)
     }
 
-    /// The weak white furnace of Heitz 2014: of facets that are seen none is lost, if light is not masked and may go below the horizon.
+    /// The weak white furnace of Heitz 2014: of facets that are seen none is lost, if light is not
+    /// masked and may go below the horizon.
     struct WeakFurnace(Facets);
 
     impl Weights<1> for WeakFurnace {

@@ -1,20 +1,24 @@
-//! Light under a GGX lobe, by quadrature in `f64`: what every prefilter approximates. And a light that is hard to filter.
+//! Light under a GGX lobe, by quadrature in `f64`: what every prefilter approximates. And a light
+//! that is hard to filter.
 //!
-//! Its own faces of the cube, its own lobe, its own solid angles. Numbers are kept in arrays of any length, so that several
-//! lights are integrated at once.
+//! Its own faces of the cube, its own lobe, its own solid angles. Numbers are kept in arrays of any
+//! length, so that several lights are integrated at once.
 
 use super::sphere::{Direction, Weights, cross, dot, integrate, length, normalised, sub};
 use core::array;
 
-/// How wide a cell may be, as a share of the scale θ + 2α on which the lobe changes at the angle θ. The lobe has its
-/// nearest pole 2α off the real axis, so that three points along a cell's edge are right to a few parts in a million.
+/// Largest width of a cell, as a share of the scale θ + 2α on which the lobe changes at the angle
+/// θ. The lobe's nearest pole lies 2α off the real axis, so three points along a cell's edge are
+/// accurate to a few parts in a million.
 const OPENING: f64 = 0.5;
 
-/// P(r, ρ) = ∫ L(ω) D(θ/2) (cos θ)₊ dω / ∫ D(θ/2) (cos θ)₊ dω with cos θ = ω · r: light as a mirror of perceptual
-/// roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised; D of Walter et al. 2007, eq. 33).
+/// P(r, ρ) = ∫ L(ω) D(θ/2) (cos θ)₊ dω / ∫ D(θ/2) (cos θ)₊ dω with cos θ = ω · r: light as a mirror
+/// of perceptual roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised;
+/// D of Walter et al. 2007, eq. 33).
 ///
-/// `radiance` is asked for unit vectors. It may have kinks where a cube map of this resolution has them, between its
-/// texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0 the light comes back as it is.
+/// `radiance` is asked for unit vectors. It may have kinks where a cube map of this resolution has
+/// them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0
+/// the light comes back as it is.
 pub fn filtered<const N: usize>(
     radiance: impl Fn([f64; 3]) -> [f64; N],
     reflection_dir: [f64; 3],
@@ -60,8 +64,9 @@ impl Weights<1> for Lobe {
     }
 }
 
-/// A cube map, bilinear between the centres of its texels, also across edges; faces are +X −X +Y −Y +Z −Z, rows down, as
-/// in OpenGL. Beside a corner, where three texels meet, their mean stands for the fourth.
+/// A cube map, bilinear between the centres of its texels, also across edges; faces are +X −X +Y −Y
+/// +Z −Z, rows down, as in OpenGL. Beside a corner, where three texels meet, their mean stands for
+/// the fourth.
 #[derive(Clone, Debug)]
 pub struct CubeMap<const N: usize> {
     /// Texels along an edge.
@@ -71,7 +76,8 @@ pub struct CubeMap<const N: usize> {
 }
 
 impl<const N: usize> CubeMap<N> {
-    /// Each texel is the mean of what is seen through it, over `samples`² points, by their solid angles.
+    /// Each texel is the mean of what is seen through it, over `samples`² points, by their solid
+    /// angles.
     pub fn new(resolution: usize, samples: usize, radiance: impl Fn([f64; 3]) -> [f64; N]) -> Self {
         let along = |index: usize, sample: usize| {
             2.0 * (index as f64 + (sample as f64 + 0.5) / samples as f64) / resolution as f64 - 1.0
@@ -153,9 +159,9 @@ fn face_of(direction: Direction) -> (usize, [f64; 2]) {
     (face, [across, down])
 }
 
-/// A light that is hard to filter, z up: a sky that brightens to the horizon, a sun of radius 2.5°, a band of windows with
-/// panes, a chequered floor. The first three numbers are as a display shows them, limited to [0, 1]; the last three have a
-/// sun of 200 and windows of 8.
+/// A light that is hard to filter, z up: a sky that brightens to the horizon, a sun of radius 2.5°,
+/// a band of windows with panes, a chequered floor. The first three numbers are as a display shows
+/// them, limited to [0, 1]; the last three have a sun of 200 and windows of 8.
 pub fn studio(direction: [f64; 3]) -> [f64; 6] {
     const SUN_DIR: Direction = [0.48, -0.6, 0.64];
     const SUN_COSINE: f64 = 0.999_048_221_581_857_8; // of 2.5°
@@ -188,7 +194,8 @@ mod tests {
     /// A few roundings.
     const ROUNDING_F64: f64 = 1e-12;
 
-    /// What three points along an edge of a cell miss: most where the horizon goes through the wide cells of a coarse map.
+    /// Error of three points along an edge of a cell: largest where the horizon crosses the wide
+    /// cells of a coarse map.
     const QUADRATURE: f64 = 1e-4;
     const ROUGHNESS: [f64; 5] = [1e-3, 0.03, 0.2, 0.6, 1.0];
     const AXIS: Direction = [0.36, -0.48, 0.8];
@@ -206,7 +213,8 @@ mod tests {
         assert_eq!(filtered(studio, AXIS, 0.0, 8), studio(AXIS), "nothing is integrated");
     }
 
-    /// The mean of ω · r by the midpoint rule along the angle from r, with D in the textbook's form.
+    /// The mean of ω · r by the midpoint rule along the angle from r, with D in the textbook's
+    /// form.
     fn mean_cosine(roughness: f64) -> f64 {
         const STEPS: usize = 400_000;
         let alpha = roughness * roughness;

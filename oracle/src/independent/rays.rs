@@ -1,21 +1,25 @@
 //! Gaussians along rays, pixel by pixel, each pixel in an order of its own.
 //!
-//! A Gaussian's density along the ray x(t) = t d from the eye is exp(−½ |L⁻¹ (t d − μ)|²) with Σ = L Lᵀ in camera space.
-//! With m = L⁻¹ μ and w = L⁻¹ d it is largest at t = m·w / |w|², where q = |m − t w|² is its squared distance from the
-//! mean in standard deviations. As d is (x, y, 1), t is a depth.
+//! A Gaussian's density along the ray x(t) = t d from the eye is exp(−½ |L⁻¹ (t d − μ)|²) with Σ =
+//! L Lᵀ in camera space. With m = L⁻¹ μ and w = L⁻¹ d it is largest at t = m·w / |w|², where q = |m
+//! − t w|² is its squared distance from the mean in standard deviations. As d is (x, y, 1), t is a
+//! depth.
 //!
-//! Σ holds the low-pass: a variance of 0.3 px² across and down, in the plane of the screen at the mean's depth. L comes
-//! from rows of length five, the three axes and two of the low-pass, made orthogonal one after the other (Gram and
-//! Schmidt), so that discs and needles keep the digits that a covariance would have lost.
+//! Σ holds the low-pass: a variance of 0.3 px² across and down, in the plane of the screen at the
+//! mean's depth. L comes from rows of length five, the three axes and two of the low-pass, made
+//! orthogonal one after the other (Gram and Schmidt), so that discs and needles keep the digits
+//! that a covariance would have lost.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use specula_core::{camera::Camera, scene::Image};
 
-/// Variance of the low-pass in px² (INRIA's), and the largest alpha: as the model's 32 bits hold them.
+/// Variance of the low-pass in px² (INRIA's), and the largest alpha: as the model's 32 bits hold
+/// them.
 const LOW_PASS: f64 = 0.3_f32 as f64;
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
-/// Smaller alphas are left out before what is left is sorted: all of a million of them together are a millionth.
+/// Smaller alphas are left out before what is left is sorted: all of a million of them together are
+/// a millionth.
 const ALPHA_LEAST: f64 = 1e-12;
 
 /// A Gaussian of numbers that mean what they say.
@@ -38,9 +42,9 @@ pub struct View {
     pub position: DVec3,
     /// Focal lengths, in pixels.
     pub focal_px: [f64; 2],
-    /// Where the axis meets the picture, in pixels from its upper left corner.
+    /// Principal point, in pixels from the upper left corner.
     pub principal_px: [f64; 2],
-    /// What is no deeper is not drawn; at least zero.
+    /// Near plane: Gaussians that are no deeper are not drawn; at least zero.
     pub near: f64,
     /// Pixels in a row, and rows.
     pub size: [usize; 2],
@@ -66,28 +70,31 @@ impl View {
         DVec3::new(slope(0), slope(1), 1.0)
     }
 
-    /// How many pixels there are.
+    /// Number of pixels.
     pub fn pixel_count(&self) -> usize {
         self.size[0] * self.size[1]
     }
 }
 
-/// What decides which Gaussian is in front of which.
+/// Order of Gaussians along a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// The depth of the mean, the same in all pixels: what pipelines do. A Gaussian is drawn if its mean is deeper than
-    /// the near plane, and along rays on which it is largest behind the eye it has the strength that it has at the eye.
+    /// The depth of the mean, the same in all pixels: what pipelines do. A Gaussian is drawn if its
+    /// mean is deeper than the near plane, and along rays on which it is largest behind the eye it
+    /// has the strength that it has at the eye.
     Mean,
-    /// The distance of the mean from the eye, the same in all pixels and however the camera is turned; else as above.
+    /// The distance of the mean from the eye, the same in all pixels and however the camera is
+    /// turned; else as above.
     Distance,
-    /// The depth of the largest response along the ray of each pixel. A Gaussian is left out of the pixels where that is
-    /// behind the eye, or not deeper than the near plane.
+    /// The depth of the largest response along the ray of each pixel. A Gaussian is left out of the
+    /// pixels where that is behind the eye, or not deeper than the near plane.
     Response,
 }
 
-/// Channels of Gaussians as a picture: premultiplied planes, then the transmittance behind them. Nothing is tiled, culled
-/// or ended early: every Gaussian is evaluated in every pixel. `channels` has a list of one length for each Gaussian;
-/// those that are equally deep keep the order in which they come.
+/// Channels of Gaussians as a picture: premultiplied planes, then the transmittance behind them.
+/// Nothing is tiled, culled or ended early: every Gaussian is evaluated in every pixel. `channels`
+/// has a list of one length for each Gaussian; those that are equally deep keep the order in which
+/// they come.
 pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: Order) -> Image<Vec<f64>> {
     let count = channels.first().map_or(0, Vec::len);
     let seen: Vec<Seen> = gaussians.iter().enumerate().filter_map(|(k, own)| Seen::new(k, own, view)).collect();
@@ -99,7 +106,7 @@ pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: 
 
 /// A Gaussian in camera space.
 struct Seen {
-    /// Which one.
+    /// Index of the Gaussian.
     index: usize,
     root: Root,
     /// L⁻¹ μ.
@@ -115,14 +122,14 @@ struct Seen {
 struct Root {
     /// One over its diagonal.
     inverse: DVec3,
-    /// What is below: second row, then third.
+    /// Entries below the diagonal: second row, then third.
     below: [f64; 3],
 }
 
 /// A Gaussian that a ray meets.
 struct Hit {
     index: usize,
-    /// What is nearer comes first.
+    /// Nearest first.
     nearness: f64,
     alpha: f64,
 }
@@ -195,7 +202,7 @@ impl Root {
     }
 }
 
-/// What a ray meets, nearest first.
+/// Gaussians along a ray, nearest first.
 fn hits(seen: &[Seen], ray: DVec3, near: f64, order: Order) -> Vec<Hit> {
     let mut hits: Vec<Hit> = seen.iter().filter_map(|own| own.hit(ray, near, order)).collect();
     hits.sort_by(|a, b| a.nearness.total_cmp(&b.nearness));

@@ -1,6 +1,8 @@
-//! Integrals over all directions, on the faces of a cube, in cells that are as small as what is integrated wants.
+//! Integrals over all directions, on the faces of a cube, in cells that are as small as what is
+//! integrated wants.
 //!
-//! Numbers are kept in arrays of any length, so that several lights and several weights are integrated at once.
+//! Numbers are kept in arrays of any length, so that several lights and several weights are
+//! integrated at once.
 
 use core::array;
 
@@ -11,13 +13,14 @@ pub(super) type Direction = [f64; 3];
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
-/// What light is weighted by.
+/// Weight of light.
 pub(super) trait Weights<const M: usize> {
     /// The weights of light from a direction.
     fn of(&self, light_dir: Direction) -> [f64; M];
-    /// How wide a cell around a direction may be, if it is as wide as this now.
+    /// Largest width of a cell around a direction that is this wide now.
     fn widest(&self, middle: Direction, width: f64) -> f64;
-    /// Whether all weights are zero in a direction. Where they are at all corners of a cell, they are in all of it.
+    /// Whether all weights are zero in a direction. Where they are at all corners of a cell, they
+    /// are in all of it.
     fn are_zero(&self, light_dir: Direction) -> bool;
 }
 
@@ -28,8 +31,8 @@ pub(super) struct Sums<const M: usize, const N: usize> {
     pub(super) whole: [f64; M],
 }
 
-/// Integrates. Light may have kinks where a cube map of this resolution has them, between its texels' centres; elsewhere
-/// it should be smooth.
+/// Integrates. Light may have kinks where a cube map of this resolution has them, between its
+/// texels' centres; elsewhere it should be smooth.
 pub(super) fn integrate<const M: usize, const N: usize>(
     radiance: impl Fn(Direction) -> [f64; N],
     weights: &impl Weights<M>,
@@ -50,7 +53,7 @@ pub(super) fn integrate<const M: usize, const N: usize>(
     sums
 }
 
-/// Where the bilinear pieces of a face begin and end: at its edges, and at the centres of its texels.
+/// Bounds of the bilinear pieces of a face: its edges, and the centres of its texels.
 fn lines_of(resolution: usize) -> Vec<f64> {
     let centres = (0..resolution).map(|k| (2 * k + 1) as f64 / resolution as f64 - 1.0);
     core::iter::once(-1.0).chain(centres).chain([1.0]).collect()

@@ -10,10 +10,11 @@ use super::rays::Gaussian;
 /// Pixels of less coverage count as this well covered, as the model's 32 bits hold it.
 const COVERAGE_LEAST: f64 = 1e-3_f32 as f64;
 
-/// What a Gaussian looks like; all numbers after activation.
+/// Surface of a Gaussian; all numbers after activation.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Look {
-    /// A colour for each direction, sRGB: the sum of 1, 4, 9 or 16 spherical harmonics and one half, at least zero.
+    /// A colour for each direction, sRGB: the sum of 1, 4, 9 or 16 spherical harmonics and one
+    /// half, at least zero.
     Radiance(Vec<DVec3>),
     /// A surface.
     Surface(Surface),
@@ -84,8 +85,8 @@ impl Look {
         }
     }
 
-    /// The colour that a Gaussian shows, sRGB: γ(c_d + s ⊙ L_s + c_r) for surfaces (paper, eq. 3). `to_eye` is a unit
-    /// vector.
+    /// The colour that a Gaussian shows, sRGB: γ(c_d + s ⊙ L_s + c_r) for surfaces (paper, eq. 3).
+    /// `to_eye` is a unit vector.
     pub fn color(&self, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
         match self {
             Self::Radiance(harmonics) => (sum_of_harmonics(harmonics, -to_eye) + 0.5).max(DVec3::ZERO),
@@ -110,18 +111,18 @@ impl Surface {
         self.diffuse + sum_of_harmonics(&self.residual, -to_eye)
     }
 
-    /// What is blended where light is looked up pixel by pixel: base, normal, tint, roughness.
+    /// Channels that are blended for light per pixel: base, normal, tint, roughness.
     pub fn channels(&self, to_eye: DVec3) -> Vec<f64> {
         let vectors = [self.base(to_eye), self.normal(to_eye), self.tint];
         vectors.iter().flat_map(|v| v.to_array()).chain([self.roughness]).collect()
     }
 }
 
-/// How many numbers [`Surface::channels`] are.
+/// Number of [`Surface::channels`].
 pub const SURFACE_CHANNELS: usize = 10;
 
-/// The colour of a pixel, sRGB and premultiplied, from what [`Surface::channels`] came to there and its transmittance: the
-/// shading function of the mean surface.
+/// The colour of a pixel, sRGB and premultiplied, from what [`Surface::channels`] came to there and
+/// its transmittance: the shading function of the mean surface.
 pub fn pixel_color(blended: &[f64; SURFACE_CHANNELS], transmittance: f64, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
     let coverage = 1.0 - transmittance;
     let of = |first: usize| DVec3::from_slice(&blended[first..]);
@@ -131,7 +132,7 @@ pub fn pixel_color(blended: &[f64; SURFACE_CHANNELS], transmittance: f64, to_eye
     coverage * srgb(mean(of(0)) + mean(of(6)) * light)
 }
 
-/// Where what comes from the eye goes to: r = 2 (ω·n) n − ω.
+/// Mirrored view direction: r = 2 (ω·n) n − ω.
 pub fn mirrored(to_eye: DVec3, normal: DVec3) -> DVec3 {
     2.0 * to_eye.dot(normal) * normal - to_eye
 }
@@ -142,7 +143,8 @@ fn srgb(linear: DVec3) -> DVec3 {
     linear.to_array().map(curve).into()
 }
 
-/// Real spherical harmonics with the signs of the field (Sloan 2008, with the phase of Condon and Shortley).
+/// Real spherical harmonics with the signs of the field (Sloan 2008, with the phase of Condon and
+/// Shortley).
 pub fn sum_of_harmonics(coefficients: &[DVec3], direction: DVec3) -> DVec3 {
     let [x, y, z] = direction.to_array();
     let basis = [

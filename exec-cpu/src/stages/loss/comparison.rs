@@ -69,7 +69,7 @@ impl Target {
     }
 }
 
-/// What is compared, and how.
+/// Comparison of a frame with its target.
 pub(super) struct Comparison<'a> {
     pub(super) context: &'a Context,
     pub(super) frame: &'a Frame,
@@ -77,7 +77,8 @@ pub(super) struct Comparison<'a> {
     pub(super) camera: &'a Camera,
     pub(super) weights: LossWeights,
     pub(super) background: [f32; 3],
-    /// How many tiles each tile is away from one that shows anything but the background, up to [`FAR`].
+    /// Distance of each tile, in tiles, from the nearest one that shows anything but the
+    /// background, up to [`FAR`].
     pub(super) distance: Buffer<u32>,
 }
 
@@ -100,11 +101,12 @@ impl Comparison<'_> {
     pub(super) fn pixel_count(&self) -> usize {
         self.target.width * self.target.height
     }
-    /// Where the gradient of each row of tiles begins.
+    /// Start of the gradient of each row of tiles.
     pub(super) fn grad_starts(&self) -> impl Fn(usize) -> usize + Sync + '_ {
         |row| self.frame.cover.before_row(row) * tile_len(self.frame.channels)
     }
-    /// Visits the rows of tiles with their share of something, and adds up what they find, in their order.
+    /// Visits the rows of tiles with their share of something, and adds up what they find, in their
+    /// order.
     pub(super) fn each_tile_row<P: Parts>(&self, parts: P, visit: impl Fn(usize, P) -> [f64; 4] + Sync) -> [f64; 4] {
         let rows = self.frame.cover.rows;
         let mut sums = self.context.take::<[f64; 4]>(rows);
@@ -126,7 +128,8 @@ impl Comparison<'_> {
     }
 }
 
-/// How far each tile is from one that a splat touches or that the true picture covers.
+/// Distance of each tile, in tiles, from the nearest one that a splat touches or that the target
+/// covers.
 pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Buffer<u32> {
     let Cover { columns, rows, .. } = frame.cover;
     let mut distance = context.take::<u32>(columns * rows);
@@ -134,7 +137,8 @@ pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Bu
         let is_active = frame.cover.slot(tile).is_some() || !target.is_empty[tile];
         *distance = if is_active { 0 } else { FAR };
     }
-    // The larger of two distances along rows and columns: rows first, then columns of what that gives.
+    // The larger of two distances along rows and columns: rows first, then columns of what that
+    // gives.
     for row in distance.chunks_exact_mut(columns) {
         spread_distance(row, columns, 1);
     }

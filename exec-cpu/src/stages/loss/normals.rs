@@ -57,7 +57,8 @@ fn cross<S: Simd>(simd: S, window: &[WideRow; ROWS], row: usize) -> Cross<Lanes<
     }
 }
 
-/// Sum of the normal loss over a tile; adds the gradients of its normals, and leaves those of its neighbours' depths.
+/// Sum of the normal loss over a tile; adds the gradients of its normals, and leaves those of its
+/// neighbours' depths.
 #[inline(always)]
 fn compare_tile<S: Simd>(
     simd: S,
@@ -121,8 +122,8 @@ fn centres<S: Simd>(simd: S, place: [usize; 2], row: usize) -> [Lanes<S>; 2] {
     [x, Lanes::splat(simd, (place[1] * SIZE + row) as f32 + 0.5)]
 }
 
-/// The pixels of a tile gather what their neighbours left for their depths, and pass it on to blended depth and
-/// coverage.
+/// The pixels of a tile gather what their neighbours left for their depths, and pass it on to
+/// blended depth and coverage.
 #[inline(always)]
 fn gather<S: Simd>(
     simd: S,
@@ -141,7 +142,8 @@ fn gather<S: Simd>(
     let [left, right, above, below] = &windows;
     let (coverage, depth) = (planes.plane(place, plane::COVERAGE), planes.plane(place, plane::DEPTH));
     for row in 0..SIZE {
-        // What a pixel left for its left neighbour lies one to the right of that neighbour, and so on.
+        // What a pixel left for its left neighbour lies one to the right of that neighbour, and so
+        // on.
         let grad_depth = (cross(simd, left, row).right + cross(simd, right, row).left)
             + (cross(simd, above, row).below + cross(simd, below, row).above);
         let (depth, coverage) = (Lanes::load(simd, &depth[row]), Lanes::load(simd, &coverage[row]));

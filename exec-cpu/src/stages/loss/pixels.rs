@@ -19,8 +19,8 @@ use specula_core::{
 };
 
 impl Comparison<'_> {
-    /// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes what windows will
-    /// look at as well.
+    /// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes
+    /// what windows will look at as well.
     pub(super) fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
         let cover = &self.frame.cover;
         let count = if self.weights.normal != 0.0 {
@@ -70,7 +70,8 @@ impl Comparison<'_> {
         [f64::from(sums[0].sum()), f64::from(sums[1].sum()), f64::from(sums[2].sum()), 0.0]
     }
 
-    /// Losses of a quad; returns what its planes hold, zero outside the picture and where nothing is known of it.
+    /// Losses of a quad; returns what its planes hold, zero outside the picture and where nothing
+    /// is known of it.
     #[inline(always)]
     fn quad_losses<S: Simd>(
         &self,
@@ -134,8 +135,8 @@ impl Comparison<'_> {
         pixels
     }
 
-    /// Gradient of the transmittance through the background. Windows of SSIM reach pixels of which nothing is known, but
-    /// these have no gradient.
+    /// Gradient of the transmittance through the background. Windows of SSIM reach pixels of which
+    /// nothing is known, but these have no gradient.
     pub(super) fn background_vjp(&self, grad: &mut [Quad]) {
         let channels = self.frame.channels;
         grad.par_chunks_mut(tile_len(channels)).enumerate().for_each(|(slot, tile)| {

@@ -1,4 +1,5 @@
-//! SSIM of two pictures and its gradient, a row of tiles at a time: windows down the columns first, then along the rows.
+//! SSIM of two pictures and its gradient, a row of tiles at a time: windows down the columns first,
+//! then along the rows.
 
 use super::comparison::{Comparison, FAR, add_to_row, plane};
 use crate::{
@@ -17,7 +18,8 @@ const ROWS: usize = SIZE + 2 * REACH;
 
 /// Mean SSIM; adds its gradient.
 ///
-/// Where both pictures show the background alone, SSIM is one and its gradient zero: such tiles are left out.
+/// Tiles in which both pictures show the background alone are left out: their SSIM is one and its
+/// gradient zero.
 pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
     let Comparison { context, frame, weights, .. } = comparison;
     let cover = &frame.cover;
@@ -62,8 +64,9 @@ fn window_lanes<S: Simd>(simd: S) -> Window<S> {
     lanes
 }
 
-/// Windows down the columns of a row of tiles, of the tile that is looked at and its neighbours. What is pushed now is
-/// read a tile later: by then it has reached the cache, where a vector may begin anywhere.
+/// Windows down the columns of a row of tiles, of the tile that is looked at and its
+/// neighbours. What is pushed now is read a tile later: by then it has reached the cache, where
+/// a vector may begin anywhere.
 struct Strip<const PLANES: usize> {
     rows: [[[f32; STRIP_TILES * SIZE]; SIZE]; PLANES],
     /// Tiles that it holds; the last but one is looked at.
@@ -115,8 +118,8 @@ impl<const PLANES: usize> Strip<PLANES> {
     }
 }
 
-/// Sum of SSIM of one colour over a row of tiles, and the gradients of E\[x\], E\[x²\] and E\[xy\] of every pixel, times a
-/// factor.
+/// Sum of SSIM of one colour over a row of tiles, and the gradients of E\[x\], E\[x²\] and E\[xy\]
+/// of every pixel, times a factor.
 #[inline(always)]
 fn compare_row<S: Simd>(
     simd: S,
