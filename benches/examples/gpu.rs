@@ -20,7 +20,7 @@ use specula_core::{
     state::SceneState,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::{Gpu, GpuError, GpuExecutor, GpuViewer, ceilings::Ceilings, viewer::Stored};
+use specula_gpu::{Ceilings, ChunkedArray, Gpu, GpuError, GpuExecutor, Light, Precision};
 use specula_train::evaluate::render_view;
 use std::time::Instant;
 
@@ -73,7 +73,7 @@ fn main() -> Result<(), GpuError> {
     let mut arguments = std::env::args().skip(1);
     let name = arguments.next().unwrap_or_default();
     let budget = arguments.next().and_then(|seconds| seconds.parse().ok()).unwrap_or(400.0);
-    let mut bench = Bench::new(GpuExecutor::new(Gpu::new(&name)?))?;
+    let mut bench = Bench::new(Gpu::new(&name)?)?;
     println!(
         "| profile | pixels | Gaussians | stored | picture, ms | as the CPU | MiB | step, ms | CPU's step, ms | MiB |"
     );
@@ -93,7 +93,7 @@ fn main() -> Result<(), GpuError> {
 
 /// A device, and what was found out about it.
 struct Bench {
-    viewer: GpuViewer,
+    gpu: Gpu,
     ceilings: Option<Ceilings>,
     /// The slowest picture and step of both executors so far, in seconds for each pixel and
     /// Gaussian.
@@ -103,18 +103,17 @@ struct Bench {
 
 impl Bench {
     /// Measures what the device could do at best.
-    fn new(mut exec: GpuExecutor) -> Result<Self, GpuError> {
-        let info = exec.gpu().info();
+    fn new(gpu: Gpu) -> Result<Self, GpuError> {
+        let info = gpu.info();
         println!("{} ({}, {} {})\n", info.name, info.backend, info.driver, info.driver_info);
-        let ceilings = exec.ceilings()?;
-        exec.forget_memory();
+        let ceilings = GpuExecutor::new(gpu.clone()).ceilings()?;
         match ceilings {
             Some(Ceilings { bytes, operations }) => {
                 println!("Copies {:.1} GB/s, multiplies and adds {:.0} GFLOP/s.\n", bytes * 1e-9, operations * 1e-9);
             }
             None => println!("Kernels cannot be timed here.\n"),
         }
-        Ok(Self { viewer: GpuViewer::new(exec, Storage::F32), ceilings, pace: 0.0, stages: Vec::new() })
+        Ok(Self { gpu, ceilings, pace: 0.0, stages: Vec::new() })
     }
 
     /// Prints the rows of a case, and remembers its stages.
@@ -132,14 +131,12 @@ impl Bench {
     }
 
     fn measure_pictures(&mut self, case: &Case, storage: Storage, like: &Reference) -> Result<Picture, GpuError> {
-        self.viewer.executor().forget_memory();
-        self.viewer.set_storage(storage);
-        let stand = Stand::new(&mut self.viewer, &like.scene)?;
-        let picture = stand.measure(&mut self.viewer, &like.image)?;
+        let mut viewer = GpuExecutor::viewer(self.gpu.clone(), storage);
+        let stand = Stand::new(&mut viewer, &like.scene)?;
+        let picture = stand.measure(&mut viewer, &like.image)?;
         let mut stamps = Stamps { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
-        if self.viewer.executor().watch_kernels(true) {
-            stand.measure_stages(&mut self.viewer, &mut stamps)?;
-            self.viewer.executor().watch_kernels(false);
+        if viewer.time_kernels(true) {
+            stand.measure_stages(&mut viewer, &mut stamps)?;
         }
         self.stages.push((*case, storage, stamps.times));
         Ok(picture)
@@ -148,18 +145,16 @@ impl Bench {
     /// Seconds of a step, and bytes of the device that it takes.
     fn measure_steps(&mut self, case: &Case, like: &Reference) -> Result<(f64, u64), GpuError> {
         let Case(profile, size, count) = *case;
-        let exec = self.viewer.executor();
-        exec.forget_memory();
+        let exec = &mut GpuExecutor::new(self.gpu.clone());
         let mut scene = Scene::new(exec, profile, size, count)?;
         let seconds = median(|| {
             scene.train(exec)?;
             exec.finish()
         })?;
-        let memory = exec.memory();
+        let memory = exec.memory_bytes();
         let mut stamps = Stamps { amounts: like.amounts, times: Vec::new() };
-        if exec.watch_kernels(true) {
+        if exec.time_kernels(true) {
             measure_step(exec, &mut scene, &mut stamps)?;
-            exec.watch_kernels(false);
         }
         self.stages.push((*case, Storage::F32, stamps.times));
         Ok((seconds, memory))
@@ -198,8 +193,8 @@ impl Reference {
 
 /// A scene that is only looked at.
 struct Stand<'a> {
-    cloud: Gaussians<Stored>,
-    sky: Option<Environment<Stored>>,
+    cloud: Gaussians<ChunkedArray>,
+    sky: Option<Environment<ChunkedArray>>,
     like: &'a Scene<CpuExecutor>,
 }
 
@@ -219,31 +214,31 @@ impl fmt::Display for Picture {
 }
 
 impl<'a> Stand<'a> {
-    fn new(viewer: &mut GpuViewer, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
+    fn new(viewer: &mut GpuExecutor<Storage>, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
         let sky = like.state.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
         Ok(Self { cloud: viewer.upload_gaussians(&like.state.gaussians)?, sky: sky.transpose()?, like })
     }
 
-    fn filtered(&self, viewer: &mut GpuViewer) -> Result<Option<specula_gpu::prefilter::Light>, GpuError> {
+    fn filtered(&self, viewer: &mut GpuExecutor<Storage>) -> Result<Option<Light>, GpuError> {
         let scheme = self.like.profile.scheme;
         self.sky.as_ref().map(|sky| viewer.prefilter(sky, scheme, LevelRange::ALL)).transpose()
     }
 
     /// A picture, light filtered first.
-    fn measure(&self, viewer: &mut GpuViewer, truth: &[f32]) -> Result<Picture, GpuError> {
+    fn measure(&self, viewer: &mut GpuExecutor<Storage>, truth: &[f32]) -> Result<Picture, GpuError> {
         let Scene { camera, rules, .. } = self.like;
         let seconds = median(|| {
             let light = self.filtered(viewer)?;
             render(viewer, &self.cloud, light.as_ref(), camera, rules)?;
-            viewer.executor().finish()
+            viewer.finish()
         })?;
-        let memory = viewer.executor().memory();
+        let memory = viewer.memory_bytes();
         let light = self.filtered(viewer)?;
         let image = render_view(viewer, &self.cloud, light.as_ref(), camera, rules)?;
         Ok(Picture { seconds, agreement: psnr(mean_squared_difference(&image.values, truth)), memory })
     }
 
-    fn measure_stages(&self, viewer: &mut GpuViewer, meter: &mut Stamps) -> Result<(), GpuError> {
+    fn measure_stages(&self, viewer: &mut GpuExecutor<Storage>, meter: &mut Stamps) -> Result<(), GpuError> {
         let light = self.filtered(viewer)?;
         let Scene { camera, rules, .. } = self.like;
         measure_picture(viewer, &View { cloud: &self.cloud, light: light.as_ref(), camera, rules }, meter)
@@ -265,37 +260,20 @@ struct Stamps {
     times: Vec<StageTime>,
 }
 
-/// An executor on a device.
-trait OnDevice: Renderer<Error = GpuError> {
-    fn device(&mut self) -> &mut GpuExecutor;
-}
-
-impl OnDevice for GpuExecutor {
-    fn device(&mut self) -> &mut GpuExecutor {
-        self
-    }
-}
-
-impl OnDevice for GpuViewer {
-    fn device(&mut self) -> &mut GpuExecutor {
-        self.executor()
-    }
-}
-
-impl<E: OnDevice> Meter<E> for Stamps {
+impl<P: Precision> Meter<GpuExecutor<P>> for Stamps {
     fn measure<I, O>(
         &mut self,
-        exec: &mut E,
+        exec: &mut GpuExecutor<P>,
         stage: Stage,
-        mut prepare: impl FnMut(&mut E) -> Result<I, GpuError>,
-        mut run: impl FnMut(&mut E, I) -> Result<O, GpuError>,
+        mut prepare: impl FnMut(&mut GpuExecutor<P>) -> Result<I, GpuError>,
+        mut run: impl FnMut(&mut GpuExecutor<P>, I) -> Result<O, GpuError>,
     ) -> Result<(), GpuError> {
         let mut fastest: Option<StageTime> = None;
         for _ in 0..STAGE_RUNS {
             let prepared = prepare(exec)?;
-            exec.device().kernel_times()?;
+            exec.kernel_times()?;
             run(exec, prepared)?;
-            let times = exec.device().kernel_times()?;
+            let times = exec.kernel_times()?;
             let seconds = times.iter().map(|(_, time)| time.seconds).sum();
             let slowest = times.iter().map(|(entry, time)| (*entry, time.seconds));
             let slowest = slowest.max_by(|(_, one), (_, other)| one.total_cmp(other)).unwrap_or(("", 0.0));

@@ -44,7 +44,7 @@ fn verdict(gpus: &[GpuReport]) -> String {
 
 #[cfg(feature = "gpu")]
 fn gpus() -> Vec<GpuReport> {
-    use specula_gpu::device::adapters;
+    use specula_gpu::adapters;
     use specula_scene::device::preferred_adapter;
     let adapters = adapters();
     let used = preferred_adapter(&adapters).map(|report| report.info.name.clone());

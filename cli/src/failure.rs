@@ -117,10 +117,11 @@ impl From<SceneError> for Failure {
     }
 }
 
-/// A sentence of a library that advises to use the CPU, with the option that does it.
+/// Adds the program's options to the advice of a library: fewer Gaussians, and the CPU.
 #[cfg(feature = "gpu")]
 fn with_option(sentence: &str) -> String {
-    if sentence.ends_with(" the CPU") { format!("{sentence} with --executor cpu") } else { sentence.to_owned() }
+    let sentence = sentence.replace("fewer Gaussians", "fewer Gaussians (--max-gaussians)");
+    if sentence.ends_with(" the CPU") { format!("{sentence} with --executor cpu") } else { sentence }
 }
 
 impl<E> From<TrainError<E>> for Failure

@@ -1,67 +1,178 @@
-//! The executor: core's contract, stage by stage.
+//! Executor: core's contract, stage by stage.
 
 use crate::{
-    bin::{Tiles, bin},
-    blend::{Frame, blend, read},
-    blend_vjp::{FrameGrad, SplatGrads, blend_vjp},
-    densify::{densify, limit_plane, observe},
-    device::{Gpu, GpuError},
-    expose::{expose, expose_vjp},
-    gaussians_vjp::{Way, gaussians_vjp},
-    loss::{Target, loss},
-    machine::Machine,
-    optimise::{optimise, optimise_environment},
-    pieces::Pieces,
-    pixel::{shade_pixels, shade_pixels_vjp},
-    prefilter::{Light, LightGrad, Weights, prefilter, prefilter_vjp},
-    project::{Splats, project},
-    shade::{Colors, shade},
+    device::{
+        ceilings::{self, Ceilings},
+        chunks::ChunkedArray,
+        context::Context,
+        error::GpuError,
+        gpu::Gpu,
+        memory::Array,
+        timer::{KernelTime, KernelTimer},
+    },
+    stages::{
+        bin::{Tiles, bin},
+        blend::{blend, read},
+        blend_vjp::{ReplayDivision, SplatGrads, blend_vjp},
+        densify::densify,
+        expose::expose,
+        expose_vjp::{ExposureSums, expose_vjp},
+        frame::{Frame, FrameGrad},
+        gaussians_vjp::{BackwardInputs, gaussians_vjp},
+        light::LightGrad,
+        limit_plane::limit_plane,
+        loss::{Losses, Target, loss},
+        observe::observe,
+        optimise::{optimise, optimise_environment},
+        prefilter::{Light, Weights, prefilter},
+        prefilter_vjp::prefilter_vjp,
+        project::{Splats, project},
+        shade::{Colors, shade},
+        shade_pixels::shade_pixels,
+        shade_pixels_vjp::shade_pixels_vjp,
+        step_counters::{Capacity, StepCounters, StepCounts},
+    },
 };
+use core::{fmt::Debug, mem, ops::Range};
 use specula_core::{
     camera::Camera,
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
     expose::Exposure,
-    loss::LossWeights,
-    pack::Storage,
+    loss::{LossReport, LossWeights},
+    pack::{Storage, pack, unpack},
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
-    scene::{Environment, Gaussians},
+    scene::{BLOCK, Environment, Gaussians},
     state::{AdamMoments, Statistics},
 };
 use std::sync::Arc;
 
+/// Storage format of an executor's Gaussians and filtered lights.
+pub trait Precision: Debug {
+    /// The format.
+    fn storage(&self) -> Storage;
+}
+
+/// 32 bits, as training needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Full;
+
+impl Precision for Full {
+    fn storage(&self) -> Storage {
+        Storage::F32
+    }
+}
+
+/// A format chosen at run time, for rendering alone.
+impl Precision for Storage {
+    fn storage(&self) -> Storage {
+        *self
+    }
+}
+
 /// Runs the stages on a device of wgpu.
+///
+/// The parameter is the storage format. With [`Full`] precision it is an [`Executor`], which renders and trains; with
+/// a [`Storage`] chosen at run time it is a [`Renderer`], which may store Gaussians and lights as halves.
 #[derive(Debug)]
-pub struct GpuExecutor {
-    pub(crate) machine: Machine,
-    /// The prefilter's weights of the last scheme, resolution and levels.
+pub struct GpuExecutor<P = Full> {
+    pub(crate) context: Context,
+    precision: P,
+    /// Weights of the last prefilter.
     weights: Option<Arc<Weights>>,
+    /// Counters of the current training step.
+    pub(crate) counters: StepCounters,
+    /// Capacity of training steps, once the first has counted its pairs.
+    pub(crate) capacity: Option<Capacity>,
+    pub(crate) replay: ReplayDivision,
+    /// Losses of the current training step.
+    losses: Option<Losses>,
+    /// Gradient of the exposure in the current training step.
+    exposure_sums: Option<ExposureSums>,
 }
 
 impl GpuExecutor {
-    /// An executor on this device.
+    /// An executor with full precision.
     pub fn new(gpu: Gpu) -> Self {
-        Self { machine: Machine::new(gpu), weights: None }
+        Self::with_precision(gpu, Full)
+    }
+}
+
+impl GpuExecutor<Storage> {
+    /// A renderer that stores Gaussians and filtered lights in a format.
+    pub fn viewer(gpu: Gpu, storage: Storage) -> Self {
+        Self::with_precision(gpu, storage)
+    }
+
+    /// Sets the format of Gaussians and lights that are stored from now on.
+    pub fn set_storage(&mut self, storage: Storage) {
+        self.precision = storage;
+    }
+}
+
+impl<P> GpuExecutor<P> {
+    fn with_precision(gpu: Gpu, precision: P) -> Self {
+        let replay = ReplayDivision::new(&gpu);
+        let context = Context::new(gpu);
+        let counters = StepCounters::new(&context);
+        Self { context, precision, weights: None, counters, capacity: None, replay, losses: None, exposure_sums: None }
     }
 
     /// The device.
     pub fn gpu(&self) -> &Gpu {
-        &self.machine.gpu
+        &self.context.gpu
     }
 
-    /// Bytes of the device that arrays take, those included that are kept to be used again.
-    pub fn memory(&self) -> u64 {
-        self.machine.memory()
+    /// Bytes of device memory in use, including buffers kept for reuse.
+    pub fn memory_bytes(&self) -> u64 {
+        self.context.memory_bytes()
     }
 
-    /// Gives back memory that no array uses.
-    pub fn forget_memory(&mut self) {
-        self.machine.forget_memory();
+    /// Frees device memory that no array uses.
+    pub fn free_unused_memory(&mut self) {
+        self.context.free_unused_memory();
     }
 
-    pub(crate) fn weights(&mut self, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Weights>, GpuError> {
+    /// Submits the recorded commands and blocks until the device is done.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub fn finish(&mut self) -> Result<(), GpuError> {
+        self.context.finish()
+    }
+
+    /// Starts or ends the timing of kernels; returns whether the device supports it. Each timed submission blocks until
+    /// it is done, so whole stages are slower.
+    pub fn time_kernels(&mut self, is_timed: bool) -> bool {
+        let timer = if is_timed { KernelTimer::new(&self.context.gpu) } else { None };
+        let is_possible = timer.is_some() || !is_timed;
+        self.context.recorder.timer = timer;
+        is_possible
+    }
+
+    /// Durations of kernels by name, since their timing started or since the last call.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub fn kernel_times(&mut self) -> Result<Vec<(&'static str, KernelTime)>, GpuError> {
+        self.context.kernel_times()
+    }
+
+    /// Measures the peak rates of the device; `None` where kernels cannot be timed. Discards the durations of kernels so
+    /// far, and ends their timing.
+    ///
+    /// # Errors
+    ///
+    /// Errors of allocation and of the device.
+    pub fn ceilings(&mut self) -> Result<Option<Ceilings>, GpuError> {
+        ceilings::measure(&mut self.context)
+    }
+
+    fn weights(&mut self, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Weights>, GpuError> {
         let (scheme, resolution, _) = key;
         let least = scheme.resolution_min();
         if resolution < least || !resolution.is_power_of_two() {
@@ -70,16 +181,26 @@ impl GpuExecutor {
         match &self.weights {
             Some(weights) if weights.key == key => Ok(weights.clone()),
             _ => {
-                let weights = Weights::new(&mut self.machine, key)?;
+                let weights = Weights::new(&mut self.context, key)?;
                 self.weights = Some(weights.clone());
                 Ok(weights)
             }
         }
     }
+
+    /// Packs Gaussians as halves on the host, so that all devices store the same bits.
+    fn upload_packed<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<ChunkedArray, GpuError> {
+        let (count, words_each) = (gaussians.count, Storage::F16.words(gaussians.layout));
+        let mut words = vec![0; count.next_multiple_of(BLOCK) * words_each];
+        pack(gaussians, &mut words);
+        let chunking = self.context.chunking(words_each);
+        let chunked = self.context.upload_chunks("Gaussians", &words, count, chunking)?;
+        Ok(chunked.packed_from(gaussians.layout))
+    }
 }
 
-impl Renderer for GpuExecutor {
-    type Array = Pieces;
+impl<P: Precision> Renderer for GpuExecutor<P> {
+    type Array = ChunkedArray;
     type Light = Light;
     type Splats = Splats;
     type Colors = Colors;
@@ -87,62 +208,76 @@ impl Renderer for GpuExecutor {
     type Frame = Frame;
     type Error = GpuError;
 
-    fn upload(&mut self, values: &[f32]) -> Result<Pieces, GpuError> {
-        self.machine.upload("numbers", values).map(Pieces::from)
+    fn upload(&mut self, values: &[f32]) -> Result<ChunkedArray, GpuError> {
+        self.context.upload("numbers", values).map(ChunkedArray::from)
     }
 
-    fn upload_gaussians<A: AsRef<[f32]>>(&mut self, gaussians: &Gaussians<A>) -> Result<Gaussians<Pieces>, GpuError> {
-        let division = self.machine.division(gaussians.layout.plane_count());
-        let values = gaussians.values.as_ref();
-        Ok(gaussians.with_values(self.machine.upload_pieces("Gaussians", values, gaussians.count, division)?))
+    fn upload_gaussians<A: AsRef<[f32]>>(
+        &mut self,
+        gaussians: &Gaussians<A>,
+    ) -> Result<Gaussians<ChunkedArray>, GpuError> {
+        let chunked = match self.precision.storage() {
+            Storage::F32 => {
+                let chunking = self.context.chunking(gaussians.layout.plane_count());
+                self.context.upload_chunks("Gaussians", gaussians.values.as_ref(), gaussians.count, chunking)?
+            }
+            Storage::F16 => self.upload_packed(gaussians)?,
+        };
+        Ok(gaussians.with_values(chunked))
     }
 
-    fn download(&mut self, array: &Pieces, values: &mut [f32]) -> Result<(), GpuError> {
-        BufferLength::check(array.len(), values).map_err(GpuError::BufferLength)?;
-        self.machine.download_pieces(array, values)
+    fn download(&mut self, array: &ChunkedArray, values: &mut [f32]) -> Result<(), GpuError> {
+        let Some(layout) = array.packed_layout() else {
+            BufferLength::check(array.len(), values).map_err(GpuError::BufferLength)?;
+            return self.context.download_chunks(array, values);
+        };
+        let mut words = vec![0; array.len()];
+        self.context.download_chunks(array, &mut words)?;
+        unpack(&words, layout, values);
+        Ok(())
     }
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
         BufferLength::check(frame.len_of_values(), values).map_err(GpuError::BufferLength)?;
-        read(&mut self.machine, frame, values)
+        read(&mut self.context, frame, values)
     }
 
     fn prefilter(
         &mut self,
-        environment: &Environment<Pieces>,
+        environment: &Environment<ChunkedArray>,
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
         let weights = self.weights((scheme, environment.resolution, levels))?;
-        prefilter(&mut self.machine, &weights, &environment.with_values(environment.values.whole()), Storage::F32)
+        let environment = environment.with_values(environment.values.whole());
+        prefilter(&mut self.context, &weights, &environment, self.precision.storage())
     }
 
-    fn project(&mut self, gaussians: &Gaussians<Pieces>, camera: &Camera) -> Result<Splats, GpuError> {
-        project(&mut self.machine, &gaussians.with_values(&gaussians.values), Storage::F32, camera)
+    fn project(&mut self, gaussians: &Gaussians<ChunkedArray>, camera: &Camera) -> Result<Splats, GpuError> {
+        project(&mut self.context, gaussians, camera)
     }
 
     fn shade(
         &mut self,
-        gaussians: &Gaussians<Pieces>,
+        gaussians: &Gaussians<ChunkedArray>,
         camera: &Camera,
         splats: &mut Splats,
         light: Option<&Light>,
         rules: &RenderRules,
     ) -> Result<Colors, GpuError> {
-        let gaussians = gaussians.with_values(&gaussians.values);
-        shade(&mut self.machine, &gaussians, Storage::F32, camera, splats, light, rules)
+        shade(&mut self.context, gaussians, camera, splats, light, rules)
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
-        bin(&mut self.machine, splats, camera, None)
+        bin(&mut self.context, &self.counters, splats, camera, None)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {
-        blend(&mut self.machine, splats, colors, tiles, camera)
+        blend(&mut self.context, splats, colors, tiles, camera)
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, GpuError> {
-        shade_pixels(&mut self.machine, surface, light, camera)
+        shade_pixels(&mut self.context, surface, light, camera)
     }
 }
 
@@ -153,12 +288,11 @@ impl Executor for GpuExecutor {
     type Target = Target;
 
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, GpuError> {
-        Target::new(&mut self.machine, [width, height], rgba)
+        Target::new(&mut self.context, [width, height], rgba)
     }
 
     fn bin_for_step(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
-        let room = self.machine.room;
-        bin(&mut self.machine, splats, camera, room)
+        bin(&mut self.context, &self.counters, splats, camera, self.capacity)
     }
 
     fn loss(
@@ -169,15 +303,19 @@ impl Executor for GpuExecutor {
         weights: &LossWeights,
         background: [f32; 3],
     ) -> Result<FrameGrad, GpuError> {
-        loss(&mut self.machine, frame, target, camera, weights, background)
+        let (grad, losses) = loss(&mut self.context, frame, target, camera, weights, background)?;
+        self.losses = Some(losses);
+        Ok(grad)
     }
 
     fn expose(&mut self, frame: Frame, exposure: &Exposure<f32>) -> Result<Frame, GpuError> {
-        expose(&mut self.machine, frame, exposure)
+        expose(&mut self.context, frame, exposure)
     }
 
     fn expose_vjp(&mut self, frame: &Frame, exposure: &Exposure<f32>, grad: FrameGrad) -> Result<FrameGrad, GpuError> {
-        expose_vjp(&mut self.machine, frame, exposure, grad)
+        let (grad, sums) = expose_vjp(&mut self.context, frame, exposure, grad)?;
+        self.exposure_sums = Some(sums);
+        Ok(grad)
     }
 
     fn shade_pixels_vjp(
@@ -187,7 +325,7 @@ impl Executor for GpuExecutor {
         camera: &Camera,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
-        shade_pixels_vjp(&mut self.machine, surface, light, camera, grad)
+        shade_pixels_vjp(&mut self.context, surface, light, camera, grad)
     }
 
     fn blend_vjp(
@@ -199,90 +337,112 @@ impl Executor for GpuExecutor {
         grad: &FrameGrad,
         camera: &Camera,
     ) -> Result<SplatGrads, GpuError> {
-        blend_vjp(&mut self.machine, splats, colors, tiles, frame, grad, camera)
+        blend_vjp(&mut self.context, self.replay, splats, colors, tiles, frame, grad, camera)
     }
 
     fn gaussians_vjp(
         &mut self,
-        gaussians: &Gaussians<Pieces>,
+        gaussians: &Gaussians<ChunkedArray>,
         camera: &Camera,
         _splats: &Splats,
         light: Option<&Light>,
         rules: &RenderRules,
         weights: &LossWeights,
         grads: &SplatGrads,
-    ) -> Result<(Gaussians<Pieces>, Option<LightGrad>), GpuError> {
-        let way = Way { light, rules, weights, grads };
-        gaussians_vjp(&mut self.machine, gaussians, camera, &way)
+    ) -> Result<(Gaussians<ChunkedArray>, Option<LightGrad>), GpuError> {
+        let inputs = BackwardInputs { light, rules, weights, grads };
+        gaussians_vjp(&mut self.context, gaussians, camera, &inputs)
     }
 
     fn prefilter_vjp(
         &mut self,
-        environment: &Environment<Pieces>,
+        environment: &Environment<ChunkedArray>,
         light: &Light,
         grad: &LightGrad,
-    ) -> Result<Pieces, GpuError> {
+    ) -> Result<ChunkedArray, GpuError> {
         let environment = environment.with_values(environment.values.whole());
-        prefilter_vjp(&mut self.machine, &environment, light, grad).map(Pieces::from)
+        prefilter_vjp(&mut self.context, &environment, light, grad).map(ChunkedArray::from)
     }
 
     fn optimise(
         &mut self,
-        gaussians: &mut Gaussians<Pieces>,
-        moments: &mut AdamMoments<Pieces>,
-        grad: Gaussians<Pieces>,
+        gaussians: &mut Gaussians<ChunkedArray>,
+        moments: &mut AdamMoments<ChunkedArray>,
+        grad: Gaussians<ChunkedArray>,
         rates: &[f32],
         step: u32,
     ) -> Result<(), GpuError> {
-        optimise(&mut self.machine, gaussians, moments, &grad, rates, step)
+        optimise(&mut self.context, &self.counters, gaussians, moments, &grad, rates, step)
     }
 
     fn optimise_environment(
         &mut self,
-        environment: &mut Environment<Pieces>,
-        moments: &mut AdamMoments<Pieces>,
-        grad: Pieces,
+        environment: &mut Environment<ChunkedArray>,
+        moments: &mut AdamMoments<ChunkedArray>,
+        grad: ChunkedArray,
         rate: f32,
         radiance_max: f32,
         step: u32,
     ) -> Result<(), GpuError> {
-        optimise_environment(&mut self.machine, environment, moments, &grad, rate, radiance_max, step)
+        let Self { context, counters, .. } = self;
+        optimise_environment(context, counters, environment, moments, &grad, rate, radiance_max, step)
     }
 
+    /// Downloads the counters, the losses and the gradient of the exposure with one wait for the device.
     fn report(&mut self) -> Result<Option<StepReport>, GpuError> {
-        self.machine.report()
+        let (losses, exposure_sums) = (mem::take(&mut self.losses), mem::take(&mut self.exposure_sums));
+        let arrays = [
+            Some(self.counters.array()),
+            losses.as_ref().map(Losses::sums),
+            exposure_sums.as_ref().map(ExposureSums::array),
+        ];
+        let parts: Vec<(&Array, Range<usize>)> =
+            arrays.into_iter().flatten().map(|array| (array, 0..array.len())).collect();
+        let (mut counts, mut loss, mut exposure) = (StepCounts::default(), LossReport::default(), None);
+        self.context.read(&parts, |bytes| {
+            let (of_counters, sums) = bytes.split_at(4 * self.counters.array().len());
+            let (of_loss, of_exposure) = sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
+            let numbers = bytemuck::pod_collect_to_vec::<u8, f32>;
+            counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(of_counters));
+            loss = losses.as_ref().map_or(loss, |losses| losses.report(&numbers(of_loss)));
+            exposure = exposure_sums.as_ref().map(|_| ExposureSums::total(&numbers(of_exposure)));
+        })?;
+        self.counters.reset_step(&mut self.context);
+        let gpu = &self.context.gpu;
+        self.capacity = Some(counts.required(gpu)?.grown(self.capacity, gpu));
+        Ok((!counts.exceeds_capacity).then_some(StepReport { loss, nonfinite: counts.nonfinite, exposure }))
     }
 
     fn observe(
         &mut self,
-        statistics: &mut Statistics<Pieces>,
+        statistics: &mut Statistics<ChunkedArray>,
         splats: &Splats,
         grads: &SplatGrads,
         camera: &Camera,
     ) -> Result<(), GpuError> {
-        observe(&mut self.machine, statistics, splats, grads, camera)
+        observe(&mut self.context, &self.counters, statistics, splats, grads, camera)
     }
 
     fn densify(
         &mut self,
-        gaussians: &mut Gaussians<Pieces>,
-        moments: &mut AdamMoments<Pieces>,
-        statistics: &mut Statistics<Pieces>,
+        gaussians: &mut Gaussians<ChunkedArray>,
+        moments: &mut AdamMoments<ChunkedArray>,
+        statistics: &mut Statistics<ChunkedArray>,
         rules: &DensifyRules,
         count_max: usize,
         key: RandomKey,
     ) -> Result<DensifyReport, GpuError> {
-        densify(&mut self.machine, gaussians, moments, statistics, rules, count_max, key)
+        densify(&mut self.context, &self.counters, gaussians, moments, statistics, rules, count_max, key)
     }
 
     fn limit_plane(
         &mut self,
-        gaussians: &mut Gaussians<Pieces>,
-        moments: &mut AdamMoments<Pieces>,
+        gaussians: &mut Gaussians<ChunkedArray>,
+        moments: &mut AdamMoments<ChunkedArray>,
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,
     ) -> Result<(), GpuError> {
-        limit_plane(&mut self.machine, gaussians, moments, plane, ceiling, outside)
+        limit_plane(&mut self.context, gaussians, moments, plane, ceiling, outside)
     }
 }

@@ -1,43 +1,49 @@
 //! specula's stages on wgpu: any GPU, or a software driver.
 //!
-//! Formulas are not written twice: [`trace`] evaluates core's own with a number that writes itself down, and
-//! [`formula`] makes functions of WGSL from the record. The files in `shaders/` schedule them: which invocation does
-//! what, and what is read and written. Nothing but the limits and features of WebGPU is asked of an adapter.
+//! * `device`: adapters, memory, compilation and recording of kernels;
+//! * `codegen`: WGSL functions from core's formulas, which are traced with a number that records its operations;
+//! * `stages`: for each stage of the pipeline its dispatches, formulas and kernels. Kernels only schedule formulas:
+//!   they assign work to invocations, load and store;
+//! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's render pass.
+//!
+//! Adapters need nothing beyond WebGPU's limits and features.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(feature = "testing"),
+    expect(unreachable_pub, reason = "formulas are public for tests, which compare them with the host")
+)]
 
-pub mod bin;
-pub mod blend;
-pub mod blend_vjp;
-pub mod ceilings;
-pub mod compose;
-mod densify;
-pub mod device;
-pub mod executor;
-mod expose;
-pub mod formula;
-pub mod formulas;
-mod gaussians_vjp;
-mod kernel;
-mod ledger;
-mod light_sums;
-pub mod loss;
-mod machine;
-pub mod memory;
-mod optimise;
-pub mod pieces;
-mod pixel;
-pub mod prefilter;
-mod probe;
-pub mod project;
-pub mod shade;
-mod sort;
-mod source;
-pub mod stopwatch;
-pub mod trace;
-mod view;
-pub mod viewer;
+#[cfg(feature = "testing")]
+pub mod codegen;
+#[cfg(not(feature = "testing"))]
+mod codegen;
+mod compose;
+mod device;
+mod executor;
+#[cfg(feature = "testing")]
+pub mod stages;
+#[cfg(not(feature = "testing"))]
+mod stages;
+#[cfg(feature = "testing")]
+mod testing;
 
 pub use compose::Composer;
-pub use device::{Gpu, GpuError};
-pub use executor::GpuExecutor;
-pub use viewer::GpuViewer;
+pub use device::{
+    adapter::{AdapterReport, adapters},
+    ceilings::Ceilings,
+    chunks::ChunkedArray,
+    error::GpuError,
+    gpu::Gpu,
+    timer::KernelTime,
+};
+pub use executor::{Full, GpuExecutor, Precision};
+pub use stages::{
+    bin::Tiles,
+    blend_vjp::SplatGrads,
+    frame::{Frame, FrameGrad},
+    light::LightGrad,
+    loss::Target,
+    prefilter::Light,
+    project::Splats,
+    shade::Colors,
+};

@@ -4,10 +4,7 @@ use crate::SceneError;
 use core::{fmt, str::FromStr};
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 #[cfg(feature = "gpu")]
-use specula_gpu::{
-    Gpu,
-    device::{AdapterReport, adapters},
-};
+use specula_gpu::{AdapterReport, Gpu, adapters};
 
 /// Executor that is asked for: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -18,7 +18,7 @@ use specula_core::{
 };
 use specula_cpu::{CpuViewer, stages::prefilter::Light};
 #[cfg(feature = "gpu")]
-use specula_gpu::{GpuExecutor, GpuViewer};
+use specula_gpu::GpuExecutor;
 use specula_io::picture::{self, RgbImage};
 use specula_train::{
     evaluate::{over_background, render_view, rules_to_measure},
@@ -123,7 +123,7 @@ fn upload(
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
-            let exec = GpuViewer::new(GpuExecutor::new(*gpu), storage);
+            let exec = GpuExecutor::viewer(*gpu, storage);
             Box::new(Uploaded::new(exec, gaussians, |light, _| light, storage)?)
         }
     })

@@ -14,9 +14,9 @@ pub fn executor_with_arrays_of(bytes: u64) -> Option<GpuExecutor> {
     device().map(|gpu| GpuExecutor::new(gpu.limited(bytes)))
 }
 
-/// An executor that divides Gaussians into pieces of so many bytes.
-pub fn executor_in_pieces_of(bytes: u64) -> Option<GpuExecutor> {
-    device().map(|gpu| GpuExecutor::new(gpu.in_pieces(bytes)))
+/// An executor that divides Gaussians into chunks of so many bytes.
+pub fn executor_in_chunks_of(bytes: u64) -> Option<GpuExecutor> {
+    device().map(|gpu| GpuExecutor::new(gpu.with_chunks_of(bytes)))
 }
 
 /// An executor on a device of its own, which may be ended.

@@ -4,7 +4,7 @@ use crate::strategies::random_cloud;
 use specula_core::{camera::Camera, double::Double, random, real::Real, scene::Layout};
 use specula_gpu::{
     GpuExecutor,
-    formula::{Formula, Inputs},
+    codegen::formula::{Formula, Inputs},
 };
 pub use specula_oracle::scenes::camera;
 
@@ -90,6 +90,21 @@ pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) 
     let excess = excess(&device, &host, &exact);
     println!("{}: {excess:.2} of what is allowed", formula.name());
     assert!(excess <= 1.0, "{} is {excess} times as far off as allowed", formula.name());
+}
+
+/// Each formula of some sources of the GPU executor has a case in the source of a test; at least
+/// `count_min` formulas are found.
+#[track_caller]
+pub fn assert_every_formula_has_a_case(formulas: &[&str], cases: &str, count_min: usize) {
+    let cases: String = cases.split_whitespace().collect();
+    let formulas = formulas.concat();
+    let of_macros = formulas.split("formula!(").skip(1);
+    let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
+    let names = of_macros.chain(of_impls).filter_map(|rest| rest.split([',', ' ', '<']).next());
+    let count = names.inspect(|name| {
+        assert!(cases.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
+    });
+    assert!(count.count() >= count_min, "formulas are found by how they are written");
 }
 
 #[cfg(test)]

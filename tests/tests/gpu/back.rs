@@ -17,20 +17,22 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    GpuExecutor,
-    blend_vjp::{ReplayParts, SplatGrads},
-    formulas::{
-        ShadingOf,
-        blend::PixelBlock,
-        blend_vjp::{MomentsVjp, ReplaySplat, ReplayStart},
-        gaussians_vjp::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
-        optimise::AdamStep,
+    FrameGrad, GpuExecutor, SplatGrads,
+    stages::{
+        blend::formulas::PixelBlock,
+        blend_vjp::{
+            ReplayDivision,
+            formulas::{MomentsVjp, ReplaySplat, ReplayStart},
+        },
+        gaussians_vjp::formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
+        optimise::formulas::AdamStep,
+        shade::formulas::ShadingOf,
     },
 };
 use specula_tests::{
     compare::{ROUNDING_F32, relative_difference},
     device::executor,
-    formulas::{ROWS, assert_same, camera, gaussian_rows, side_by_side, uniform_rows},
+    formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, side_by_side, uniform_rows},
     plain::{self, lift, lift_gaussians},
     strategies::{random_cloud, random_environment},
 };
@@ -116,19 +118,12 @@ fn every_shading() -> Vec<(ShadingOf, usize)> {
 
 #[test]
 fn no_formula_is_left_out() {
-    let own: String = include_str!("back.rs").split_whitespace().collect();
     let formulas = [
-        include_str!("../../../exec-gpu/src/formulas/blend_vjp.rs"),
-        include_str!("../../../exec-gpu/src/formulas/gaussians_vjp.rs"),
-        include_str!("../../../exec-gpu/src/formulas/optimise.rs"),
+        include_str!("../../../exec-gpu/src/stages/blend_vjp/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/gaussians_vjp/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/optimise/formulas.rs"),
     ];
-    for formulas in formulas {
-        let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
-        let count = names.inspect(|name| {
-            assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
-        });
-        assert!(count.count() > 0, "formulas are found by how they are written");
-    }
+    assert_every_formula_has_a_case(&formulas, include_str!("back.rs"), 8);
 }
 
 /// A scene and the gradient of its picture.
@@ -240,7 +235,7 @@ impl Back for CpuExecutor {
 impl Back for GpuExecutor {
     fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad {
         let values = self.upload(&scene.frame_grad).expect("numbers fit");
-        specula_gpu::blend_vjp::FrameGrad::new(frame.size(), scene.channels(), values)
+        FrameGrad::new(frame.size(), scene.channels(), values)
     }
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads {
         SplatGrads::new(scene.channels(), self.upload(values).expect("numbers fit"))
@@ -379,7 +374,7 @@ fn many_channels_and_deep_tiles_go_back_as_on_the_cpu_however_they_are_divided()
         let theirs = wide(&scene.splat_grads(&mut cpu));
         for [width, height] in [[2, 2], [4, 2], [4, 4]] {
             let block = PixelBlock { width, height };
-            gpu.set_replay_parts(ReplayParts { block, ..gpu.replay_parts() });
+            gpu.set_replay_division(ReplayDivision { block, ..gpu.replay_division() });
             let ours = scene.splat_grads(&mut gpu);
             let apart = difference(&ours, &theirs, scene.cloud.count, &splat_kinds(scene.channels()));
             println!("{} channels, {block:?}: {apart:.1e} apart", scene.channels());
@@ -395,13 +390,13 @@ fn gradients_of_splats_are_the_same_bits_in_however_many_turns_and_on_every_exec
         Scene::new(500, Layout::shaded(Some(1)), rules(ShadingRules::DEFERRED, Channels::Training), [70, 45], 9);
     let first = scene.splat_grads(&mut gpu);
     assert!(scene.splat_grads(&mut gpu) == first, "memory that was used before changes nothing");
-    let parts = gpu.replay_parts();
+    let parts = gpu.replay_division();
     for slots_max in [1000, 97, 1 << 30] {
-        gpu.set_replay_parts(ReplayParts { slots_max, ..parts });
+        gpu.set_replay_division(ReplayDivision { slots_max, ..parts });
         assert!(scene.splat_grads(&mut gpu) == first, "{slots_max} slots at once change nothing");
     }
     let mut another = executor().expect("there was one before");
-    another.set_replay_parts(ReplayParts { slots_max: 300, ..parts });
+    another.set_replay_division(ReplayDivision { slots_max: 300, ..parts });
     assert!(scene.splat_grads(&mut another) == first, "a new executor computes the same");
 }
 

@@ -15,14 +15,16 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    GpuExecutor,
-    blend_vjp::SplatGrads,
-    formulas::densify::{CellAt, GradLength, MeasuresOf, PartOf},
+    GpuExecutor, SplatGrads,
+    stages::{
+        densify::formulas::{CellAt, MeasuresOf, PartOf},
+        observe::formulas::GradLength,
+    },
 };
 use specula_tests::{
     compare::ROUNDING_F32,
-    device::{executor, executor_in_pieces_of},
-    formulas::{ROWS, assert_same, camera, side_by_side, uniform_rows},
+    device::{executor, executor_in_chunks_of},
+    formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, side_by_side, uniform_rows},
     strategies::random_cloud,
 };
 
@@ -48,13 +50,11 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_is_left_out() {
-    let formulas = include_str!("../../../exec-gpu/src/formulas/densify.rs");
-    let own: String = include_str!("densify.rs").split_whitespace().collect();
-    let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
-    let count = names.inspect(|name| {
-        assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
-    });
-    assert!(count.count() > 3, "formulas are found by how they are written");
+    let formulas = [
+        include_str!("../../../exec-gpu/src/stages/densify/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/observe/formulas.rs"),
+    ];
+    assert_every_formula_has_a_case(&formulas, include_str!("densify.rs"), 4);
 }
 
 const KEY: RandomKey = RandomKey { seed: 9, stream: 4 };
@@ -324,11 +324,11 @@ fn densification_is_the_same_to_the_last_bit_in_pieces() {
     const COUNT: usize = 1000;
     let (layout, again) = (Layout::shaded(Some(0)), DensifyRules { grad_min: 0.0, ..RULES });
     let bytes = 4 * layout.plane_count() * 224;
-    let (Some(mut whole), Some(mut divided)) = (executor(), executor_in_pieces_of(bytes as u64)) else { return };
+    let (Some(mut whole), Some(mut divided)) = (executor(), executor_in_chunks_of(bytes as u64)) else { return };
     for (seed, (name, rules, count_max)) in (0..).zip(cases(COUNT)) {
         let densified = |gpu: &mut GpuExecutor| {
             let mut scene = HostScene::new(COUNT, layout, seed).poisoned().upload(gpu);
-            let pieces = scene.gaussians.values.piece_count();
+            let pieces = scene.gaussians.values.chunk_count();
             // Once more, so that pieces are taken as densification made them.
             let reports = [scene.densify(gpu, &rules, count_max), scene.densify(gpu, &again, 1500)];
             gpu.limit_plane(&mut scene.gaussians, &mut scene.moments, OPACITY, -1.0, None).expect("it limits");

@@ -16,16 +16,17 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor,
-    formulas::{
-        SurfaceOfPixel,
-        light::{ColorOfPixelVjp, DirectionVjp, RoughnessVjp, SurfaceOfPixelVjp, TexelShares, TexelsMean, TexelsVjp},
+    stages::{
+        light::formulas::{DirectionVjp, RoughnessVjp, TexelShares, TexelsMean, TexelsVjp},
+        shade_pixels::formulas::SurfaceOfPixel,
+        shade_pixels_vjp::formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp},
     },
 };
 use specula_tests::{
     compare::{assert_all_close, assert_close},
     derivative::pull_back,
     device::{executor, executor_with_arrays_of},
-    formulas::{ROWS, assert_same, camera, numbers_of, side_by_side, uniform_rows},
+    formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
     number::{Number, vector},
     plain,
     strategies::{random_cloud, random_environment},
@@ -79,13 +80,13 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_is_left_out() {
-    let formulas = include_str!("../../../exec-gpu/src/formulas/light.rs");
-    let own: String = include_str!("light.rs").split_whitespace().collect();
-    let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
-    let count = names.inspect(|name| {
-        assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
-    });
-    assert!(count.count() > 5, "formulas are found by how they are written");
+    let formulas = [
+        include_str!("../../../exec-gpu/src/stages/light/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/shade_pixels_vjp/formulas.rs"),
+    ];
+    // The lookup itself has its cases beside those of the other stages.
+    let cases = [include_str!("light.rs"), include_str!("stages.rs")].concat();
+    assert_every_formula_has_a_case(&formulas, &cases, 9);
 }
 
 /// Colours to add to a few texels: of either sign and of any size.

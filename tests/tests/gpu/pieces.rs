@@ -9,7 +9,7 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::{GpuError, GpuExecutor};
 use specula_tests::{
     compare::{assert_psnr, psnr},
-    device::{executor, executor_in_pieces_of, executor_with_arrays_of},
+    device::{executor, executor_in_chunks_of, executor_with_arrays_of},
     formulas::camera,
     strategies::{random_cloud, random_environment},
     stress::{Case, LAYOUT, results::Results},
@@ -51,12 +51,12 @@ fn difference(one: &Results, other: &Results) -> Option<&'static str> {
 }
 
 fn piece_count(gpu: &mut GpuExecutor, case: &Case) -> usize {
-    gpu.upload_gaussians(&case.cloud).expect("numbers fit").values.piece_count()
+    gpu.upload_gaussians(&case.cloud).expect("numbers fit").values.chunk_count()
 }
 
 #[test]
 fn pictures_and_gradients_are_the_same_to_the_last_bit_in_pieces() {
-    let (Some(mut whole), Some(mut divided)) = (executor(), executor_in_pieces_of(PIECE_BYTES)) else { return };
+    let (Some(mut whole), Some(mut divided)) = (executor(), executor_in_chunks_of(PIECE_BYTES)) else { return };
     let case = case();
     assert_eq!([&mut whole, &mut divided].map(|gpu| piece_count(gpu, &case)), [1, PIECES]);
     for shading in [ShadingRules::PAPER, ShadingRules::DEFERRED] {
@@ -67,7 +67,7 @@ fn pictures_and_gradients_are_the_same_to_the_last_bit_in_pieces() {
 
 #[test]
 fn the_comparison_can_fail() {
-    let Some(mut gpu) = executor_in_pieces_of(PIECE_BYTES) else { return };
+    let Some(mut gpu) = executor_in_chunks_of(PIECE_BYTES) else { return };
     let expected = Results::new(&mut gpu, &case(), ShadingRules::PAPER);
     for gaussian in [0, COUNT - 1] {
         let mut case = case();
@@ -118,7 +118,7 @@ fn apart<'a>(expected: impl Iterator<Item = &'a f64> + Clone, actual: impl Itera
 #[test]
 #[ignore = "takes gigabytes"]
 fn a_scene_too_large_for_an_array_is_rendered_and_trained_as_on_the_processor() {
-    let Some(mut gpu) = executor_in_pieces_of(BINDING_BYTES) else { return };
+    let Some(mut gpu) = executor_in_chunks_of(BINDING_BYTES) else { return };
     let case = Case::new("many", camera(320, 200), small_cloud(MANY, Layout::radiance(3), 4.0));
     assert_eq!(piece_count(&mut gpu, &case), 2, "one array is not enough");
     let ours = Results::new(&mut gpu, &case, ShadingRules::PAPER);

@@ -12,17 +12,23 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    GpuViewer,
-    formulas::{
-        ColorOfPixel, ColorsOf, Exp2Fraction, LevelOf, LitColorsOf, Log2Mantissa, ShadingOf, SplatOf, SurfaceOf,
-        SurfaceOfPixel, TexelsAt,
-        blend::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+    GpuExecutor,
+    codegen::real::{Exp2Fraction, Log2Mantissa},
+    stages::{
+        blend::formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+        light::formulas::{LevelOf, TexelsAt},
+        project::formulas::SplatOf,
+        shade::formulas::{ColorsOf, LitColorsOf, ShadingOf, SurfaceOf},
+        shade_pixels::formulas::{ColorOfPixel, SurfaceOfPixel},
     },
 };
 use specula_tests::{
     compare::{assert_all_close, assert_psnr, psnr},
-    device::{executor, executor_in_pieces_of},
-    formulas::{ROWS, assert_same, camera, gaussian_rows, numbers_of, side_by_side, uniform_rows},
+    device::{executor, executor_in_chunks_of},
+    formulas::{
+        ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, numbers_of, side_by_side,
+        uniform_rows,
+    },
     strategies::{random_cloud, random_environment},
 };
 
@@ -85,15 +91,14 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
 #[test]
 fn no_formula_is_left_out() {
-    let formulas =
-        [include_str!("../../../exec-gpu/src/formulas.rs"), include_str!("../../../exec-gpu/src/formulas/blend.rs")];
-    let formulas = formulas.concat();
-    let own: String = include_str!("stages.rs").split_whitespace().collect();
-    let names = formulas.split("impl Formula for ").skip(1).filter_map(|rest| rest.split_whitespace().next());
-    let count = names.inspect(|name| {
-        assert!(own.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
-    });
-    assert!(count.count() > 10, "formulas are found by how they are written");
+    let formulas = [
+        include_str!("../../../exec-gpu/src/codegen/real.rs"),
+        include_str!("../../../exec-gpu/src/stages/project/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/shade/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/shade_pixels/formulas.rs"),
+    ];
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 10);
 }
 
 /// A scene for both executors.
@@ -207,13 +212,13 @@ fn many_splats_and_no_splats_are_sorted_into_tiles() {
 }
 
 /// A viewer on the first adapter.
-fn viewer(storage: Storage) -> Option<GpuViewer> {
-    executor().map(|exec| GpuViewer::new(exec, storage))
+fn viewer(storage: Storage) -> Option<GpuExecutor<Storage>> {
+    executor().map(|exec| GpuExecutor::viewer(exec.gpu().clone(), storage))
 }
 
 impl Scene {
     /// The picture of a viewer, which stores the Gaussians.
-    fn viewed(&self, viewer: &mut GpuViewer) -> Vec<f64> {
+    fn viewed(&self, viewer: &mut GpuExecutor<Storage>) -> Vec<f64> {
         let cloud = viewer.upload_gaussians(&self.cloud).expect("numbers fit");
         let light = self.light(viewer);
         self.picture_of(viewer, &cloud, light.as_ref())
@@ -246,19 +251,19 @@ fn a_viewer_of_halves_shows_what_the_processor_shows_of_rounded_numbers() {
 
 #[test]
 fn a_viewer_of_numbers_in_full_is_the_executor() {
-    let Some(mut viewer) = viewer(Storage::F32) else { return };
+    let (Some(mut viewer), Some(mut exec)) = (viewer(Storage::F32), executor()) else { return };
     for rules in [ShadingRules::PAPER, ShadingRules::DEFERRED] {
         let rules = RenderRules::full(rules, PrefilterScheme::Exact, Channels::Training);
         let scene = Scene::new(80, Layout::shaded(Some(1)), rules, 3);
-        assert!(scene.viewed(&mut viewer) == scene.picture(viewer.executor()), "the same kernels give the same bits");
+        assert!(scene.viewed(&mut viewer) == scene.picture(&mut exec), "the same kernels give the same bits");
     }
 }
 
 #[test]
 fn a_viewer_shows_the_same_in_pieces() {
     for storage in [Storage::F32, Storage::F16] {
-        let (Some(mut whole), Some(divided)) = (viewer(storage), executor_in_pieces_of(1)) else { return };
-        let mut divided = GpuViewer::new(divided, storage);
+        let (Some(mut whole), Some(divided)) = (viewer(storage), executor_in_chunks_of(1)) else { return };
+        let mut divided = GpuExecutor::viewer(divided.gpu().clone(), storage);
         for (layout, shading) in [
             (Layout::radiance(3), ShadingRules::PAPER),
             (Layout::shaded(Some(2)), ShadingRules::PAPER),
@@ -267,7 +272,7 @@ fn a_viewer_shows_the_same_in_pieces() {
             let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
             let scene = Scene::new(75, layout, rules, 8);
             let stored = divided.upload_gaussians(&scene.cloud).expect("numbers fit");
-            assert_eq!(stored.values.piece_count(), 5, "a block in each");
+            assert_eq!(stored.values.chunk_count(), 5, "a block in each");
             assert!(scene.viewed(&mut divided) == scene.viewed(&mut whole), "{storage:?} {layout:?}");
             let mut back = [vec![0.0; scene.cloud.values.len()], scene.cloud.values.clone()];
             divided.download(&stored.values, &mut back[0]).expect("there are as many");
@@ -318,7 +323,7 @@ fn gaussians_come_back_from_a_device_as_the_processor_rounds_them() {
         assert!(bits(&back) == bits(&cloud.values), "{layout:?}");
 
         let words = FULL_PLANES + (layout.plane_count() - FULL_PLANES).div_ceil(2);
-        assert_eq!(stored.values.bytes(), 4 * words * EDGES.len().next_multiple_of(BLOCK), "two numbers to a word");
+        assert_eq!(4 * stored.values.len(), 4 * words * EDGES.len().next_multiple_of(BLOCK), "two numbers to a word");
     }
 }
 
@@ -362,7 +367,7 @@ fn a_light_is_rounded_on_a_device_as_on_the_processor() {
             viewer.set_storage(storage);
             let light = viewer.prefilter(&environment, PrefilterScheme::Exact, LevelRange::ALL);
             let light = light.expect("the resolution is allowed");
-            viewer.executor().read_light(&light).expect("levels can be read")
+            viewer.read_light(&light).expect("levels can be read")
         };
         let (in_full, halves) = (levels(Storage::F32), levels(Storage::F16));
         for (number, half) in in_full.iter().zip(&halves) {

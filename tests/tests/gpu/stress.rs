@@ -167,7 +167,7 @@ fn more_splats_in_tiles_than_a_word_counts_are_refused() {
     let splats = gpu.project(&cloud, &camera).expect("the device projects");
     let refused = gpu.bin(&splats, &camera).expect_err("there are 2³² and more");
     assert!(matches!(refused, GpuError::TooLarge { what: "splats of tiles", .. }), "{refused:?}");
-    gpu.make_room(1000);
+    gpu.set_pair_capacity(1000);
     gpu.bin_for_step(&splats, &camera).expect("it is found out later");
     assert!(matches!(gpu.report(), Err(GpuError::TooLarge { .. })), "no step is taken again for ever");
 }

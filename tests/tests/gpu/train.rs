@@ -17,11 +17,11 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    GpuExecutor,
-    blend_vjp::{GEOMETRY, ReplayParts, SplatGrads},
+    GpuExecutor, SplatGrads,
+    stages::blend_vjp::{ReplayDivision, formulas::GEOMETRY},
 };
 use specula_tests::{
-    device::{executor, executor_in_pieces_of},
+    device::{executor, executor_in_chunks_of},
     strategies::{random_cloud, random_environment},
 };
 use specula_train::{
@@ -189,8 +189,8 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     let Some(gpu) = executor() else { return };
     let (first, _) = train(gpu, settings("specula"), STEPS);
     let mut small = executor().expect("there was one before");
-    let parts = small.replay_parts();
-    small.set_replay_parts(ReplayParts { slots_max: 100, ..parts });
+    let parts = small.replay_division();
+    small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
     let (again, _) = train(small, settings("specula"), STEPS);
     assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
     assert!(first == again, "a second run with room for fewer splats at once differs");
@@ -209,7 +209,7 @@ fn train_in_turns([first, second]: [GpuExecutor; 2], settings: &Settings, turns:
     for _ in 0..turns[1] {
         trainer.step().expect("the executor trains");
     }
-    (trainer.download().expect("the executor gives back"), trainer.gaussians().values.piece_count())
+    (trainer.download().expect("the executor gives back"), trainer.gaussians().values.chunk_count())
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn a_training_is_the_same_to_the_last_bit_in_pieces() {
         (plan.from, plan.every, plan.reset_every) = (0, 10, 15);
         let executors = || {
             let bytes = |gaussians: usize| (4 * settings.profile.layout.plane_count() * gaussians) as u64;
-            Some([executor_in_pieces_of(bytes(64))?, executor_in_pieces_of(bytes(112))?])
+            Some([executor_in_chunks_of(bytes(64))?, executor_in_chunks_of(bytes(112))?])
         };
         let (Some(gpu), Some(divided)) = (executor(), executors()) else { return };
         let (expected, _) = train(gpu, settings.clone(), TURNS.iter().sum());
@@ -243,7 +243,7 @@ fn a_training_is_the_same_to_the_last_bit_however_little_room_its_steps_are_give
     let first = train(gpu, settings.clone(), STEPS);
     let another = executor().expect("there was one before");
     let again = train_with(another, settings, &points(0), STEPS, |exec, step| {
-        exec.make_room(ROOMS[step as usize % ROOMS.len()]);
+        exec.set_pair_capacity(ROOMS[step as usize % ROOMS.len()]);
     });
     assert_ne!(first.0.gaussians.count as u64, POINTS, "densification took part");
     assert!(first == again, "steps that had to be taken again differ");
@@ -276,7 +276,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
     let mut grad = values.clone();
     grad[3] = f32::NAN;
     for room in [0, 1 << 20] {
-        gpu.make_room(room);
+        gpu.set_pair_capacity(room);
         let splats = gpu.project(&gaussians, &camera).expect("the device projects");
         gpu.bin_for_step(&splats, &camera).expect("the device sorts");
         let planes = GEOMETRY + 3;

@@ -1,0 +1,9 @@
+//! WGSL from core's formulas: a number that records operations, functions made of the record, and the builder of
+//! kernels' sources.
+//!
+//! Nothing here knows a stage of the pipeline.
+
+pub mod formula;
+pub mod real;
+pub(crate) mod source;
+pub(crate) mod trace;

@@ -1,0 +1,259 @@
+//! Tracing: a number that records the operations on it, and WGSL statements made of the record.
+//!
+//! Formulas are free of branches, so one evaluation with [`Traced`] records every operation. Operations that no result
+//! depends on are dropped, common subexpressions are evaluated once, and operations keep their order: shaders compute
+//! exactly the expressions of core.
+
+use core::{
+    cell::RefCell,
+    fmt::Write,
+    ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub},
+};
+use specula_core::real::Real;
+use std::collections::HashMap;
+
+/// A number in a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Traced(u32);
+
+/// The result of a comparison in a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TracedMask(u32);
+
+/// One operation of a record; its operands are earlier ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Operation {
+    /// A parameter, by its number.
+    Input(u32),
+    /// A constant, by its bits.
+    Constant(u32),
+    /// `- + …` of one number or mask.
+    Prefix(&'static str, u32),
+    /// A function of one number.
+    Call(&'static str, u32),
+    /// Two numbers or masks with a sign between them.
+    Infix(u32, &'static str, u32),
+    /// The first where the mask, the last, holds; else the second.
+    Select(u32, u32, u32),
+}
+
+#[derive(Default)]
+struct Record {
+    operations: Vec<Operation>,
+    known: HashMap<Operation, u32>,
+}
+
+thread_local! {
+    static RECORD: RefCell<Record> = RefCell::default();
+}
+
+fn note(operation: Operation) -> u32 {
+    RECORD.with_borrow_mut(|record| {
+        let next = record.operations.len() as u32;
+        let index = *record.known.entry(operation).or_insert(next);
+        if index == next {
+            record.operations.push(operation);
+        }
+        index
+    })
+}
+
+/// Traces a formula; `inputs` are the WGSL expressions of its parameters. Returns the statements, and the expressions of
+/// the results.
+pub(crate) fn trace(inputs: &[String], formula: impl FnOnce(&[Traced]) -> Vec<Traced>) -> (String, Vec<String>) {
+    RECORD.with_borrow_mut(|record| *record = Record::default());
+    let numbers: Vec<Traced> = (0..inputs.len() as u32).map(|k| Traced(note(Operation::Input(k)))).collect();
+    let results = formula(&numbers);
+    RECORD.with_borrow(|record| {
+        let mut is_needed = vec![false; record.operations.len()];
+        results.iter().for_each(|result| is_needed[result.0 as usize] = true);
+        for (index, operation) in record.operations.iter().enumerate().rev().filter(|(_, o)| !o.is_leaf()) {
+            if is_needed[index] {
+                operation.operands().for_each(|operand| is_needed[operand as usize] = true);
+            }
+        }
+        let mut statements = String::new();
+        for (index, operation) in record.operations.iter().enumerate() {
+            if is_needed[index] && !matches!(operation, Operation::Constant(_)) {
+                let expression = expression(operation, record, inputs);
+                writeln!(statements, "    let v{index} = {expression};").expect("strings take everything");
+            }
+        }
+        let results = results.iter().map(|result| operand(result.0, record)).collect();
+        (statements, results)
+    })
+}
+
+impl Operation {
+    fn is_leaf(&self) -> bool {
+        matches!(self, Self::Input(_) | Self::Constant(_))
+    }
+
+    fn operands(&self) -> impl Iterator<Item = u32> {
+        let operands = match *self {
+            Self::Input(_) | Self::Constant(_) => [None; 3],
+            Self::Prefix(_, a) | Self::Call(_, a) => [Some(a), None, None],
+            Self::Infix(a, _, b) => [Some(a), Some(b), None],
+            Self::Select(a, b, mask) => [Some(a), Some(b), Some(mask)],
+        };
+        operands.into_iter().flatten()
+    }
+}
+
+fn expression(operation: &Operation, record: &Record, inputs: &[String]) -> String {
+    let of = |index: u32| operand(index, record);
+    match *operation {
+        Operation::Input(k) => inputs[k as usize].clone(),
+        Operation::Constant(bits) => literal(f32::from_bits(bits)),
+        Operation::Prefix(sign, a) => format!("{sign}{}", of(a)),
+        Operation::Call(function, a) => format!("{function}({})", of(a)),
+        Operation::Infix(a, sign, b) => format!("{} {sign} {}", of(a), of(b)),
+        Operation::Select(if_true, if_false, mask) => {
+            format!("select({}, {}, {})", of(if_false), of(if_true), of(mask))
+        }
+    }
+}
+
+/// Operation as an operand of another: its name, or its value if it is a constant.
+fn operand(index: u32, record: &Record) -> String {
+    match record.operations[index as usize] {
+        Operation::Constant(bits) if f32::from_bits(bits).is_sign_negative() => {
+            format!("({})", literal(f32::from_bits(bits)))
+        }
+        Operation::Constant(bits) => literal(f32::from_bits(bits)),
+        _ => format!("v{index}"),
+    }
+}
+
+/// Literal of a finite number, which parses to the same bits.
+pub(crate) fn literal(value: f32) -> String {
+    debug_assert!(value.is_finite(), "WGSL has no constant for {value}");
+    format!("{value:?}f")
+}
+
+fn constant(value: f32) -> u32 {
+    note(Operation::Constant(value.to_bits()))
+}
+
+macro_rules! arithmetic {
+    ($($operator:ident, $method:ident, $sign:literal;)*) => {$(
+        impl $operator for Traced {
+            type Output = Self;
+            fn $method(self, other: Self) -> Self {
+                Self(note(Operation::Infix(self.0, $sign, other.0)))
+            }
+        }
+        impl $operator<f32> for Traced {
+            type Output = Self;
+            fn $method(self, other: f32) -> Self {
+                Self(note(Operation::Infix(self.0, $sign, constant(other))))
+            }
+        }
+    )*};
+}
+
+arithmetic! {
+    Add, add, "+";
+    Sub, sub, "-";
+    Mul, mul, "*";
+    Div, div, "/";
+}
+
+impl Neg for Traced {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self(note(Operation::Prefix("-", self.0)))
+    }
+}
+
+impl BitAnd for TracedMask {
+    type Output = Self;
+    fn bitand(self, other: Self) -> Self {
+        Self(note(Operation::Infix(self.0, "&", other.0)))
+    }
+}
+impl BitOr for TracedMask {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(note(Operation::Infix(self.0, "|", other.0)))
+    }
+}
+impl Not for TracedMask {
+    type Output = Self;
+    fn not(self) -> Self {
+        Self(note(Operation::Prefix("!", self.0)))
+    }
+}
+
+/// Each method records the operation of `f32`; `exp2`, `log2` and `is_finite` are functions of `real.wgsl`.
+impl Real for Traced {
+    type Mask = TracedMask;
+
+    fn constant(self, value: f32) -> Self {
+        Self(constant(value))
+    }
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        self * factor + addend
+    }
+    fn sqrt(self) -> Self {
+        Self(note(Operation::Call("sqrt", self.0)))
+    }
+    fn exp2(self) -> Self {
+        Self(note(Operation::Call("real_exp2", self.0)))
+    }
+    fn log2(self) -> Self {
+        Self(note(Operation::Call("real_log2", self.0)))
+    }
+    fn floor(self) -> Self {
+        Self(note(Operation::Call("floor", self.0)))
+    }
+    fn abs(self) -> Self {
+        Self(note(Operation::Call("abs", self.0)))
+    }
+    fn min(self, other: Self) -> Self {
+        Self::select(self.less(other), self, other)
+    }
+    fn max(self, other: Self) -> Self {
+        Self::select(other.less(self), self, other)
+    }
+    fn less(self, other: Self) -> TracedMask {
+        TracedMask(note(Operation::Infix(self.0, "<", other.0)))
+    }
+    fn less_or_equal(self, other: Self) -> TracedMask {
+        TracedMask(note(Operation::Infix(self.0, "<=", other.0)))
+    }
+    fn select(mask: TracedMask, if_true: Self, if_false: Self) -> Self {
+        Self(note(Operation::Select(if_true.0, if_false.0, mask.0)))
+    }
+    fn is_finite(self) -> TracedMask {
+        TracedMask(note(Operation::Call("real_is_finite", self.0)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_formula_is_written_once_and_in_order() {
+        let inputs = ["p.x".to_owned(), "p.y".to_owned(), "unused".to_owned()];
+        let (statements, results) = trace(&inputs, |x| {
+            let sum = x[0] + x[1];
+            let again = x[0] + x[1];
+            let _ = x[2] * 3.0;
+            vec![sum * again - 0.5, Real::max(sum, x[0].constant(-1.0))]
+        });
+        let expected = "    let v0 = p.x;\n    let v1 = p.y;\n    let v3 = v0 + v1;\n    let v6 = v3 * v3;\n    \
+                        let v8 = v6 - 0.5f;\n    let v10 = (-1.0f) < v3;\n    let v11 = select((-1.0f), v3, v10);\n";
+        assert_eq!(statements, expected);
+        assert_eq!(results, ["v8", "v11"]);
+    }
+
+    #[test]
+    fn every_digit_of_a_constant_comes_back() {
+        for value in [0.1_f32, 1.0, 1e-30, f32::MAX, 0.282_094_8, -12_582_912.0] {
+            let text = literal(value);
+            assert_eq!(text.trim_end_matches('f').parse::<f32>().expect("a number"), value);
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Execution context of the stages: a device, its memory, and the commands being recorded.
+
+use crate::device::{
+    error::GpuError,
+    gpu::Gpu,
+    kernels::{Binding, Dispatch, Recorder},
+    memory::{Array, Pool, read, staged, write},
+    timer::{KernelTime, KernelTimer},
+};
+use bytemuck::Pod;
+use core::ops::Range;
+
+/// Device, memory pool and command recorder.
+#[derive(Debug)]
+pub(crate) struct Context {
+    pub(crate) gpu: Gpu,
+    pool: Pool,
+    pub(crate) recorder: Recorder,
+}
+
+impl Context {
+    pub(crate) fn new(gpu: Gpu) -> Self {
+        Self { pool: Pool::default(), gpu, recorder: Recorder::default() }
+    }
+
+    /// Allocates `len` elements with arbitrary contents.
+    ///
+    /// # Errors
+    ///
+    /// See [`Pool::allocate`].
+    pub(crate) fn allocate(&self, what: &'static str, len: usize) -> Result<Array, GpuError> {
+        self.pool.allocate(&self.gpu, what, len)
+    }
+
+    /// Allocates `len` zeros.
+    ///
+    /// # Errors
+    ///
+    /// See [`Pool::allocate`].
+    pub(crate) fn zeros(&mut self, what: &'static str, len: usize) -> Result<Array, GpuError> {
+        let array = self.allocate(what, len)?;
+        self.clear(&array, 0);
+        Ok(array)
+    }
+
+    /// Records that the elements from `first` on become zero.
+    pub(crate) fn clear(&mut self, array: &Array, first: usize) {
+        self.recorder.encoder(&self.gpu).clear_buffer(array.buffer(), 4 * first as u64, None);
+    }
+
+    /// Uploads values to a new array.
+    ///
+    /// # Errors
+    ///
+    /// See [`Pool::allocate`].
+    pub(crate) fn upload<T: Pod>(&mut self, what: &'static str, values: &[T]) -> Result<Array, GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let array = self.allocate(what, bytes.len().div_ceil(4))?;
+        write(&self.gpu, self.recorder.encoder(&self.gpu), &array, bytes)?;
+        Ok(array)
+    }
+
+    /// Records a write of values to the start of an array.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub(crate) fn write<T: Pod>(&mut self, array: &Array, values: &[T]) -> Result<(), GpuError> {
+        write(&self.gpu, self.recorder.encoder(&self.gpu), array, bytemuck::cast_slice(values))
+    }
+
+    /// Downloads elements of an array from `first` on. Blocks until the device is done.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::submit`]; a device that was lost meanwhile.
+    pub(crate) fn download<T: Pod>(&mut self, array: &Array, first: usize, values: &mut [T]) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>() == 4, "arrays are of 32 bits each") };
+        let part = first..first + values.len();
+        let values: &mut [u8] = bytemuck::cast_slice_mut(values);
+        self.read(&[(array, part)], |bytes| values.copy_from_slice(bytes))
+    }
+
+    /// Passes the bytes of several ranges, one after the other, to `consume`, with one wait for the device.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::download`].
+    pub(crate) fn read(
+        &mut self,
+        parts: &[(&Array, Range<usize>)],
+        consume: impl FnOnce(&[u8]),
+    ) -> Result<(), GpuError> {
+        if parts.iter().all(|(_, part)| part.is_empty()) {
+            return Ok(());
+        }
+        let staging = staged(&self.gpu, self.recorder.encoder(&self.gpu), parts);
+        self.submit()?;
+        read(&self.gpu, &staging, consume)
+    }
+
+    /// Submits the recorded commands.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub(crate) fn submit(&mut self) -> Result<(), GpuError> {
+        self.recorder.submit(&self.gpu)
+    }
+
+    /// Submits the recorded commands and blocks until the device is done.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::submit`]; a device that was lost meanwhile.
+    pub(crate) fn finish(&mut self) -> Result<(), GpuError> {
+        self.submit()?;
+        self.gpu.wait()
+    }
+
+    /// Durations of kernels since the last call, by name; empty where kernels are not timed.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::submit`].
+    pub(crate) fn kernel_times(&mut self) -> Result<Vec<(&'static str, KernelTime)>, GpuError> {
+        self.submit()?;
+        Ok(self.recorder.timer.as_mut().map_or_else(Vec::new, KernelTimer::take))
+    }
+
+    /// Frees memory that no array uses.
+    pub(crate) fn free_unused_memory(&mut self) {
+        self.pool.free_unused();
+    }
+
+    /// Bytes of all arrays, and of free buffers that are kept for reuse.
+    pub(crate) fn memory_bytes(&self) -> u64 {
+        self.pool.bytes()
+    }
+
+    /// Records a kernel; see [`Recorder::dispatch`].
+    ///
+    /// # Errors
+    ///
+    /// See [`Recorder::dispatch`].
+    pub(crate) fn dispatch(
+        &mut self,
+        key: &str,
+        entry: &'static str,
+        source: &dyn Fn() -> String,
+        bindings: &[Binding<'_>],
+        size: Dispatch,
+    ) -> Result<(), GpuError> {
+        self.recorder.dispatch(&self.gpu, key, entry, source, bindings, size)
+    }
+}
+
+#[cfg(test)]
+impl Context {
+    /// A context on the first adapter. Without an adapter tests are skipped with a note; in CI they fail.
+    pub(crate) fn for_tests() -> Option<Self> {
+        match Gpu::new("") {
+            Ok(gpu) => Some(Self::new(gpu)),
+            Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),
+            Err(error) => {
+                eprintln!("NOT TESTED, because {error}");
+                None
+            }
+        }
+    }
+}

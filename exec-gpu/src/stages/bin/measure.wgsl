@@ -1,0 +1,56 @@
+// What must be known of splats before they are sorted, and whether there is room for that.
+
+struct Measured {
+    count: u32,
+    // Room for pairs of a tile and a splat, and the key of what is not drawn.
+    pairs_max: u32,
+    not_drawn: u32,
+}
+
+@group(0) @binding(0) var<uniform> measured: Measured;
+@group(0) @binding(1) var<storage, read> depth_keys: array<u32>;
+@group(0) @binding(2) var<storage, read> tile_counts: array<u32>;
+@group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
+
+// One invocation for a column of Gaussians.
+@compute @workgroup_size(GROUP)
+fn measure(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let first = linear_index(group, groups, local) * COLUMN;
+    let end = min(first + COLUMN, measured.count);
+    var nearest = NOT_DRAWN;
+    var furthest = 0u;
+    var tiles = 0u;
+    var overflows = false;
+    for (var gaussian = first; gaussian < end; gaussian++) {
+        let key = depth_keys[gaussian];
+        nearest = min(nearest, key);
+        furthest = max(furthest, select(key, 0u, key == NOT_DRAWN));
+        let own = tile_counts[gaussian];
+        overflows |= tiles > ~own;
+        tiles += own;
+    }
+    if tiles > 0u || overflows {
+        atomicMin(&counters[NEAREST], nearest);
+        atomicMax(&counters[FURTHEST], furthest);
+        let before = atomicAdd(&counters[PAIRS], tiles);
+        if overflows || before > ~tiles {
+            atomicStore(&counters[OVERFLOWS], 1u);
+        }
+    }
+}
+
+// One invocation: whether all that is needed fits.
+@compute @workgroup_size(1)
+fn settle() {
+    let nearest = atomicLoad(&counters[NEAREST]);
+    let furthest = atomicLoad(&counters[FURTHEST]);
+    let pairs = atomicLoad(&counters[PAIRS]);
+    let has_room = atomicLoad(&counters[OVERFLOWS]) == 0u && pairs <= measured.pairs_max;
+    let fits = has_room && (furthest < nearest || furthest - nearest < measured.not_drawn);
+    atomicStore(&counters[STORED_PAIRS], select(0u, pairs, fits));
+    atomicStore(&counters[EXCEEDS_CAPACITY], select(1u, 0u, fits));
+}

@@ -1,0 +1,109 @@
+//! Compositing: the splats of each tile, front to back.
+
+use crate::{
+    codegen::{formula::type_of, source::Source},
+    device::{
+        context::Context,
+        error::GpuError,
+        gpu::Gpu,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+    },
+    stages::{
+        bin::Tiles,
+        camera::{CameraUniform, camera},
+        frame::Frame,
+        project::{Splats, splat},
+        shade::{Colors, channels},
+    },
+};
+use formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock};
+use specula_core::{camera::Camera, cutoffs::TRANSMITTANCE_MIN};
+use wgpu::DeviceType;
+
+pub mod formulas;
+
+/// Appends the assignment of a tile's pixels to invocations.
+pub(crate) fn pixels(source: Source, block: PixelBlock) -> Source {
+    source
+        .with(&format!("alias Pixels = {};\n", type_of(block.count())))
+        .count("BLOCK_WIDTH", block.width)
+        .count("BLOCK_HEIGHT", block.height)
+        .with(include_str!("pixels.wgsl"))
+}
+
+pub(crate) fn source(block: PixelBlock, channel_count: usize) -> String {
+    Source::new()
+        .real()
+        .part(camera)
+        .part(splat)
+        .part(|source| channels(source, channel_count))
+        .part(|source| pixels(source, block))
+        .number("TRANSMITTANCE_MIN", TRANSMITTANCE_MIN)
+        .formula(&BlendStart { block })
+        .formula(&BlendSplat { block, channels: channel_count })
+        .formula(&BlendEnd { block })
+        .with(include_str!("blend.wgsl"))
+        .text()
+}
+
+/// Composites the splats of all tiles.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn blend(
+    context: &mut Context,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+) -> Result<Frame, GpuError> {
+    let view = CameraUniform::new(camera, splats.count);
+    let channels = colors.channels;
+    let blended = context.allocate("channels of a picture", (channels + 1) * view.pixel_count())?;
+    let bindings = [
+        Uniform(view.bytes()),
+        Buffer(&splats.splats),
+        Buffer(&colors.values),
+        Buffer(&tiles.ranges),
+        Buffer(&tiles.gaussians),
+        Buffer(&blended),
+    ];
+    let block = block_of(&context.gpu);
+    let source = || source(block, channels);
+    context.dispatch(
+        &format!("{channels} channels, {block:?}"),
+        "blend",
+        &source,
+        &bindings,
+        Dispatch::Grid(view.tiles()),
+    )?;
+    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
+}
+
+/// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations; a software driver
+/// amortises it over many pixels.
+fn block_of(gpu: &Gpu) -> PixelBlock {
+    match gpu.info().device_type {
+        DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
+        _ => PixelBlock { width: 1, height: 1 },
+    }
+}
+
+/// Downloads a frame: its channels, with the final colour first, then the transmittance.
+///
+/// # Errors
+///
+/// See [`Context::download`].
+pub(crate) fn read(context: &mut Context, frame: &Frame, values: &mut [f32]) -> Result<(), GpuError> {
+    let other_color = frame.exposed.as_ref().or(frame.shaded.as_ref());
+    let shown = other_color.map_or(0, |_| 3 * frame.pixel_count());
+    let (colors, others) = values.split_at_mut(shown);
+    if let Some(color) = other_color {
+        context.download(color, 0, colors)?;
+    }
+    context.download(&frame.blended, shown, others)
+}

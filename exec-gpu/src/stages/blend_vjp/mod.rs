@@ -1,0 +1,202 @@
+//! Gradient of compositing.
+//!
+//! Every tile-splat pair has a slot for its sums over the tile's pixels, at its emission index, so that the slots of a
+//! Gaussian are adjacent. Pairs beyond the largest array are processed in batches of emissions; every Gaussian adds its
+//! slots in the same order for any number of batches.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        chunks::{Chunk, ChunkedArray, Chunking},
+        context::Context,
+        error::GpuError,
+        gpu::Gpu,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::{
+        bin::Tiles,
+        blend::{formulas::PixelBlock, pixels},
+        camera::{CameraUniform, camera},
+        frame::{Frame, FrameGrad},
+        project::{Splats, splat},
+        shade::{Colors, channels},
+    },
+};
+use core::ops::Range;
+use formulas::{GEOMETRY, MOMENTS, MomentsVjp, ReplaySplat, ReplayStart};
+use specula_core::{bin::TILE_SIZE, camera::Camera, scene::BLOCK};
+use wgpu::DeviceType;
+
+pub mod formulas;
+
+/// Numbers of workgroup memory that sums may take, by the limits of WebGPU.
+const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
+
+/// Division of the replay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReplayDivision {
+    /// Pixels of an invocation. Larger blocks need fewer sums in workgroup memory, but more registers.
+    pub block: PixelBlock,
+    /// Largest number of slots that are kept at once, if an array holds as many. Results do not depend on it.
+    pub slots_max: usize,
+}
+
+impl ReplayDivision {
+    /// Fastest division: a software driver has registers to spare, compared with the cost of its memory.
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let block = match gpu.info().device_type {
+            DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
+            _ => PixelBlock { width: 2, height: 2 },
+        };
+        Self { block, slots_max: usize::MAX }
+    }
+}
+
+/// Splats whose sums are in workgroup memory at once; each has a bit of a word, and one bit is reserved.
+fn splats_at_once(block: PixelBlock, channels: usize) -> usize {
+    let invocations = (TILE_SIZE * TILE_SIZE) as usize / block.count();
+    (SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))).min(31)
+}
+
+/// Gradients of splats and their channels, in the block layout of Gaussians: [`GEOMETRY`] planes, then the channels.
+#[derive(Debug)]
+pub struct SplatGrads {
+    pub(crate) channels: usize,
+    pub(crate) values: ChunkedArray,
+}
+
+pub(crate) fn replay_source(block: PixelBlock, channel_count: usize) -> String {
+    Source::new()
+        .real()
+        .part(camera)
+        .part(splat)
+        .part(|source| channels(source, channel_count))
+        .count("SLOT", MOMENTS + channel_count)
+        .count("SPLATS_AT_ONCE", splats_at_once(block, channel_count))
+        .part(|source| pixels(source, block))
+        .formula(&ReplayStart { block, channels: channel_count })
+        .formula(&ReplaySplat { block, channels: channel_count })
+        .with(include_str!("blend_vjp.wgsl"))
+        .text()
+}
+
+pub(crate) fn slot_source(channel_count: usize) -> String {
+    let source = Source::new().real().part(camera).part(splat);
+    let source = source.count("SLOT", MOMENTS + channel_count).count("MOMENTS", MOMENTS);
+    source.formula(&MomentsVjp).with(include_str!("slots.wgsl")).text()
+}
+
+/// Gradients of splats and channels from that of a frame.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn blend_vjp(
+    context: &mut Context,
+    division: ReplayDivision,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+    camera: &Camera,
+) -> Result<SplatGrads, GpuError> {
+    let channels = colors.channels;
+    debug_assert_eq!((grad.size, grad.channels), (frame.size, channels), "gradients have the channels of the frame");
+    let slot = GEOMETRY + channels;
+    let chunking = Chunking::around(&context.gpu, slot, splats.chunk_len);
+    let sums = context.allocate_chunks("gradients of splats", splats.count, chunking)?;
+    let slots_at_once = division.slots_max.max(1).min((context.gpu.binding_max() / 4) as usize / slot);
+    let slots = context.allocate("gradients of splats in tiles", tiles.count_max.min(slots_at_once) * slot)?;
+    let view = CameraUniform::new(camera, splats.count);
+    let replay = Replay { block: division.block, splats, colors, tiles, frame, grad, slots, sums, view };
+    // At least one batch, so that all sums are written.
+    for first in (0..tiles.count_max.max(1)).step_by(slots_at_once) {
+        replay.run_batch(context, [first, (first + slots_at_once).min(tiles.count_max)])?;
+    }
+    replay.finish(context)?;
+    Ok(SplatGrads { channels, values: replay.sums })
+}
+
+/// Inputs and outputs of the replay.
+struct Replay<'a> {
+    block: PixelBlock,
+    splats: &'a Splats,
+    colors: &'a Colors,
+    tiles: &'a Tiles,
+    frame: &'a Frame,
+    grad: &'a FrameGrad,
+    slots: Array,
+    sums: ChunkedArray,
+    view: CameraUniform,
+}
+
+impl Replay<'_> {
+    /// Replays a range of emissions into their slots, and adds the slots to the sums.
+    fn run_batch(&self, context: &mut Context, batch: [usize; 2]) -> Result<(), GpuError> {
+        let batch = batch.map(|emission| emission as u32);
+        let channels = self.colors.channels;
+        let bindings = [
+            Uniform(self.view.bytes()),
+            Uniform(bytemuck::cast_slice(&batch)),
+            Buffer(&self.splats.splats),
+            Buffer(&self.colors.values),
+            Buffer(&self.tiles.ranges),
+            Buffer(&self.tiles.gaussians),
+            Buffer(&self.tiles.emissions),
+            Buffer(&self.frame.blended),
+            Buffer(&self.grad.values),
+            Buffer(&self.slots),
+        ];
+        let block = self.block;
+        let key = format!("{channels} channels, {block:?}");
+        context.dispatch(
+            &key,
+            "blend_vjp",
+            &|| replay_source(block, channels),
+            &bindings,
+            Dispatch::Grid(self.view.tiles()),
+        )?;
+        let lanes = self.splats.count.next_multiple_of(BLOCK);
+        for chunk in self.sums.chunks(self.splats.count) {
+            self.run_slots(context, "sum_slots", batch, &chunk, lanes * (GEOMETRY + channels))?;
+        }
+        Ok(())
+    }
+
+    /// Converts the moments to gradients, once all sums are complete.
+    fn finish(&self, context: &mut Context) -> Result<(), GpuError> {
+        for chunk in self.sums.chunks(self.splats.count) {
+            self.run_slots(context, "finish_splats", [0; 2], &chunk, chunk.gaussians.len())?;
+        }
+        Ok(())
+    }
+
+    fn run_slots(
+        &self,
+        context: &mut Context,
+        entry: &'static str,
+        [first, end]: [u32; 2],
+        chunk: &Chunk<'_>,
+        invocations: usize,
+    ) -> Result<(), GpuError> {
+        let channels = self.colors.channels;
+        let Range { start, end: gaussians_end } = chunk.gaussians;
+        let settings = [first, end, start as u32, gaussians_end.next_multiple_of(BLOCK) as u32];
+        let bindings = [
+            Uniform(self.view.bytes()),
+            Uniform(bytemuck::cast_slice(&settings)),
+            Buffer(&self.splats.splats),
+            Buffer(&self.tiles.order),
+            Buffer(&self.tiles.offsets),
+            Buffer(&self.slots),
+            Buffer(chunk.array),
+        ];
+        let key = format!("{channels} channels");
+        context.dispatch(&key, entry, &|| slot_source(channels), &bindings, Dispatch::Invocations(invocations))
+    }
+}

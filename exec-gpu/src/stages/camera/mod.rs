@@ -1,0 +1,109 @@
+//! Camera of a kernel, and the camera as a parameter of formulas.
+
+use crate::codegen::{
+    formula::{Field, Inputs, variable},
+    source::Source,
+};
+use bytemuck::{Pod, Zeroable};
+use core::ops::Range;
+use specula_core::{
+    bin::tile_count,
+    camera::{Camera, CameraOf},
+    real::Real,
+    vector::{Mat3, Vec3},
+};
+
+/// `Camera` of `camera.wgsl`, with the range of Gaussians that a dispatch processes.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct CameraUniform {
+    row_x: [f32; 3],
+    gaussian_count: u32,
+    row_y: [f32; 3],
+    first_gaussian: u32,
+    row_z: [f32; 3],
+    near: f32,
+    position: [f32; 3],
+    padding_position: u32,
+    focal_px: [f32; 2],
+    principal_px: [f32; 2],
+    slope_limit: [f32; 2],
+    tiles: [u32; 2],
+    size: [u32; 2],
+    padding_size: [u32; 2],
+}
+
+impl CameraUniform {
+    /// A camera that sees `gaussian_count` Gaussians.
+    pub(crate) fn new(camera: &Camera, gaussian_count: usize) -> Self {
+        Self::with_range(camera, 0..gaussian_count)
+    }
+    /// A camera, and a range of Gaussians within a larger array.
+    pub(crate) fn with_range(camera: &Camera, gaussians: Range<usize>) -> Self {
+        let lifted = camera.lift(0.0_f32);
+        let [row_x, row_y, row_z] = lifted.camera_from_world.rows.map(Vec3::to_array);
+        Self {
+            row_x,
+            gaussian_count: gaussians.len() as u32,
+            row_y,
+            first_gaussian: gaussians.start as u32,
+            row_z,
+            near: lifted.near,
+            position: lifted.position.to_array(),
+            padding_position: 0,
+            focal_px: lifted.focal_px,
+            principal_px: lifted.principal_px,
+            slope_limit: lifted.slope_limit,
+            tiles: [tile_count(camera.width), tile_count(camera.height)],
+            size: [camera.width, camera.height],
+            padding_size: [0; 2],
+        }
+    }
+    /// Bytes of the uniform.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        bytemuck::bytes_of(self)
+    }
+    /// Number of tiles of the image.
+    pub(crate) fn tile_count(&self) -> usize {
+        self.tiles[0] as usize * self.tiles[1] as usize
+    }
+    /// Tiles along x and y.
+    pub(crate) fn tiles(&self) -> [u32; 2] {
+        self.tiles
+    }
+    /// Number of pixels of the image.
+    pub(crate) fn pixel_count(&self) -> usize {
+        self.size[0] as usize * self.size[1] as usize
+    }
+}
+
+/// Appends the structure `Camera`.
+pub(crate) fn camera(source: Source) -> Source {
+    source.with(include_str!("camera.wgsl"))
+}
+
+/// The shader's variable `camera` as parameters, in the order of [`take_camera`].
+pub(crate) fn camera_fields() -> [Field; 8] {
+    [
+        variable("camera.row_x", 3),
+        variable("camera.row_y", 3),
+        variable("camera.row_z", 3),
+        variable("camera.position", 3),
+        variable("camera.focal_px", 2),
+        variable("camera.principal_px", 2),
+        variable("camera.slope_limit", 2),
+        variable("camera.near", 1),
+    ]
+}
+
+/// Reads a camera from a formula's inputs.
+pub(crate) fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
+    CameraOf {
+        camera_from_world: Mat3 { rows: [inputs.vec3(), inputs.vec3(), inputs.vec3()] },
+        position: inputs.vec3(),
+        focal_px: inputs.array(),
+        principal_px: inputs.array(),
+        slope_limit: inputs.array(),
+        near: inputs.number(),
+    }
+}

@@ -1,0 +1,49 @@
+//! Decisions of densification, and the children of split Gaussians.
+
+use crate::{
+    codegen::formula::formula,
+    stages::gaussians::{Planes, planes_field},
+};
+use specula_core::{
+    activation::sigmoid,
+    densify::{largest_scale, mean_grad, part_log_scales, part_mean},
+    morton::cell,
+    scene::{LOG_SCALE, Layout, MEAN, OPACITY},
+};
+
+/// Measures that decide over a Gaussian ([`specula_core::densify::decide`]).
+#[derive(Clone, Copy, Debug)]
+pub struct MeasuresOf {
+    /// Planes of the Gaussian.
+    pub layout: Layout,
+}
+
+formula!(MeasuresOf, |this, inputs| measures_of(..planes_field(this.layout), grad_sum: 1, view_count: 1) -> (
+    mean_grad: 1, opacity: 1, largest_scale: 1
+) {
+    let planes = Planes(inputs.slice(this.layout.plane_count()));
+    let mean_grad = mean_grad(inputs.number(), inputs.number());
+    [mean_grad, sigmoid(planes.at(OPACITY)), largest_scale(planes.vec3(LOG_SCALE))]
+});
+
+/// Cell of a coordinate between two bounds ([`specula_core::morton::cell`]).
+#[derive(Clone, Copy, Debug)]
+pub struct CellAt;
+
+formula!(CellAt, |_, inputs| cell_at(x: 1, low: 1, high: 1) -> (cell: 1) {
+    [cell(inputs.number(), inputs.number(), inputs.number())]
+});
+
+/// Child of a split Gaussian ([`specula_core::densify::part_mean`], [`specula_core::densify::part_log_scales`]).
+#[derive(Clone, Copy, Debug)]
+pub struct PartOf {
+    /// Planes of the Gaussian.
+    pub layout: Layout,
+}
+
+formula!(PartOf, |this, inputs| part_of(..planes_field(this.layout), noise: 3) -> (mean: 3, log_scales: 3) {
+    let planes = Planes(inputs.slice(this.layout.plane_count()));
+    let (log_scales, noise) = (planes.vec3(LOG_SCALE), inputs.vec3());
+    let mean = part_mean(planes.vec3(MEAN), log_scales, planes.quat(), noise);
+    (mean, part_log_scales(log_scales))
+});

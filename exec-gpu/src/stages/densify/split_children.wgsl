@@ -1,0 +1,46 @@
+// Parts of split Gaussians move, and shrink: one invocation an child.
+
+// The piece at hand is so many children from the first on.
+struct Parts {
+    first: u32,
+    count: u32,
+    old_count: u32,
+}
+
+@group(0) @binding(0) var<uniform> parts: Parts;
+@group(0) @binding(1) var<storage, read> children: array<u32>;
+@group(0) @binding(2) var<storage, read> offsets: array<u32>;
+// Three numbers for each part, in the order of the parents.
+@group(0) @binding(3) var<storage, read> noise: array<f32>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+
+// In its piece.
+var<private> gaussian: u32;
+
+fn set_plane(number: u32, value: f32) {
+    values[(gaussian / BLOCK * PLANES + number) * BLOCK + gaussian % BLOCK] = value;
+}
+
+@compute @workgroup_size(GROUP)
+fn sample_split_children(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    gaussian = linear_index(group, groups, local);
+    if gaussian >= parts.count {
+        return;
+    }
+    let child = children[parts.first + gaussian];
+    if child % ORIGINS < FIRST_PART {
+        return;
+    }
+    let parent = child / ORIGINS;
+    let split = offsets[2u * parts.old_count + parent] - offsets[2u * parts.old_count];
+    let first = 3u * (2u * split + child % ORIGINS - FIRST_PART);
+    let part = part_of(vec3f(noise[first], noise[first + 1u], noise[first + 2u]));
+    for (var axis = 0u; axis < 3u; axis++) {
+        set_plane(MEAN + axis, part.mean[axis]);
+        set_plane(LOG_SCALE + axis, part.log_scales[axis]);
+    }
+}

@@ -1,0 +1,156 @@
+//! Gradients of shading and projection.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        chunks::{Chunk, ChunkedArray},
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::{
+        blend_vjp::{SplatGrads, formulas::GEOMETRY},
+        camera::{CameraUniform, camera},
+        gaussians::planes,
+        light::{LightGrad, LightLayout, sums::LightSums},
+        prefilter::Light,
+        shade::{formulas::ShadingOf, own_light},
+    },
+};
+use bytemuck::{Pod, Zeroable};
+use formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp};
+use specula_core::{
+    camera::Camera,
+    loss::LossWeights,
+    rules::RenderRules,
+    scene::{BLOCK, Gaussians, NORMAL_RESIDUAL_1, OPACITY},
+};
+
+pub mod formulas;
+
+const UNLIT_PLANES: &str = "fn put_planes() {\n    planes_vjp();\n}\n";
+
+/// Kernel of a shading; without a light, Gaussians looked up none.
+pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> String {
+    let shading = &planes_vjp.shading;
+    let source = Source::new()
+        .real()
+        .part(camera)
+        .part(|source| planes(source, shading.layout))
+        .count("SPLAT_PLANES", GEOMETRY + shading.blended().count())
+        .formula(planes_vjp);
+    let source = match light {
+        Some(light) => own_light(light.lookup_vjp(source), shading)
+            .formula(&LookupVjp(*shading))
+            .formula(&SplitSumVjp)
+            .with(include_str!("own_light_vjp.wgsl")),
+        None => source.with(UNLIT_PLANES),
+    };
+    source.with(include_str!("gaussians_vjp.wgsl")).text()
+}
+
+pub(crate) fn attribute_source(losses: &AttributeLosses) -> String {
+    Source::new()
+        .real()
+        .part(|source| planes(source, losses.layout))
+        .count("OPACITY_PLANE", OPACITY)
+        .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
+        .formula(losses)
+        .with(include_str!("attribute_losses.wgsl"))
+        .text()
+}
+
+/// Inputs of the backward pass, besides the Gaussians and the camera.
+#[derive(Debug)]
+pub(crate) struct BackwardInputs<'a> {
+    pub(crate) light: Option<&'a Light>,
+    pub(crate) rules: &'a RenderRules,
+    pub(crate) weights: &'a LossWeights,
+    pub(crate) grads: &'a SplatGrads,
+}
+
+/// Gradients of Gaussians, and of the light that they looked up.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn gaussians_vjp(
+    context: &mut Context,
+    gaussians: &Gaussians<ChunkedArray>,
+    camera: &Camera,
+    inputs: &BackwardInputs<'_>,
+) -> Result<(Gaussians<ChunkedArray>, Option<LightGrad>), GpuError> {
+    let layout = gaussians.layout;
+    let shading = ShadingOf { layout, rules: *inputs.rules };
+    debug_assert_eq!(inputs.grads.channels, shading.blended().count(), "gradients have the blended channels");
+    let light = inputs.light.filter(|_| shading.looks_light_up());
+    let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
+    let planes = PlanesVjp { shading, is_lit: light.is_some() };
+    let values = context.allocate_like("gradients", &gaussians.values)?;
+    let light_layout = light.map(|light| &light.layout);
+    let key = format!("{planes:?} {light_layout:?}");
+    let source = || source(&planes, light_layout);
+    for (chunk, grads) in pairs(gaussians, &values) {
+        let (of_splats, first) = inputs.grads.values.around(&chunk);
+        let view = CameraUniform::with_range(camera, chunk.gaussians.start - first..chunk.gaussians.end - first);
+        let mut bindings = vec![Uniform(view.bytes()), Buffer(chunk.array), Buffer(of_splats), Buffer(grads)];
+        if let (Some(light), Some(sums)) = (light, &sums) {
+            bindings.extend([Buffer(&light.texels), Buffer(&light.split_sum), Buffer(sums.array())]);
+        }
+        let lanes = chunk.gaussians.len().next_multiple_of(BLOCK);
+        context.dispatch(&key, "gaussians_vjp", &source, &bindings, Dispatch::Invocations(lanes))?;
+    }
+    add_attribute_losses(context, gaussians, inputs.weights, &values)?;
+    let light_grad = sums.map(|sums| sums.finish(context)).transpose()?;
+    Ok((gaussians.with_values(values), light_grad))
+}
+
+/// Chunks of Gaussians, each with the array of their gradients.
+fn pairs<'a>(
+    gaussians: &'a Gaussians<ChunkedArray>,
+    grads: &'a ChunkedArray,
+) -> impl Iterator<Item = (Chunk<'a>, &'a Array)> {
+    let beside = ChunkedArray::side_by_side([&gaussians.values, grads]).map(|[_, grads]| grads);
+    gaussians.values.chunks(gaussians.count).zip(beside)
+}
+
+/// `Attributes` of `attribute_losses.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Attributes {
+    gaussian_count: u32,
+    sparse: f32,
+    residual: f32,
+}
+
+/// Adds the gradients of the losses on attributes.
+fn add_attribute_losses(
+    context: &mut Context,
+    gaussians: &Gaussians<ChunkedArray>,
+    weights: &LossWeights,
+    grads: &ChunkedArray,
+) -> Result<(), GpuError> {
+    let LossWeights { sparse, residual, .. } = *weights;
+    let losses = AttributeLosses {
+        layout: gaussians.layout,
+        is_sparse: sparse != 0.0,
+        has_residual: residual != 0.0 && gaussians.layout.is_shaded(),
+    };
+    if !losses.is_sparse && !losses.has_residual {
+        return Ok(());
+    }
+    let share = 1.0 / gaussians.count as f32;
+    let (key, source) = (format!("{losses:?}"), || attribute_source(&losses));
+    for (chunk, grads) in pairs(gaussians, grads) {
+        let count = chunk.gaussians.len();
+        let attributes =
+            Attributes { gaussian_count: count as u32, sparse: sparse * share, residual: 2.0 * residual * share };
+        let bindings = [Uniform(bytemuck::bytes_of(&attributes)), Buffer(chunk.array), Buffer(grads)];
+        context.dispatch(&key, "attribute_losses", &source, &bindings, Dispatch::Invocations(count))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,205 @@
+//! Losses on images.
+
+use crate::{
+    codegen::formula::{Field, Formula, Inputs, field, formula, variable},
+    stages::camera::{camera_fields, take_camera},
+};
+use specula_core::{
+    color::{composite, composite_vjp, from_byte, over},
+    depth_normal::{Cross, expected_depth, expected_depth_vjp, is_surface, rays_around, surface_weight},
+    loss::{
+        NormalForm, NormalPatch, SSIM_WINDOW, SsimMoments, absolute, absolute_vjp, normal_loss, sparse_coverage_vjp,
+        squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
+    },
+    real::Real,
+};
+
+/// Weight of a loss over the number of values that it is a mean of.
+fn share(name: &str) -> [Field; 1] {
+    [variable(&format!("settings.{name}"), 1)]
+}
+
+/// Rendered and true colour, both over the background ([`mod@specula_core::color`]).
+#[derive(Clone, Copy, Debug)]
+pub struct ComparedColors;
+
+formula!(ComparedColors, |_, inputs| compared_colors(
+    color: 1, transmittance: 1, color_byte: 1, alpha_byte: 1, background: 1
+) -> (pair: 2) {
+    let [color, transmittance, color_byte, alpha_byte, background] = inputs.array();
+    let truth = over(from_byte(color_byte), from_byte(alpha_byte), background);
+    [composite(color, transmittance, background), truth]
+});
+
+/// L1 and L2 losses of a colour ([`mod@specula_core::loss`]), and their gradient.
+#[derive(Clone, Copy, Debug)]
+pub struct ColorLoss;
+
+formula!(ColorLoss, |_, inputs| color_loss(pair: 2, ..share("absolute"), ..share("squared")) -> (
+    absolute: 1, squared: 1, grad: 1
+) {
+    let [rendered, truth, of_absolute, of_squared] = inputs.array();
+    let grad = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
+    [absolute(rendered, truth), squared(rendered, truth), grad]
+});
+
+/// Gradient of the transmittance through the background ([`specula_core::color::composite_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct WithBackground;
+
+formula!(WithBackground, |_, inputs| with_background(background: 1, grad: 1, sum: 1) -> (sum: 1) {
+    let [background, grad, sum] = inputs.array();
+    [composite_vjp(background, grad, sum)]
+});
+
+/// Losses on a pixel's coverage and on values weighted by it ([`mod@specula_core::loss`]), and their gradients.
+#[derive(Clone, Copy, Debug)]
+pub struct CoverageLoss;
+
+formula!(CoverageLoss, |_, inputs| coverage_loss(
+    transmittance: 1, alpha_byte: 1, ..share("coverage"), ..share("sparse_coverage"), ..share("residual_image")
+) -> (
+    absolute: 1, of_transmittance: 1, of_residual: 1
+) {
+    let [transmittance, alpha_byte, of_absolute, of_sparse, of_residual] = inputs.array();
+    let (coverage, alpha) = (-transmittance + 1.0, from_byte(alpha_byte));
+    let of_coverage = absolute_vjp(coverage, alpha, of_absolute) + sparse_coverage_vjp(coverage, of_sparse);
+    [absolute(coverage, alpha), -of_coverage, coverage * of_residual]
+});
+
+/// Means of several consecutive windows of SSIM, from window `first` on.
+fn window_means<R: Real, const N: usize>(taps: &[[R; N]], first: usize) -> Vec<R> {
+    let weights = ssim_window().map(|weight| taps[0][0].constant(weight));
+    (0..N).map(|k| window_mean(&weights, |tap| taps[first + tap][k])).collect()
+}
+
+/// Numbered parameters or results.
+fn numbered(name: &str, count: usize, len: usize) -> Vec<Field> {
+    (0..count).map(|k| field(&format!("{name}_{k}"), len)).collect()
+}
+
+/// Vertical means of SSIM's products over eight consecutive windows of a column
+/// ([`specula_core::loss::SsimMoments::products`]).
+#[derive(Clone, Copy, Debug)]
+pub struct MomentsDown;
+
+impl MomentsDown {
+    /// Number of windows.
+    pub const COUNT: usize = 8;
+}
+
+formula!(MomentsDown, |_, inputs| moments_down(..numbered("pair", Self::COUNT + SSIM_WINDOW - 1, 2)) -> (
+    ..numbered("mean", Self::COUNT, 4)
+) {
+    let products = |inputs: &mut Inputs<'_, R>| {
+        let [x, y] = inputs.array();
+        SsimMoments::products(x, y)
+    };
+    let taps: Vec<[R; 4]> = (0..Self::COUNT + SSIM_WINDOW - 1).map(|_| products(inputs)).collect();
+    (0..Self::COUNT).flat_map(|window| window_means(&taps, window)).collect::<Vec<R>>()
+});
+
+/// Means of `N` numbers over several consecutive windows ([`specula_core::loss::window_mean`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Windows<const N: usize> {
+    /// Number of windows.
+    pub count: usize,
+}
+
+/// Written out, because its name has numbers in it.
+impl<const N: usize> Formula for Windows<N> {
+    fn name(&self) -> String {
+        format!("windows_{N}_{}", self.count)
+    }
+    fn parameters(&self) -> Vec<Field> {
+        numbered("tap", self.count + SSIM_WINDOW - 1, N)
+    }
+    fn results(&self) -> Vec<Field> {
+        numbered("mean", self.count, N)
+    }
+    fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R> {
+        let taps: Vec<[R; N]> = (0..self.count + SSIM_WINDOW - 1).map(|_| inputs.array()).collect();
+        (0..self.count).flat_map(|window| window_means(&taps, window)).collect()
+    }
+}
+
+/// SSIM of a window, and its gradient with respect to the means ([`mod@specula_core::loss`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Structure;
+
+formula!(Structure, |_, inputs| structure_of(means: 4, ..share("structure")) -> (similarity: 1, grads: 3) {
+    let (means, share) = (inputs.array(), inputs.number());
+    let moments = SsimMoments::of_means(means);
+    let grads = ssim_vjp(&moments, share);
+    ([ssim(&moments)], grads)
+});
+
+/// Gradient of a colour through all windows around it ([`specula_core::loss::ssim_pixel_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct StructureGrad;
+
+formula!(StructureGrad, |_, inputs| structure_grad(pair: 2, grads: 3) -> (grad: 1) {
+    let [rendered, truth] = inputs.array();
+    [ssim_pixel_vjp(rendered, truth, inputs.array())]
+});
+
+/// Reads the values of a pixel's neighbours: left, right, above, below.
+fn take_cross<R: Real>(inputs: &mut Inputs<'_, R>) -> Cross<R> {
+    let [left, right, above, below] = inputs.array();
+    Cross { left, right, above, below }
+}
+
+/// Coverages from transmittances.
+fn covered<R: Real>(transmittances: &Cross<R>) -> Cross<R> {
+    let Cross { left, right, above, below } = *transmittances;
+    Cross { left: -left + 1.0, right: -right + 1.0, above: -above + 1.0, below: -below + 1.0 }
+}
+
+/// Weight of a pixel's normal ([`specula_core::depth_normal::surface_weight`]).
+#[derive(Clone, Copy, Debug)]
+pub struct NormalWeight;
+
+formula!(NormalWeight, |_, inputs| normal_weight(transmittance: 1, around: 4) -> (weight: 1) {
+    let (transmittance, around) = (inputs.number(), take_cross(inputs));
+    [surface_weight(-transmittance + 1.0, &covered(&around))]
+});
+
+/// Normal loss of a pixel, weighted by its coverage ([`specula_core::loss::normal_loss`]), and its gradients.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalLoss {
+    /// Form of the loss.
+    pub form: NormalForm,
+}
+
+formula!(NormalLoss, |this, inputs| normal_loss(
+    point: 2, weight: 1, rendered: 3, around: 4, depths: 4, ..share("normal"), ..camera_fields()
+) -> (
+    value: 1, of_rendered: 3, of_depths: 4
+) {
+    let ([x, y], weight, rendered) = (inputs.array(), inputs.number(), inputs.vec3());
+    let (around, blended, share) = (covered(&take_cross(inputs)), take_cross(inputs), inputs.number());
+    let camera = take_camera(inputs);
+    let depths = Cross {
+        left: expected_depth(blended.left, around.left),
+        right: expected_depth(blended.right, around.right),
+        above: expected_depth(blended.above, around.above),
+        below: expected_depth(blended.below, around.below),
+    };
+    let patch = NormalPatch { rays: rays_around(&camera, x, y), depths, rendered, coverage: weight };
+    let (value, of_rendered, of_depths) = normal_loss(this.form, &camera.camera_from_world, &patch, weight * share);
+    ([value * weight], of_rendered, [of_depths.left, of_depths.right, of_depths.above, of_depths.below])
+});
+
+/// Gradient of the blended channels from that of a pixel's expected depth
+/// ([`specula_core::depth_normal::expected_depth_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct DepthGrad;
+
+formula!(DepthGrad, |_, inputs| depth_grad(blended_depth: 1, transmittance: 1, grad: 1) -> (
+    of_blended: 1, of_transmittance: 1
+) {
+    let [blended, transmittance, grad] = inputs.array();
+    let coverage = -transmittance + 1.0;
+    let (of_blended, of_coverage) = expected_depth_vjp(expected_depth(blended, coverage), coverage, grad);
+    [of_blended.keep(is_surface(coverage)), (-of_coverage).keep(is_surface(coverage))]
+});

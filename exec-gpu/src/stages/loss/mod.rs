@@ -1,0 +1,318 @@
+//! Losses of an image: colour, structure, coverage, normals; and their gradients.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::{
+        camera::{CameraUniform, camera},
+        frame::{Frame, FrameGrad},
+    },
+};
+use bytemuck::{Pod, Zeroable};
+use core::ops::Range;
+use formulas::{
+    ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
+    StructureGrad, Windows, WithBackground,
+};
+use specula_core::{
+    bin::{TILE_SIZE, tile_count},
+    camera::Camera,
+    color::{UNKNOWN, has_alpha},
+    loss::{LossReport, LossWeights, NormalForm, SSIM_WINDOW},
+    rules::{Channels, channel},
+};
+
+pub mod formulas;
+
+/// Target image: 8-bit sRGB with straight alpha.
+#[derive(Debug)]
+pub struct Target {
+    size: [usize; 2],
+    /// Red, green, blue and alpha of each pixel, a byte each, red the lowest.
+    texels: Array,
+    /// Whether any pixel is not opaque.
+    has_alpha: bool,
+}
+
+impl Target {
+    /// Uploads a target.
+    ///
+    /// # Errors
+    ///
+    /// [`GpuError::TargetSize`] if the bytes do not fit the size; see [`Context::allocate`].
+    pub(crate) fn new(context: &mut Context, size: [usize; 2], rgba: &[u8]) -> Result<Self, GpuError> {
+        let [width, height] = size;
+        let expected = 4 * width * height;
+        if rgba.len() != expected {
+            return Err(GpuError::TargetSize { width, height, expected, found: rgba.len() });
+        }
+        Ok(Self { size, texels: context.upload("pixels of a picture", rgba)?, has_alpha: has_alpha(rgba) })
+    }
+}
+
+/// Variant of the kernels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LossVariant {
+    pub(crate) channels: usize,
+    pub(crate) has_structure: bool,
+    pub(crate) has_residual: bool,
+    pub(crate) normals: Option<NormalForm>,
+}
+
+/// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss.
+const PIXEL_SUMS: usize = 4;
+/// Sums over the pixels of a tile, with SSIM of each colour.
+const LOSS_SUMS: usize = PIXEL_SUMS + 3;
+/// Invocations of a tile that process four pixels each.
+const FOUR_PIXELS_EACH: usize = (TILE_SIZE * TILE_SIZE / 4) as usize;
+
+impl LossVariant {
+    /// Declarations of all kernels; `sum` is the type that the `group` invocations of a tile sum.
+    fn source(&self, group: usize, sum: &str) -> Source {
+        let blended = Channels::of_count(self.channels);
+        let index = |channel: usize| blended.index_of(channel).unwrap_or(self.channels);
+        Source::new()
+            .real()
+            .count("CHANNELS", self.channels)
+            .count("LOSS_GROUP", group)
+            .count("UNKNOWN", u32::from_le_bytes(UNKNOWN) as usize)
+            .count("NORMAL_CHANNEL", index(channel::NORMAL))
+            .count("DEPTH_CHANNEL", index(channel::DEPTH))
+            .count("RESIDUAL_CHANNEL", index(channel::RESIDUAL_SIZE))
+            .with(&format!("alias LossSum = {sum};"))
+            .with(include_str!("loss.wgsl"))
+    }
+}
+
+/// Appends the windows of SSIM: `mean` is the type of a mean, `down` that of eight vertical means.
+fn windows(source: Source, mean: &str, down: &str) -> Source {
+    source
+        .with(&format!("alias Means = {mean};\nalias MeansDown = {down};"))
+        .count("SSIM_WINDOW", SSIM_WINDOW)
+        .with(include_str!("windows.wgsl"))
+}
+
+pub(crate) fn mark_source(variant: &LossVariant) -> String {
+    variant.source(FOUR_PIXELS_EACH, "u32").with(include_str!("marks.wgsl")).text()
+}
+
+pub(crate) fn structure_source(variant: &LossVariant) -> String {
+    windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f", "MomentsDown")
+        .formula(&ComparedColors)
+        .formula(&MomentsDown)
+        .formula(&Windows::<4> { count: 4 })
+        .formula(&Structure)
+        .count("FIRST_STRUCTURE_SUM", PIXEL_SUMS)
+        .with(include_str!("structure.wgsl"))
+        .text()
+}
+
+pub(crate) fn pixel_source(variant: &LossVariant) -> String {
+    windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f", "Windows38")
+        .flag("HAS_STRUCTURE", variant.has_structure)
+        .flag("HAS_RESIDUAL", variant.has_residual)
+        .formula(&ComparedColors)
+        .formula(&ColorLoss)
+        .formula(&WithBackground)
+        .formula(&CoverageLoss)
+        .formula(&Windows::<3> { count: MomentsDown::COUNT })
+        .formula(&Windows::<3> { count: 4 })
+        .formula(&StructureGrad)
+        .with(include_str!("pixels.wgsl"))
+        .text()
+}
+
+pub(crate) fn normal_source(variant: &LossVariant, form: NormalForm) -> String {
+    variant
+        .source((TILE_SIZE * TILE_SIZE) as usize, "f32")
+        .part(camera)
+        .formula(&NormalWeight)
+        .formula(&NormalLoss { form })
+        .formula(&DepthGrad)
+        .with(include_str!("normals.wgsl"))
+        .text()
+}
+
+/// `LossSettings` of `loss.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+struct LossSettings {
+    background: [f32; 3],
+    absolute: f32,
+    squared: f32,
+    structure: f32,
+    coverage: f32,
+    sparse_coverage: f32,
+    residual_image: f32,
+    normal: f32,
+    size: [u32; 2],
+    tiles: [u32; 2],
+    padding: [u32; 2],
+}
+
+impl LossSettings {
+    fn new([width, height]: [usize; 2], weights: &LossWeights, background: [f32; 3]) -> Self {
+        let share = |weight: f32, values: usize| weight / (values * width * height) as f32;
+        let size = [width as u32, height as u32];
+        Self {
+            background,
+            absolute: share(weights.absolute, 3),
+            squared: share(weights.squared, 3),
+            structure: share(-weights.dssim, 3),
+            coverage: share(weights.coverage, 1),
+            sparse_coverage: share(weights.sparse_coverage, 1),
+            residual_image: share(weights.residual_image, 1),
+            normal: share(weights.normal, 1),
+            size,
+            tiles: size.map(tile_count),
+            padding: [0; 2],
+        }
+    }
+    fn tile_count(&self) -> usize {
+        self.tiles[0] as usize * self.tiles[1] as usize
+    }
+}
+
+/// Losses of an image on the device.
+#[derive(Debug)]
+pub(crate) struct Losses {
+    /// Sums over each tile: one row of tiles for each kind of loss.
+    sums: Array,
+    pixel_count: usize,
+    weights: LossWeights,
+    variant: LossVariant,
+}
+
+impl Losses {
+    /// The sums on the device.
+    pub(crate) fn sums(&self) -> &Array {
+        &self.sums
+    }
+
+    /// Losses from the downloaded sums, added over the tiles in their order.
+    pub(crate) fn report(&self, sums: &[f32]) -> LossReport {
+        let tiles = sums.len() / LOSS_SUMS;
+        let mean = |kinds: Range<usize>, is_known: bool| {
+            let sum: f64 = sums[kinds.start * tiles..kinds.end * tiles].iter().map(|sum| f64::from(*sum)).sum();
+            if is_known { sum / self.pixel_count as f64 } else { 0.0 }
+        };
+        let report = LossReport {
+            absolute: mean(0..1, true) / 3.0,
+            squared: mean(1..2, true) / 3.0,
+            coverage: mean(2..3, self.weights.coverage != 0.0),
+            normal: mean(3..PIXEL_SUMS, self.variant.normals.is_some()),
+            ssim: mean(PIXEL_SUMS..LOSS_SUMS, self.variant.has_structure) / 3.0,
+            ..LossReport::default()
+        };
+        report.with_total(&self.weights)
+    }
+}
+
+/// Inputs and outputs of the kernels.
+struct Comparison<'a> {
+    frame: &'a Frame,
+    target: &'a Target,
+    camera: &'a Camera,
+    settings: LossSettings,
+    variant: LossVariant,
+    /// Marks of each tile: whether anything but the background is visible.
+    marks: Array,
+    /// Gradients of the means of SSIM's windows, three planes for each colour.
+    partials: Array,
+    /// Gradient of the image.
+    grads: Array,
+    /// Sums over each tile: one row of tiles for each kind of loss.
+    sums: Array,
+}
+
+/// Losses of a frame, and their gradient.
+///
+/// # Errors
+///
+/// [`GpuError::FrameSize`] if frame and target differ in size; see [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn loss(
+    context: &mut Context,
+    frame: &Frame,
+    target: &Target,
+    camera: &Camera,
+    weights: &LossWeights,
+    background: [f32; 3],
+) -> Result<(FrameGrad, Losses), GpuError> {
+    if target.size != frame.size {
+        return Err(GpuError::FrameSize { expected: target.size, found: frame.size });
+    }
+    let has_geometry = Channels::of_count(frame.channels).index_of(channel::DEPTH).is_some();
+    let weights = weights.where_possible(target.has_alpha, has_geometry);
+    let comparison = Comparison::new(context, frame, target, camera, &weights, background)?;
+    comparison.dispatch(context)?;
+    let Comparison { grads, sums, variant, .. } = comparison;
+    let losses = Losses { sums, pixel_count: frame.pixel_count(), weights, variant };
+    Ok((FrameGrad { size: frame.size, channels: frame.channels, values: grads }, losses))
+}
+
+impl<'a> Comparison<'a> {
+    fn new(
+        context: &mut Context,
+        frame: &'a Frame,
+        target: &'a Target,
+        camera: &'a Camera,
+        weights: &LossWeights,
+        background: [f32; 3],
+    ) -> Result<Self, GpuError> {
+        let settings = LossSettings::new(frame.size, weights, background);
+        let variant = LossVariant {
+            channels: frame.channels,
+            has_structure: weights.dssim != 0.0,
+            has_residual: weights.residual_image != 0.0,
+            normals: (weights.normal != 0.0).then_some(weights.normal_form),
+        };
+        let partial_planes = if variant.has_structure { 9 } else { 0 };
+        Ok(Self {
+            frame,
+            target,
+            camera,
+            settings,
+            variant,
+            marks: context.allocate("marks of tiles", settings.tile_count())?,
+            partials: context.allocate("gradients of windows", partial_planes * frame.pixel_count())?,
+            grads: context.zeros("the gradient of a picture", (frame.channels + 1) * frame.pixel_count())?,
+            sums: context.allocate("sums of tiles", LOSS_SUMS * settings.tile_count())?,
+        })
+    }
+
+    fn dispatch(&self, context: &mut Context) -> Result<(), GpuError> {
+        let Self { variant, settings, .. } = self;
+        let settings = Uniform(bytemuck::bytes_of(settings));
+        let [blended, colors, texels] = [&self.frame.blended, self.frame.color(), &self.target.texels].map(Buffer);
+        let [marks, partials, grads, sums] = [&self.marks, &self.partials, &self.grads, &self.sums].map(Buffer);
+        let key = format!("{variant:?}");
+        let [columns, rows] = self.settings.tiles;
+        let tiles = Dispatch::Grid([columns, rows]);
+
+        let source = || mark_source(variant);
+        context.dispatch(&key, "mark_tiles", &source, &[settings, blended, colors, texels, marks], tiles)?;
+        if variant.has_structure {
+            let source = || structure_source(variant);
+            let bindings = [settings, blended, colors, texels, marks, partials, sums];
+            context.dispatch(&key, "compare_structure", &source, &bindings, Dispatch::Grid([3 * columns, rows]))?;
+        }
+        let source = || pixel_source(variant);
+        let bindings = [settings, blended, colors, texels, marks, partials, grads, sums];
+        context.dispatch(&key, "compare_pixels", &source, &bindings, tiles)?;
+        if let Some(form) = variant.normals {
+            let view = CameraUniform::new(self.camera, 0);
+            let source = || normal_source(variant, form);
+            let bindings = [settings, blended, colors, texels, marks, grads, sums, Uniform(view.bytes())];
+            context.dispatch(&key, "compare_normals", &source, &bindings, tiles)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,35 @@
+//! Stages of the pipeline, each with its dispatches, formulas and kernels, in the pipeline's order.
+//!
+//! ```text
+//! prefilter -> project -> shade -> bin -> blend -> (shade_pixels) -> (expose) -> loss
+//!   densify <- optimise <- prefilter_vjp <- gaussians_vjp <- blend_vjp <-+
+//! ```
+
+pub mod bin;
+pub mod blend;
+pub mod expose;
+pub mod loss;
+pub mod prefilter;
+pub mod project;
+pub mod shade;
+pub mod shade_pixels;
+
+pub mod blend_vjp;
+pub mod expose_vjp;
+pub mod gaussians_vjp;
+pub mod observe;
+pub mod optimise;
+pub mod prefilter_vjp;
+pub mod shade_pixels_vjp;
+
+pub mod densify;
+pub mod limit_plane;
+
+// Shared by several stages.
+pub(crate) mod camera;
+pub mod frame;
+pub(crate) mod gaussians;
+pub mod light;
+pub(crate) mod outline;
+pub(crate) mod sort;
+pub(crate) mod step_counters;

@@ -1,0 +1,331 @@
+//! Prefiltering of a light into roughness levels.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::light::{LightLayout, TEXEL_LEN, formulas::LevelOf, texels},
+};
+use core::ops::Range;
+use specula_core::{
+    cubemap::FACE_COUNT,
+    pack::Storage,
+    prefilter::{LevelRange, PrefilterScheme},
+    scene::{Environment, RadianceActivation},
+};
+use specula_prefilter::{
+    Operator, SPLIT_SUM,
+    sparse::{Linear, Sparse},
+};
+use std::sync::{Arc, OnceLock};
+
+/// Partial sums of a row of a sparse matrix.
+const ROW_SUMS: usize = 4;
+
+/// Appends the values of an environment, and their radiance.
+pub(crate) fn radiance(source: Source) -> Source {
+    source.real().number("LOG2_E", core::f32::consts::LOG2_E).with(include_str!("radiance.wgsl"))
+}
+
+pub(crate) fn activation_source() -> String {
+    Source::new().part(radiance).with(include_str!("activate.wgsl")).text()
+}
+
+pub(crate) fn product_source(storage: Storage) -> String {
+    let source = Source::new().count("ROW_SUMS", ROW_SUMS).part(|source| texels(source, storage));
+    source.with(include_str!("product.wgsl")).text()
+}
+
+/// Words of a texel of a filtered light.
+fn texel_words(storage: Storage) -> usize {
+    match storage {
+        Storage::F32 => TEXEL_LEN,
+        Storage::F16 => TEXEL_LEN / 2,
+    }
+}
+
+/// Light, filtered into roughness levels.
+#[derive(Debug)]
+pub struct Light {
+    pub(crate) layout: LightLayout,
+    /// Texels of all levels with their aprons, level after level.
+    pub(crate) texels: Array,
+    /// Split-sum table of the authors' shading; one entry in other schemes.
+    pub(crate) split_sum: Array,
+    /// Weights of the prefilter.
+    pub(crate) weights: Arc<Weights>,
+}
+
+/// The weights of a prefilter on the device.
+#[derive(Debug)]
+pub(crate) struct Weights {
+    /// Scheme, resolution and levels.
+    pub(crate) key: (PrefilterScheme, usize, LevelRange),
+    pub(crate) operator: Operator,
+    forward: Matrices,
+    /// Transposed matrices, uploaded for the first gradient.
+    transposed: OnceLock<Matrices>,
+}
+
+/// Matrices of a prefilter, or all of them transposed.
+#[derive(Debug)]
+pub(crate) struct Matrices {
+    /// Reductions from each level of the pyramid to the next.
+    pub(crate) reductions: Vec<Matrix>,
+    /// Rows of the filter; `None` if there are too many weights to keep, which are then computed at each use.
+    pub(crate) rows: Option<Matrix>,
+    pub(crate) aprons: Matrix,
+}
+
+impl Matrices {
+    fn new(context: &mut Context, operator: &Operator, of: fn(&Linear) -> &Sparse) -> Result<Self, GpuError> {
+        let reductions: Result<Vec<Matrix>, GpuError> =
+            operator.reductions().map(|(_, reduction)| Matrix::new(context, of(reduction))).collect();
+        Ok(Self {
+            reductions: reductions?,
+            rows: operator.rows().map(|rows| Matrix::new(context, of(rows))).transpose()?,
+            aprons: Matrix::new(context, of(operator.aprons()))?,
+        })
+    }
+}
+
+/// Destination of a matrix product.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Out<'a> {
+    /// The texels themselves, from this index on.
+    Texels(usize),
+    /// The texels themselves, from this index on, to which the product is added.
+    AddedTexels(usize),
+    /// Another array, in a storage format.
+    Other(&'a Array, Storage),
+}
+
+/// Sparse matrix on the device, in parts that fit into arrays.
+#[derive(Debug)]
+pub(crate) struct Matrix {
+    parts: Vec<RowRange>,
+}
+
+/// Some rows of a matrix.
+#[derive(Debug)]
+struct RowRange {
+    first_row: usize,
+    row_count: usize,
+    starts: Array,
+    columns: Array,
+    weights: Array,
+}
+
+impl Matrix {
+    pub(crate) fn new(context: &mut Context, sparse: &Sparse) -> Result<Self, GpuError> {
+        // `starts` has one number more, for the end of the last row.
+        let most = (context.gpu.binding_max() / 4) as usize - 1;
+        let parts: Result<Vec<RowRange>, GpuError> =
+            sparse.ranges(most).into_iter().map(|rows| RowRange::new(context, sparse, rows)).collect();
+        Ok(Self { parts: parts? })
+    }
+
+    /// Multiplies the matrix with the texels from index `first` on.
+    pub(crate) fn apply(
+        &self,
+        context: &mut Context,
+        texels: &Array,
+        first: usize,
+        out: Out<'_>,
+    ) -> Result<(), GpuError> {
+        self.parts.iter().try_for_each(|rows| rows.apply(context, texels, first, out))
+    }
+}
+
+impl RowRange {
+    fn new(context: &mut Context, sparse: &Sparse, rows: Range<usize>) -> Result<Self, GpuError> {
+        let first = sparse.starts[rows.start];
+        let weights = first..sparse.starts[rows.end];
+        let starts: Vec<u32> =
+            sparse.starts[rows.start..=rows.end].iter().map(|start| (*start - first) as u32).collect();
+        Ok(Self {
+            first_row: rows.start,
+            row_count: rows.len(),
+            starts: context.upload("starts of a prefilter's rows", &starts)?,
+            columns: context.upload("columns of a prefilter", &sparse.columns[weights.clone()])?,
+            weights: context.upload("weights of a prefilter", &sparse.weights[weights])?,
+        })
+    }
+
+    fn apply(&self, context: &mut Context, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
+        let none = context.allocate("nothing", TEXEL_LEN)?;
+        let (entry, first, other, storage) = match out {
+            Out::Texels(first) => ("filter_texels", first, &none, Storage::F32),
+            Out::AddedTexels(first) => ("add_filtered_texels", first, &none, Storage::F32),
+            Out::Other(array, storage) => ("pad_texels", 0, array, storage),
+        };
+        let settings = [self.row_count as u32, source as u32, (first + self.first_row) as u32];
+        let bindings = [
+            Uniform(bytemuck::cast_slice(&settings)),
+            Buffer(&self.starts),
+            Buffer(&self.columns),
+            Buffer(&self.weights),
+            Buffer(texels),
+            Buffer(other),
+        ];
+        let (key, source) = (format!("prefilter {storage:?}"), || product_source(storage));
+        context.dispatch(&key, entry, &source, &bindings, Dispatch::Invocations(ROW_SUMS * self.row_count))
+    }
+}
+
+/// Weights that are on the device at once, where not all are kept.
+const WEIGHTS_AT_ONCE: usize = 1 << 22;
+
+/// Applies rows that are not kept, part by part: `apply` gets the index of each part's first row, and the part. Blocks
+/// after each part, so that one is on the device at a time.
+pub(crate) fn apply_parts(
+    context: &mut Context,
+    operator: &Operator,
+    mut apply: impl FnMut(&mut Context, usize, &Sparse) -> Result<(), GpuError>,
+) -> Result<(), GpuError> {
+    for (first_row, part) in operator.pieces(WEIGHTS_AT_ONCE) {
+        apply(context, first_row, &part)?;
+        context.finish()?;
+    }
+    Ok(())
+}
+
+impl Weights {
+    pub(crate) fn new(context: &mut Context, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Self>, GpuError> {
+        let (scheme, resolution, kept) = key;
+        Self::of(context, key, Operator::new(scheme, resolution, kept))
+    }
+
+    fn of(
+        context: &mut Context,
+        key: (PrefilterScheme, usize, LevelRange),
+        operator: Operator,
+    ) -> Result<Arc<Self>, GpuError> {
+        let forward = Matrices::new(context, &operator, |linear| &linear.forward)?;
+        Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new() }))
+    }
+
+    pub(crate) fn transposed(&self, context: &mut Context) -> Result<&Matrices, GpuError> {
+        if let Some(transposed) = self.transposed.get() {
+            return Ok(transposed);
+        }
+        let transposed = Matrices::new(context, &self.operator, Linear::transposed)?;
+        Ok(self.transposed.get_or_init(|| transposed))
+    }
+
+    fn layout(&self, storage: Storage) -> LightLayout {
+        let levels = self.operator.levels().to_vec();
+        let offsets = self.operator.offsets();
+        let maps = offsets[..offsets.len() - 1].iter().enumerate();
+        LightLayout {
+            maps: maps.map(|(level, first)| (*first, self.operator.resolution(level))).collect(),
+            levels: LevelOf { levels },
+            storage,
+        }
+    }
+}
+
+/// Filters an environment into levels.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn prefilter(
+    context: &mut Context,
+    weights: &Arc<Weights>,
+    environment: &Environment<&Array>,
+    storage: Storage,
+) -> Result<Light, GpuError> {
+    let operator = &weights.operator;
+    let texel_count = texel_count(environment);
+    let nodes = context.allocate("texels of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
+    let settings = base_of(environment);
+    let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(environment.values), Buffer(&nodes)];
+    context.dispatch(
+        "activate",
+        "activate_texels",
+        &activation_source,
+        &bindings,
+        Dispatch::Invocations(texel_count),
+    )?;
+    for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.forward.reductions) {
+        matrix.apply(context, &nodes, fine, Out::Texels(coarse))?;
+    }
+    let first_row = operator.node_count();
+    match &weights.forward.rows {
+        Some(rows) => rows.apply(context, &nodes, 0, Out::Texels(first_row))?,
+        None => apply_parts(context, operator, |context, first, part| {
+            Matrix::new(context, part)?.apply(context, &nodes, 0, Out::Texels(first_row + first))
+        })?,
+    }
+    let texels = context.allocate("levels of a light", texel_words(storage) * operator.padded_count())?;
+    weights.forward.aprons.apply(context, &nodes, 0, Out::Other(&texels, storage))?;
+    let split_sum = match weights.key.0 {
+        PrefilterScheme::Official => context.upload("split sums", &SPLIT_SUM)?,
+        PrefilterScheme::Exact => context.upload("split sums", &[[0.0_f32; 2]])?,
+    };
+    Ok(Light { layout: weights.layout(storage), texels, split_sum, weights: weights.clone() })
+}
+
+/// Texels of an environment.
+pub(crate) fn texel_count<A>(environment: &Environment<A>) -> usize {
+    FACE_COUNT * environment.resolution * environment.resolution
+}
+
+/// `Base` of `radiance.wgsl`.
+pub(crate) fn base_of<A>(environment: &Environment<A>) -> [u32; 2] {
+    let is_exponential = environment.activation == RadianceActivation::Exponential;
+    [texel_count(environment) as u32, u32::from(is_exponential)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::{light::LightGrad, prefilter_vjp::prefilter_vjp};
+    use specula_core::random::uniform;
+
+    /// A light and the gradient of its environment, from random numbers.
+    fn there_and_back(context: &mut Context, weights: &Arc<Weights>) -> [Vec<f32>; 2] {
+        let (_, resolution, _) = weights.key;
+        let mut draw = |stream: u64, len: usize| {
+            let numbers: Vec<f32> = (0..len).map(|k| uniform(3, stream, k as u64)).collect();
+            context.upload("numbers", &numbers).expect("numbers fit")
+        };
+        let values = draw(0, 3 * FACE_COUNT * resolution * resolution);
+        let grad = LightGrad { texels: draw(1, TEXEL_LEN * weights.operator.padded_count()) };
+        let environment = Environment { resolution, activation: RadianceActivation::Identity, values };
+        let environment = environment.with_values(&environment.values);
+        let light = prefilter(context, weights, &environment, Storage::F32).expect("the device filters");
+        let back = prefilter_vjp(context, &environment, &light, &grad).expect("the device goes back");
+        [light.texels, back].map(|array| {
+            let mut numbers = vec![0.0; array.len()];
+            context.download(&array, 0, &mut numbers).expect("there are so many");
+            numbers
+        })
+    }
+
+    #[test]
+    fn rows_that_are_not_kept_filter_as_those_that_are() {
+        let Some(mut context) = Context::for_tests() else { return };
+        let key = (PrefilterScheme::Official, 64, LevelRange::ALL);
+        let kept = Weights::new(&mut context, key).expect("weights fit");
+        let mut operator = Operator::new(key.0, key.1, key.2);
+        operator.forget_rows();
+        let forgotten = Weights::of(&mut context, key, operator).expect("weights fit");
+        assert!(kept.forward.rows.is_some() && forgotten.forward.rows.is_none(), "both ways are taken");
+        let [light, grad] = there_and_back(&mut context, &kept);
+        let [same_light, same_grad] = there_and_back(&mut context, &forgotten);
+        assert!(light == same_light, "a row is the same sum in whatever part it lies");
+        // Sums over all rows are those of the parts.
+        let largest = grad.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
+        let apart = grad.iter().zip(&same_grad).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(largest > 0.0 && apart <= 1e-6 * largest, "{apart:e} of {largest:e} apart");
+    }
+}

@@ -1,0 +1,13 @@
+// Splat in memory.
+
+// A Gaussian on the screen. Its root of the conic is scaled for powers of two.
+struct Splat {
+    mean2d: vec2f,
+    log2_opacity: f32,
+    opacity: f32,
+    root: vec3f,
+    reach: f32,
+    half_extent: vec2f,
+    depth: f32,
+    padding: f32,
+}

@@ -1,0 +1,53 @@
+//! Gradient of deferred shading.
+
+use crate::{
+    codegen::formula::{call, formula},
+    stages::{
+        camera::{camera_fields, take_camera},
+        shade_pixels::formulas::SurfaceOfPixel,
+    },
+};
+use specula_core::{
+    pixel::{PixelSurface, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    vector::Vec3,
+};
+
+/// Gradient of [`ColorOfPixel`](crate::stages::shade_pixels::formulas::ColorOfPixel)
+/// ([`specula_core::pixel::pixel_color_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct ColorOfPixelVjp;
+
+formula!(ColorOfPixelVjp, |_, inputs| color_of_pixel_vjp(
+    base: 3, tint: 3, light: 3, coverage: 1, grad: 3
+) -> (
+    base: 3, tint: 3, light: 3, coverage: 1
+) {
+    let (base, tint, light, coverage) = (inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.number());
+    let surface = PixelSurface { base, tint, roughness: coverage.zero(), reflection_dir: Vec3::zero(coverage) };
+    let (of_surface, of_light, of_coverage) = pixel_color_vjp(&surface, light, coverage, inputs.vec3());
+    (of_surface.base, of_surface.tint, of_light, [of_coverage])
+});
+
+/// Gradient of [`SurfaceOfPixel`] with respect to the blended channels ([`specula_core::pixel::pixel_surface_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceOfPixelVjp(pub SurfaceOfPixel);
+
+formula!(SurfaceOfPixelVjp, |this, inputs| surface_of_pixel_vjp(
+    ..[call("blended", this.0.blended.count() + 1)], point: 2, ..camera_fields(),
+    grad_base: 3, grad_tint: 3, grad_roughness: 1, grad_reflection_dir: 3
+) -> (
+    base: 3, normal: 3, tint: 3, roughness: 1, coverage: 1
+) {
+    let pixel = this.0.pixel(inputs.slice(this.0.blended.count() + 1));
+    let [x, y] = inputs.array();
+    let view_dir = take_camera(inputs).view_dir(x, y);
+    let grad = PixelSurface {
+        base: inputs.vec3(),
+        tint: inputs.vec3(),
+        roughness: inputs.number(),
+        reflection_dir: inputs.vec3(),
+    };
+    let surface = pixel_surface(&pixel, view_dir);
+    let own = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
+    (own.base, own.normal, own.tint, [own.roughness, own.coverage])
+});

@@ -1,0 +1,100 @@
+//! Gradient of deferred shading.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+    },
+    stages::{
+        camera::{CameraUniform, camera},
+        frame::{Frame, FrameGrad},
+        light::{LightGrad, LightLayout, sums::LightSums, texels},
+        prefilter::Light,
+        shade_pixels::formulas::SurfaceOfPixel,
+    },
+};
+use formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp};
+use specula_core::{
+    camera::Camera,
+    pack::Storage,
+    rules::{Channels, channel},
+};
+
+pub mod formulas;
+
+/// Lookup of no light.
+const UNLIT_LOOK: &str = "
+struct Look {
+    radiance: vec3f,
+}
+
+fn look_up(direction: vec3f, roughness: f32) -> Look {
+    return Look(vec3f(0.0));
+}
+
+fn look_up_vjp(look: Look, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    return vec4f(0.0);
+}
+";
+
+/// Kernel for a surface; without a light, no gradient flows to one.
+pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
+    let index_of = |channel: usize| surface.blended.index_of(channel);
+    let source = Source::new()
+        .real()
+        .part(camera)
+        .formula(surface)
+        .formula(&ColorOfPixelVjp)
+        .formula(&SurfaceOfPixelVjp(*surface))
+        .count("TRANSMITTANCE", surface.blended.count())
+        .count("COLOR_CHANNEL", channel::COLOR)
+        .part(|source| optional_channel(source, "NORMAL", index_of(channel::NORMAL)))
+        .part(|source| optional_channel(source, "TINT", index_of(channel::TINT)))
+        .part(|source| optional_channel(source, "ROUGHNESS", index_of(channel::ROUGHNESS)));
+    let source = match light {
+        Some(light) => light.lookup_vjp(source),
+        None => texels(source, Storage::F32).with(UNLIT_LOOK),
+    };
+    source.with(include_str!("shade_pixels_vjp.wgsl")).text()
+}
+
+/// Appends whether a layer is blended, and its first channel.
+fn optional_channel(source: Source, layer: &str, index: Option<usize>) -> Source {
+    source.flag(&format!("HAS_{layer}"), index.is_some()).count(&format!("{layer}_CHANNEL"), index.unwrap_or_default())
+}
+
+/// Gradients of the blended channels and of the light from that of the shaded frame.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn shade_pixels_vjp(
+    context: &mut Context,
+    surface: &Frame,
+    light: Option<&Light>,
+    camera: &Camera,
+    grad: FrameGrad,
+) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
+    let view = CameraUniform::new(camera, 0);
+    let of_pixel = SurfaceOfPixel { blended: Channels::of_count(surface.channels) };
+    let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
+    let none = [context.allocate("no light", 4)?, context.allocate("no sums", 4)?];
+    let bindings = [
+        Uniform(view.bytes()),
+        Buffer(&surface.blended),
+        Buffer(light.map_or(&none[0], |light| &light.texels)),
+        Buffer(&grad.values),
+        Buffer(sums.as_ref().map_or(&none[1], LightSums::array)),
+    ];
+    let layout = light.map(|light| &light.layout);
+    let key = format!("{of_pixel:?} {layout:?}");
+    let source = || source(&of_pixel, layout);
+    context.dispatch(&key, "shade_pixels_vjp", &source, &bindings, Dispatch::Invocations(surface.pixel_count()))?;
+    let light_grad = sums.map(|sums| sums.finish(context)).transpose()?;
+    Ok((grad, light_grad))
+}

@@ -1,0 +1,20 @@
+// Every number's own place.
+
+struct Numbers {
+    count: u32,
+}
+
+@group(0) @binding(0) var<uniform> size: Numbers;
+@group(0) @binding(1) var<storage, read_write> numbers: array<u32>;
+
+@compute @workgroup_size(GROUP)
+fn iota(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let place = linear_index(group, groups, local);
+    if place < size.count {
+        numbers[place] = place;
+    }
+}

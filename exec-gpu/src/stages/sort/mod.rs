@@ -1,0 +1,205 @@
+//! Exclusive prefix sums and stable radix sort.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::step_counters::{StepCounters, step_counters},
+};
+
+/// Numbers that a workgroup sums.
+const SCAN_BLOCK: usize = 4096;
+/// Consecutive elements that one invocation processes in turn.
+pub(crate) const COLUMN: usize = 64;
+/// Invocations of a workgroup that sorts: their counters take a quarter of its memory.
+const SORT_GROUP: usize = 64;
+/// Bits of a key that one pass sorts by.
+const DIGIT_BITS: u32 = 4;
+
+/// Appends the number of elements that one invocation processes in turn.
+pub(crate) fn column(source: Source) -> Source {
+    source.count("COLUMN", COLUMN)
+}
+
+pub(crate) fn scan_source() -> String {
+    Source::new().count("SCAN_BLOCK", SCAN_BLOCK).with(include_str!("scan.wgsl")).text()
+}
+
+pub(crate) fn iota_source() -> String {
+    Source::new().with(include_str!("iota.wgsl")).text()
+}
+
+pub(crate) fn sort_source() -> String {
+    Source::new()
+        .part(column)
+        .count("SORT_GROUP", SORT_GROUP)
+        .count("DIGIT_BITS", DIGIT_BITS as usize)
+        .part(step_counters)
+        .with(include_str!("sort.wgsl"))
+        .text()
+}
+
+/// Replaces each of `len` numbers by the sum of the numbers before it.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn scan(context: &mut Context, numbers: &Array, len: usize) -> Result<(), GpuError> {
+    let blocks = len.div_ceil(SCAN_BLOCK);
+    let sums = context.allocate("sums", blocks)?;
+    let size = [len as u32];
+    let bindings = [Uniform(bytemuck::cast_slice(&size)), Buffer(numbers), Buffer(&sums)];
+    context.dispatch("scan", "scan_blocks", &scan_source, &bindings, Dispatch::Workgroups(blocks))?;
+    if blocks > 1 {
+        scan(context, &sums, blocks)?;
+        context.dispatch("scan", "add_block_sums", &scan_source, &bindings, Dispatch::Workgroups(blocks))?;
+    }
+    Ok(())
+}
+
+/// Array of the indices 0, 1, …, `len` − 1.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn iota(context: &mut Context, what: &'static str, len: usize) -> Result<Array, GpuError> {
+    let numbers = context.allocate(what, len)?;
+    let size = [len as u32];
+    let bindings = [Uniform(bytemuck::cast_slice(&size)), Buffer(&numbers)];
+    context.dispatch("iota", "iota", &iota_source, &bindings, Dispatch::Invocations(len))?;
+    Ok(numbers)
+}
+
+/// Keys, each with an item.
+#[derive(Debug)]
+pub(crate) struct Pairs {
+    pub(crate) keys: Array,
+    pub(crate) items: Array,
+}
+
+/// Number of pairs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Len {
+    /// Known to the host.
+    Known(usize),
+    /// Stored in the step counters, and at most this.
+    Counted(usize),
+}
+
+/// Sorts pairs by the lowest `bits` of their keys; pairs of equal keys keep their order.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn sort(
+    context: &mut Context,
+    counters: &StepCounters,
+    mut pairs: Pairs,
+    len: Len,
+    bits: u32,
+) -> Result<Pairs, GpuError> {
+    let (len, is_counted) = match len {
+        Len::Known(len) => (len, false),
+        Len::Counted(most) => (most, true),
+    };
+    let columns = len.div_ceil(COLUMN);
+    let groups = Dispatch::Workgroups(columns.div_ceil(SORT_GROUP));
+    let starts = context.allocate("digits", columns << DIGIT_BITS)?;
+    let mut other = Pairs { keys: context.allocate("keys", len)?, items: context.allocate("items", len)? };
+    for shift in (0..bits).step_by(DIGIT_BITS as usize) {
+        let mask = (1 << DIGIT_BITS.min(bits - shift)) - 1;
+        let settings = [len as u32, columns as u32, shift, mask, u32::from(is_counted)];
+        let bindings = [
+            Uniform(bytemuck::cast_slice(&settings)),
+            Buffer(&pairs.keys),
+            Buffer(&pairs.items),
+            Buffer(&starts),
+            Buffer(&other.keys),
+            Buffer(&other.items),
+            Buffer(counters.array()),
+        ];
+        context.dispatch("sort", "count_digits", &sort_source, &bindings, groups)?;
+        scan(context, &starts, columns << DIGIT_BITS)?;
+        context.dispatch("sort", "move_elements", &sort_source, &bindings, groups)?;
+        (pairs, other) = (other, pairs);
+    }
+    Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codegen::source::WORKGROUP_SIZE;
+    use specula_core::random;
+
+    fn random_numbers(len: usize, bits: u32) -> Vec<u32> {
+        (0..len).map(|k| (random::bits(7, u64::from(bits), k as u64) >> (64 - bits)) as u32).collect()
+    }
+
+    #[test]
+    fn sums_are_those_of_all_numbers_before() {
+        let Some(mut context) = Context::for_tests() else { return };
+        for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
+            // Few bits, so that the sum of all still fits into a word.
+            let own = random_numbers(len, 7);
+            let array = context.upload("numbers", &own).expect("numbers fit");
+            scan(&mut context, &array, len).expect("the device adds");
+            let mut sums = vec![0; len];
+            context.download(&array, 0, &mut sums).expect("there are so many");
+            let mut before = 0;
+            for (k, sum) in sums.into_iter().enumerate() {
+                assert_eq!(sum, before, "number {k} of {len}");
+                before += own[k];
+            }
+        }
+    }
+
+    #[test]
+    fn more_groups_than_an_axis_of_a_dispatch_has_are_numbered_without_a_gap() {
+        let Some(mut context) = Context::for_tests() else { return };
+        let len = 65_535 * WORKGROUP_SIZE as usize + 300;
+        let array = iota(&mut context, "numbers", len).expect("numbers fit");
+        let mut own = vec![0_u32; len];
+        context.download(&array, 0, &mut own).expect("there are so many");
+        assert!(own.into_iter().eq(0..len as u32), "every invocation has its own number");
+    }
+
+    #[test]
+    fn pairs_are_sorted_and_equal_keys_stay_in_their_order() {
+        let Some(mut context) = Context::for_tests() else { return };
+        for bits in [1, 5, 12, 13, 24, 30, 32] {
+            for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
+                sorts_as_the_host(&mut context, &random_numbers(len, bits), bits);
+                sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
+            }
+        }
+        // Bits above those that are sorted by change nothing but go along.
+        let keys: Vec<u32> = random_numbers(5000, 32);
+        sorts_as_the_host(&mut context, &keys, 9);
+    }
+
+    fn sorts_as_the_host(context: &mut Context, keys: &[u32], bits: u32) {
+        let len = keys.len();
+        let counters = StepCounters::new(context);
+        let pairs = Pairs {
+            keys: context.upload("keys", keys).expect("keys fit"),
+            items: iota(context, "items", len).expect("items fit"),
+        };
+        let sorted = sort(context, &counters, pairs, Len::Known(len), bits).expect("the device sorts");
+        let mut own = [vec![0; len], vec![0; len]];
+        context.download(&sorted.keys, 0, &mut own[0]).expect("there are so many");
+        context.download(&sorted.items, 0, &mut own[1]).expect("there are so many");
+        let mut order: Vec<u32> = (0..len as u32).collect();
+        let low = u32::MAX >> (32 - bits);
+        order.sort_by_key(|item| keys[*item as usize] & low);
+        assert!(own[1] == order, "{len} items by {bits} bits");
+        assert!(own[0].iter().zip(&order).all(|(key, item)| *key == keys[*item as usize]), "keys go with their items");
+    }
+}
