@@ -636,7 +636,7 @@ fn gaussians_that_no_array_holds_are_refused_with_the_limit_and_what_to_do() {
     let Some(mut gpu) = executor_with_arrays_of(1000) else { return };
     gpu.upload(&[0.0; 248]).expect("so many fit");
     let refused = gpu.upload(&[0.0; 249]).expect_err("these do not").to_string();
-    for said in ["996", "992", "--max-gaussians", "the CPU"] {
+    for said in ["996", "992", "fewer Gaussians", "the CPU"] {
         assert!(refused.contains(said), "{refused:?} should say {said:?}");
     }
 }
