@@ -13,7 +13,7 @@ use crate::{
     orientation, output, progress,
     scene::{Renderer, measure_views},
     settings,
-    view::{self, Subject, Watching},
+    view::{self, Watching},
     within::{Within, within},
 };
 use core::net::SocketAddr;
@@ -39,7 +39,7 @@ use specula_train::{
     trainer::Settings,
     view::View,
 };
-use specula_viewer::{LiveTraining, PhotographSource};
+use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
 /// Points to start from where there are none.
@@ -355,16 +355,16 @@ fn watch(
     let live = Arc::new(LiveTraining::new(args.iterations, training.iteration()));
     let photographs = PhotographSource { folder: source_of(args)?.to_owned(), options: options_of(args) };
     let scene = training.scene()?;
-    let subject = Subject {
+    let viewed = ViewedScene {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         orientation: data.orientation.unwrap_or_else(|| of_gaussians(&scene.gaussians)),
         scene,
         views: data.test.iter().chain(&data.train).map(named).collect(),
         held_out: data.test.len(),
         photographs: Some(photographs),
-        background,
+        background: background.0,
     };
-    let watching = view::watch(args, address, subject, live.clone())?;
+    let watching = view::watch(args, address, viewed, live.clone())?;
     training.watch(live);
     Ok(watching)
 }

@@ -2,17 +2,15 @@
 
 use crate::{
     args::{EnvUp, Train, View, ViewUntil},
-    background::Background,
     dataset,
     failure::Failure,
     interrupt, output,
     scene::{self, background_of, note_oddities},
 };
 use core::net::SocketAddr;
-use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{OpenedModel, RenderOptions, Scene, orbit::StartView};
+use specula_scene::{OpenedModel, RenderOptions, Scene};
 use specula_viewer::{
-    LiveTraining, MapUp, Navigation, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
+    LiveTraining, MapUp, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };
 use std::{
     io::IsTerminal,
@@ -24,19 +22,14 @@ use std::{
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.showing.profile)?;
     note_oddities(&opened);
-    let background = background_of(&opened, args.background);
-    let subject = Subject {
-        name: name_of(&args.scene),
-        views: opened.cameras()?,
-        orientation: opened.orientation(args.showing.scene_up.map(Into::into))?,
-        held_out: opened.test_views().unwrap_or(0),
-        photographs: photographs_of(&opened),
-        scene: opened.scene,
-        background,
-    };
+    let background = background_of(&opened, args.background).0;
+    let orientation = opened.orientation(args.showing.scene_up.map(Into::into))?;
+    let photographs = photographs_of(&opened);
+    let scene = ViewedScene::of_model(name_of(&args.scene), opened)?;
+    let scene = ViewedScene { orientation, photographs, background, ..scene };
     let render = (&args.showing.machine).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
-    let viewer = Viewer::bind(&options, subject.into(), None)?;
+    let viewer = Viewer::bind(&options, scene, None)?;
     for file in &args.env {
         let warnings = viewer.add_light(file, args.env_up.into())?;
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
@@ -45,28 +38,6 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     print_urls(&viewer)?;
     tracing::info!("open it in a browser; Ctrl-C ends it");
     Ok(viewer.serve(interrupt::is_requested)?)
-}
-
-/// Scene to view, oriented.
-#[derive(Debug)]
-pub(crate) struct Subject {
-    pub(crate) name: String,
-    pub(crate) scene: Scene,
-    /// Cameras of the data set, held-out views first.
-    pub(crate) views: Vec<NamedCamera>,
-    pub(crate) held_out: usize,
-    pub(crate) orientation: Orientation,
-    pub(crate) photographs: Option<PhotographSource>,
-    pub(crate) background: Background,
-}
-
-impl From<Subject> for ViewedScene {
-    fn from(subject: Subject) -> Self {
-        let Subject { name, scene, views, held_out, orientation, photographs, background } = subject;
-        let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
-        let navigation = Navigation { first, start, centre, up };
-        Self { name, scene, views, held_out, navigation, photographs, background: background.0 }
-    }
 }
 
 impl From<EnvUp> for MapUp {
@@ -125,12 +96,12 @@ impl Watching {
 pub(crate) fn watch(
     args: &Train,
     address: SocketAddr,
-    subject: Subject,
+    scene: ViewedScene,
     live: Arc<LiveTraining>,
 ) -> Result<Watching, Failure> {
     let render = RenderOptions::full_precision(args.executor.clone());
     let options = ViewerOptions { address, token: args.watch.token.clone(), render };
-    let viewer = Viewer::bind(&options, subject.into(), Some(live.clone()))?;
+    let viewer = Viewer::bind(&options, scene, Some(live.clone()))?;
     print_urls(&viewer)?;
     let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);
     Ok(Watching { live, viewer: viewer.spawn(interrupt::is_requested), until })

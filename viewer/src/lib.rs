@@ -11,24 +11,12 @@
 //! and memory are bounded.
 //!
 //! ```no_run
-//! use glam::Vec3;
-//! use specula_core::camera::Camera;
 //! use specula_scene::OpenedModel;
-//! use specula_viewer::{Navigation, ViewedScene, Viewer, ViewerOptions};
+//! use specula_viewer::{ViewedScene, Viewer, ViewerOptions};
 //! use std::path::Path;
 //!
 //! let model = OpenedModel::open(Path::new("out/vase"))?;
-//! let start = Camera::look_at(Vec3::new(0.0, -4.0, 1.0), Vec3::ZERO, Vec3::Z, 0.7, 800, 600);
-//! let viewed = ViewedScene {
-//!     name: "vase".into(),
-//!     views: model.cameras()?,
-//!     held_out: model.test_views().unwrap_or(0),
-//!     navigation: Navigation { first: None, start, centre: Vec3::ZERO, up: Vec3::Z },
-//!     photographs: None,
-//!     background: model.background(),
-//!     scene: model.scene,
-//! };
-//! let viewer = Viewer::bind(&ViewerOptions::default(), viewed, None)?;
+//! let viewer = Viewer::bind(&ViewerOptions::default(), ViewedScene::of_model("vase", model)?, None)?;
 //! println!("{}", viewer.urls().join("\n"));
 //! viewer.serve(|| false)?;
 //! # Ok::<(), Box<dyn core::error::Error>>(())
@@ -56,5 +44,5 @@ mod worker;
 pub use error::ViewerError;
 pub use lights::MapUp;
 pub use live::{LiveTraining, Request};
-pub use viewer::{Navigation, ViewedScene, Viewer, ViewerOptions, ViewerThread};
+pub use viewer::{ViewedScene, Viewer, ViewerOptions, ViewerThread};
 pub use views::PhotographSource;

@@ -14,11 +14,10 @@ use crate::{
     worker::RenderWorker,
 };
 use core::net::{Ipv4Addr, SocketAddr};
-use glam::Vec3;
 use serde_json::{Value, json};
-use specula_core::{camera::Camera, rules::Channels};
-use specula_io::cameras::NamedCamera;
-use specula_scene::{Layer, RenderOptions, Scene, SceneError, SceneRenderer};
+use specula_core::rules::Channels;
+use specula_io::{cameras::NamedCamera, orientation::Orientation};
+use specula_scene::{Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit::StartView};
 use std::{
     path::Path,
     sync::Arc,
@@ -68,25 +67,32 @@ pub struct ViewedScene {
     pub views: Vec<NamedCamera>,
     /// Number of held-out views.
     pub held_out: usize,
-    /// First camera and orbit.
-    pub navigation: Navigation,
+    /// Up direction and centre, which the camera orbits.
+    pub orientation: Orientation,
     /// Data set of the photographs, for error maps.
     pub photographs: Option<PhotographSource>,
     /// Background in sRGB, from 0 to 1.
     pub background: [f32; 3],
 }
 
-/// First camera of a viewer, and the orbit around the scene.
-#[derive(Clone, Copy, Debug)]
-pub struct Navigation {
-    /// View that is shown first; none to show `start`.
-    pub first: Option<usize>,
-    /// First camera where no view is shown first. Its near plane is that of all pictures.
-    pub start: Camera,
-    /// Centre of the orbit.
-    pub centre: Vec3,
-    /// Up direction of the scene.
-    pub up: Vec3,
+impl ViewedScene {
+    /// Scene of a model, with its cameras, its orientation and the background of its training;
+    /// without photographs.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn of_model(name: impl Into<String>, model: OpenedModel) -> Result<Self, ViewerError> {
+        Ok(Self {
+            name: name.into(),
+            views: model.cameras()?,
+            held_out: model.test_views().unwrap_or(0),
+            orientation: model.orientation(None)?,
+            photographs: None,
+            background: model.background(),
+            scene: model.scene,
+        })
+    }
 }
 
 /// Viewer that is ready to serve.
@@ -136,9 +142,10 @@ impl Viewer {
         let guard = Guard::new(options.address.ip(), options.token.as_deref())?;
         let upload_folder = tempfile::tempdir().map_err(ViewerError::UploadFolder)?;
 
-        let ViewedScene { name, scene, views, held_out, navigation, photographs, background } = viewed;
+        let ViewedScene { name, scene, views, held_out, orientation, photographs, background } = viewed;
+        let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
         let views = Views::new(views, held_out, photographs);
-        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), navigation.up));
+        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
         let is_shaded = scene.gaussians.layout.is_shaded();
         let description = json!({
             "name": name,
@@ -146,14 +153,14 @@ impl Viewer {
             "shaded": is_shaded,
             "layers": layers(&scene, &views),
             "views": views.json(),
-            "first": navigation.first,
-            "start": camera_json(&navigation.start),
-            "centre": navigation.centre.to_array(),
-            "up": navigation.up.to_array(),
+            "first": first,
+            "start": camera_json(&start),
+            "centre": centre.to_array(),
+            "up": up.to_array(),
             "background": background,
             "pixels_max": request::PIXELS_MAX,
         });
-        let (storage, near) = (options.render.storage, navigation.start.near);
+        let (storage, near) = (options.render.storage, start.near);
         let worker = RenderWorker::new(scene, storage, load, lights.clone(), views, background, near)?;
         let queue = Arc::new(Queue::new());
         worker.spawn(queue.clone(), live.clone());
