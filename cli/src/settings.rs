@@ -73,11 +73,9 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     put(&mut weights.absolute, args.lambda_absolute);
     put(&mut weights.squared, args.lambda_squared);
     put(&mut weights.normal, args.lambda_normal);
-    // The authors' code has its own forms of two losses, on what is rendered instead of the attributes.
-    let is_official = profile.name == "official";
-    put(if is_official { &mut weights.sparse_coverage } else { &mut weights.sparse }, args.lambda_sparse);
-    put(if is_official { &mut weights.residual_image } else { &mut weights.residual }, args.lambda_reg);
     put(&mut weights.coverage, args.lambda_coverage);
+    put(profile.sparse_weight_mut(), args.lambda_sparse);
+    put(profile.residual_weight_mut(), args.lambda_reg);
     put(&mut profile.normal_from, args.normal_from);
     put(&mut profile.normal_last, args.normal_last);
     put(&mut profile.harmonics_from, args.residual_from);

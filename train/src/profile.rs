@@ -343,6 +343,18 @@ impl Profile {
         LossWeights { normal: share * self.weights.normal, ..self.weights }
     }
 
+    /// Weight of the sparsity loss, in the form that this profile uses: of rendered coverage
+    /// (official) or of opacities.
+    pub fn sparse_weight_mut(&mut self) -> &mut f32 {
+        in_use(&mut self.weights.sparse_coverage, &mut self.weights.sparse)
+    }
+
+    /// Weight of the normal residuals' magnitude, in the form that this profile uses: of the rendered
+    /// residuals (official) or of the attributes.
+    pub fn residual_weight_mut(&mut self) -> &mut f32 {
+        in_use(&mut self.weights.residual_image, &mut self.weights.residual)
+    }
+
     /// Removes the terms of an ablation from the profile.
     pub fn without(mut self, ablation: Ablation) -> Self {
         if ablation.no_sparse {
@@ -364,9 +376,28 @@ impl Profile {
     }
 }
 
+/// Weight of the rendered form of a loss if it is nonzero, else that of the form on attributes.
+fn in_use<'a>(rendered: &'a mut f32, attributes: &'a mut f32) -> &'a mut f32 {
+    if *rendered > 0.0 { rendered } else { attributes }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_profile_says_which_form_of_a_loss_it_uses() {
+        for name in NAMES {
+            let mut profile = by_name(name, 1000).expect("a profile");
+            *profile.sparse_weight_mut() = 0.5;
+            *profile.residual_weight_mut() = 0.25;
+            let LossWeights { sparse, sparse_coverage, residual, residual_image, .. } = profile.weights;
+            let is_rendered = name == "official";
+            let [rendered, attributes] = [(sparse_coverage, residual_image), (sparse, residual)];
+            assert_eq!(if is_rendered { rendered } else { attributes }, (0.5, 0.25), "{name}");
+            assert_eq!(if is_rendered { attributes } else { rendered }, (0.0, 0.0), "{name}");
+        }
+    }
 
     #[test]
     fn the_loss_on_normals_begins_late_and_ends_low() {
