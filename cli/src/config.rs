@@ -1,4 +1,4 @@
-//! Settings of a training as a file: every line of `config.toml` is an option of `specula train`.
+//! Settings of a training as a file: each line of `config.toml` is an option of `specula train`.
 
 use crate::{
     args::{self, Arguments, Command, Preset, Train},
@@ -13,10 +13,9 @@ use std::{
 };
 use toml::{Table, Value};
 
-/// What may be other when a training goes on: where and for how long it computes, what is looked at on the way, and what is
-/// above for who looks.
-/// Whether a data set is the same is told by its pictures, not by its path or how it is divided.
-const FREE: [&str; 10] = [
+/// Options that may change when a training is resumed. Data sets are compared by their pictures,
+/// not by these options.
+const CHANGEABLE: [&str; 10] = [
     "iterations",
     "executor",
     "checkpoint-every",
@@ -28,15 +27,18 @@ const FREE: [&str; 10] = [
     "test-every",
     "scene-up",
 ];
-/// What says where settings are from is none itself.
+/// Options that say where settings come from, and are no settings themselves.
 const NOT_IN_FILES: [&str; 5] = ["config", "ignore_lock", "overwrite", "preset", "resume"];
-/// Options that open a port, or say who may use it: only the command line does that.
-const OF_PORTS: [&str; 4] = ["view", "view-until", "listen", "token"];
-/// What a file of settings is for.
+/// Options that open a port or control access to it, which only the command line can do.
+const NETWORK_OPTIONS: [&str; 4] = ["view", "view-until", "listen", "token"];
+/// Name of the file in a model folder.
 const NAME: &str = "config.toml";
 
-/// The arguments with those of a file beneath them, and those of a preset beneath both, where they ask for either: what is
-/// given on the command line counts.
+/// Arguments completed from a settings file and a preset, if they name any. The command line takes
+/// precedence over the file, and the file over the preset.
+///
+/// # Errors
+/// A file that cannot be read, or a setting in it that is no valid option.
 pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
@@ -51,7 +53,7 @@ pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     over(path.as_deref(), train.again.preset, &args::with_hyphens(std::env::args_os()))
 }
 
-/// The words of a command line over the settings of a file, and those over the settings of a preset.
+/// Arguments of a command line over the settings of a file, over those of a preset.
 fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Result<Arguments, Failure> {
     let wrong = |cause: &str| match path {
         Some(path) => Failure::Input(format!("cannot understand {path:?}: {cause}")),
@@ -75,9 +77,9 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
     let mut beneath = Vec::new();
     let mut in_file = Vec::new();
     for (key, value) in &table {
-        if OF_PORTS.contains(&key.as_str()) {
+        if NETWORK_OPTIONS.contains(&key.as_str()) {
             return Err(wrong(&format!(
-                "{key:?} says who may watch, which no file does; take it out, and type --view"
+                "{key:?} controls access to the page, which only the command line can do; remove it and use --view"
             )));
         }
         let arg = named(key).filter(|arg| !NOT_IN_FILES.contains(&arg.get_id().as_str()));
@@ -99,7 +101,7 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
     Arguments::try_parse_from(all).map_err(|error| wrong(&crate::failure::sentence_of(&error)))
 }
 
-/// The settings in a file.
+/// Reads the settings in a file.
 fn read(path: &Path) -> Result<Table, Failure> {
     let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is no UTF-8"));
     let text = String::from_utf8(FACTS.read(path)?).map_err(not_text)?;
@@ -108,13 +110,14 @@ fn read(path: &Path) -> Result<Table, Failure> {
     })
 }
 
-/// What the parser said, with its line.
+/// Error of the TOML parser, with its line.
 fn first_line(error: &toml::de::Error, text: &str) -> String {
     let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
     format!("line {line}: {}", error.message())
 }
 
-/// A setting as it is typed; none where it says what holds in any case. `None` where it is no setting.
+/// Setting as a word of the command line; `Some(None)` for values equal to a missing option, `None`
+/// for values that no option can have.
 fn word(key: &str, value: &Value) -> Option<Option<String>> {
     let joined = |values: &[Value]| values.iter().map(plain).collect::<Option<Vec<String>>>().map(|all| all.join(","));
     Some(match value {
@@ -134,7 +137,10 @@ fn plain(value: &Value) -> Option<String> {
     }
 }
 
-/// Settings of a training, as its `config.toml` says them; paths do not depend on the working folder.
+/// Text of `config.toml` for a training, with absolute paths.
+///
+/// # Errors
+/// Settings that TOML cannot represent.
 pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
     let mut args = args.clone();
     args.start.points = args.start.points.map(|path| absolute(&path));
@@ -151,19 +157,23 @@ fn absolute(path: &Path) -> PathBuf {
     output::absolute(path).into()
 }
 
-/// Writes the settings of a training beside its model.
+/// Writes `config.toml` to a model folder.
+///
+/// # Errors
+/// [`Failure::File`] if it cannot be written.
 pub(crate) fn save(folder: &Path, text: &str) -> Result<(), Failure> {
     output::write_text(&folder.join(NAME), text)
 }
 
-/// What two files of settings say otherwise of what shapes a model, as words for a sentence.
+/// First setting that differs between two files and is not in [`CHANGEABLE`], as the end of a
+/// sentence.
 pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
     let [now, then] = [now, then].map(|text| text.parse::<Table>().unwrap_or_default());
     let said = |table: &Table, key: &str| match table.get(key) {
         Some(value) => format!("--{key} {}", plain(value).unwrap_or_else(|| value.to_string())),
         None => format!("no --{key}"),
     };
-    let mut keys = now.keys().chain(then.keys()).filter(|key| !FREE.contains(&key.as_str()));
+    let mut keys = now.keys().chain(then.keys()).filter(|key| !CHANGEABLE.contains(&key.as_str()));
     let key = keys.find(|key| now.get(*key) != then.get(*key))?;
     Some(format!("{}, not {}", said(&then, key), said(&now, key)))
 }

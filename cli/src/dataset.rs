@@ -1,4 +1,4 @@
-//! Data sets as trainings take them.
+//! Data sets, loaded for training and measurement.
 
 use crate::{failure::Failure, orientation, progress};
 use specula_core::camera::near_of;
@@ -16,17 +16,20 @@ use specula_train::{
 };
 use std::path::Path;
 
-/// Pictures to fit and to measure by, and points to start from.
+/// Views to train on and to measure, and initial points.
 #[derive(Debug)]
 pub(crate) struct Dataset {
     pub(crate) train: Vec<View>,
     pub(crate) test: Vec<View>,
     pub(crate) points: Option<Vec<Point>>,
-    /// What its cameras tell; none where there are none.
+    /// Orientation estimated from its cameras; `None` without cameras.
     pub(crate) orientation: Option<Orientation>,
 }
 
-/// Reads a data set; what is worth knowing about it goes to stderr.
+/// Loads a data set and prints notes about it.
+///
+/// # Errors
+/// Those of [`specula_io::dataset::load`]; the folder of a data set that is nearby is suggested.
 pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Failure> {
     let work = progress::work("loading", 0);
     let loaded = dataset::load(folder, options, |done, all| {
@@ -37,7 +40,7 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Fail
     let loaded = loaded.map_err(|error| misplaced(folder, &error).unwrap_or_else(|| error.into()))?;
     tracing::info!("{}", summary(&loaded));
     loaded.notes.iter().for_each(|note| tracing::info!("{note}"));
-    let orientation = bearings_of(&loaded);
+    let orientation = orientation_of(&loaded);
     orientation.iter().for_each(|found| tracing::info!("{}", orientation::words(found)));
     if let Some(advice) = advice_on_size(&loaded) {
         tracing::info!("{advice}");
@@ -49,14 +52,14 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Fail
     Ok(Dataset { train, test, points: loaded.points.map(|cloud| points_of(&cloud)), orientation })
 }
 
-/// Whether a folder looks like a data set.
+/// True for a folder with the files of a data set.
 fn is_data_set(folder: &Path) -> bool {
     const MARKS: [&str; 5] =
         ["transforms_train.json", "transforms.json", "sparse/0", "sparse/cameras.bin", "sparse/cameras.txt"];
     MARKS.iter().any(|mark| folder.join(mark).exists())
 }
 
-/// The refusal of a folder that is near a data set: a part of one, the folder above some, or a model.
+/// Error for a folder that is no data set but close to one: a part of it, its parent, or a model.
 fn misplaced(folder: &Path, error: &Error) -> Option<Failure> {
     if !matches!(error, Error::NoTransforms { .. } | Error::NoImages { .. }) {
         return None;
@@ -76,7 +79,7 @@ fn misplaced(folder: &Path, error: &Error) -> Option<Failure> {
     Some(Failure::Input(format!("{folder:?} is no data set, but there is one in it; did you mean {meant:?}?")))
 }
 
-/// The options with which a training read its data set, for one that reads it again.
+/// Options that the training of a model read its data set with.
 pub(crate) fn options_of(info: &ModelInfo) -> LoadOptions {
     let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
     let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
@@ -89,23 +92,23 @@ pub(crate) fn options_of(info: &ModelInfo) -> LoadOptions {
     }
 }
 
-/// What was read, in one line.
+/// Summary of a data set in a line.
 fn summary(loaded: &dataset::Dataset) -> String {
     let dataset::Dataset { train, test, points, source, .. } = loaded;
     let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
     let points = points.as_ref().map_or(0, |points| points.positions.len());
     let points = if points == 0 { "no points".to_owned() } else { format!("{} points", group_digits(points)) };
     let sizes = sizes(train.iter().chain(test));
-    format!("{source}: {} pictures to fit{held_out}, {sizes} pixels, {points}", train.len())
+    format!("{source}: {} training pictures{held_out}, {sizes} pixels, {points}", train.len())
 }
 
-/// What all its cameras tell.
-fn bearings_of(loaded: &dataset::Dataset) -> Option<Orientation> {
+/// Orientation estimated from all cameras.
+fn orientation_of(loaded: &dataset::Dataset) -> Option<Orientation> {
     let points = loaded.points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
     specula_scene::orientation::estimate(loaded.train.iter().chain(&loaded.test).map(|view| &view.camera), points)
 }
 
-/// What to do about pictures that are wider than the field trains on.
+/// Advice for pictures that are wider than usual.
 fn advice_on_size(loaded: &dataset::Dataset) -> Option<String> {
     const WIDE: u32 = 1600;
     let widest = loaded.train.iter().map(|view| view.camera.width).max().unwrap_or(0);
@@ -115,7 +118,7 @@ fn advice_on_size(loaded: &dataset::Dataset) -> Option<String> {
     })
 }
 
-/// The size of pictures, or the smallest and the largest.
+/// Size of the pictures, or the smallest and the largest.
 fn sizes<'a>(views: impl Iterator<Item = &'a dataset::View>) -> String {
     let mut sizes: Vec<[u32; 2]> = views.map(|view| [view.camera.width, view.camera.height]).collect();
     sizes.sort_unstable_by_key(|[width, height]| (u64::from(*width) * u64::from(*height), *width));
@@ -131,13 +134,13 @@ fn view_of(view: dataset::View) -> View {
     View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }
 }
 
-/// Points as a training takes them.
+/// Points of a point cloud.
 pub(crate) fn points_of(cloud: &PointCloud) -> Vec<Point> {
     let pairs = cloud.positions.iter().zip(&cloud.colors);
     pairs.map(|(position, color)| Point { position: *position, color: *color }).collect()
 }
 
-/// Points as a file holds them.
+/// Point cloud of points.
 pub(crate) fn cloud_of(points: &[Point]) -> PointCloud {
     PointCloud {
         positions: points.iter().map(|point| point.position).collect(),

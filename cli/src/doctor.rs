@@ -1,10 +1,10 @@
-//! `specula doctor`: what this machine can compute with.
+//! `specula doctor`: the hardware of this machine.
 
 use crate::{args::Doctor, failure::Failure, output};
 use serde_json::{Value, json};
 use specula_cpu::CpuExecutor;
 
-/// Prints the processor, all adapters, and which of them is used.
+/// Prints the CPU, the adapters, and the executor that `--executor auto` selects.
 pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     let gpus = gpus();
     let (threads, vectors) = (rayon::current_num_threads(), CpuExecutor::new().vectors());
@@ -22,7 +22,7 @@ pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     output::say(&verdict(&gpus))
 }
 
-/// An adapter, for people and for programs.
+/// Adapter as text and as JSON.
 #[derive(Debug)]
 struct GpuReport {
     name: String,
@@ -31,7 +31,7 @@ struct GpuReport {
     is_used: bool,
 }
 
-/// What `--executor auto` does, and why.
+/// Executor that `--executor auto` selects, and the reason.
 fn verdict(gpus: &[GpuReport]) -> String {
     match gpus.iter().find(|gpu| gpu.is_used) {
         Some(gpu) => format!("auto      the adapter {:?}: real hardware", gpu.name),
@@ -81,7 +81,7 @@ fn gpus() -> Vec<GpuReport> {
     Vec::new()
 }
 
-/// What helps where there is none.
+/// Advice for a machine without adapters.
 fn hint() -> &'static str {
     if !cfg!(feature = "gpu") {
         "; this program was built without its feature `gpu`"

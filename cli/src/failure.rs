@@ -1,4 +1,4 @@
-//! How the program can end early, and the exit code that says so.
+//! Failures that end the program, and their exit codes.
 
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
@@ -7,31 +7,31 @@ use specula_scene::SceneError;
 use specula_train::trainer::TrainError;
 use std::io;
 
-/// Why the program ends early. What is said is one sentence with the file and the remedy.
+/// Failure that ends the program. Its text is one sentence with the file and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
     /// A file cannot be read or written.
     #[error("{0}{hint}", hint = hint_of(.0))]
     File(#[from] specula_io::Error),
-    /// What was asked for cannot be.
+    /// Invalid input or options.
     #[error("{0}")]
     Input(String),
-    /// A device gave up; another executor may go on.
+    /// A device failed; another executor may succeed.
     #[error("{0}")]
     Device(String),
-    /// Something that should not happen.
+    /// Fault of the program.
     #[error("{0}; this is a fault of the program")]
     Internal(String),
-    /// The user had enough; what there was is saved.
+    /// The user interrupted the program; its state is saved.
     #[error("{0}")]
     Interrupted(String),
-    /// Nobody reads the results any more.
+    /// The reader of stdout closed it.
     #[error("the reader of the results went away")]
     BrokenPipe,
 }
 
 impl Failure {
-    /// What the program exits with: 0 fine, 1 its own fault, 2 bad input, 130 interrupted.
+    /// Exit code: 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::File(_) | Self::Input(_) | Self::Device(_) => 2,
@@ -41,13 +41,13 @@ impl Failure {
         }
     }
 
-    /// Whether it lies with a device, so that the processor may do better.
+    /// True for failures of a device, which the CPU may not have.
     pub(crate) fn is_of_device(&self) -> bool {
         matches!(self, Self::Device(_) | Self::Internal(_))
     }
 }
 
-/// Options that help against an error of a file, as the end of its sentence.
+/// Options that help against the error of a file, as the end of its sentence.
 fn hint_of(error: &specula_io::Error) -> &'static str {
     use specula_io::Error::{Checkpoint, CheckpointFormat, NoCheckpoint, NoImages, TooLong};
     match error {
@@ -109,9 +109,9 @@ impl From<SceneError> for Failure {
             SceneError::GpuUnsupported => {
                 Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())
             }
-            SceneError::ProjectionUnsupported => Self::Input(
-                "the processor alone projects otherwise than affine; use --projection with --executor cpu".into(),
-            ),
+            SceneError::ProjectionUnsupported => {
+                Self::Input("GPUs project by the affine model alone; use --executor cpu with --projection".into())
+            }
             other => Self::Internal(other.to_string()),
         }
     }
@@ -136,14 +136,13 @@ where
     }
 }
 
-/// Of arguments.
 impl From<clap::Error> for Failure {
     fn from(error: clap::Error) -> Self {
         Self::Input(sentence_of(&error))
     }
 }
 
-/// What is wrong with arguments, as one sentence like any other.
+/// Error of arguments as one sentence.
 pub(crate) fn sentence_of(error: &clap::Error) -> String {
     let text = error.to_string();
     let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
@@ -151,7 +150,7 @@ pub(crate) fn sentence_of(error: &clap::Error) -> String {
     words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ")
 }
 
-/// Of writing to stdout.
+/// Conversion from errors of writing to stdout.
 impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
         match error.kind() {

@@ -162,7 +162,7 @@ impl<'a> Training<'a> {
         pauses: &[u32],
         mut pause: impl FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
-        let work = progress::work(what, self.iterations.into()).gone_on(self.iteration().into(), self.seconds);
+        let work = progress::work(what, self.iterations.into()).resumed(self.iteration().into(), self.seconds);
         loop {
             let is_at_end = self.is_finished() || interrupt::is_requested();
             let done = if is_at_end { self.put_aside() } else { self.advance(pauses, &work, &mut pause) };

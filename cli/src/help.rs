@@ -1,4 +1,4 @@
-//! Help as it is printed: a screen with -h, every option in groups with --help.
+//! Help: a screen of options with -h, all options in groups with --help.
 
 use crate::args::Arguments;
 use clap::{Command, CommandFactory};
@@ -7,7 +7,7 @@ use std::{
     io::{IsTerminal, Write, stdout},
 };
 
-/// Options of `specula train` that most trainings are fine with; -h lists them alone.
+/// Options of `specula train` that -h lists.
 const FIRST: [&str; 16] = [
     "dataset",
     "model_path",
@@ -26,7 +26,7 @@ const FIRST: [&str; 16] = [
     "threads",
     "help",
 ];
-/// Text of -h below these.
+/// Text below the options of -h.
 const MORE: &str = "\
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7k
@@ -34,17 +34,17 @@ Examples:
   specula train -m out/chair --resume
 All options, profiles, presets and more examples: specula train --help";
 
-/// Prints the help that these words of a command line ask for.
+/// Prints the help that the words of a command line request.
 pub(crate) fn print(words: &[OsString]) {
     let name = command_of(words);
-    let is_in_full = words.iter().any(|word| word == "--help" || word == "help");
-    let mut help = if is_in_full { in_full(name.as_deref()) } else { first(name.as_deref()) };
+    let is_long_help = words.iter().any(|word| word == "--help" || word == "help");
+    let mut help = if is_long_help { long_help(name.as_deref()) } else { short_help(name.as_deref()) };
     let help = help.render_help();
-    // Nobody may be there to read it, which is no error.
+    // A closed stdout is no error.
     let _ = if stdout().is_terminal() { write!(stdout(), "{}", help.ansi()) } else { write!(stdout(), "{help}") };
 }
 
-/// The name of the command among the words, if there is one.
+/// Name of the command among the words of a command line.
 pub(crate) fn command_of(words: &[OsString]) -> Option<String> {
     let command = Arguments::command();
     let mut names = words.iter().skip(1).filter_map(|word| word.to_str());
@@ -53,7 +53,7 @@ pub(crate) fn command_of(words: &[OsString]) -> Option<String> {
 
 fn named(name: Option<&str>) -> Command {
     let mut command = Arguments::command();
-    // Only so do options of all commands belong to each.
+    // Global options are only added to the commands by building.
     command.build();
     match name {
         Some(name) => command.find_subcommand(name).expect("it is one of them").clone(),
@@ -61,18 +61,18 @@ fn named(name: Option<&str>) -> Command {
     }
 }
 
-/// Everything, an option in a few lines.
-pub(crate) fn in_full(name: Option<&str>) -> Command {
+/// Help with all options.
+pub(crate) fn long_help(name: Option<&str>) -> Command {
     let command = named(name);
     let about = command.get_long_about().or(command.get_about()).cloned().unwrap_or_default();
-    // Where -h is as long, nothing else is to be said.
+    // The -h of other commands prints the same options.
     let is_shorter = name == Some("train");
-    let help = if is_shorter { "Print this; -h prints the most used options" } else { "Print this" };
+    let help = if is_shorter { "Print help; -h prints the most used options" } else { "Print help" };
     command.about(about).mut_arg("help", |arg| arg.help(help))
 }
 
-/// Help that fits a screen.
-pub(crate) fn first(name: Option<&str>) -> Command {
+/// Help that fits on a screen.
+pub(crate) fn short_help(name: Option<&str>) -> Command {
     let command = named(name);
     if name != Some("train") {
         return command;
@@ -81,7 +81,7 @@ pub(crate) fn first(name: Option<&str>) -> Command {
         let is_first = FIRST.contains(&arg.get_id().as_str());
         arg.hide(!is_first).help_heading(None)
     });
-    command.after_help(MORE).mut_arg("help", |arg| arg.help("Print this; --help prints all options"))
+    command.after_help(MORE).mut_arg("help", |arg| arg.help("Print help; --help prints all options"))
 }
 
 #[cfg(test)]
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn the_first_help_of_a_training_fits_a_screen_and_the_other_has_every_option() {
-        let [first, full] = [first, in_full].map(|help| help(Some("train")).render_help().to_string());
+        let [first, full] = [short_help, long_help].map(|help| help(Some("train")).render_help().to_string());
         assert!(first.lines().count() <= 45, "-h has {} lines:\n{first}", first.lines().count());
         assert!(full.lines().count() <= 200, "--help has {} lines:\n{full}", full.lines().count());
         let train = named(Some("train"));

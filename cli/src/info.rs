@@ -1,4 +1,4 @@
-//! `specula info`: what is in a model, a PLY file or a data set, in words and numbers.
+//! `specula info`: the contents of a model, a PLY file or a data set.
 
 use crate::{
     args::Info,
@@ -29,7 +29,7 @@ use specula_scene::{OpenedModel, Scene};
 use specula_train::view::View;
 use std::path::Path;
 
-/// Looks, and says.
+/// Prints a report of the contents.
 pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     let report = if specula_io::dataset::is_dataset(&args.path) {
         of_dataset(&args.path)?
@@ -46,7 +46,7 @@ pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     if args.json { output::say_json(&report.json.into()) } else { output::say(&report.text()) }
 }
 
-/// The same facts for people and for programs.
+/// Facts as text and as JSON.
 #[derive(Debug)]
 struct Report {
     title: String,
@@ -65,7 +65,7 @@ impl Report {
         self.add_as(name, &name.replace(' ', "_"), words, value);
     }
 
-    /// The same with another key in JSON.
+    /// Adds a fact under another key in JSON.
     fn add_as(&mut self, name: &'static str, key: &str, words: String, value: Value) {
         self.lines.push((name, words));
         self.json.insert(key.to_owned(), value);
@@ -106,7 +106,7 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     Ok(report)
 }
 
-/// How the photographs of the training were exposed, if that was learned: how bright each shows grey of a half.
+/// Adds the learned exposures, as the brightness in which each photograph shows a grey of 0.5.
 fn add_exposures(report: &mut Report, opened: &OpenedModel) -> Result<(), Failure> {
     let Some(exposures) = opened.exposures()? else { return Ok(()) };
     let grey = Vec3::splat(0.5);
@@ -128,7 +128,7 @@ fn training(info: &ModelInfo) -> String {
     )
 }
 
-/// Smallest, median and largest number.
+/// Minimum, median and maximum.
 #[derive(Clone, Copy, Debug)]
 struct Range([f32; 3]);
 
@@ -150,7 +150,7 @@ impl Range {
     }
 }
 
-/// Three digits.
+/// Number with three significant digits.
 fn number(x: f32) -> String {
     let size = x.abs();
     if x == 0.0 {
@@ -196,7 +196,7 @@ fn add_light(report: &mut Report, scene: &Scene) {
     report.add("light", words, json!({"resolution": resolution, "radiance": range.json()}));
 }
 
-/// What pictures of colours alone do without, and what that saves; no bit of them depends on it.
+/// Adds the data that rendering colours skips, and the savings.
 fn add_plan(report: &mut Report, scene: &Scene) {
     let plan = scene.plan(Channels::Color);
     let layout = scene.gaussians.layout;
@@ -213,7 +213,7 @@ fn add_plan(report: &mut Report, scene: &Scene) {
     add_filtered(report, scene, &plan);
 }
 
-/// Texels of light that are filtered, level by level.
+/// Adds the number of texels of light that are filtered.
 fn add_filtered(report: &mut Report, scene: &Scene, plan: &Plan) {
     let Some(levels) = scene.levels() else { return };
     let of_rules = |rules: RenderRules| {
@@ -227,7 +227,7 @@ fn add_filtered(report: &mut Report, scene: &Scene, plan: &Plan) {
     report.add("filters", words, json!({"texels": filtered, "in_full": in_full, "levels": kept}));
 }
 
-/// Names of what a plan leaves out.
+/// Data that a plan skips.
 fn left_out(plan: &Plan, layout: Layout) -> Vec<String> {
     const LAYERS: [(usize, &str); 5] = [
         (channel::NORMAL, "blended normals"),

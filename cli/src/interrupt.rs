@@ -1,4 +1,5 @@
-//! Ctrl-C: the first asks for an orderly end, one a second later ends at once. And the signal of a file that is too large.
+//! Signals: the first Ctrl-C requests an orderly end, one a second later ends the program at once.
+//! The signal of a file that is too large is ignored.
 
 use crate::failure::Failure;
 use core::{
@@ -9,13 +10,17 @@ use std::time::Instant;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// What a shell expects of a program that Ctrl-C ended.
+/// Exit code of a program that was ended by SIGINT.
 const EXIT_CODE: i32 = 130;
 
-/// Signals within this time are one: `timeout` sends it to a program and to its group, and fingers press twice.
-const SAME: Duration = Duration::from_secs(1);
+/// Interval within which signals count as one: `timeout` signals both the program and its group,
+/// and keys bounce.
+const DEBOUNCE: Duration = Duration::from_secs(1);
 
-/// From now on Ctrl-C, SIGTERM and SIGHUP only ask.
+/// Handles Ctrl-C, SIGTERM and SIGHUP as requests to end.
+///
+/// # Errors
+/// [`Failure::Internal`] if the handler cannot be installed.
 pub(crate) fn watch() -> Result<(), Failure> {
     let mut first = None;
     let asked = move || {
@@ -28,19 +33,20 @@ pub(crate) fn watch() -> Result<(), Failure> {
     ctrlc::set_handler(asked).map_err(|error| Failure::Internal(format!("cannot listen for Ctrl-C: {error}")))
 }
 
-/// Whether a signal at this time is meant to end the program at once, after the first one.
+/// True if a signal at `now` ends the program at once, given the time of the first one.
 fn is_insisting(first: Instant, now: Instant) -> bool {
-    now.saturating_duration_since(first) >= SAME
+    now.saturating_duration_since(first) >= DEBOUNCE
 }
 
-/// Lets a write beyond the limit on the size of files (`ulimit -f`) fail as it does on a full disk, instead of ending the
-/// program in the middle of a file. Where the signal cannot be caught, it does what it always did.
-pub(crate) fn survive_limits_of_files() {
+/// Ignores SIGXFSZ, so that a write beyond the file size limit (`ulimit -f`) fails like one on a
+/// full disk instead of ending the program in the middle of a file. Does nothing if the signal
+/// cannot be caught.
+pub(crate) fn ignore_file_size_signal() {
     #[cfg(unix)]
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
 }
 
-/// Whether an end was asked for.
+/// True once an end is requested.
 pub(crate) fn is_requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }

@@ -1,4 +1,4 @@
-//! One training for one folder: a lock that ends with the program that holds it.
+//! Lock of a model folder, which keeps other trainings from writing to it.
 
 use crate::failure::Failure;
 use core::time::Duration;
@@ -11,33 +11,34 @@ use std::{
     time::SystemTime,
 };
 
-/// The file that is locked. It stays when the lock ends, and is empty then.
+/// Name of the locked file. It remains, empty, when the lock is released.
 const NAME: &str = "training.lock";
 
-/// The right to write into a folder, for as long as it lives. The operating system ends it with its program, however that
+/// Lock of a folder, released when dropped. The operating system releases it however the program
 /// ends.
 #[derive(Debug)]
 pub(crate) struct Lock {
     folder: PathBuf,
-    /// None where another training may be writing as well.
+    /// Locked file; `None` if the folder is written to without a lock.
     file: Option<File>,
 }
 
-/// The program that holds a lock, as its file says it.
+/// Program that holds a lock, as written to its file.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct Holder {
     pid: u32,
     host: String,
-    /// UTC, as in RFC 3339.
+    /// Start in UTC, in the format of RFC 3339.
     started: String,
     command: String,
 }
 
 impl Lock {
-    /// Locks a folder that is there. Where it is locked already, the failure says by whom, and then what to do.
+    /// Locks an existing folder.
     ///
     /// # Errors
-    /// [`Failure::Input`] where another program holds the lock, [`Failure::File`] where the folder takes no files.
+    /// [`Failure::Input`] with the holder and `remedy` if another program holds the lock,
+    /// [`Failure::File`] if the folder cannot be written to.
     pub(crate) fn take(folder: &Path, remedy: &str) -> Result<Self, Failure> {
         match locked(folder)? {
             Ok(file) => Ok(Self::held(folder, file)),
@@ -51,11 +52,11 @@ impl Lock {
         }
     }
 
-    /// The same, but where the folder is locked already that is only told.
+    /// Locks an existing folder, or only warns if another program holds the lock.
     ///
     /// # Errors
-    /// [`Failure::File`] where the folder takes no files.
-    pub(crate) fn take_anyway(folder: &Path) -> Result<Self, Failure> {
+    /// [`Failure::File`] if the folder cannot be written to.
+    pub(crate) fn take_or_warn(folder: &Path) -> Result<Self, Failure> {
         if let Ok(file) = locked(folder)? {
             return Ok(Self::held(folder, file));
         }
@@ -64,7 +65,7 @@ impl Lock {
     }
 
     fn held(folder: &Path, mut file: File) -> Self {
-        // Who holds it is a help, not the lock.
+        // The lock holds even if its holder cannot be written down.
         let _ = sign(&mut file);
         model_folder::remove_unfinished(folder);
         Self { folder: folder.to_owned(), file: Some(file) }
@@ -80,7 +81,7 @@ impl Drop for Lock {
     }
 }
 
-/// The file of a folder, locked; or why it is not.
+/// Locks the file of a folder.
 fn locked(folder: &Path) -> Result<Result<File, TryLockError>, Failure> {
     let path = folder.join(NAME);
     let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
@@ -88,7 +89,7 @@ fn locked(folder: &Path) -> Result<Result<File, TryLockError>, Failure> {
     Ok(file.try_lock().map(|()| file))
 }
 
-/// Writes who this is.
+/// Writes the holder: this program.
 fn sign(file: &mut File) -> io::Result<()> {
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let holder = Holder {
@@ -102,14 +103,14 @@ fn sign(file: &mut File) -> io::Result<()> {
     file.sync_data()
 }
 
-/// The name of this machine, as far as the system tells it without being called.
+/// Host name, as far as files and variables tell it.
 fn host() -> String {
     let file = fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned());
     let variable = |name: &str| std::env::var(name);
     file.ok().or_else(|| variable("HOSTNAME").or_else(|_| variable("COMPUTERNAME")).ok()).unwrap_or("a machine".into())
 }
 
-/// Holder of a folder's lock.
+/// Sentence that names the holder of a folder's lock.
 fn words(folder: &Path) -> String {
     let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
     let who = match serde_json::from_str(&text) {
@@ -142,7 +143,7 @@ mod tests {
         let pid = format!("process {} on ", std::process::id());
         assert!(sentence.contains(&pid) && sentence.ends_with("; wait") && refused.exit_code() == 2, "{sentence}");
         fs::write(&unfinished, "half").expect("there is room");
-        drop(Lock::take_anyway(folder.path()).expect("it is taken anyway"));
+        drop(Lock::take_or_warn(folder.path()).expect("it is taken anyway"));
         assert!(unfinished.exists(), "another training may be writing it");
 
         drop(lock);

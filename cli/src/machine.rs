@@ -33,7 +33,7 @@ pub(crate) fn train(
             tracing::info!("training on {}", words(&gpu));
             match begin(specula_gpu::GpuExecutor::new(*gpu), settings.clone(), views, start).map_err(Failure::from) {
                 Ok(trainer) => return Ok((Box::new(trainer), true)),
-                Err(failure) if failure.is_of_device() => tracing::warn!("{failure}; the processor takes over"),
+                Err(failure) if failure.is_of_device() => tracing::warn!("{failure}; the CPU takes over"),
                 Err(failure) => return Err(failure),
             }
         }
@@ -53,7 +53,8 @@ fn words(gpu: &specula_gpu::Gpu) -> String {
     }
 }
 
-/// Opens a GPU that is asked for by name, so that its absence is an error before anything is loaded.
+/// Opens a GPU that is asked for by name, so that its absence is an error before anything is
+/// loaded.
 pub(crate) fn check(choice: &ExecutorChoice) -> Result<(), Failure> {
     match choice {
         ExecutorChoice::Gpu(_) => Ok(choice.open().map(drop)?),

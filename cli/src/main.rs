@@ -40,11 +40,11 @@ use clap::error::ErrorKind;
 use failure::Failure;
 use std::{ffi::OsString, process::ExitCode};
 
-/// Frames and gradients come and go at every step; this allocator keeps their pages.
+/// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Sentence without the middle of what it quotes, where that is as long as a file.
+/// Sentence without its middle, if it quotes as much as a file.
 fn shortened(sentence: &str) -> String {
     const MOST: usize = 2000;
     let count = sentence.chars().count();
@@ -62,8 +62,8 @@ fn main() -> ExitCode {
         Err(error) => return explain(&error),
     };
     progress::init(arguments.quiet);
-    interrupt::survive_limits_of_files();
-    // A panic has told of itself already.
+    interrupt::ignore_file_size_signal();
+    // The panic hook has printed the message of a panic.
     match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
@@ -98,13 +98,13 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Help goes to stdout; what is wrong with the arguments is one sentence, like any other error.
+/// Prints help to stdout, or the error of the arguments as one sentence to stderr.
 fn explain(error: &clap::Error) -> ExitCode {
     let words: Vec<OsString> = std::env::args_os().collect();
     match error.kind() {
         ErrorKind::DisplayHelp => help::print(&words),
         ErrorKind::DisplayVersion => {
-            // Nobody may be there to read it, which is no error.
+            // A closed stdout is no error.
             let _ = error.print();
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {

@@ -1,4 +1,4 @@
-//! Where results go: stdout, and folders that are known to take them.
+//! Results: lines on stdout, and files that are written atomically.
 
 use crate::failure::Failure;
 use specula_io::Error;
@@ -8,7 +8,10 @@ use std::{
     path::Path,
 };
 
-/// A result, on a line of stdout.
+/// Prints a result as a line on stdout.
+///
+/// # Errors
+/// [`Failure::BrokenPipe`] if stdout is closed, else [`Failure::Input`].
 pub(crate) fn say(line: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     writeln!(out, "{line}")?;
@@ -16,27 +19,34 @@ pub(crate) fn say(line: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A result for other programs.
+/// Prints JSON on stdout.
+///
+/// # Errors
+/// Those of [`say`].
 pub(crate) fn say_json(value: &serde_json::Value) -> Result<(), Failure> {
     say(&format!("{value:#}"))
 }
 
-/// A path that does not depend on the working folder, as text.
+/// Absolute path as text.
 pub(crate) fn absolute(path: &Path) -> String {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).to_string_lossy().into_owned()
 }
 
-/// The ending of a file's name in lower case, where it has one.
+/// File extension in lower case.
 pub(crate) fn ending(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
-/// The name of a file without its ending.
+/// File name without its extension.
 pub(crate) fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Makes a folder, and makes sure that files can be written to it: before long work, not after.
+/// Creates a folder and tests that files can be written to it, before long work instead of after
+/// it.
+///
+/// # Errors
+/// [`Failure::File`] if the folder cannot be created or written to.
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {
         file.write_all(&[0; 4096])?;
@@ -45,17 +55,26 @@ pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     written.map_err(|cause| Error::Write { path: folder.to_owned(), cause }.into())
 }
 
-/// Writes JSON for people to read as well.
+/// Writes indented JSON.
+///
+/// # Errors
+/// Those of [`write_bytes`].
 pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
     write_text(path, &format!("{value:#}\n"))
 }
 
-/// Writes a text file whole.
+/// Writes a text file.
+///
+/// # Errors
+/// Those of [`write_bytes`].
 pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_bytes(path, text.as_bytes())
 }
 
-/// Writes a file whole: until all is written, nothing is seen of it.
+/// Writes a file atomically, by way of a temporary file beside it.
+///
+/// # Errors
+/// [`Failure::File`] if the file cannot be written.
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let written = fs::create_dir_all(folder).and_then(|()| {
@@ -67,7 +86,7 @@ pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     written.map(drop).map_err(|cause| Error::Write { path: path.to_owned(), cause }.into())
 }
 
-/// Temporary files are private; what they become is not.
+/// Gives a temporary file, which is private, the usual permissions.
 #[cfg(unix)]
 fn make_readable(file: &tempfile::NamedTempFile) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;

@@ -1,4 +1,4 @@
-//! `specula prefilter`: light filtered for every roughness, as a cube map that other programs load.
+//! `specula prefilter`: prefilters an environment map for every roughness, as a cube map.
 
 use crate::{
     args::{MipName, Prefilter, SchemeName, Up},
@@ -21,19 +21,19 @@ use specula_io::{
 use specula_scene::environment::{RESOLUTION_SLOW, radiance, resampled};
 use std::path::{Path, PathBuf};
 
-/// Texels along an edge of a file's light, where nothing else is said: as in Filament's tools.
+/// Default face resolution for lat-long maps, as in Filament's tools.
 const RESOLUTION: usize = 256;
-/// A chain ends with a level of this resolution: as many levels as this gives come closest to the integral, though the
-/// roughest have few texels (docs/performance.md, The prefilter).
+/// Resolution of the last level. The resulting number of levels comes closest to the integral,
+/// although the roughest levels have few texels (docs/performance.md, The prefilter).
 const COARSEST: usize = 4;
 
-/// Filters and writes.
+/// Prefilters a light and writes it.
 pub(crate) fn run(args: &Prefilter) -> Result<(), Failure> {
     Container::of(&args.output)?;
     filter(args, &open(args)?)
 }
 
-/// The same with a light of one's own, which stands as it is to be looked up.
+/// Prefilters and writes a light that is oriented already.
 pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure> {
     filter(args, &at_resolution(args, light))
 }
@@ -60,12 +60,12 @@ fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure
     output::say(&args.output.display().to_string())
 }
 
-/// What the levels are written as.
+/// Format of the levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Container {
-    /// One file with all levels, as halves.
+    /// One file with all levels in 16-bit floats.
     Ktx2,
-    /// A file for each level, in full.
+    /// One file per level in 32-bit floats.
     Exr,
 }
 
@@ -90,7 +90,7 @@ impl Container {
         }
     }
 
-    /// Names of the files with the levels, and how their numbers are stored.
+    /// Names of the files, and their format.
     fn words(self, path: &Path, count: usize) -> [Value; 2] {
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         match self {
@@ -103,12 +103,12 @@ impl Container {
     }
 }
 
-/// `sky.ktx2` becomes `sky.level0.png`.
+/// Path of a level's file: `sky.level0.png` for `sky.ktx2`.
 fn beside(path: &Path, level: usize, ending: &str) -> PathBuf {
     path.with_extension(format!("level{level}.{ending}"))
 }
 
-/// The light of a file or of a model, as fine as the first level.
+/// Light of a file or of a model, at the resolution of the first level.
 fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
     let activation = RadianceActivation::Identity;
     if !args.env.is_dir() {
@@ -131,12 +131,12 @@ fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
     Ok(at_resolution(args, &Environment { resolution: light.resolution, activation, values }))
 }
 
-/// A light with the resolution that was asked for, or its own if levels begin with such.
+/// Light at the requested resolution, by default its own rounded up to a valid one.
 fn at_resolution(args: &Prefilter, light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     resampled(light, args.resolution.unwrap_or(light.resolution.next_power_of_two().max(args.scheme.least())))
 }
 
-/// The levels that were asked for.
+/// Requested levels.
 fn levels(args: &Prefilter, resolution: usize) -> Result<Levels, Failure> {
     let (scheme, least) = (args.scheme.name(), args.scheme.least());
     if resolution < least {
@@ -168,7 +168,7 @@ fn faces_of(light: &Light, levels: &[Level]) -> Vec<CubeLevel> {
     levels.iter().enumerate().map(faces).collect()
 }
 
-/// What a program has to know to look the levels up.
+/// Description of the files for programs that sample them.
 fn description(args: &Prefilter, container: Container, levels: &[Level]) -> Value {
     let [files, format] = container.words(&args.output, levels.len());
     let level = |(number, level): (usize, &Level)| {
@@ -204,28 +204,28 @@ fn description(args: &Prefilter, container: Container, levels: &[Level]) -> Valu
 }
 
 impl Prefilter {
-    /// Which roughness the levels of our own chain have.
+    /// Roughness of the levels of a mip chain.
     fn mips(&self) -> MipName {
         self.roughness.unwrap_or(MipName::Linear)
     }
 }
 
 impl SchemeName {
-    /// How texels are weighted.
+    /// Weights of texels.
     fn weights(self) -> PrefilterScheme {
         match self {
             Self::Specula | Self::Paper => PrefilterScheme::Exact,
             Self::Official => PrefilterScheme::Official,
         }
     }
-    /// The least resolution of its first level.
+    /// Minimum resolution of the first level.
     fn least(self) -> usize {
         match self {
             Self::Specula => PrefilterScheme::Exact.resolution_min(),
             Self::Paper | Self::Official => PrefilterScheme::Official.resolution_min(),
         }
     }
-    /// The name, as typed.
+    /// Name on the command line.
     fn name(self) -> &'static str {
         match self {
             Self::Specula => "specula",

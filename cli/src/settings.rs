@@ -1,4 +1,4 @@
-//! From arguments to the profile of a training.
+//! Profile of a training from its arguments.
 
 use crate::{
     args::{Densify, LightPer, Losses, Start, Train},
@@ -8,7 +8,10 @@ use specula_core::{scene::Layout, shade::ShadingForm};
 use specula_scene::ShadingModel;
 use specula_train::profile::{self, Ablation, Profile};
 
-/// The profile that was asked for, with everything that was asked for beside it, for a run of so many iterations.
+/// Requested profile with the other settings of the arguments, for a run of `iterations`.
+///
+/// # Errors
+/// [`Failure::Input`] for settings that the profile does not have.
 pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failure> {
     let mut profile = profile::by_name(args.profile.name(), iterations).expect("every name has a profile");
     set_start(&mut profile, &args.start)?;
@@ -24,14 +27,14 @@ pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failu
     }))
 }
 
-/// How the results of a profile are read.
+/// Shading model of a profile.
 pub(crate) fn shading_model_of(profile: &Profile) -> ShadingModel {
     ShadingModel { shading: profile.shading, scheme: profile.scheme }
 }
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     put(&mut profile.coarse_until, args.coarse_until);
-    // -1 is the profile's own.
+    // -1 stands for the degree of the profile.
     if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
         let is_shaded = profile.layout.is_shaded();
         profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };

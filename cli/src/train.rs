@@ -214,7 +214,7 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
 fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
-    if args.again.ignore_lock { Lock::take_anyway(folder) } else { Lock::take(folder, REMEDY) }
+    if args.again.ignore_lock { Lock::take_or_warn(folder) } else { Lock::take(folder, REMEDY) }
 }
 
 /// Writes into the folder of the model what is known before the first step.

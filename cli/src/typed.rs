@@ -1,13 +1,13 @@
-//! Values as they are typed: lists of numbers, and settings that files keep as somebody would type them.
+//! Values as text, on the command line and in files of settings.
 
 use core::str::FromStr;
 
-/// All numbers of a list with commas, and spaces around them; none where a part is no number.
+/// Parses numbers separated by commas; `None` if any part is no number.
 pub(crate) fn numbers<T: FromStr>(text: &str) -> Option<Vec<T>> {
     text.split(',').map(|number| number.trim().parse().ok()).collect()
 }
 
-/// Serializes a type as it displays itself, which is how it is typed.
+/// Implements `Serialize` by `Display`.
 macro_rules! kept_as_typed {
     ($setting:ty) => {
         impl serde::Serialize for $setting {

@@ -96,7 +96,7 @@ fn default_device() -> Device {
     let Some(report) = preferred_adapter(&adapters) else { return Device::Cpu };
     Gpu::new(&report.info.name).map_or_else(
         |error| {
-            tracing::warn!("{error}; the processor takes over");
+            tracing::warn!("{error}; the CPU takes over");
             Device::Cpu
         },
         |gpu| Device::Gpu(Box::new(gpu)),
