@@ -1,4 +1,4 @@
-//! The contract between the pipeline and a machine that runs it: one method for each stage.
+//! Contract between the pipeline and the executors: one method for each stage.
 
 use crate::{
     camera::Camera,
@@ -22,11 +22,11 @@ pub struct BufferLength {
 }
 
 impl BufferLength {
-    /// Compares a buffer with what is read into it.
+    /// Compares the length of a buffer with the number of values to be read into it.
     ///
     /// # Errors
     ///
-    /// Both lengths, where they differ.
+    /// Returns both lengths where they differ.
     pub const fn check(expected: usize, buffer: &[f32]) -> Result<(), Self> {
         if buffer.len() == expected { Ok(()) } else { Err(Self { expected, found: buffer.len() }) }
     }
@@ -56,23 +56,23 @@ pub struct DensifyReport {
     pub pruned: usize,
 }
 
-/// A number of randomness: equal keys give equal draws on every machine.
+/// Key of random draws: equal keys give equal draws on every machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RandomKey {
-    /// The run's seed.
+    /// Seed of the run.
     pub seed: u64,
     /// Stream of draws, such as an iteration.
     pub stream: u64,
 }
 
-/// A picture to fit, and how.
+/// Inputs of one training step beside the scene.
 #[derive(Debug)]
 pub struct TrainingStep<'a, E: Executor> {
-    /// From where.
+    /// Camera of the photograph.
     pub camera: &'a Camera,
-    /// The picture that was taken there.
+    /// Photograph to fit.
     pub target: &'a E::Target,
-    /// Behind the Gaussians, sRGB.
+    /// Background colour, sRGB.
     pub background: [f32; 3],
     /// Exposure of the photograph; none where colours are compared unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
@@ -93,72 +93,100 @@ pub struct TrainingStep<'a, E: Executor> {
 /// Results of one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// The losses before the step.
+    /// Losses before the step.
     pub loss: LossReport,
-    /// Gradients that were not finite, and left out.
+    /// Number of gradients that were not finite, and left out.
     pub nonfinite: usize,
-    /// The gradient of the exposure, if there was one.
+    /// Gradient of the exposure, if there was one.
     pub exposure: Option<Exposure<f64>>,
 }
 
-/// A machine that can run the stages that make a picture. Arrays and the results of stages are its
-/// own types.
+/// Executor of the stages of a picture, with associated types for arrays and for the results of
+/// stages.
 ///
-/// Stages compute the same thing on every executor, up to rounding; each is deterministic. The
-/// results of a stage go to later stages of the same executor, together with the very Gaussians and
-/// camera that they came from.
+/// Stages compute the same on every executor, up to rounding, and each is deterministic. The result
+/// of a stage is valid for later stages of the same executor, together with the Gaussians and the
+/// camera that it came from.
 pub trait Renderer {
-    /// `f32` numbers where this executor keeps them.
+    /// Array of `f32` in the executor's memory.
     type Array;
-    /// A light filtered into levels.
+    /// Light filtered into levels.
     type Light;
     /// Gaussians on the screen.
     type Splats;
-    /// Their channels.
+    /// Channels of splats.
     type Colors;
     /// Splats of each tile, front to back.
     type Tiles;
-    /// A blended picture: premultiplied channels and transmittance.
+    /// Blended picture: premultiplied channels and transmittance.
     type Frame;
-    /// Why a stage could not run.
+    /// Error of a stage.
     type Error;
 
-    /// Numbers to the executor.
+    /// Uploads numbers to the executor.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
-    /// Gaussians to the executor, and whatever else has the same planes, such as their moments. It
-    /// may keep so many as a single array of its own does not hold.
+
+    /// Uploads Gaussians, or anything else with the same planes, such as their moments. Executors
+    /// may accept more of them than a single array holds.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn upload_gaussians<A: AsRef<[f32]>>(
         &mut self,
         gaussians: &Gaussians<A>,
     ) -> Result<Gaussians<Self::Array>, Self::Error> {
         Ok(gaussians.with_values(self.upload(gaussians.values.as_ref())?))
     }
-    /// Numbers back to the host.
+
+    /// Downloads an array to the host.
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `values` has not the array's length.
+    /// [`BufferLength`], where `values` has not the array's length; otherwise the error of the
+    /// executor.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
-    /// A frame back to the host: its channels, then its transmittance, plane by plane. Its channels
-    /// are those of [`RenderRules::blended`], which are more than was asked for where light is
+
+    /// Downloads a frame: its channels, then its transmittance, plane by plane. The channels are
+    /// those of [`RenderRules::blended`], which are more than the requested ones where light is
     /// looked up per pixel.
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `values` has another length.
+    /// [`BufferLength`], where `values` has another length; otherwise the error of the executor.
     fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
 
-    /// Light into those roughness levels that are looked up; others are zero, or filtered as well.
+    /// Filters light into the roughness levels that are looked up; the others are zero, or filtered
+    /// as well.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as a resolution that cannot be filtered.
     fn prefilter(
         &mut self,
         environment: &Environment<Self::Array>,
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Self::Light, Self::Error>;
-    /// Gaussians to splats. What is not finite in place, shape or opacity is not drawn.
+
+    /// Projects Gaussians to splats. Gaussians whose mean, shape or opacity is not finite are not
+    /// drawn.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;
-    /// Splats to channels. Without a light there is no specular term. Splats of Gaussians whose
-    /// attributes are not finite, of those that the rules ask for, are not drawn from here on.
+
+    /// Shades splats. Without a light there is no specular term. Splats with attributes that are
+    /// not finite, of those that the rules read, are not drawn by later stages.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn shade(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
@@ -167,9 +195,19 @@ pub trait Renderer {
         light: Option<&Self::Light>,
         rules: &RenderRules,
     ) -> Result<Self::Colors, Self::Error>;
-    /// Splats to tiles, sorted front to back; ties in the order of the Gaussians.
+
+    /// Sorts splats into tiles, front to back; ties keep the order of the Gaussians.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn bin(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error>;
-    /// Tiles to a picture.
+
+    /// Blends tiles into a frame.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn blend(
         &mut self,
         splats: &Self::Splats,
@@ -177,10 +215,15 @@ pub trait Renderer {
         tiles: &Self::Tiles,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
-    /// The light of every pixel added to its blended surface ([`crate::pixel`]): the colour of the
-    /// picture becomes what it shows; where the layers of specular colour and light are asked for,
-    /// they are filled in. The frame keeps the surface, which the gradients of this stage and of
-    /// blending read.
+
+    /// Adds light to the blended surface of every pixel ([`crate::pixel`]): the surface's base
+    /// colour becomes the colour of the picture, and the layers of specular colour and light are
+    /// filled in if they were requested. The frame keeps the surface, which the gradients of this
+    /// stage and of blending read.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn shade_pixels(
         &mut self,
         surface: Self::Frame,
@@ -189,30 +232,49 @@ pub trait Renderer {
     ) -> Result<Self::Frame, Self::Error>;
 }
 
-/// A machine that can train as well: losses, gradients, updates.
+/// Renderer that also trains: losses, gradients, updates.
 pub trait Executor: Renderer {
-    /// The gradient of a light.
+    /// Gradient of a light.
     type LightGrad;
-    /// The gradient of a frame.
+    /// Gradient of a frame.
     type FrameGrad;
-    /// The gradient of splats and their channels.
+    /// Gradient of splats and their channels.
     type SplatGrads;
-    /// A picture to compare with.
+    /// Picture to compare with.
     type Target;
 
-    /// A picture of 8-bit sRGB and straight alpha, row by row, to the executor.
+    /// Uploads a picture of 8-bit sRGB and straight alpha, row by row.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as a picture whose bytes do not fit its size.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
-    /// [`Renderer::bin`] for a step of training. An executor that would have to wait to know how
-    /// much memory it takes may go by former steps instead; if that is too little, no later stage
-    /// of the step changes anything, and [`Executor::report`] says so.
+
+    /// [`Renderer::bin`] for a step of training. An executor that would have to wait for the amount
+    /// of memory may estimate it from former steps; if the estimate is too small, no later stage of
+    /// the step changes anything, and [`Executor::report`] says so.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn bin_for_step(&mut self, splats: &Self::Splats, camera: &Camera) -> Result<Self::Tiles, Self::Error> {
         self.bin(splats, camera)
     }
-    /// A picture as a photograph of this exposure shows it ([`crate::expose`]). The frame keeps the
-    /// colours as they were, which the gradients of this stage read.
+
+    /// Applies the exposure of a photograph ([`crate::expose`]). The frame keeps its colours from
+    /// before, which the gradients of this stage read.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error>;
-    /// The gradient of a picture's losses against what it should be, over a background in
-    /// sRGB. What the losses came to is told by [`Executor::report`].
+
+    /// Gradient of a picture's losses against its target, over a background in sRGB.
+    /// [`Executor::report`] returns the values of the losses.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as a target of another size.
     fn loss(
         &mut self,
         frame: &Self::Frame,
@@ -222,16 +284,25 @@ pub trait Executor: Renderer {
         background: [f32; 3],
     ) -> Result<Self::FrameGrad, Self::Error>;
 
-    /// Gradient of [`Executor::expose`]: that of the photograph becomes that of the picture as it
-    /// was before. That of the exposure, a sum over the pixels, is told by [`Executor::report`].
+    /// Gradient of [`Executor::expose`] with respect to the picture. [`Executor::report`] returns
+    /// that of the exposure, which is a sum over pixels.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn expose_vjp(
         &mut self,
         frame: &Self::Frame,
         exposure: &Exposure<f32>,
         grad: Self::FrameGrad,
     ) -> Result<Self::FrameGrad, Self::Error>;
-    /// Gradient of [`Renderer::shade_pixels`]: that of the picture becomes that of the blended
-    /// surface; and that of the light, if there is one.
+
+    /// Gradient of [`Renderer::shade_pixels`] with respect to the blended surface, and to the
+    /// light, if there is one.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn shade_pixels_vjp(
         &mut self,
         surface: &Self::Frame,
@@ -239,7 +310,12 @@ pub trait Executor: Renderer {
         camera: &Camera,
         grad: Self::FrameGrad,
     ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error>;
+
     /// Gradient of [`Renderer::blend`].
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn blend_vjp(
         &mut self,
         splats: &Self::Splats,
@@ -249,9 +325,14 @@ pub trait Executor: Renderer {
         grad: &Self::FrameGrad,
         camera: &Camera,
     ) -> Result<Self::SplatGrads, Self::Error>;
+
     /// Gradient of [`Renderer::shade`] and [`Renderer::project`], which read the same attributes:
-    /// of the Gaussians, and of the light if there is one and the Gaussians looked it up. Adds the
-    /// losses on the attributes themselves.
+    /// of the Gaussians, and of the light, if there is one that Gaussians look up. Adds the
+    /// gradients of the losses on attributes.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn gaussians_vjp(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
@@ -262,7 +343,12 @@ pub trait Executor: Renderer {
         weights: &LossWeights,
         grads: &Self::SplatGrads,
     ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>), Self::Error>;
-    /// Gradient of [`Renderer::prefilter`].
+
+    /// Gradient of [`Renderer::prefilter`] with respect to the environment's numbers.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn prefilter_vjp(
         &mut self,
         environment: &Environment<Self::Array>,
@@ -272,6 +358,10 @@ pub trait Executor: Renderer {
 
     /// One step of Adam for every plane, each at its own rate. Gradients that are not finite are
     /// left out, and counted.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn optimise(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -280,9 +370,13 @@ pub trait Executor: Renderer {
         rates: &[f32],
         step: u32,
     ) -> Result<(), Self::Error>;
-    /// [`Executor::gaussians_vjp`] and [`Executor::optimise`], one after the other. An executor may
-    /// do both at once, so that the gradient never goes through memory; the result is the same to
-    /// the last bit.
+
+    /// [`Executor::gaussians_vjp`], then [`Executor::optimise`]. An executor may fuse both, so that
+    /// the gradient never goes through memory; the result is the same to the last bit.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn update(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -300,8 +394,13 @@ pub trait Executor: Renderer {
         self.optimise(gaussians, moments, grad, step.rates, step.number)?;
         Ok(of_light)
     }
-    /// One step of Adam for the light; radiance that is kept as it is stays between zero and
-    /// `radiance_max`. Gradients that are not finite are left out, and counted.
+
+    /// One step of Adam for the light. Radiance that is stored without activation is kept between
+    /// zero and `radiance_max`. Gradients that are not finite are left out, and counted.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
@@ -311,13 +410,22 @@ pub trait Executor: Renderer {
         radiance_max: f32,
         step: u32,
     ) -> Result<(), Self::Error>;
+
     /// Results of the stages since the last report: the losses of the last picture, the gradient of
     /// its exposure, and the number of gradients left out. It is the only synchronisation point of
     /// a step. `None` if [`Executor::bin_for_step`] took too little memory: then nothing was
     /// changed, and the step has to be repeated, for which there is enough now.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn report(&mut self) -> Result<Option<StepReport>, Self::Error>;
 
-    /// Adds one view to what densification knows.
+    /// Adds one view to the statistics of densification.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn observe(
         &mut self,
         statistics: &mut Statistics<Self::Array>,
@@ -325,8 +433,13 @@ pub trait Executor: Renderer {
         grads: &Self::SplatGrads,
         camera: &Camera,
     ) -> Result<(), Self::Error>;
-    /// Clones, splits and prunes, and sorts Gaussians into Morton order ([`crate::morton`]); new
+
+    /// Clones, splits and prunes, and sorts Gaussians into Morton order ([`crate::morton`]). New
     /// Gaussians start without momentum, and the statistics start again.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn densify(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -336,8 +449,13 @@ pub trait Executor: Renderer {
         count_max: usize,
         key: RandomKey,
     ) -> Result<DensifyReport, Self::Error>;
-    /// Limits one plane to at most `ceiling` and forgets its momentum, as the opacity reset does;
-    /// where a ball is given, of those Gaussians whose means lie outside.
+
+    /// Limits one plane to at most `ceiling` and resets its momentum, as the opacity reset does; if
+    /// a ball is given, only of Gaussians whose means lie outside.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,

@@ -79,6 +79,10 @@ pub fn render_observed<E: Renderer>(
 }
 
 /// One step of training: forward, backward, update.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
 pub fn train_step<E: Executor>(
     exec: &mut E,
     scene: &mut SceneState<E::Array>,

@@ -1,4 +1,4 @@
-//! The executor: core's contract, stage by stage.
+//! Executor on the CPU: core's contract, stage by stage.
 
 use crate::{
     context::Context,
@@ -111,20 +111,24 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         Self { context: Context::new(), cutoffs, operator: None, report: StepReport::default() }
     }
 
-    /// The vectors that it computes with, in words.
+    /// Name of the vectors that it computes with.
     pub fn vectors(&self) -> String {
         let name = format!("{:?}", self.context.level);
         format!("{} vectors", name.split('(').next().unwrap_or_default())
     }
 
-    /// Depth and number of the Gaussians that are drawn, front to back; ties in their order.
+    /// Depth and index of the Gaussians that are drawn, front to back; ties in their order.
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
         let order = depth_order(&self.context, &splats.records);
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
     }
 
-    /// Filters light into levels of one's own, with the weights of a scheme. The first of them is
-    /// as fine as the light.
+    /// Filters light into given levels, with the weights of a scheme. The first level has the
+    /// resolution of the light.
+    ///
+    /// # Errors
+    ///
+    /// [`CpuError::LightResolution`], where the resolutions differ.
     pub fn prefilter_into(
         &mut self,
         environment: &Environment<Vec<f32>>,
@@ -138,7 +142,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         Ok(self.filter(environment, &Arc::new(Operator::of_levels(scheme, levels, LevelRange::ALL))))
     }
 
-    /// Filters light with weights that are at hand, for a base of its resolution.
+    /// Filters light with an operator for a base of its resolution.
     pub fn filter(&mut self, environment: &Environment<Vec<f32>>, operator: &Arc<Operator>) -> Light {
         assert_eq!(environment.resolution, operator.base_resolution(), "weights are for one resolution");
         Light::new(&self.context, operator.clone(), environment)
