@@ -1,5 +1,5 @@
-//! One group for each stage, on the torus at 800 × 800; throughput in what the stage works on. What
-//! there is to do is printed first: it does not depend on the machine.
+//! One group for each stage, on the torus at 800 × 800; throughput in the stage's own unit of
+//! work. What there is to do is printed first: it does not depend on the machine.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use specula_benches::{
@@ -71,7 +71,7 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
     measure_step(&mut exec, &mut scene, &mut groups).expect("the CPU trains");
 }
 
-/// The stages of a picture, all of them for its colours alone, and what the CPU has beside.
+/// Stages of a picture, for its colours alone, and those of the CPU beside.
 fn picture_stages(exec: &mut CpuExecutor, view: &View<'_, CpuExecutor>, groups: &mut Groups<'_, CpuExecutor>) {
     measure_picture(exec, view, groups).expect("the CPU renders");
     let splats = exec.project(view.cloud, view.camera).expect("the CPU projects");

@@ -102,7 +102,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Measures what the device could do at best.
+    /// Measures the device's ceilings.
     fn new(gpu: Gpu) -> Result<Self, GpuError> {
         let info = gpu.info();
         println!("{} ({}, {} {})\n", info.name, info.backend, info.driver, info.driver_info);

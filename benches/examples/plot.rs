@@ -12,7 +12,7 @@ const TITLE: i32 = 24;
 const LABEL: i32 = 20;
 const COLORS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
 
-/// A training: its name, and PSNR after so many seconds.
+/// Training: its name, and PSNR over seconds.
 struct Training {
     name: String,
     points: Vec<(f64, f64)>,

@@ -1,4 +1,4 @@
-//! Criterion's groups: one for each stage, with throughput in what the stage works on.
+//! Criterion's groups: one for each stage, with throughput in the stage's own unit of work.
 
 use crate::stages::{Amounts, Meter, Stage};
 use core::{

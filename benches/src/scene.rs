@@ -46,7 +46,7 @@ pub struct View<'a, E: Renderer> {
 }
 
 impl<E: Executor> Scene<E> {
-    /// The torus of so many Gaussians, seen in so many pixels squared.
+    /// Creates the torus of `count` Gaussians, in a picture of `size` × `size` pixels.
     pub fn new(exec: &mut E, profile: &str, size: u32, count: usize) -> Result<Self, E::Error> {
         let profile = by_name(profile, 7000).expect("a profile of that name");
         let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };

@@ -121,7 +121,7 @@ impl Amounts {
         Some(NUMBER * numbers)
     }
 
-    /// Words that so many numbers of a Gaussian take, its means among them.
+    /// Words that this many numbers of a Gaussian take, its means among them.
     fn words_of(&self, numbers: usize) -> usize {
         match self.storage {
             Storage::F32 => numbers,
@@ -131,7 +131,7 @@ impl Amounts {
 
     /// Operations of a stage, counted from core's formulas: for each pair the offset (2), the
     /// exponent (4), 2ˣ (16), α (2), the step (5) and a multiply-add for each channel; 49 and two
-    /// for each channel on the way back; for each pixel and colour of SSIM 520.
+    /// for each channel in the backward pass; for each pixel and colour of SSIM 520.
     pub fn operations(&self, stage: Stage) -> Option<usize> {
         let channels = self.rules.blended(self.layout).count();
         match stage {
@@ -182,7 +182,7 @@ pub fn measure_picture<E: Renderer>(
     meter.measure(exec, Stage::Frame, nothing, |exec, ()| render(exec, cloud, light, camera, &rules))
 }
 
-/// The other stages of a step: the light, the loss, and the way back to an update that changes
+/// The other stages of a step: the light, the loss, and the backward pass to an update that changes
 /// nothing.
 pub fn measure_step<E: Executor>(
     exec: &mut E,

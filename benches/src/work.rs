@@ -56,50 +56,50 @@ pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
     let mut work = Work { intersections: tiles.intersection_count(), ..Work::default() };
     for tile in 0..columns * rows {
         let origin = [tile % columns * TILE, tile / columns * TILE];
-        let mut passages = [PixelState::open(0.0); TILE * TILE];
+        let mut states = [PixelState::open(0.0); TILE * TILE];
         for gaussian in tiles.gaussians_of(tile) {
-            if passages.iter().all(|passage| !is_active(passage.transmittance)) {
+            if states.iter().all(|state| !is_active(state.transmittance)) {
                 break;
             }
-            let stamp = stamp_of(&splats.records()[gaussian]);
+            let splat = splat_of(&splats.records()[gaussian]);
             for quad in (0..TILE * TILE).step_by(QUAD * QUAD).map(|k| k / (QUAD * QUAD)) {
                 let first = [quad % QUAD * QUAD, quad / QUAD * QUAD];
-                count_quad(&stamp, origin, first, &mut passages, &mut work);
+                count_quad(&splat, origin, first, &mut states, &mut work);
             }
         }
     }
     work
 }
 
-fn stamp_of(record: &SplatRecord) -> Splat2d<f32> {
+fn splat_of(record: &SplatRecord) -> Splat2d<f32> {
     Splat2d::new(record.mean2d, record.root_conic, record.log2_opacity)
 }
 
 /// From a splat's centre to that of a pixel.
-fn offset(stamp: &Splat2d<f32>, x: usize, y: usize) -> [f32; 2] {
-    [x as f32 + 0.5 - stamp.mean2d[0], y as f32 + 0.5 - stamp.mean2d[1]]
+fn offset(splat: &Splat2d<f32>, x: usize, y: usize) -> [f32; 2] {
+    [x as f32 + 0.5 - splat.mean2d[0], y as f32 + 0.5 - splat.mean2d[1]]
 }
 
 fn count_quad(
-    stamp: &Splat2d<f32>,
+    splat: &Splat2d<f32>,
     origin: [usize; 2],
     first: [usize; 2],
-    passages: &mut [PixelState<f32>],
+    states: &mut [PixelState<f32>],
     work: &mut Work,
 ) {
     const ACROSS: f32 = (QUAD - 1) as f32;
-    let [x, y] = offset(stamp, origin[0] + first[0], origin[1] + first[1]);
-    if !may_overlap(stamp, [x, x + ACROSS], [y, y + ACROSS]) {
+    let [x, y] = offset(splat, origin[0] + first[0], origin[1] + first[1]);
+    if !may_overlap(splat, [x, x + ACROSS], [y, y + ACROSS]) {
         return;
     }
     work.processed += QUAD * QUAD;
     for pixel in 0..QUAD * QUAD {
         let (column, row) = (first[0] + pixel % QUAD, first[1] + pixel / QUAD);
-        let [dx, dy] = offset(stamp, origin[0] + column, origin[1] + row);
-        let passage = &mut passages[row * TILE + column];
-        let alpha = alpha(falloff(stamp, dx, dy).log2_strength);
-        work.significant += usize::from(alpha > 0.0 && is_active(passage.transmittance));
-        *passage = step(alpha, *passage).behind;
+        let [dx, dy] = offset(splat, origin[0] + column, origin[1] + row);
+        let state = &mut states[row * TILE + column];
+        let alpha = alpha(falloff(splat, dx, dy).log2_strength);
+        work.significant += usize::from(alpha > 0.0 && is_active(state.transmittance));
+        *state = step(alpha, *state).behind;
     }
 }
 
@@ -112,23 +112,23 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
     let mut pixel = vec![0.0; channels];
     for y in 0..height {
         for x in 0..width {
-            let mut passage = PixelState::open(0.0);
+            let mut state = PixelState::open(0.0);
             pixel.fill(0.0);
             for gaussian in tiles.gaussians_of(y / TILE * tiles.grid()[0] + x / TILE) {
-                let stamp = stamp_of(&splats.records()[gaussian]);
-                let [dx, dy] = offset(&stamp, x, y);
-                let alpha = alpha(falloff(&stamp, dx, dy).log2_strength);
+                let splat = splat_of(&splats.records()[gaussian]);
+                let [dx, dy] = offset(&splat, x, y);
+                let alpha = alpha(falloff(&splat, dx, dy).log2_strength);
                 if alpha > 0.0 {
-                    let Composite { weight, behind } = step(alpha, passage);
-                    passage = behind;
+                    let Composite { weight, behind } = step(alpha, state);
+                    state = behind;
                     let color = colors.of(gaussian);
                     pixel.iter_mut().zip(color).for_each(|(sum, c)| *sum += weight * c);
                 }
-                if !is_active(passage.transmittance) {
+                if !is_active(state.transmittance) {
                     break;
                 }
             }
-            for (channel, value) in pixel.iter().chain([&passage.left]).enumerate() {
+            for (channel, value) in pixel.iter().chain([&state.left]).enumerate() {
                 values[(channel * height + y) * width + x] = *value;
             }
         }

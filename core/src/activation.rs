@@ -1,4 +1,4 @@
-//! Squashing functions: what the stored numbers of a Gaussian become before they are used.
+//! Activation functions of the stored numbers of a Gaussian.
 
 use crate::real::Real;
 

@@ -87,8 +87,8 @@ pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] 
     [choose(left, 1.0, -f32::MAX), choose(right, -1.0, f32::MAX)]
 }
 
-/// First and past-the-last of so many tiles along an axis that the interval from `low` to `high`,
-/// in pixels, touches.
+/// First and past-the-last tile, of `tile_count` along an axis, that the interval from `low` to
+/// `high`, in pixels, touches.
 #[inline(always)]
 pub fn tile_range<R: Real>(low: R, high: R, tile_count: R) -> [R; 2] {
     let (zero, before) = (low.zero(), low.constant(-1.0));
@@ -98,7 +98,7 @@ pub fn tile_range<R: Real>(low: R, high: R, tile_count: R) -> [R; 2] {
     [first.max(zero).keep(is_interval), (last + 1.0).min(tile_count).keep(is_interval)]
 }
 
-/// Tiles along an edge of so many pixels.
+/// Number of tiles along an edge of this many pixels.
 pub const fn tile_count(pixels: u32) -> u32 {
     pixels.div_ceil(TILE_SIZE)
 }

@@ -1,8 +1,8 @@
-//! One step of compositing: a splat over what is already in a pixel (paper, eq. C).
+//! One compositing step: a splat over a pixel (paper, eq. C).
 //!
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that
 //! would bring its transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind
-//! weigh nothing, and what it had is kept apart, for the background.
+//! have no weight, and the transmittance before is kept for the background.
 
 use crate::{
     cutoffs::Cutoffs,
@@ -10,14 +10,13 @@ use crate::{
     splat::{ROOT_SCALE, Splat2d, SplatGrad},
 };
 
-/// No splat is more opaque than this, so that the light behind it, and its gradient, can be
-/// recovered.
+/// Largest alpha of a splat, so that the light behind it, and its gradient, can be recovered.
 pub const MAX_ALPHA: f32 = 0.99;
 
 /// log₂ of [`MAX_ALPHA`].
 const LOG2_MAX_ALPHA: f32 = -0.014_499_57;
 
-/// A splat at one pixel.
+/// Splat at one pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Falloff<R> {
     /// Scaled W δ.
@@ -40,14 +39,14 @@ pub fn scaled_offset<R: Real>(splat: &Splat2d<R>, dx: R, dy: R) -> [R; 2] {
     [xx * dx, yx.mul_add(dx, yy * dy)]
 }
 
-/// Scaled W δ of the point from which means are measured, −W mean.
+/// Scaled W δ of the origin of pixel coordinates, −W mean.
 #[inline(always)]
 pub fn offset_of_origin<R: Real>(splat: &Splat2d<R>) -> [R; 2] {
     let [x, y] = splat.mean2d;
     scaled_offset(splat, -x, -y)
 }
 
-/// Scaled W δ of a pixel: it is linear in the pixel, so what the origin has is added to W p.
+/// Scaled W δ of a pixel: it is linear in the pixel, so W p is added to the origin's.
 #[inline(always)]
 pub fn offset_from<R: Real>(of_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
     [xx.mul_add(x, of_origin[0]), yx.mul_add(x, yy.mul_add(y, of_origin[1]))]
@@ -59,15 +58,15 @@ pub fn log2_strength<R: Real>(log2_opacity: R, [u, w]: [R; 2]) -> R {
     (-w).mul_add(w, (-u).mul_add(u, log2_opacity))
 }
 
-/// Whether a splat of this strength is seen at all.
+/// Alpha test of a splat's log₂ strength ([`Cutoffs::passes_alpha_test`]).
 #[inline(always)]
 pub fn passes_alpha_test<R: Real>(log2_strength: R) -> R::Mask {
     Cutoffs::DEFAULT.passes_alpha_test(log2_strength)
 }
 
-/// Whether a splat may be seen somewhere in a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]`
-/// and so for δy. It is for sure where this says no: |W δ| is bounded by the box around the image
-/// of the box.
+/// Conservative overlap test of a splat with a box of offsets from its mean, `dx[0]` ≤ δx ≤ `dx[1]`
+/// and likewise δy. A negative answer is certain: |W δ| is bounded by the box around the image of
+/// the box.
 #[inline(always)]
 pub fn may_overlap<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Mask {
     Cutoffs::DEFAULT.may_overlap_column(splat, &column_of(splat, dx), dy)
@@ -76,7 +75,7 @@ pub fn may_overlap<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Ma
 /// Bounds of a splat in a column of boxes, between the same bounds of δx.
 #[derive(Clone, Copy, Debug)]
 pub struct Column<R> {
-    /// log₂ of the largest strength that u allows.
+    /// log₂ of the largest strength in the column, bounded by u.
     most: R,
     /// Bounds of the share of w that comes from δx.
     slant: [R; 2],
@@ -120,8 +119,8 @@ pub struct PixelState<R> {
     /// Transmittance in front of the next splat. It only falls: once it is below
     /// [`crate::cutoffs::TRANSMITTANCE_MIN`], the pixel has ended.
     pub transmittance: R,
-    /// Transmittance of the picture: that of a pixel that goes on, and what a pixel that has ended
-    /// had before.
+    /// Transmittance of the picture: that of an active pixel, and the last one of a pixel that has
+    /// ended.
     pub left: R,
 }
 
@@ -133,7 +132,7 @@ impl<R: Real> PixelState<R> {
     }
 }
 
-/// Whether a pixel with this transmittance goes on.
+/// Tests whether a pixel with this transmittance takes further splats.
 #[inline(always)]
 pub fn is_active<R: Real>(transmittance: R) -> R::Mask {
     Cutoffs::DEFAULT.is_active(transmittance)
@@ -154,7 +153,7 @@ pub fn step<R: Real>(alpha: R, front: PixelState<R>) -> Composite<R> {
     Cutoffs::DEFAULT.step(alpha, front)
 }
 
-/// The formulas that know where a picture stops to look further.
+/// Formulas that depend on the cutoffs.
 impl Cutoffs {
     /// [`may_overlap`] in a box of a column.
     #[inline(always)]
@@ -163,8 +162,8 @@ impl Cutoffs {
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
         self.may_pass_alpha_test((-w).mul_add(w, column.most))
     }
-    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it is not seen,
-    /// which is told by the logarithm, while its power is still being worked out.
+    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it fails the
+    /// alpha test, which reads the logarithm and so need not wait for its power.
     #[inline(always)]
     pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
         let strength = log2_strength.exp2_of_small();
@@ -182,7 +181,7 @@ impl Cutoffs {
     }
 }
 
-/// (1 − α) T, in one operation: what a pixel waits for from one splat to the next.
+/// (1 − α) T, in one operation: the dependency chain of a pixel from one splat to the next.
 #[inline(always)]
 fn transmittance_behind<R: Real>(alpha: R, transmittance: R) -> R {
     (-alpha).mul_add(transmittance, transmittance)
@@ -193,7 +192,7 @@ fn transmittance_behind<R: Real>(alpha: R, transmittance: R) -> R {
 pub struct Replay<R> {
     /// Transmittance in front of the splat; zero once the pixel has ended.
     pub transmittance: R,
-    /// Σ_{k ≥ i} wₖ (cₖ · g) + T_final g_T: the gradient's product with all that is still to come.
+    /// Σ_{k ≥ i} wₖ (cₖ · g) + T_final g_T: the gradient's product with the remaining splats.
     pub remaining: R,
 }
 

@@ -147,8 +147,8 @@ pub struct CameraOf<R> {
 }
 
 impl<R: Real> CameraOf<R> {
-    /// The same camera as a projection needs it: what is not affine follows the Jacobian however
-    /// far outside.
+    /// The same camera for a projection model: only the affine one limits the slopes of its
+    /// Jacobian.
     #[inline(always)]
     pub fn for_projection(self, projection: ProjectionModel) -> Self {
         let free = self.slope_limit[0].constant(f32::MAX);

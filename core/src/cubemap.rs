@@ -6,7 +6,7 @@
 //! direction up is continuous across every edge and corner.
 //!
 //! A texel beyond an edge lies up to half a texel further along it than the bilinear footprint
-//! takes it for, as in every seamless cube map. So what is looked up is a direction up to √2 / 6n
+//! takes it for, as in every seamless cube map. So the direction that is looked up is up to √2 / 6n
 //! away within half a texel of the edges, and by the curvature of the face, up to 1 / n²,
 //! elsewhere.
 

@@ -65,7 +65,7 @@ impl CullReason {
         Self::NonfiniteMean as usize <= self as usize && self as usize <= Self::NonfiniteHarmonics as usize
     }
 
-    /// In a word or two: what is not finite, or what else is the matter.
+    /// Short name of the reason, or of the attribute that is not finite.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Drawn => "drawn",

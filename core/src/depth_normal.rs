@@ -29,7 +29,7 @@ pub fn expected_depth_vjp<R: Real>(depth: R, coverage: R, grad: R) -> (R, R) {
     (grad_blended, -grad_blended * depth)
 }
 
-/// Depths of the four neighbours of a pixel, or whatever else comes in such fours.
+/// Values at the four neighbours of a pixel, such as depths.
 #[derive(Clone, Copy, Debug)]
 pub struct Cross<T> {
     /// At x − 1.

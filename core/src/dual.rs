@@ -4,7 +4,7 @@
 use crate::{math, real::Real};
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-/// value + slope·ε with ε² = 0: whatever formula is evaluated, `slope` is its derivative.
+/// value + slope·ε with ε² = 0: `slope` is the derivative of any formula that is evaluated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Dual {
     /// The value.

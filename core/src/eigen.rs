@@ -2,8 +2,8 @@
 
 use crate::math;
 
-/// Turns that make every matrix diagonal up to rounding: each sweep of three squares what is left
-/// beside the diagonal.
+/// Rotations that make every matrix diagonal up to rounding: each sweep of three squares the
+/// remainder beside the diagonal.
 const SWEEPS: usize = 12;
 
 /// The eigenvalues of a symmetric matrix, smallest first, each with its eigenvector of unit length;

@@ -2,8 +2,8 @@
 //! look.
 //!
 //! A picture is seen as C' = A C + (1 − T) b, where C is its premultiplied colour and T the
-//! transmittance: what is seen of the scene is mapped, the background behind it is not. So it is
-//! the same as if every Gaussian had the colour A c + b, and where nothing is seen nothing changes.
+//! transmittance: the scene is mapped, the background behind it is not. So it is the same as if
+//! every Gaussian had the colour A c + b, and where nothing is seen nothing changes.
 
 use crate::{
     real::Real,

@@ -24,7 +24,7 @@ pub struct LeastSquares {
 }
 
 impl LeastSquares {
-    /// A fit of so many unknowns, [`UNKNOWNS_MAX`] at most, that has seen nothing yet.
+    /// Empty fit of `count` unknowns, at most [`UNKNOWNS_MAX`].
     pub fn new(count: usize) -> Self {
         Self { count, normal: [0.0; TRIANGLE], right: [[0.0; 3]; UNKNOWNS_MAX] }
     }

@@ -159,14 +159,14 @@ pub fn sparse<R: Real>(opacity_logit: R) -> R {
     -(softplus(opacity_logit) + softplus(-opacity_logit))
 }
 
-/// Gradient of [`sparse`]: 1 − 2σ(x); zero for what is not finite.
+/// Gradient of [`sparse`]: 1 − 2σ(x); zero for numbers that are not finite.
 #[inline(always)]
 pub fn sparse_vjp<R: Real>(opacity_logit: R, grad: R) -> R {
     (grad * (sigmoid(opacity_logit) * -2.0 + 1.0)).keep(opacity_logit.is_finite())
 }
 
 /// Gradient of the square of a number of a normal residual, times half of `grad`: x g, with x
-/// within ± [`RESIDUAL_MAX`]; zero for what is not finite.
+/// within ± [`RESIDUAL_MAX`]; zero for numbers that are not finite.
 #[inline(always)]
 pub fn residual_vjp<R: Real>(number: R, grad: R) -> R {
     (number.clamp(-RESIDUAL_MAX, RESIDUAL_MAX) * grad).keep(number.is_finite())
@@ -283,7 +283,7 @@ pub struct LossWeights {
 
 impl LossWeights {
     /// Without the losses that nothing is there for: of coverage, unless the true picture has an
-    /// alpha channel; of what is seen of the geometry, unless it was blended.
+    /// alpha channel; those of the geometry, unless it was blended.
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {

@@ -31,8 +31,7 @@ impl Bounds {
     }
 
     /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of
-    /// the box. Points outside, and what is not a number, count to the nearest cell or to the
-    /// first.
+    /// the box. Points outside, and NaN, count to the nearest cell or to the first.
     pub fn code(&self, point: [f32; 3]) -> u32 {
         let mut code = 0;
         for axis in 0..3 {

@@ -12,8 +12,8 @@ use crate::{
 pub enum AxisRule {
     /// The column of R that belongs to the smallest scale, as the paper says.
     Shortest,
-    /// The first row of R with its columns sorted by scale: what the authors' code computes, and
-    /// what its checkpoints were trained with.
+    /// The first row of R with its columns sorted by scale: the authors' code computes it, and its
+    /// checkpoints were trained with it.
     SortedRow,
     /// No axis at all: the residual alone is the normal (the paper's ablation "without v").
     None,

@@ -1,4 +1,4 @@
-//! Half precision for what is only looked at: f32 to compute, f16 to store.
+//! Half precision for stored scenes: f32 to compute, f16 to store.
 
 use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;

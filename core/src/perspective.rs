@@ -216,7 +216,7 @@ pub fn ray_scale_of_origin<R: Real>(mean2d: [R; 2], slope: [R; 2]) -> R {
     (-slope[0]).mul_add(mean2d[0], (-slope[1]).mul_add(mean2d[1], mean2d[0].constant(1.0)))
 }
 
-/// 1 + l·δ of a pixel: it is linear, so what the origin has is added.
+/// 1 + l·δ of a pixel: it is linear, so the origin's is added.
 #[inline(always)]
 pub fn ray_scale<R: Real>(of_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
     slope[0].mul_add(x, slope[1].mul_add(y, of_origin))

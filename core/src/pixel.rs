@@ -1,5 +1,5 @@
 //! Shading pixel by pixel: Gaussians blend their attributes, and the light is looked up once for
-//! what a pixel shows.
+//! each pixel.
 //!
 //! With w_i = α_i T_i a pixel holds the premultiplied sums A = Σ w_i, B = Σ w_i (c_d + c_r)_i, N =
 //! Σ w_i n_i, S = Σ w_i s_i and P = Σ w_i ρ_i. Its colour is A · γ(B/A + S/A ⊙ L_s(r, P/A)), r the

@@ -28,8 +28,7 @@ pub struct Needs {
     pub harmonics: [f32; 4],
     /// Largest radiance of any texel of the light; zero without a light.
     pub radiance: f32,
-    /// Whether every number of every Gaussian is finite. Where one is not, it is told by the very
-    /// attribute.
+    /// Whether every number of every Gaussian is finite.
     pub is_finite: bool,
 }
 
@@ -151,9 +150,9 @@ pub enum Unlit {
 /// Reduced rendering rules of a scene, beside the full ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// With nothing but what is needed.
+    /// With the needed terms alone.
     pub rules: RenderRules,
-    /// With everything: the same picture, bit by bit.
+    /// With all terms: the same picture, bit by bit.
     pub full: RenderRules,
     /// Why there is no light, if there is none.
     pub unlit: Option<Unlit>,
@@ -170,8 +169,8 @@ impl Plan {
     ///
     /// Levels that no roughness of the scene comes near are left out. One more is kept on either
     /// side: the roughness of a pixel is a mean, which rounding may carry over the border of a
-    /// level. Nothing is left out where a number of a Gaussian is not finite: only who reads it
-    /// finds that out.
+    /// level. Nothing is left out where a number of a Gaussian is not finite: its attribute has to
+    /// be read to cull it.
     pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
         if !needs.is_finite {
             return Self { rules: *asked, full: in_full(asked), unlit: None };

@@ -115,7 +115,7 @@ impl Levels {
         }
     }
 
-    /// Levels of one's own, sharpest first. None unless there are two to [`MAX_LEVELS`], their
+    /// Creates given levels, sharpest first. None unless there are two to [`MAX_LEVELS`], their
     /// roughness grows within \[0, 1\], and their resolutions are powers of two that do not.
     pub fn of(levels: &[Level]) -> Option<Self> {
         let is_level = |level: &Level| (0.0..=1.0).contains(&level.roughness) && level.resolution.is_power_of_two();
@@ -131,8 +131,8 @@ impl Levels {
         })
     }
 
-    /// A mip chain: so many levels, each half as wide as the one before. None where [`Levels::of`]
-    /// gives none, or where a level would have no texel.
+    /// Creates a mip chain of `count` levels, each half as wide as the one before. None where
+    /// [`Levels::of`] gives none, or where a level would have no texel.
     pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
         let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
         let levels = levels.get_mut(..count)?;

@@ -16,7 +16,7 @@ use crate::{
 pub const BLUR: f32 = 0.3;
 
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
-/// no picture tells longer ones apart, and the determinant of such a splat still is an `f32`.
+/// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
 
 /// Attributes of a Gaussian that determine its splat.

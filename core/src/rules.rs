@@ -77,13 +77,13 @@ impl RenderRules {
 pub enum Channels {
     /// Colour alone: 3 channels.
     Color,
-    /// Colour, normal, depth and |Δn|²: 8 channels, what the losses read.
+    /// Colour, normal, depth and |Δn|²: 8 channels, those that the losses read.
     Training,
     /// Colour, normal, tint and roughness: 10 channels, all that light needs pixel by pixel.
     Lit,
-    /// Those of training, then tint and roughness: 12 channels.
+    /// Channels of training, then tint and roughness: 12 channels.
     Surface,
-    /// Those of a surface, then diffuse, specular, residual and light: 24 channels.
+    /// Channels of a surface, then diffuse, specular, residual and light: 24 channels.
     Layers,
 }
 
@@ -101,7 +101,7 @@ impl Channels {
         }
     }
 
-    /// Those that are so many; all layers, if none are.
+    /// Channels of this number; all layers, if there are none.
     pub const fn of_count(count: usize) -> Self {
         let mut k = 0;
         while k < Self::ALL.len() {

@@ -79,7 +79,7 @@ impl Layout {
 
 /// A cloud of Gaussians, in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`]
 /// numbers long, so that a block is one piece of memory and a plane of it one SIMD vector. The last
-/// block is padded; what the padding holds is ignored.
+/// block is padded; the padding is ignored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussians<A> {
     /// Number of Gaussians.
@@ -90,7 +90,7 @@ pub struct Gaussians<A> {
     pub values: A,
 }
 
-/// Numbers that a cloud of so many Gaussians takes.
+/// Length of the values of a cloud of `count` Gaussians.
 pub const fn len_of_values(count: usize, layout: Layout) -> usize {
     count.next_multiple_of(BLOCK) * layout.plane_count()
 }

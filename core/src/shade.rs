@@ -20,11 +20,12 @@ use crate::{
 pub enum ShadingForm {
     /// γ(c_d + s ⊙ L_s + c_r), γ the sRGB curve (paper, eq. 3).
     Paper,
-    /// σ(k_d − ln 3) + E(n)(1 − s) + L_s ⊙ (s F_x + F_y) + c_r: what the authors' code computes. No
-    /// γ; an ambient term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and
+    /// σ(k_d − ln 3) + E(n)(1 − s) + L_s ⊙ (s F_x + F_y) + c_r: the equation of the authors' code.
+    /// No γ; an ambient term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and
     /// roughness.
     Official,
-    /// c_d + c_r, linear: what is blended where light is added pixel by pixel ([`crate::pixel`]).
+    /// c_d + c_r, linear: the base colour that is blended where light is added pixel by pixel
+    /// ([`crate::pixel`]).
     Deferred,
 }
 

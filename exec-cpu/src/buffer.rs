@@ -1,10 +1,10 @@
-//! Memory that is used again: what a stage returns gives its memory back when it is dropped, so
-//! that a training takes none from the system once it has met its largest pictures.
+//! Pools of memory: the results of stages give their memory back when they are dropped, so a
+//! training allocates nothing once it has met its largest pictures.
 
 use core::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Memory for values of one type that nobody uses at the moment.
+/// Pool of free memory for values of one type.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Arc<Mutex<Vec<Vec<T>>>>);
 
@@ -22,7 +22,7 @@ impl<T> Default for Pool<T> {
 
 impl<T> Pool<T> {
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Vec<T>>> {
-        // What is in the list is memory, whatever its user was doing.
+        // The list holds free memory alone, so a panic elsewhere leaves it valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
     /// Memory that will be used again.
@@ -34,7 +34,7 @@ impl<T> Pool<T> {
 }
 
 impl<T: Default> Pool<T> {
-    /// `len` values, which are whatever their last user left.
+    /// Takes `len` values, which are those of their last user.
     pub(crate) fn take(&self, len: usize) -> Buffer<T> {
         let mut values = self.nearest(len).unwrap_or_default();
         if values.len() < len {

@@ -74,8 +74,8 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
-/// Quads that a tile of so many channels takes: those of the channels, quad after quad, then the
-/// transmittances.
+/// Number of quads of a tile with `channels` channels: those of the channels, quad after quad, then
+/// the transmittances.
 pub(crate) const fn tile_len(channels: usize) -> usize {
     (channels + 1) * QUADS
 }

@@ -1,4 +1,4 @@
-//! Sixteen `f32` side by side as one of core's numbers, on whatever vectors the machine has.
+//! Sixteen `f32` side by side as one of core's numbers, on the machine's widest vectors.
 
 use core::{
     fmt,

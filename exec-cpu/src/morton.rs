@@ -1,4 +1,4 @@
-//! Gaussians in the order of space.
+//! Morton order of clouds.
 
 use rayon::prelude::*;
 use specula_core::{

@@ -41,7 +41,7 @@ impl<A: Parts, B: Parts> Parts for (A, B) {
     }
 }
 
-/// Visits each of `count` parts, on whatever threads are free.
+/// Visits each of `count` parts, on the threads of the pool.
 pub(crate) fn each_part<P: Parts>(count: usize, parts: P, visit: &(impl Fn(usize, P) + Sync)) {
     if count > 0 {
         halve(0, count, parts, visit);

@@ -22,7 +22,7 @@ pub(crate) struct Planes {
 }
 
 impl Planes {
-    /// So many planes of a grid of tiles, holding whatever the memory held before.
+    /// Takes `count` planes of a grid of tiles, uninitialised.
     pub(crate) fn new(context: &Context, [columns, rows]: [usize; 2], count: usize) -> Self {
         Self { columns, rows, count, values: context.take::<Row>(columns * rows * count * SIZE) }
     }
@@ -60,7 +60,7 @@ impl Planes {
     }
     /// A plane of a tile with some rows above and below and half a row to the left and right, into
     /// `window`: its `ROWS` are [`SIZE`] and twice as many more as it reaches up or down. Beyond
-    /// the picture, and in tiles that nobody wrote, everything is zero.
+    /// the picture, and in tiles that were not written, everything is zero.
     #[inline(always)]
     pub(crate) fn read_window<const ROWS: usize>(
         &self,
@@ -87,7 +87,7 @@ impl Planes {
 }
 
 /// For the row of tiles above, a tile's own and that below: the first of `rows` rows around the
-/// tile that it fills, how many they are, and the first of its own that they show.
+/// tile that it fills, how many they are, and the first of the tile's own rows that they show.
 const fn bands(rows: usize) -> [(usize, usize, usize); 3] {
     let reach = (rows - SIZE) / 2;
     [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)]

@@ -5,13 +5,12 @@
 //! no culling, no early end; every Gaussian in every pixel, exactly along its ray, each pixel
 //! sorted by itself; light by quadrature.
 //!
-//! * [`rays`]: how strong Gaussians are along a ray, in which order, and what is blended of them
+//! * [`rays`]: strength and order of Gaussians along a ray, and their blending
 //! * [`surface`]: their colours: harmonics, and the paper's shading function
 //! * [`lobe`]: light under a GGX lobe, the integral that every prefilter approximates; [`brdf`]:
 //!   light under the whole reflectance that the lobe is a part of
 //!
-//! Numbers of any size are not its purpose: where the model limits what is out of bounds, this does
-//! not.
+//! It is not meant for numbers of any size: it lacks the model's limits.
 
 pub mod brdf;
 pub mod lobe;

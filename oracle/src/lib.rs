@@ -4,7 +4,7 @@
 //! compared with, in `f64` as the oracle of its error. The stages have core's names;
 //! [`loss_and_gradient`] is one step of training up to the gradients. Layouts are core's, over
 //! `Vec<R>` instead of `Vec<f32>`. [`independent`] is a renderer that shares no formula with any of
-//! this. [`scenes`] and [`stress`] are what is looked at.
+//! this. [`scenes`] and [`stress`] are test scenes.
 #![forbid(unsafe_code)]
 
 mod cloud;
@@ -74,7 +74,7 @@ pub fn project_within<R: Number>(
 
 /// Splats to channels, one list for each Gaussian. Without a light there is no specular term.
 ///
-/// The authors' form of shading is not among what is written plainly here.
+/// The authors' form of shading is not supported.
 pub fn shade<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,

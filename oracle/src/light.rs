@@ -38,8 +38,8 @@ impl Operator {
         Self::finer(resolution, 1)
     }
 
-    /// The same from nodes that are so many times narrower, a power of two, over lobes that are not
-    /// cut off: the limit is the sum over all texels.
+    /// The same from nodes that are `fineness` times narrower, a power of two, over lobes that are
+    /// not cut off: the limit is the sum over all texels.
     pub fn finer(resolution: usize, fineness: usize) -> Self {
         let levels = Levels::new(PrefilterScheme::Exact, resolution);
         let mut pyramid = vec![(resolution, 0)];
@@ -211,7 +211,7 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
     components.map(|(grad, radiance)| radiance_vjp(environment.activation, radiance, grad)).collect()
 }
 
-/// Light from a direction at one level: its radiance, and what the gradient needs.
+/// Light from a direction at one level: its radiance, and the inputs of its gradient.
 struct Fetch<R> {
     level: usize,
     footprint: cubemap::Footprint<R>,

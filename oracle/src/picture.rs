@@ -36,16 +36,16 @@ fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
 }
 
 /// log₂ of how strong a splat is at an offset from its mean; `None` where it has no perspective.
-fn log2_strength<R: Number>(stamp: &Splat2d<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
-    let falloff = blend::falloff(stamp, dx, dy);
+fn log2_strength<R: Number>(splat: &Splat2d<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
+    let falloff = blend::falloff(splat, dx, dy);
     let Some(perspective) = perspective else { return falloff.log2_strength };
     let [u, w] = falloff.offset;
     let scale = perspective::ray_scale(R::of(1.0), perspective.slope, [dx, dy]);
     let curvature = perspective::scaled_curvature(perspective.curvature);
-    perspective::log2_strength(stamp.log2_opacity, u * u + w * w, scale, curvature)
+    perspective::log2_strength(splat.log2_opacity, u * u + w * w, scale, curvature)
 }
 
-fn stamps<R: Number>(splats: &[Splat<R>]) -> Vec<Splat2d<R>> {
+fn splats2d<R: Number>(splats: &[Splat<R>]) -> Vec<Splat2d<R>> {
     splats.iter().map(|splat| Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
@@ -88,7 +88,7 @@ pub fn blend_within<R: Number>(
     let channels = colors.first().map_or(0, Vec::len);
     let (width, height) = (camera.width as usize, camera.height as usize);
     let size = width * height;
-    let stamps = stamps(splats);
+    let splats2d = splats2d(splats);
     let mut values = vec![R::of(0.0); (channels + 1) * size];
     let perspective = |k: usize| perspectives.map(|all| &all[k]);
     let rows: Vec<[usize; 2]> =
@@ -96,20 +96,20 @@ pub fn blend_within<R: Number>(
     for row in 0..height {
         let near: Vec<usize> = order.iter().copied().filter(|k| rows[*k][0] <= row && row < rows[*k][1]).collect();
         for pixel in row * width..(row + 1) * width {
-            let mut passage = PixelState::open(R::of(1.0));
+            let mut state = PixelState::open(R::of(1.0));
             for &k in &near {
-                let strength = log2_strength(&stamps[k], perspective(k), offset(&splats[k], pixel % width, row));
+                let strength = log2_strength(&splats2d[k], perspective(k), offset(&splats[k], pixel % width, row));
                 if !cutoffs.passes_alpha_test(strength) {
                     continue;
                 }
-                let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), passage);
+                let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), state);
                 for (channel, color) in colors[k].iter().enumerate() {
                     let value = &mut values[channel * size + pixel];
                     *value = *value + weight * *color;
                 }
-                passage = behind;
+                state = behind;
             }
-            values[channels * size + pixel] = passage.left;
+            values[channels * size + pixel] = state.left;
         }
     }
     Image { width, height, channels: channels + 1, values }
@@ -125,7 +125,7 @@ pub fn blend_vjp<R: Number>(
 ) -> (Vec<SplatGrad<R>>, Vec<Vec<R>>) {
     let zero = R::of(0.0);
     let (size, channels) = (frame.pixel_count(), frame.channels - 1);
-    let stamps = stamps(splats);
+    let splats2d = splats2d(splats);
     let mut moments = vec![OffsetMoments::zero(zero); splats.len()];
     let mut grad_colors = vec![vec![zero; channels]; splats.len()];
     for pixel in 0..size {
@@ -134,7 +134,7 @@ pub fn blend_vjp<R: Number>(
         let mut replay = Replay { transmittance: R::of(1.0), remaining: all.fold(zero, |sum, x| sum + x) };
         for &k in order {
             let [dx, dy] = offset(&splats[k], pixel % frame.width, pixel / frame.width);
-            let falloff = blend::falloff(&stamps[k], dx, dy);
+            let falloff = blend::falloff(&splats2d[k], dx, dy);
             let dot = colors[k].iter().zip(&pixel_grad).fold(zero, |sum, (color, grad)| sum + *color * *grad);
             let StepGrad { log_strength, weight, behind } = blend::step_vjp(falloff.log2_strength, replay, dot);
             for (sum, grad) in grad_colors[k].iter_mut().zip(&pixel_grad) {
@@ -144,7 +144,7 @@ pub fn blend_vjp<R: Number>(
             replay = behind;
         }
     }
-    let of_splat = |k: usize| blend::moments_vjp(&stamps[k], splats[k].opacity, &moments[k]);
+    let of_splat = |k: usize| blend::moments_vjp(&splats2d[k], splats[k].opacity, &moments[k]);
     ((0..splats.len()).map(of_splat).collect(), grad_colors)
 }
 

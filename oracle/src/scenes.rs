@@ -7,7 +7,7 @@ use specula_core::{
     scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values},
 };
 
-/// A view of what is around the origin.
+/// View of the origin.
 pub fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
 }

@@ -179,7 +179,7 @@ fn wide_and_faint() -> Cloud {
     })
 }
 
-/// Thin layers one behind the other, each of a colour of its own.
+/// Thin layers one behind the other, each of another colour.
 fn stacked() -> Cloud {
     changed(10_000, 53, |cloud, k| {
         cloud.set(k, MEAN, [draw(k, 0, -0.3, 0.3), draw(k, 1, -1.0, 1.0), draw(k, 2, -0.3, 0.3)]);
@@ -224,7 +224,7 @@ fn view() -> Camera {
     camera(48, 32)
 }
 
-/// A view along +z from 4 before the origin: depths are z + 4, whatever is rounded.
+/// A view along +z from 4 before the origin: depths are z + 4, however they are rounded.
 fn straight(width: u32, height: u32) -> Camera {
     Camera::look_at(Vec3::new(0.0, 0.0, -4.0), Vec3::ZERO, Vec3::NEG_Y, 0.7, width, height)
 }

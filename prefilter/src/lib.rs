@@ -3,7 +3,7 @@
 //! apply them.
 //!
 //! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
-//! filtered texels (*rows*); levels with aprons are what is looked up.
+//! filtered texels (*rows*); lookups read levels with aprons.
 #![forbid(unsafe_code)]
 
 pub mod sparse;
@@ -247,7 +247,7 @@ impl Operator {
         self.stored = None;
     }
     /// The rows piece by piece, each with the number of its first: for whoever cannot keep them
-    /// all. A piece has about so many weights, and is worked out when it is asked for.
+    /// all. A piece has about this many weights, and is computed on demand.
     pub fn pieces(&self, weights_at_once: usize) -> impl Iterator<Item = (usize, Sparse)> + '_ {
         const ROWS_AT_ONCE: usize = 512;
         const ROWS_OF_A_TASK: usize = 16;

@@ -9,7 +9,7 @@ pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
     column_count: usize,
-    /// Its transpose, once a gradient has been asked for: who only looks at pictures needs none.
+    /// Its transpose, once a gradient has been asked for: rendering needs none.
     transposed: OnceLock<Sparse>,
 }
 
@@ -39,7 +39,7 @@ impl Sparse {
     pub fn row_count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
-    /// The rows in as few ranges as there can be with no more than so many weights each; a row that
+    /// The rows in as few ranges as there can be with at most this many weights each; a row that
     /// has more is alone.
     pub fn ranges(&self, weights_max: usize) -> Vec<Range<usize>> {
         let mut ranges = Vec::new();
@@ -72,7 +72,7 @@ impl Sparse {
         whole
     }
 
-    /// Rows become columns, of which there are so many.
+    /// Rows become columns.
     pub fn transpose(&self, column_count: usize) -> Self {
         let mut starts = vec![0; column_count + 1];
         self.columns.iter().for_each(|column| starts[*column as usize + 1] += 1);

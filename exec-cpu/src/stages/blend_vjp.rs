@@ -24,7 +24,7 @@ use specula_core::{
     splat::{Splat2d, SplatGrad},
 };
 
-/// Splats that are replayed at once: more is kept of each than on the way forth.
+/// Splats that are replayed at once: fewer than in the forward pass, for each keeps more state.
 const REPLAYED_AT_ONCE: usize = 32;
 
 /// Gradient of each splat and of its channels.
@@ -40,7 +40,8 @@ pub struct SplatGrads {
 pub(crate) const GEOMETRY: usize = 6;
 
 impl SplatGrads {
-    /// Gradients with so many channels, as [`SplatGrads::values`] gives them.
+    /// Creates gradients with this number of channels from values in the order of
+    /// [`SplatGrads::values`].
     pub fn of_values(channels: usize, values: &[f32]) -> Self {
         let mut own = Pool::default().take(values.len());
         own.copy_from_slice(values);
@@ -165,7 +166,8 @@ fn sum_slots_of<const C: usize>(gaussian: usize, count: usize, slots: &[f32], ti
     }
 }
 
-/// Writes the slots of all splats: zeros for those that were not seen, so that nobody has to ask.
+/// Writes the slots of all splats, zeros for those that passed no alpha test, so that sums need no
+/// mask.
 #[inline(always)]
 fn blend_tile_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -214,13 +216,13 @@ fn splat_vjp<S: Simd, const C: usize>(
     weights: &mut [Quad; QUADS],
     out: &mut [f32],
 ) {
-    let stamp = stamp_on_tile(simd, record, origin);
-    let of_corner = offset_of_origin(&stamp);
+    let splat = splat_on_tile(simd, record, origin);
+    let of_corner = offset_of_origin(&splat);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = OffsetMoments::zero(zero);
     for_each_bit(seen, |index| {
-        let offset = offset_from(of_corner, stamp.root, centers_of(simd, index));
+        let offset = offset_from(of_corner, splat.root, centers_of(simd, index));
         let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);
         let replay = Replay {
@@ -228,7 +230,7 @@ fn splat_vjp<S: Simd, const C: usize>(
             remaining: Lanes::load(simd, &quad.remaining),
         };
         let StepGrad { log_strength, weight, behind } =
-            step_vjp(log2_strength(stamp.log2_opacity, offset), replay, along);
+            step_vjp(log2_strength(splat.log2_opacity, offset), replay, along);
         behind.transmittance.store(&mut quad.transmittance);
         behind.remaining.store(&mut quad.remaining);
         weight.store(&mut weights[index]);
@@ -249,13 +251,13 @@ fn splat_vjp<S: Simd, const C: usize>(
     sums[GEOMETRY..GEOMETRY + C].copy_from_slice(&grad_colors);
     sum_each(&sums[..GEOMETRY + C], out);
     let moments = OffsetMoments { first: [out[0], out[1]], second: [out[2], out[3], out[4]], sum: out[5] };
-    let stamp = Splat2d::new(record.mean2d, record.root_conic, record.log2_opacity);
-    write_geometry(&moments_vjp(&stamp, record.opacity, &moments), out);
+    let splat = Splat2d::new(record.mean2d, record.root_conic, record.log2_opacity);
+    write_geometry(&moments_vjp(&splat, record.opacity, &moments), out);
 }
 
-/// A splat's stamp in every lane, its mean from the tile's corner.
+/// The splat in every lane, its mean relative to the tile's corner.
 #[inline(always)]
-fn stamp_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Splat2d<Lanes<S>> {
+fn splat_on_tile<S: Simd>(simd: S, record: &SplatRecord, origin: [f32; 2]) -> Splat2d<Lanes<S>> {
     let splat = |value: f32| Lanes::splat(simd, value);
     let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
     let mean2d = [splat(x - origin[0]), splat(y - origin[1])];

@@ -57,7 +57,7 @@ fn grad_lengths<S: Simd>(simd: S, grads: &[f32], [half_width, half_height]: [f32
 
 /// Gaussian after densification: its parent, and its role.
 #[derive(Clone, Copy)]
-struct Heir {
+struct Child {
     parent: usize,
     origin: Origin,
 }
@@ -78,26 +78,26 @@ pub(crate) fn densify(
     key: RandomKey,
 ) -> DensifyReport {
     let actions = decide_all(gaussians, statistics, rules, count_max);
-    let (mut heirs, report) = heirs(&actions);
+    let (mut children, report) = children(&actions);
     let codes = codes(gaussians);
-    heirs.sort_by_key(|heir| codes[heir.parent]);
+    children.sort_by_key(|child| codes[child.parent]);
     let from_parent = |old: &[f32], keep_new: bool| {
         let source = |place: usize| {
-            let heir: &Heir = &heirs[place];
-            (keep_new || heir.origin == Origin::Kept).then_some(heir.parent)
+            let child: &Child = &children[place];
+            (keep_new || child.origin == Origin::Kept).then_some(child.parent)
         };
-        gather(gaussians, old, heirs.len(), source)
+        gather(gaussians, old, children.len(), source)
     };
     let (mean, square) = (from_parent(&moments.mean, false), from_parent(&moments.square, false));
     let values = from_parent(&gaussians.values, true);
     *moments = AdamMoments { mean, square };
-    *gaussians = Gaussians { count: heirs.len(), layout: gaussians.layout, values };
-    for (index, heir) in heirs.iter().enumerate() {
-        if let Origin::Part(part) = heir.origin {
-            become_part(gaussians, index, key, 2 * heir.parent as u64 + part);
+    *gaussians = Gaussians { count: children.len(), layout: gaussians.layout, values };
+    for (index, child) in children.iter().enumerate() {
+        if let Origin::Part(part) = child.origin {
+            sample_split_child(gaussians, index, key, 2 * child.parent as u64 + part);
         }
     }
-    *statistics = Statistics { grad_sum: vec![0.0; heirs.len()], view_count: vec![0.0; heirs.len()] };
+    *statistics = Statistics { grad_sum: vec![0.0; children.len()], view_count: vec![0.0; children.len()] };
     report
 }
 
@@ -134,24 +134,25 @@ fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count
 }
 
 /// The Gaussians after densification: those that stay in their order, then copies, then parts.
-fn heirs(actions: &[Action]) -> (Vec<Heir>, DensifyReport) {
+fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
     let of = |wanted: Action| {
         actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index)
     };
     let stays = |action: &Action| matches!(action, Action::Keep | Action::Clone);
-    let mut heirs: Vec<Heir> = (0..actions.len())
+    let mut children: Vec<Child> = (0..actions.len())
         .filter(|index| stays(&actions[*index]))
-        .map(|parent| Heir { parent, origin: Origin::Kept })
+        .map(|parent| Child { parent, origin: Origin::Kept })
         .collect();
-    heirs.extend(of(Action::Clone).map(|parent| Heir { parent, origin: Origin::Copied }));
-    heirs.extend(of(Action::Split).flat_map(|parent| [0, 1].map(|part| Heir { parent, origin: Origin::Part(part) })));
+    children.extend(of(Action::Clone).map(|parent| Child { parent, origin: Origin::Copied }));
+    children
+        .extend(of(Action::Split).flat_map(|parent| [0, 1].map(|part| Child { parent, origin: Origin::Part(part) })));
     let count = |wanted: Action| of(wanted).count();
     let report =
         DensifyReport { cloned: count(Action::Clone), split: count(Action::Split), pruned: count(Action::Prune) };
-    (heirs, report)
+    (children, report)
 }
 
-fn become_part(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
+fn sample_split_child(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
     let [mean, log_scales] = [MEAN, LOG_SCALE].map(|plane| take3(gaussians.get(index, plane)));
     let noise = take3(part_noise(key.seed, key.stream, draw));
     let mean = part_mean(mean, log_scales, gaussians.get(index, QUAT), noise);

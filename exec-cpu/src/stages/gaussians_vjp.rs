@@ -164,7 +164,7 @@ impl Backwards<'_> {
     }
 }
 
-/// Gradients of a block's splats as lanes; zero for what is not there or not drawn.
+/// Gradients of a block's splats as lanes; zero for splats that are not drawn.
 struct SplatGradLanes<S: Simd> {
     geometry: [Lanes<S>; GEOMETRY],
     channels: LayerChannels<Lanes<S>>,

@@ -136,7 +136,7 @@ fn colors_to_lanes<S: Simd>(simd: S, texels: &[Texel; BLOCK]) -> Vec3<Lanes<S>> 
     )
 }
 
-/// The way back: lanes to sixteen texels.
+/// Inverse of [`colors_to_lanes`]: lanes to sixteen texels.
 #[inline(always)]
 fn lanes_to_colors<S: Simd>(color: Vec3<Lanes<S>>) -> [Texel; BLOCK] {
     let (red, green, blue, none) = (color.x.0, color.y.0, color.z.0, color.x.zero().0);

@@ -175,7 +175,7 @@ fn add_scaled(sum: &mut Texel, factor: f32, texel: &Texel) {
     }
 }
 
-/// A matrix times `source`; added to what is there, if that is wanted.
+/// Matrix times `source`, added to the present values if `adds` is set.
 fn apply(level: SimdLevel, matrix: &Sparse, source: &[Texel], out: &mut [Texel], adds: bool) {
     const ROWS_AT_ONCE: usize = 256;
     out.par_chunks_mut(ROWS_AT_ONCE).enumerate().for_each(|(chunk, out)| {

@@ -33,7 +33,7 @@ pub struct Colors {
 }
 
 impl Colors {
-    /// The channels of one Gaussian; whatever, if it is not drawn.
+    /// Channels of one Gaussian; unspecified if it is not drawn.
     pub fn of(&self, gaussian: usize) -> &[f32] {
         &self.values[gaussian * self.channels..(gaussian + 1) * self.channels]
     }
@@ -53,7 +53,7 @@ impl Scene<'_> {
     }
 }
 
-/// The channels of what is drawn; what has a colour that is not finite is not drawn any more.
+/// Shades the splats that are drawn; those with a colour that is not finite are culled.
 pub(crate) fn shade_all(
     context: &Context,
     gaussians: &Gaussians<Vec<f32>>,

@@ -1,4 +1,5 @@
-//! Some splats as a tile sees them, number by number, so that a vector holds one number of many.
+//! Batches of splats, relative to a tile, as structures of arrays: a vector holds one number of
+//! many splats.
 
 use crate::{
     frame::{PIXEL_X, PIXEL_Y, QUAD, QUADS, QUADS_ACROSS, Quad, quad_origin},
@@ -20,12 +21,12 @@ use specula_core::{
 /// ended: a bit each.
 pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 
-/// A number of each.
+/// One number of each splat.
 type Numbers = [f32; SPLATS_AT_ONCE];
 
-/// Something that tiles can be blended from.
+/// Record of a splat that tiles are blended from.
 pub(crate) trait BatchedSplat: Sync {
-    /// Some of them as a tile sees them.
+    /// Batch of such records.
     type Batch: SplatBatch<Splat = Self>;
 }
 
@@ -37,14 +38,14 @@ impl BatchedSplat for PerspectiveRecord {
     type Batch = PerspectiveBatch;
 }
 
-/// Some splats as a tile sees them.
+/// Batch of splats, relative to a tile.
 pub(crate) trait SplatBatch {
-    /// As they lie in memory.
+    /// Record in memory.
     type Splat;
-    /// None of them.
+    /// Empty batch.
     const EMPTY: Self;
 
-    /// Takes one in, its mean from the tile's corner.
+    /// Stores a splat, its mean relative to the tile's corner.
     fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
 
     /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that
@@ -54,7 +55,8 @@ pub(crate) trait SplatBatch {
     /// log₂ of a splat's strength in some pixels.
     fn log2_strength<S: Simd>(&self, simd: S, k: usize, centers: [Lanes<S>; 2]) -> Lanes<S>;
 
-    /// Takes in some splats; returns for each quad of the tile a bit for each that may touch it.
+    /// Reads the splats of a list; returns for each quad of the tile a bit for each that may touch
+    /// it.
     #[inline(always)]
     fn read<S: Simd>(
         &mut self,
@@ -79,7 +81,7 @@ pub(crate) trait SplatBatch {
     }
 }
 
-/// Splats of the affine projection.
+/// Batch of splats of the affine projection.
 pub(crate) struct AffineBatch {
     /// From the tile's corner.
     mean2d: [Numbers; 2],
@@ -101,7 +103,7 @@ impl AffineBatch {
         self.log2_opacity[k] = log2_opacity;
     }
 
-    /// Scales the roots of a block of splats, and notes what the tile's corner has of them.
+    /// Scales the roots of a block of splats, and stores the offset of the tile's corner from each.
     #[inline(always)]
     fn scale<S: Simd>(&mut self, simd: S, first: usize) -> Splat2d<Lanes<S>> {
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
@@ -159,7 +161,7 @@ impl SplatBatch for AffineBatch {
     }
 }
 
-/// Splats in perspective.
+/// Batch of splats in perspective.
 pub(crate) struct PerspectiveBatch {
     affine: AffineBatch,
     slope: [Numbers; 2],

@@ -1,5 +1,5 @@
-//! Light under a whole microfacet reflectance, by quadrature in `f64`: what the paper's lobe is a
-//! part of.
+//! Light under a whole microfacet reflectance, by quadrature in `f64`: the paper's lobe is a part
+//! of it.
 //!
 //! ```text
 //! L_o(v) = ∫ L(l) f(v, l) (n·l)₊ dl,    f = F(v·h) D(h) G(v, l) / (4 n·v n·l),

@@ -1,4 +1,4 @@
-//! Gaussians along rays, pixel by pixel, each pixel in an order of its own.
+//! Gaussians along rays, sorted for each pixel.
 //!
 //! A Gaussian's density along the ray x(t) = t d from the eye is exp(−½ |L⁻¹ (t d − μ)|²) with Σ =
 //! L Lᵀ in camera space. With m = L⁻¹ μ and w = L⁻¹ d it is largest at t = m·w / |w|², where q = |m
@@ -22,7 +22,7 @@ const ALPHA_MAX: f64 = 0.99_f32 as f64;
 /// a millionth.
 const ALPHA_LEAST: f64 = 1e-12;
 
-/// A Gaussian of numbers that mean what they say.
+/// Gaussian whose numbers are activated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaussian {
     /// Centre, in world space.

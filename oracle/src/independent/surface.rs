@@ -40,7 +40,7 @@ pub struct Surface {
 /// Light along a direction, filtered for a perceptual roughness: L_s.
 pub type Light<'a> = dyn Fn(DVec3, f64) -> DVec3 + Sync + 'a;
 
-/// Gaussians of a cloud, and what they look like.
+/// Gaussians of a cloud, and their looks.
 pub fn gaussians(cloud: &Gaussians<Vec<f32>>) -> Vec<(Gaussian, Look)> {
     let wide = |k: usize, first: usize| DVec3::from_array(cloud.get::<3>(k, first).map(f64::from));
     let harmonics = |k: usize| (0..cloud.layout.sh_count()).map(|n| wide(k, cloud.layout.sh_start() + 3 * n)).collect();
@@ -137,7 +137,7 @@ pub fn mirrored(to_eye: DVec3, normal: DVec3) -> DVec3 {
     2.0 * to_eye.dot(normal) * normal - to_eye
 }
 
-/// IEC 61966-2-1; beyond [0, 1] both pieces go on.
+/// IEC 61966-2-1; both pieces are extended beyond [0, 1].
 fn srgb(linear: DVec3) -> DVec3 {
     let curve = |x: f64| if x > 0.003_130_8 { 1.055 * x.powf(1.0 / 2.4) - 0.055 } else { 12.92 * x };
     linear.to_array().map(curve).into()

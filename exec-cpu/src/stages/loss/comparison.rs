@@ -105,8 +105,7 @@ impl Comparison<'_> {
     pub(super) fn grad_starts(&self) -> impl Fn(usize) -> usize + Sync + '_ {
         |row| self.frame.cover.before_row(row) * tile_len(self.frame.channels)
     }
-    /// Visits the rows of tiles with their share of something, and adds up what they find, in their
-    /// order.
+    /// Visits the rows of tiles, each with its part of the data, and sums their results in order.
     pub(super) fn each_tile_row<P: Parts>(&self, parts: P, visit: impl Fn(usize, P) -> [f64; 4] + Sync) -> [f64; 4] {
         let rows = self.frame.cover.rows;
         let mut sums = self.context.take::<[f64; 4]>(rows);

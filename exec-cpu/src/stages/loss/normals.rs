@@ -122,7 +122,7 @@ fn centres<S: Simd>(simd: S, place: [usize; 2], row: usize) -> [Lanes<S>; 2] {
     [x, Lanes::splat(simd, (place[1] * SIZE + row) as f32 + 0.5)]
 }
 
-/// The pixels of a tile gather what their neighbours left for their depths, and pass it on to
+/// Gathers the gradients of a tile's depths from its pixels' neighbours, and propagates them to
 /// blended depth and coverage.
 #[inline(always)]
 fn gather<S: Simd>(
