@@ -7,11 +7,11 @@ use crate::{
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Start, Training},
     interrupt,
     lock::Lock,
     output, progress,
     scene::Renderer,
+    training::{Start, Training},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, rules::Channels};

@@ -13,13 +13,11 @@ mod doctor;
 mod eval;
 mod export;
 mod failure;
-mod fit;
 mod foreground;
 mod help;
 mod info;
 mod interrupt;
 mod lock;
-mod machine;
 mod orientation;
 mod output;
 mod picture_folder;
@@ -31,6 +29,7 @@ mod report;
 mod scene;
 mod settings;
 mod train;
+mod training;
 mod typed;
 mod view;
 mod within;
@@ -80,7 +79,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
-    arguments.command.executor().map_or(Ok(()), machine::check)?;
+    arguments.command.executor().map_or(Ok(()), training::check)?;
     match &arguments.command {
         Command::Demo(args) => demo::run(args),
         Command::Train(args) => train::run(args),

@@ -1,4 +1,4 @@
-//! `specula train`: from pictures to a model.
+//! `specula train`: trains a model on a data set.
 
 use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
@@ -7,12 +7,12 @@ use crate::{
     config,
     dataset::{self, Dataset},
     failure::Failure,
-    fit::{Outcome, Start, Training},
     foreground, interrupt,
     lock::Lock,
     orientation, output, progress,
     scene::{Renderer, measure_views},
     settings,
+    training::{Outcome, Start, Training},
     view::{self, Watching},
     within::{Within, within},
 };
@@ -27,8 +27,10 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
-use specula_report::measure::{self, ViewMeasures};
-use specula_report::number::group_digits;
+use specula_report::{
+    measure::{self, ViewMeasures},
+    number::group_digits,
+};
 use specula_scene::{
     RenderOptions, Scene, SceneRenderer,
     orientation::{of_gaussians, with_up},
@@ -42,18 +44,18 @@ use specula_train::{
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
-/// Points to start from where there are none.
+/// Number of random points if the data set has none.
 const RANDOM_POINTS: u32 = 20_000;
 
-/// Trains, saves, and measures if asked to.
+/// Trains, saves, and measures with `--eval`.
 pub(crate) fn run(args: &Train) -> Result<(), Failure> {
-    note_unneeded(args);
-    let args = &settled(args)?;
+    warn_of_ignored(args);
+    let args = &with_resolution(args)?;
     let mut profile = settings::profile_of(args, args.iterations)?;
-    // A folder that is not there yet is made, and locked, when everything else is known to be in order.
+    // A folder that does not exist is created and locked once everything else is known to be valid.
     let lock = if args.model_path.is_dir() { Some(lock(args)?) } else { None };
     refuse_data_set(args)?;
-    refuse_to_hide(args)?;
+    refuse_other_training(args)?;
     let mut data = load(args)?;
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
@@ -64,22 +66,22 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
     let info = info_of(args, &settings.profile, background, &data)?;
     let facts = checkpoint::facts_of(&settings, config::text_of(args)?, &data.train);
-    let saved = if args.again.resume { Some(saved(args, &settings, &facts)?) } else { None };
+    let saved = if args.again.resume { Some(read_checkpoint(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
     output::make_folder(&args.model_path)?;
     let _lock = lock.map_or_else(|| self::lock(args), Ok)?;
-    let checkpoints = fill_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?;
+    let checkpoints = prepare_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?;
 
     let reload = || {
         let mut data = progress::silently(|| load(args))?;
         let points = points_of(args, &mut data);
         Ok((data.train, points))
     };
-    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Learned(&saved.state));
+    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Checkpoint(&saved.state));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
     let training = Training::new(&args.executor, settings, &data.train, &start, &reload)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
-    let looked_from = cameras_of(&data);
+    let cameras = cameras_of(&data);
     let watching = match args.watch.view {
         Some(address) => Some(watch(args, address, &mut training, &data, background)?),
         None => None,
@@ -89,20 +91,20 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
-    let views = Views { names, test: &data.test, looked_from, background };
+    let views = Views { names, test: &data.test, cameras, background };
     let outcome = training.run("training", &pauses, |training| pause(args, training, &info, &views))?;
     finish(args, &mut training, info, outcome, &views)?;
     let result = || Ok((training.scene()?, training.iteration()));
     watching.map_or(Ok(()), |watching| watching.stay(result))
 }
 
-/// Folder of the data set.
+/// Data set folder.
 fn source_of(args: &Train) -> Result<&Path, Failure> {
     let none = || Failure::Input("no data set is named, nor in the file of settings; add its folder".into());
     args.source().ok_or_else(none)
 }
 
-/// Refuses the folder of the data set itself.
+/// Refuses to write a model into the data set folder.
 fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     let is_same =
@@ -113,8 +115,8 @@ fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses a folder that holds another training, whose model would be mistaken for this one's.
-fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
+/// Refuses a folder that contains another training.
+fn refuse_other_training(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
@@ -123,11 +125,11 @@ fn refuse_to_hide(args: &Train) -> Result<(), Failure> {
         true => "go on with it (--resume), replace it (--overwrite), or name another folder with -m",
         false => "replace it (--overwrite), or name another folder with -m",
     };
-    Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", trained_words(folder)?)))
+    Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", description_of(folder)?)))
 }
 
-/// The training that a folder holds, in words.
-fn trained_words(folder: &Path) -> Result<String, Failure> {
+/// Description of the training in a folder.
+fn description_of(folder: &Path) -> Result<String, Failure> {
     let profile = model_folder::read_info(folder)?.map(|info| format!(" with profile {}", info.profile));
     let iteration = model_folder::latest_iteration(folder).map(|iteration| format!(" of {iteration} iterations"));
     Ok(match (iteration, profile) {
@@ -136,8 +138,8 @@ fn trained_words(folder: &Path) -> Result<String, Failure> {
     })
 }
 
-/// Says which of the authors' options change nothing here.
-fn note_unneeded(args: &Train) {
+/// Warns of options from GaussianShader's command lines that have no effect.
+fn warn_of_ignored(args: &Train) {
     if args.brdf_dim.is_some() {
         tracing::warn!(
             "--brdf_dim is ignored: a profile has its own harmonics for the residual colour; --sh-degree N sets them"
@@ -148,8 +150,8 @@ fn note_unneeded(args: &Train) {
     }
 }
 
-/// The same with the authors' rule for sizes, `-r -1`, as the number that comes closest to it.
-fn settled(args: &Train) -> Result<Train, Failure> {
+/// Replaces `-r -1` by the factor that comes closest to it.
+fn with_resolution(args: &Train) -> Result<Train, Failure> {
     const WIDEST: u32 = 1600;
     let mut settled = args.clone();
     if args.resolution == AT_MOST_1600 {
@@ -168,15 +170,16 @@ fn settled(args: &Train) -> Result<Train, Failure> {
     Ok(settled)
 }
 
-/// What a training had come to when it was put aside.
+/// Checkpoint that a training resumes from.
 #[derive(Debug)]
-struct Saved {
+struct Resumed {
     state: TrainingState<Vec<f32>>,
     seconds: f64,
 }
 
-/// The training in the folder of the model, where it is this one but for its length.
-fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Failure> {
+/// Reads the checkpoint in the model folder, and refuses one of a training with other settings or
+/// pictures.
+fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<Resumed, Failure> {
     let saved = io::checkpoint::read(&args.model_path)?;
     let then = &saved.facts;
     let refuse = |what: String| {
@@ -207,24 +210,24 @@ fn saved(args: &Train, settings: &Settings, facts: &Facts) -> Result<Saved, Fail
     if checkpoint::words_of(&same) != then.settings {
         return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
     }
-    Ok(Saved { seconds: then.seconds, state: saved.state })
+    Ok(Resumed { seconds: then.seconds, state: saved.state })
 }
 
-/// Keeps other trainings out of the folder of the model.
+/// Locks the model folder.
 fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
     if args.again.ignore_lock { Lock::take_or_warn(folder) } else { Lock::take(folder, REMEDY) }
 }
 
-/// Writes into the folder of the model what is known before the first step.
-fn fill_folder(
+/// Writes settings, cameras and points to the model folder before the first step.
+fn prepare_folder(
     args: &Train,
     profile: &Profile,
     data: &Dataset,
     points: &[Point],
     facts: Facts,
-    saved: Option<&Saved>,
+    saved: Option<&Resumed>,
 ) -> Result<Checkpoints, Failure> {
     let folder = &args.model_path;
     if args.again.overwrite {
@@ -232,16 +235,12 @@ fn fill_folder(
     }
     config::save(folder, &facts.config)?;
     let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
-    if let Some(Saved { state, .. }) = saved {
+    if let Some(Resumed { state, .. }) = saved {
         let (taken, all) = (state.iteration, args.iterations);
-        tracing::info!(
-            "{}",
-            match taken == all {
-                true =>
-                    format!("all {all} iterations are taken already; to go on for longer, ask for more --iterations"),
-                false => format!("going on from iteration {taken} of {all}"),
-            }
-        );
+        match taken == all {
+            true => tracing::info!("all {all} iterations are done already; to train longer, set more --iterations"),
+            false => tracing::info!("going on from iteration {taken} of {all}"),
+        }
         return Ok(checkpoints.gone_on(taken));
     }
     save_inputs(args, profile, data, points)?;
@@ -344,7 +343,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
 }
 
-/// Shows the training on a page.
+/// Serves a page that shows the training.
 fn watch(
     args: &Train,
     address: SocketAddr,
@@ -369,7 +368,7 @@ fn watch(
     Ok(watching)
 }
 
-/// What is done at a step in between.
+/// Saves and measures during the run, at the iterations that the options name.
 fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
     let iteration = training.iteration();
     let scene = training.scene()?;
@@ -394,7 +393,7 @@ fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Vi
     Ok(())
 }
 
-/// Writes the scene as it is now, and how the pictures were exposed, if that is learned.
+/// Writes the scene, and the exposures of the pictures if they are learned.
 fn save(
     args: &Train,
     training: &Training<'_>,
@@ -408,23 +407,23 @@ fn save(
     Ok(scene.save(&args.model_path, training.iteration(), info)?)
 }
 
-/// What a result was learned from, and where it is looked at from.
+/// Views that a result was trained on and is measured with.
 #[derive(Debug)]
 struct Views<'a> {
-    /// Of the pictures that are learned from.
+    /// Names of the training pictures.
     names: Vec<String>,
     test: &'a [View],
-    looked_from: Vec<Camera>,
+    cameras: Vec<Camera>,
     background: Background,
 }
 
-/// Those of the test views, or else of the pictures.
+/// Cameras of the test views, or else of the training views.
 fn cameras_of(data: &Dataset) -> Vec<Camera> {
     let views = if data.test.is_empty() { &data.train } else { &data.test };
     views.iter().map(|view| view.camera).collect()
 }
 
-/// Saves, measures and says what came out.
+/// Saves and measures the result, and prints its measures.
 fn finish(
     args: &Train,
     training: &mut Training<'_>,
@@ -444,7 +443,7 @@ fn finish(
         let goes_on = format!("; specula train -m {model} --resume goes on");
         return Err(Failure::Interrupted(format!(
             "interrupted after iteration {iteration}, which is saved in {place:?}{}",
-            if training.is_put_aside() { &goes_on } else { "" }
+            if training.has_checkpoint() { &goes_on } else { "" }
         )));
     }
     tracing::info!("saved {place:?}");
@@ -456,7 +455,7 @@ fn finish(
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        tracing::info!("{}", next(args, scene.light.is_some()));
+        tracing::info!("{}", next_commands(args, scene.light.is_some()));
         return Ok(());
     }
     let is_lit = scene.light.is_some();
@@ -477,28 +476,28 @@ fn finish(
     }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", measure::summary(&measure::means(&measured)), test.len()))?;
-    tracing::info!("{}", next(args, is_lit));
+    tracing::info!("{}", next_commands(args, is_lit));
     Ok(())
 }
 
-/// Commands that go on from a trained model.
-fn next(args: &Train, is_lit: bool) -> String {
+/// Note with commands for a trained model.
+fn next_commands(args: &Train, is_lit: bool) -> String {
     let model = shell_word(&args.model_path);
     let relight = if is_lit { format!(", specula relight {model} --env LIGHT.hdr") } else { String::new() };
     format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
 }
 
-/// A path as a shell takes it for one word.
+/// Path as a word of a shell.
 fn shell_word(path: &Path) -> String {
     let text = path.display().to_string();
     let is_plain = |letter: char| letter.is_alphanumeric() || "-_./\\:".contains(letter);
     if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
-/// The scene within the error that was asked for. An error that cannot be kept is told, and costs nothing else.
+/// Render settings within `--max-error`; a bound that cannot be met is only a warning.
 fn certified(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<Within>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    match within(scene, views.looked_from.clone(), views.background, error, true) {
+    match within(scene, views.cameras.clone(), views.background, error, true) {
         Ok(within) => {
             output::say(within.certificate())?;
             Ok(Some(within))
@@ -511,13 +510,13 @@ fn certified(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<Wi
     }
 }
 
-/// Writes the certificate of a model.
+/// Writes the certificate to the model folder.
 fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> Result<(), Failure> {
     info.rest.insert("certificate".into(), certificate.into());
     Ok(model_folder::save_info(&args.model_path, info)?)
 }
 
-/// Writes how good the scene is, and after what time.
+/// Writes the measures of an iteration to the model folder.
 fn save_quality(
     folder: &Path,
     iteration: u32,
@@ -530,7 +529,7 @@ fn save_quality(
     Ok(model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)?)
 }
 
-/// The most memory that was used so far, where the system tells.
+/// Peak memory of the program, on systems with `/proc`.
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

@@ -7,7 +7,7 @@ use glam::Vec3;
 use serde::Serialize;
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::latlong::{Stand, UpAxis};
-use specula_scene::ExecutorChoice;
+use specula_scene::{ExecutorChoice, RenderOptions};
 
 /// Interpretation of a scene, and its executor.
 #[derive(Args, Debug)]
@@ -146,5 +146,11 @@ impl Up {
     /// Orientation of the file in the world.
     pub(crate) fn stand(self) -> Stand {
         self.axis().into()
+    }
+}
+
+impl From<&MachineOptions> for RenderOptions {
+    fn from(options: &MachineOptions) -> Self {
+        Self { executor: options.executor.clone(), storage: options.storage(), projection: options.projection }
     }
 }

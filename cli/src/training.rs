@@ -1,135 +1,73 @@
-//! Training, watched: progress, what is done at certain steps, an orderly end on Ctrl-C.
+//! Training loop: progress, checkpoints, pauses at given iterations, an orderly end on Ctrl-C, and
+//! the CPU as a fallback for devices that fail.
+
+mod run;
 
 use crate::{
     checkpoint::Checkpoints,
     failure::Failure,
-    interrupt, machine,
+    interrupt,
     progress::{self, Work},
     settings::shading_model_of,
 };
-use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
+use run::{Run, start_on};
+pub(crate) use run::{Start, check};
+use specula_core::expose::Exposure;
 use specula_cpu::CpuExecutor;
 use specula_report::number::group_digits;
 use specula_scene::{ExecutorChoice, Scene, ShadingModel};
-use specula_train::{
-    start::Point,
-    trainer::{HostScene, Settings, Trainer},
-    view::View,
-};
+use specula_train::{start::Point, trainer::Settings, view::View};
 use specula_viewer::{LiveTraining, Request};
 use std::{fmt, sync::Arc, time::Instant};
 
-/// A run on some executor.
-pub(crate) trait Run {
-    /// Takes one step.
-    fn step(&mut self) -> Result<(), Failure>;
-    /// Steps taken.
-    fn iteration(&self) -> u32;
-    /// PSNR of the training pictures, in dB, a running mean.
-    fn psnr(&self) -> Option<f64>;
-    /// Gradients left out so far because they were not finite.
-    fn nonfinite(&self) -> usize;
-    /// Gaussians now.
-    fn gaussian_count(&self) -> usize;
-    /// How each picture was exposed, if that is learned.
-    fn exposures(&self) -> Option<&[Exposure<f32>]>;
-    /// The scene on the host.
-    fn download(&mut self) -> Result<HostScene, Failure>;
-    /// Everything that was learned, on the host.
-    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure>;
-}
-
-impl fmt::Debug for dyn Run {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "Run({})", self.iteration())
-    }
-}
-
-impl<E> Run for Trainer<E>
-where
-    E: Executor,
-    E::Error: Into<Failure> + core::error::Error,
-{
-    fn step(&mut self) -> Result<(), Failure> {
-        self.step().map(drop).map_err(Failure::from)
-    }
-    fn iteration(&self) -> u32 {
-        self.iteration()
-    }
-    fn psnr(&self) -> Option<f64> {
-        self.psnr()
-    }
-    fn nonfinite(&self) -> usize {
-        self.nonfinite()
-    }
-    fn gaussian_count(&self) -> usize {
-        self.gaussians().count
-    }
-    fn exposures(&self) -> Option<&[Exposure<f32>]> {
-        self.exposures().map(|exposures| exposures.maps.as_slice())
-    }
-    fn download(&mut self) -> Result<HostScene, Failure> {
-        self.download().map_err(Failure::from)
-    }
-    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure> {
-        self.snapshot().map_err(Failure::from)
-    }
-}
-
-/// Where a run starts.
-#[derive(Debug)]
-pub(crate) enum Start<'a> {
-    /// At its beginning, from points.
-    Points(&'a [Point]),
-    /// From what it had learned when it was put aside.
-    Learned(&'a TrainingState<Vec<f32>>),
-}
-
-/// Pictures and points of a training, read again.
+/// Reads the pictures and points of a training again.
 pub(crate) type Reload<'a> = dyn Fn() -> Result<(Vec<View>, Vec<Point>), Failure> + 'a;
 
-/// What it takes for the processor to go on where a device gave up.
-struct Rescue<'a> {
+/// Inputs with which the CPU continues after a device fails.
+struct CpuFallback<'a> {
     settings: Settings,
     reload: &'a Reload<'a>,
 }
 
-impl fmt::Debug for Rescue<'_> {
+impl fmt::Debug for CpuFallback<'_> {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        out.write_str("Rescue")
+        out.write_str("CpuFallback")
     }
 }
 
-/// A training, on whatever executor was asked for.
+/// Training on the selected executor.
 #[derive(Debug)]
 pub(crate) struct Training<'a> {
     trainer: Box<dyn Run>,
-    /// What trains: what was asked for, or the processor after a device gave up.
+    /// Selected executor, or the CPU after a device fails.
     choice: ExecutorChoice,
-    /// On a device that may be lost or run out of memory.
-    rescue: Option<Rescue<'a>>,
+    /// Fallback of a training on a device, which may be lost or run out of memory.
+    fallback: Option<CpuFallback<'a>>,
     checkpoints: Option<Checkpoints>,
     shading_model: ShadingModel,
     iterations: u32,
-    /// What steps have taken so far, without what was done in between.
+    /// Time of all steps, without pauses and checkpoints.
     seconds: f64,
-    /// Who watches.
+    /// Feed of a viewer.
     live: Option<Arc<LiveTraining>>,
 }
 
-/// How it went.
+/// Outcome of a run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Outcome {
-    /// Steps taken.
+    /// Number of steps taken.
     pub(crate) iteration: u32,
-    /// Seconds that they took, without what was done in between.
+    /// Time of all steps in seconds, without pauses and checkpoints.
     pub(crate) seconds: f64,
-    /// Whether the user ended it.
+    /// True if the user ended it.
     pub(crate) is_interrupted: bool,
 }
 
 impl<'a> Training<'a> {
-    /// Makes ready. `reload` is asked for pictures and points where a device gives up.
+    /// Starts a training. `reload` provides pictures and points again if a device fails.
+    ///
+    /// # Errors
+    /// Those of the executor and of the trainer.
     pub(crate) fn new(
         choice: &ExecutorChoice,
         settings: Settings,
@@ -138,36 +76,38 @@ impl<'a> Training<'a> {
         reload: &'a Reload<'a>,
     ) -> Result<Self, Failure> {
         let (shading_model, iterations) = (shading_model_of(&settings.profile), settings.iterations);
-        let (trainer, is_on_device) = machine::train(choice, settings.clone(), views, start)?;
+        let (trainer, is_on_device) = start_on(choice, settings.clone(), views, start)?;
         let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
-        let rescue = is_on_device.then_some(Rescue { settings, reload });
-        Ok(Self { trainer, choice, rescue, checkpoints: None, shading_model, iterations, seconds: 0.0, live: None })
+        let fallback = is_on_device.then_some(CpuFallback { settings, reload });
+        Ok(Self { trainer, choice, fallback, checkpoints: None, shading_model, iterations, seconds: 0.0, live: None })
     }
 
-    /// Puts what was learned aside on the way, and at the end; so many seconds have gone by.
+    /// Writes checkpoints during the run and at its end. `seconds` is the time of earlier steps.
     pub(crate) fn with_checkpoints(self, checkpoints: Checkpoints, seconds: f64) -> Self {
         Self { checkpoints: Some(checkpoints), seconds, ..self }
     }
 
-    /// Somebody watches from now on.
+    /// Connects the feed of a viewer.
     pub(crate) fn watch(&mut self, live: Arc<LiveTraining>) {
         self.live = Some(live);
     }
 
-    /// Takes all steps; `pause` is called after those in `pauses`, and not after the last.
+    /// Takes all steps. Calls `pause` after the iterations in `pauses`, except after the last one.
+    ///
+    /// # Errors
+    /// Failures of the executor, unless the CPU takes over, and those of `pause`.
     pub(crate) fn run(
         &mut self,
-        what: &str,
-
+        title: &str,
         pauses: &[u32],
         mut pause: impl FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Result<Outcome, Failure> {
-        let work = progress::work(what, self.iterations.into()).resumed(self.iteration().into(), self.seconds);
+        let work = progress::work(title, self.iterations.into()).resumed(self.iteration().into(), self.seconds);
         loop {
             let is_at_end = self.is_finished() || interrupt::is_requested();
-            let done = if is_at_end { self.put_aside() } else { self.advance(pauses, &work, &mut pause) };
+            let done = if is_at_end { self.save_checkpoint() } else { self.advance(pauses, &work, &mut pause) };
             match done {
-                Err(failure) => self.go_on_without_device(failure)?,
+                Err(failure) => self.fall_back_to_cpu(failure)?,
                 Ok(()) if is_at_end => break,
                 Ok(()) => {}
             }
@@ -178,7 +118,7 @@ impl<'a> Training<'a> {
         Ok(Outcome { iteration: self.iteration(), seconds: self.seconds, is_interrupted })
     }
 
-    /// A step, and what is done after it.
+    /// Takes a step, and pauses or writes a checkpoint if one is due.
     fn advance(
         &mut self,
         pauses: &[u32],
@@ -199,12 +139,12 @@ impl<'a> Training<'a> {
         if pauses.contains(&self.iteration()) && !self.is_finished() {
             pause(self)?;
         }
-        // After the pause: who goes on from here has not missed it.
+        // Written after the pause, so that a resumed training has not missed it.
         let is_due = self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.is_due(self.iteration()));
-        if is_due { self.put_aside() } else { Ok(()) }
+        if is_due { self.save_checkpoint() } else { Ok(()) }
     }
 
-    /// Shows the scene to who watches, if it is asked for, and waits while the training is paused.
+    /// Serves the requests of a viewer: publishes the scene, or waits while the training is paused.
     fn show(&mut self) -> Result<(), Failure> {
         let Some(live) = self.live.clone() else { return Ok(()) };
         while let Some(request) = live.request() {
@@ -219,9 +159,9 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Writes a checkpoint where there is none of this iteration. A full disk is no reason to stop: there may be room
-    /// when the next one comes.
-    fn put_aside(&mut self) -> Result<(), Failure> {
+    /// Writes a checkpoint, unless there is one of this iteration. The training continues if that
+    /// fails, since there may be space for the next one.
+    fn save_checkpoint(&mut self) -> Result<(), Failure> {
         let Some(checkpoints) = &mut self.checkpoints else { return Ok(()) };
         if checkpoints.last() == Some(self.trainer.iteration()) {
             return Ok(());
@@ -235,19 +175,19 @@ impl<'a> Training<'a> {
         }
     }
 
-    /// Goes on with the processor, from the last checkpoint or else from the start, where a device gave up: what the
-    /// device holds then may be half of a step.
-    fn go_on_without_device(&mut self, failure: Failure) -> Result<(), Failure> {
+    /// Continues on the CPU after a device fails, from the last checkpoint or else from the start,
+    /// since the state on the device may be that of half a step.
+    fn fall_back_to_cpu(&mut self, failure: Failure) -> Result<(), Failure> {
         if !failure.is_of_device() {
             return Err(failure);
         }
-        let Some(Rescue { settings, reload }) = self.rescue.take() else { return Err(failure) };
+        let Some(CpuFallback { settings, reload }) = self.fallback.take() else { return Err(failure) };
         let saved = self.checkpoints.as_ref().filter(|checkpoints| checkpoints.last().is_some());
         tracing::warn!("{failure}; {}", saved.map_or_else(from_the_start, from_checkpoint));
         let (views, points) = reload()?;
         let learned = saved.map(Checkpoints::read).transpose()?;
-        let start = learned.as_ref().map_or(Start::Points(&points), Start::Learned);
-        self.trainer = Box::new(machine::begin(CpuExecutor::new(), settings, &views, &start)?);
+        let start = learned.as_ref().map_or(Start::Points(&points), Start::Checkpoint);
+        self.trainer = Box::new(run::start(CpuExecutor::new(), settings, &views, &start)?);
         self.choice = ExecutorChoice::Cpu;
         Ok(())
     }
@@ -264,7 +204,7 @@ impl<'a> Training<'a> {
         }
     }
 
-    /// Steps taken.
+    /// Number of steps taken.
     pub(crate) fn iteration(&self) -> u32 {
         self.trainer.iteration()
     }
@@ -273,27 +213,30 @@ impl<'a> Training<'a> {
         self.iteration() >= self.iterations
     }
 
-    /// What trains now.
+    /// Executor of the training.
     pub(crate) fn choice(&self) -> &ExecutorChoice {
         &self.choice
     }
 
-    /// The checkpoint of the last step that was taken, if it could be written.
-    pub(crate) fn is_put_aside(&self) -> bool {
+    /// True if the last step has a checkpoint.
+    pub(crate) fn has_checkpoint(&self) -> bool {
         self.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.last() == Some(self.iteration()))
     }
 
-    /// Seconds that steps have taken.
+    /// Time of all steps, in seconds.
     pub(crate) fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// How each picture was exposed, if that is learned.
+    /// Exposure of each picture, if exposures are learned.
     pub(crate) fn exposures(&self) -> Option<&[Exposure<f32>]> {
         self.trainer.exposures()
     }
 
-    /// The scene as it is now.
+    /// Copies the scene to the host.
+    ///
+    /// # Errors
+    /// Failures of the executor.
     pub(crate) fn scene(&mut self) -> Result<Scene, Failure> {
         Ok(Scene::of_training(self.trainer.download()?, self.shading_model))
     }
@@ -302,24 +245,27 @@ impl<'a> Training<'a> {
 fn from_checkpoint(checkpoints: &Checkpoints) -> String {
     let (place, last) = (checkpoints.place(), checkpoints.last().unwrap_or_default());
     format!(
-        "iteration {last} is in {place:?}, from where the processor goes on; to do that later press Ctrl-C, and start \
+        "iteration {last} is in {place:?}, from where the CPU goes on; to do that later press Ctrl-C, and start \
          again with --resume --executor cpu"
     )
 }
 
 fn from_the_start() -> String {
-    "there is no checkpoint yet, so the processor begins again".to_owned()
+    "there is no checkpoint yet, so the CPU begins again".to_owned()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::checkpoint;
-    use specula_core::camera::Camera;
-    use specula_train::profile::by_name;
+    use specula_core::{camera::Camera, state::TrainingState};
+    use specula_train::{
+        profile::by_name,
+        trainer::{HostScene, Trainer},
+    };
     use std::path::Path;
 
-    /// A run that gives up after three steps.
+    /// Run that fails after three steps.
     struct Failing(Trainer<CpuExecutor>);
 
     impl Run for Failing {
@@ -370,14 +316,14 @@ mod tests {
         Ok((views(), POINTS.to_vec()))
     }
 
-    /// A training whose run gives up after three steps; on a device it leaves the rest to the processor.
+    /// Training whose run fails after three steps; on a device the CPU takes the rest.
     fn training(is_on_device: bool, folder: &Path, every: u32) -> Training<'static> {
         let trainer = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
         let facts = checkpoint::facts_of(&settings(), String::new(), &views());
         Training {
             trainer: Box::new(Failing(trainer)),
             choice: ExecutorChoice::Gpu(String::new()),
-            rescue: is_on_device.then(|| Rescue { settings: settings(), reload: &reload }),
+            fallback: is_on_device.then(|| CpuFallback { settings: settings(), reload: &reload }),
             checkpoints: Some(Checkpoints::new(folder, every, facts)),
             shading_model: shading_model_of(&settings().profile),
             iterations: 6,
@@ -402,9 +348,13 @@ mod tests {
         // From the second step, or from the start where there is no checkpoint.
         for every in [2, 0] {
             let folder = tempfile::tempdir().expect("there is room");
-            let mut rescued = training(true, folder.path(), every);
-            assert_eq!(run(&mut rescued).expect("the processor takes over"), expected, "a checkpoint every {every}");
-            assert_eq!(rescued.choice(), &ExecutorChoice::Cpu, "what measures follows");
+            let mut fallen_back = training(true, folder.path(), every);
+            assert_eq!(
+                run(&mut fallen_back).expect("the processor takes over"),
+                expected,
+                "a checkpoint every {every}"
+            );
+            assert_eq!(fallen_back.choice(), &ExecutorChoice::Cpu, "what measures follows");
         }
     }
 
@@ -465,6 +415,6 @@ mod tests {
         training.trainer =
             Box::new(Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view"));
         run(&mut training).expect("it goes on");
-        assert!(!training.is_put_aside(), "and says that there is no checkpoint");
+        assert!(!training.has_checkpoint(), "and says that there is no checkpoint");
     }
 }
