@@ -1,4 +1,8 @@
 //! Settings of a training as a file: each line of `config.toml` is an option of `specula train`.
+//!
+//! `config.toml` is a command line: its lines become options that precede those of the shell and
+//! pass through the same parser, so nothing is described twice and errors have the same wording. A
+//! preset is a layer of the same kind beneath both.
 
 use crate::{
     args::{self, Arguments, Command, Preset, Train},

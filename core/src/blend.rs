@@ -3,6 +3,12 @@
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that
 //! would bring its transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind
 //! have no weight, and the transmittance before is kept for the background.
+//!
+//! All channels are composited in one pass: colour, normal, depth and |Δn|² (8 channels; 12 with
+//! tint and roughness, for light per pixel), or all layers of a picture (24). Pictures of colours
+//! alone blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or colours
+//! (3). The backward pass replays splats front to back with the product of the pixel's gradient and
+//! everything still to come, so a channel costs two multiply-adds.
 
 use crate::{
     cutoffs::Cutoffs,

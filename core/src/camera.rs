@@ -1,4 +1,8 @@
 //! A pinhole camera: looks along +z, x to the right, y down; pixel centres at + ½.
+//!
+//! Scenes may have any unit. If the cameras spread over less than one unit, their near plane scales
+//! with them (`near_of`). Learning rates, thresholds and the cube of random points follow the same
+//! extent.
 
 use crate::{
     cutoffs::ProjectionModel,

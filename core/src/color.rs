@@ -1,4 +1,8 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
+//!
+//! A pixel outside of a mask or a lens is the colour [`UNKNOWN`] at alpha zero, without a fifth
+//! channel or a second array. Losses treat both pictures as black there, so SSIM windows agree, and
+//! give such pixels no gradient; measures skip them.
 
 use crate::{
     each,

@@ -1,4 +1,10 @@
 //! Reasons for which Gaussians are culled from a picture, and their counts.
+//!
+//! Robust forms keep valid Gaussians finite: the determinant of a splat's covariance by Cauchy and
+//! Binet; the falloff through a triangular root of the conic, so no exponent is positive; lobe
+//! weights from sums and differences of directions. A Gaussian with a value that is not finite is
+//! not drawn: `project` puts it behind the eye, and `shade` rejects colours. Shaders test bits,
+//! since compilers may assume that all numbers are finite.
 
 use crate::{
     attributes::{AttributePlanes, Harmonics, StoredGaussian},

@@ -1,4 +1,8 @@
 //! Culling and early-termination thresholds, and the projection model of splats.
+//!
+//! Cutoffs are data: the minimum alpha, the transmittance at which a pixel ends, the reach of
+//! splats into tiles, and their projection. Training uses the default ones alone, because gradients
+//! assume them; renderers accept any.
 
 use crate::real::Real;
 

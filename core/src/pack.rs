@@ -1,4 +1,8 @@
 //! Half precision for stored scenes: f32 to compute, f16 to store.
+//!
+//! Half storage keeps the mean and the scales of a Gaussian in full and packs its other planes two
+//! to a word. Gaussians are packed on the host, light in integers on the device, so that all
+//! devices and the CPU round alike.
 
 use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;

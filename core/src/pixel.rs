@@ -6,6 +6,9 @@
 //! view direction mirrored at N/|N|: the paper's shading function of a mean surface (deferred
 //! shading; Ye et al. 2024, "3D Gaussian Splatting with Deferred Reflection"). Like
 //! [`mod@crate::shade`] it runs in steps, because the light in between is read from memory.
+//!
+//! The mean normal of a pixel is smoother than those of its Gaussians, and its gradient reaches all
+//! of them. Neighbours therefore agree on one surface instead of painting reflections behind it.
 
 use crate::{
     color::{srgb_color, srgb_color_vjp},

@@ -1,5 +1,11 @@
 //! Rendering plan: the terms that a scene and a request need. Leaving out the others changes no bit
 //! of a picture.
+//!
+//! [`Needs`] inspects every Gaussian and texel once. [`Plan`] removes from the requested rules
+//! everything that the scene does not need: zero bands of harmonics, zero normal residuals, a light
+//! that is black or lost in rounding (d + s L is d for s L / d < 2⁻²⁶), and light levels that no
+//! roughness comes near. `Plan::full` is rendered beside it for verification. Training omits
+//! nothing.
 
 use crate::{
     activation::sigmoid,

@@ -1,4 +1,9 @@
 //! Parts of space.
+//!
+//! A foreground restricts reflections to a ball. The raw tint of a Gaussian outside of it is held
+//! at −64 after each densification. σ(−64) = 1.6e-28 vanishes beside any colour, and gradients
+//! proportional to it vanish beside Adam's ε, so neither tint nor light takes a step, and no other
+//! stage needs to know.
 
 /// A ball in world units, its surface included.
 #[derive(Clone, Copy, Debug, PartialEq)]

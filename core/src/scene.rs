@@ -1,5 +1,9 @@
 //! Scene types: Gaussians, an environment, images. They are generic over the storage `A`, which is
 //! host memory (`Vec<f32>`) or an executor's arrays.
+//!
+//! Gaussians are stored in blocks of sixteen, plane by plane: a block is a contiguous piece of
+//! memory for one task, and a plane of it is one vector. Parameters, gradients and the moments of
+//! Adam share this layout.
 
 /// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,4 +1,8 @@
 //! Vectors of three and matrices of three rows, over any number; `From` and to glam at the border.
+//!
+//! A closure passed to `array::map` or `from_fn` is compiled without the vector features of the
+//! machine, and each operation in it becomes a call. Formulas that run on SIMD lanes are therefore
+//! expanded in place, by `each!`.
 
 use crate::real::Real;
 use core::ops::{Add, Div, Mul, Neg, Sub};

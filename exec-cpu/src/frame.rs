@@ -1,5 +1,8 @@
 //! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat
 //! touches.
+//!
+//! Tiles without a splat are neither written nor read. Losses skip a tile if both pictures show the
+//! background in it and in all windows that reach into it.
 
 use crate::{buffer::Buffer, context::Context};
 use rayon::prelude::*;

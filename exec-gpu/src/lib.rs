@@ -7,6 +7,9 @@
 //! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's render pass.
 //!
 //! Adapters need nothing beyond WebGPU's limits and features.
+//!
+//! The bindings of a kernel are read off its source; its variants are compiled on first use and
+//! cached. Arrays return to a pool when dropped.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(feature = "testing"),

@@ -4,6 +4,10 @@
 //! the block at a half or a quarter of the size, sharper than an area average. A picture is
 //! therefore decoded at twice the requested size and averaged: the remaining difference is below a
 //! step of 8 bits.
+//!
+//! With a factor of 4 a quarter of the pixels are decoded, with 8 a sixteenth, with 2 all of them:
+//! the lowest cosines alone are 42 to 47 dB from the area average on photographs, a final halving
+//! by averages at least 49 dB. Masks and rotations need the whole picture.
 
 use crate::{
     budget::{JPEG_SCANS_MAX, PICTURE, len_of},

@@ -12,6 +12,9 @@
 //!         exposure.json                             exposures; see [`crate::exposure`]
 //!         checkpoint.safetensors                    training state; see [`crate::checkpoint`]
 //! ```
+//!
+//! `specula.json` names the shading function of the numbers and lists the iterations that were
+//! saved, the newest last, so that an older training of the same folder is not opened by mistake.
 
 use crate::{
     budget::FACTS,

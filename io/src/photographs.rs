@@ -1,5 +1,11 @@
 //! Listing of photographs from one list of cameras: a folder of images, optional smaller copies and
 //! masks beside it, and held-out views.
+//!
+//! A data set becomes a list of shots, each with a file, a pose and a lens, before any picture is
+//! opened. Shots are then opened, masked, reduced and undistorted, so that executors only see
+//! pinholes and no kernel knows a lens. COLMAP addresses pixels as stored; EXIF orientation is
+//! applied only where a picture has the shape of its camera after rotation, and not before.
+//! Pictures remain bytes throughout; reducing one needs a row of sums.
 
 use crate::{
     error::{Error, Result},

@@ -4,6 +4,14 @@
 //!
 //! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
 //! filtered texels (*rows*); lookups read levels with aprons.
+//!
+//! A row is a cut through the pyramid: fine in the core of the lobe, coarse in its tail, and it
+//! ends where 99.5 % of the energy is contained. Gradients use the transposed matrix, built on
+//! first use. Every face of a level has an apron of its neighbours' texels, so a bilinear footprint
+//! never leaves a face and lookups are continuous across edges. Levels are data: ours, those of the
+//! authors' code, or the mip chain that `specula prefilter` writes.
+//! `specula_oracle::independent::lobe` measures their distance from the integral, without sharing a
+//! formula with core.
 #![forbid(unsafe_code)]
 
 pub mod sparse;

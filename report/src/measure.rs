@@ -1,4 +1,9 @@
 //! Measures of picture quality, and the files in which the field's scripts expect them.
+//!
+//! One list holds all measures, with names, digits and direction; lines, files, pages and tables
+//! follow it. `train` measures what the pictures alone provide, `eval` adds slower measures.
+//! `results.json` keeps INRIA's form, a method with its values, and the name of a method records
+//! each setting that differs from the training, so that evaluations do not overwrite each other.
 
 use serde_json::{Map, Value, json};
 use specula_io::model_folder;

@@ -8,6 +8,11 @@
 //! Maps that vary slowly across the scene are hard to distinguish from colours that do. Decoupled
 //! weight decay (Loshchilov and Hutter 2019) pulls poorly determined parameters back to the
 //! identity.
+//!
+//! The gradient of a map is twelve sums over a picture, tile by tile in order. Adam's step is taken
+//! on the host, so that both executors do the same and a repeated step counts once. Removing the
+//! common factor at the end of the training instead would require mapping it through the shading
+//! function, which is not affine.
 
 use specula_core::{
     expose::{Exposure, IDENTITY},

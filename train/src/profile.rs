@@ -1,4 +1,9 @@
 //! Profiles: the parameters that distinguish one kind of training from another, as data.
+//!
+//! `official` departs from the authors' code in four points, none of which changes the rendering of
+//! a checkpoint: background is blended into colour alone, not into depth and normals; the coverage
+//! that weights the normal loss is not quantised to 8 bits; one rasterisation replaces five; and
+//! the gradient of the mip chain is its true adjoint.
 
 use specula_core::{
     loss::{LossWeights, NormalForm},

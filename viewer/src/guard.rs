@@ -1,4 +1,8 @@
 //! Access control: host and origin checks for loopback servers, a token for all others.
+//!
+//! On the loopback device only its own host names are answered, and only the origin of the page.
+//! Elsewhere a token is required; it follows the `#` of the address, appears in no log, and stays
+//! in the tab. No settings file opens a port.
 
 use crate::ViewerError;
 use axum::http::{

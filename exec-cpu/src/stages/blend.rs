@@ -1,5 +1,9 @@
 //! Tiles to a picture and back, a quad of four by four pixels at a time: most splats are small and
 //! round.
+//!
+//! A tile has sixteen quads, and a quad has one pixel for each lane. For 64 splats at a time, one
+//! bit for each splat tells whether it may overlap the quad, computed for sixteen splats in a
+//! vector; the quad then stays in registers while its splats are composited.
 
 use crate::{
     context::Context,

@@ -1,4 +1,7 @@
 //! Gradients of splats and their channels: tiles are replayed front to back, a quad at a time.
+//!
+//! Each splat visits the quads in which the forward pass found it visible, and the lanes of all its
+//! gradients are summed at once, neighbours folded pairwise.
 
 use crate::{
     buffer::{Buffer, Pool},

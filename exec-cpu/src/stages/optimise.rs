@@ -1,4 +1,7 @@
 //! Adam over all planes of all Gaussians, and over a light.
+//!
+//! The gradient of sixteen Gaussians and their step of Adam are computed together, so that
+//! gradients never pass through memory.
 
 use crate::{buffer::Buffer, context::Context, lanes::Lanes};
 use fearless_simd::{Simd, dispatch};

@@ -3,6 +3,10 @@
 //! Formulas are free of branches, so one evaluation with [`Traced`] records every operation. Operations that no result
 //! depends on are dropped, common subexpressions are evaluated once, and operations keep their order: shaders compute
 //! exactly the expressions of core.
+//!
+//! A variant, such as the shading function of a profile or a smaller number of harmonics, is the
+//! same formula traced under other rules. Tests evaluate every formula on the device and compare it
+//! with the `f32` and `f64` of the host.
 
 use core::{
     cell::RefCell,

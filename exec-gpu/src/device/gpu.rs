@@ -1,4 +1,9 @@
 //! An open device: its limits, and the errors that wgpu reports through callbacks.
+//!
+//! wgpu reports a lost device to one callback and other faults to another, and lets calls return as
+//! if nothing had happened. Both are recorded and become the error of the next call that waits or
+//! submits. A lost device stays lost: it may hold half of a step, so nothing is read from it any
+//! more.
 
 use crate::device::{
     adapter::{all_adapters, report},

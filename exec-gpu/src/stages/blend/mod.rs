@@ -1,4 +1,8 @@
 //! Compositing: the splats of each tile, front to back.
+//!
+//! An invocation composites a rectangle of pixels of a tile, in one traced formula without loops:
+//! one pixel or four on hardware, sixteen on a software driver, where reading a splat costs more
+//! than computing with it.
 
 use crate::{
     codegen::{formula::type_of, source::Source},

@@ -1,4 +1,8 @@
 //! Exclusive prefix sums and stable radix sort.
+//!
+//! The sort is stable: four bits a pass, with ranks from each thread's own counters. Gaussians are
+//! sorted by depth and then by tile, so equal depths keep the order of the Gaussians and pictures
+//! are reproducible to the last bit. Bits that all depths share are skipped.
 
 use crate::{
     codegen::source::Source,
