@@ -1,30 +1,30 @@
-//! The cheapest setting for an error: chosen by whole views, tried on others, and with every
-//! picture verified in [`crate::verify`].
+//! Search for the cheapest setting within an error: chosen on whole views, validated on others, and
+//! verified picture by picture in [`crate::verify`].
 //!
-//! Let P be a picture under a setting, T the exact one in `f64`, and X the most exact one that
-//! `f32` has: nothing cut off, along rays, under the light of T. Roots of mean squares over a
-//! picture obey the triangle inequality,
+//! Let P be a picture under a setting, T the exact one in `f64`, and X the most exact one in `f32`:
+//! without cutoffs, projected along rays, under the light of T. Root mean squares over a picture
+//! obey the triangle inequality,
 //!
 //! ```text
 //! |P − T| ≤ |P − X| + |X − T|
 //! ```
 //!
-//! The first is measured in every pixel of a view, on the tiles of that very picture: a sample of
-//! pixels would say nothing of what a cut leaves out elsewhere, and a part that is rendered by
-//! itself has other tiles, where splats are cut elsewhere. The second is rounding alone, which is
-//! measured in `f64` in a window of each view and counts `ROUNDING_MARGIN` times. So a picture is
-//! within an error E of T where |P − X| is at most E less that margin.
+//! The first term is measured in every pixel of a view, on the tiles of that very picture: a sample
+//! of pixels would miss what a cutoff removes elsewhere, and a crop has other tiles, where other
+//! splats are cut. The second term is rounding alone; it is measured in `f64` in a window of each
+//! view and multiplied by `ROUNDING_MARGIN`. A picture is within an error E of T where |P − X| is
+//! at most E less that margin.
 //!
-//! Each knob is turned alone, all others at their most exact; then all at once, each to its
-//! cheapest value whose own error is within a bound. The bound begins with the whole error, because
-//! errors of different knobs seldom add up, and falls until the setting holds in each view that it
-//! was chosen by. Then it is tried on the other views; where it fails, the worst of these joins
-//! those that it is chosen by, and the search goes on. What is cheap is told by counts of the work,
-//! so that the choice is the same on every machine and in every run.
+//! Each parameter is varied alone with all others at their most exact value, then all together,
+//! each at its cheapest value whose own error is within a bound. The bound starts at the whole
+//! error, since errors of parameters seldom add up, and falls until the setting holds in each view
+//! that it was chosen on. The setting is then validated on the other views; where it fails, the
+//! worst of these joins the views that it is chosen on, and the search continues. Costs are
+//! operation counts, so that the choice is the same on every machine and in every run.
 
 use crate::{
     reference::Reference,
-    setting::{KNOBS, Knob, Setting, Tried, together},
+    setting::{PARAMETERS, Parameter, Setting, Tried, together},
     subject::Subject,
     trial::{Trial, Work},
 };
@@ -33,71 +33,68 @@ use specula_core::{bin::TILE_SIZE, camera::Camera, scene::Image};
 use specula_cpu::CpuError;
 use specula_train::evaluate::over_background;
 
-/// A bound is this share of the one before.
-const TIGHTER: f64 = 0.7;
-/// So many bounds are tried.
-const BOUNDS: usize = 16;
-/// A setting is chosen for this share of what is allowed, so that views that nobody looked at are
-/// seldom beyond it.
-const CHOSEN_FOR: f64 = 0.8;
-/// Views that are looked at, at most; all of them together have about so many pixels.
-const VIEWS: usize = 16;
-const PIXELS: usize = 16_000_000;
-/// A setting is chosen by one of so many of these at first.
-const CHOSEN_BY: usize = 4;
-/// Values of a knob come from the most exact to the coarsest: after so many in a row that are
-/// beyond the error, those that follow are not tried.
-const MISSES: usize = 2;
-/// Pixels along an edge of a tile, and of the window in which rounding is measured.
+/// Ratio of successive bounds.
+const BOUND_RATIO: f64 = 0.7;
+/// Number of bounds.
+const BOUND_COUNT: usize = 16;
+/// Share of the allowed error that a setting may use, so that unseen views are seldom beyond it.
+const ERROR_SHARE: f64 = 0.8;
+/// Largest number of views, and of their pixels together.
+const VIEWS_MAX: usize = 16;
+const PIXELS_MAX: usize = 16_000_000;
+/// Every Nth view is used to choose a setting at first.
+const CHOICE_STRIDE: usize = 4;
+/// Number of consecutive values beyond the error after which the coarser values of a parameter are
+/// skipped.
+const MISSES_MAX: usize = 2;
+/// Edge of a tile, and of the window in which rounding is measured, in pixels.
 const TILE: usize = TILE_SIZE as usize;
 const WINDOW: usize = 2 * TILE;
-/// Rounding of a picture is at most so many times that of the worst window. A picture's is a mean
-/// over all its windows, of which those were measured where most is cut off, and so most splats
-/// meet.
+/// Ratio of the rounding of a picture to that of its worst window, at most. A picture's rounding is
+/// a mean over all windows; the measured ones are those with the largest cuts, and so with the most
+/// splats.
 const ROUNDING_MARGIN: f64 = 2.0;
-/// Knobs that do not change what a picture costs here, once its light is filtered, or not its colours.
-const LEFT_ALONE: [&str; 4] = ["storage", "prefilter", "light", "channels"];
+/// Parameters that change neither the cost of a picture with filtered light, nor its colours.
+const FREE_PARAMETERS: [&str; 4] = ["storage", "prefilter", "light", "channels"];
 
-/// What was chosen, and by what right.
+/// A chosen setting with the evidence for it.
 #[derive(Clone, Copy, Debug)]
 pub struct Certificate {
     /// The setting.
     pub setting: Setting,
-    /// The error that was asked for, of each picture: root of the mean square of sRGB colours in
-    /// [0, 1].
+    /// Requested error of each picture: root mean square of sRGB colours in \[0, 1\].
     pub asked: f64,
-    /// Distance of the most exact pictures of `f32` from those of `f64`, at most.
+    /// Distance of the most exact pictures in `f32` from those in `f64`, at most.
     pub rounding: f64,
-    /// On the views that it was chosen by.
+    /// Bounds on the views that the setting was chosen on.
     pub chosen_by: Bounds,
-    /// On views that it was not chosen by.
+    /// Bounds on the other views.
     pub tried_on: Bounds,
-    /// Work of all these views: under the setting, under the usual and under the most exact one.
+    /// Work of all views under the chosen, the default and the most exact setting.
     pub work: [Work; 3],
 }
 
 impl Certificate {
-    /// Distance of a picture from the most exact one of `f32` that is allowed, so that it is within what was
-    /// asked for of that of `f64`.
+    /// Distance from the most exact picture in `f32` that keeps a picture within the requested
+    /// error of the one in `f64`.
     pub fn allowed(&self) -> f64 {
         self.asked - self.rounding
     }
 }
 
-/// Distances of pictures of some views from exact ones at most, roots of mean squares; zero where
-/// there are no views.
+/// Distances of pictures from exact ones as root mean squares, at most; zero without views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
     /// Number of views.
     pub views: usize,
-    /// Of all of them together.
+    /// Root mean square over all views.
     pub rms: f64,
-    /// Of the worst.
+    /// Largest root mean square of a view.
     pub worst: f64,
 }
 
 impl Bounds {
-    /// Views that are so far from those of `f32`, with what rounding adds.
+    /// Bounds for distances from the pictures in `f32`, with the rounding added.
     fn of(apart: &[f64], rounding: f64) -> Self {
         let views = apart.len();
         if views == 0 {
@@ -108,13 +105,13 @@ impl Bounds {
     }
 }
 
-/// Why there is no setting.
+/// Error of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
-    /// Even the most exact setting may be this far off; infinite where pictures hold numbers that
-    /// are not finite.
+    /// Even the most exact setting may be this far off; infinite for pictures with numbers that are
+    /// not finite.
     TooClose(f64),
-    /// The processor could not render.
+    /// The CPU executor failed.
     Failed,
 }
 
@@ -124,27 +121,27 @@ impl From<CpuError> for Refusal {
     }
 }
 
-/// Part of a view: what is around a pixel, at the same scale.
+/// Camera of a crop at the same scale.
 pub(crate) fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Camera {
     let principal_px = [camera.principal_px[0] - x as f32, camera.principal_px[1] - y as f32];
     Camera { principal_px, width: size[0], height: size[1], ..*camera }
 }
 
-/// Views that are evenly spread over those of a subject: fewer where they are large, but two at
-/// least to have one that a setting is not chosen by.
+/// Evenly spread views of a subject: fewer where they are large, but at least two, so that one
+/// remains for validation.
 fn spread(cameras: &[Camera]) -> Vec<Camera> {
     let largest = cameras.iter().map(|camera| camera.width as usize * camera.height as usize).max().unwrap_or(1);
-    let count = (PIXELS / largest.max(1)).clamp(2, VIEWS).min(cameras.len());
+    let count = (PIXELS_MAX / largest.max(1)).clamp(2, VIEWS_MAX).min(cameras.len());
     (0..count).map(|k| cameras[k * cameras.len() / count]).collect()
 }
 
-/// Distance of the colours of two pictures of a view over a background: root of the mean
-/// square. Infinite where a number is not finite in either.
+/// Root mean square distance of two pictures of a view over a background; infinite where a number
+/// is not finite.
 pub(crate) fn apart(own: &Image<Vec<f32>>, exact: &[f32], background: [f32; 3]) -> f64 {
     root_mean_square(over_background(own, background).iter().zip(exact).map(|(a, b)| f64::from(*a) - f64::from(*b)))
 }
 
-/// Infinite where a number is not finite.
+/// Root mean square; infinite where a number is not finite.
 pub(crate) fn root_mean_square(differences: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = differences.len().max(1) as f64;
     let mean = differences.map(|x| x * x).sum::<f64>() / count;
@@ -155,18 +152,19 @@ fn largest(numbers: &[f64]) -> f64 {
     numbers.iter().copied().fold(0.0, f64::max)
 }
 
-/// The cheapest setting with which pictures of the subject's views are within `error` of exact
-/// ones.
+/// Searches the cheapest setting with which pictures of the subject's views are within `error` of
+/// exact ones.
 ///
 /// # Errors
 ///
-/// If rounding alone may be as large, or the processor cannot render.
+/// [`Refusal::TooClose`] where rounding alone may be as large, [`Refusal::Failed`] where the CPU
+/// executor fails.
 pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> Result<Certificate, Refusal> {
     let mut trial = Trial::under(subject.clone(), reference)?;
     let exact = Setting::exact(subject);
     let views = spread(&subject.cameras)
         .into_iter()
-        .map(|camera| Looked::new(&mut trial, subject, &exact, camera))
+        .map(|camera| MeasuredView::new(&mut trial, subject, &exact, camera))
         .collect::<Result<Vec<_>, _>>()?;
     let of_views: Vec<f64> = views.par_iter().map(|view| view.rounding(subject, reference)).collect();
     let rounding = ROUNDING_MARGIN * largest(&of_views);
@@ -176,29 +174,29 @@ pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> 
     Search::new(subject, trial, exact, views, error - rounding).run(error, rounding)
 }
 
-/// A view, and its most exact picture.
+/// A view with its most exact picture.
 #[derive(Debug)]
-struct Looked {
+struct MeasuredView {
     camera: Camera,
     /// Colours over the background, three planes.
     exact: Vec<f32>,
-    /// First pixel of the window in which the usual setting is most wrong.
+    /// Upper left pixel of the window with the largest error of the default setting.
     window: [u32; 2],
-    /// Of the usual picture, and of this one.
+    /// Work of the default and of the most exact picture.
     work: [Work; 2],
 }
 
-impl Looked {
+impl MeasuredView {
     fn new(trial: &mut Trial<'_>, subject: &Subject, exact: &Setting, camera: Camera) -> Result<Self, CpuError> {
         let own = trial.view(exact, &camera)?;
-        let usual = trial.view(&Setting::usual(subject), &camera)?;
+        let usual = trial.view(&Setting::default_for(subject), &camera)?;
         let colors = |image: &Image<Vec<f32>>| over_background(image, subject.background);
         let exact = colors(&own.image);
         let window = window(&colors(&usual.image), &exact, [camera.width as usize, camera.height as usize]);
         Ok(Self { camera, exact, window, work: [usual.work, own.work] })
     }
 
-    /// Distance of this picture from that of `f64`, in its window.
+    /// Distance of this picture from the one in `f64`, in the window.
     fn rounding(&self, subject: &Subject, reference: &Reference) -> f64 {
         let size = [self.camera.width, self.camera.height].map(|size| size.min(WINDOW as u32));
         let truth = reference.view(subject, &tile_of(&self.camera, self.window, size)).colors;
@@ -212,8 +210,7 @@ impl Looked {
     }
 }
 
-/// The first pixel of the window in which two pictures differ most, of those that begin where tiles
-/// do.
+/// Upper left pixel of the window, aligned to tiles, in which two pictures differ most.
 fn window(one: &[f32], other: &[f32], [width, height]: [usize; 2]) -> [u32; 2] {
     let tiles = [width.div_ceil(TILE), height.div_ceil(TILE)];
     let mut sums = vec![0.0_f64; tiles[0] * tiles[1]];
@@ -238,25 +235,32 @@ struct Search<'a> {
     subject: &'a Subject,
     trial: Trial<'static>,
     exact: Setting,
-    /// Distance of pictures from the most exact ones that is allowed.
+    /// Allowed distance from the most exact pictures.
     allowed: f64,
-    views: Vec<Looked>,
-    /// The views that the setting is chosen by.
+    views: Vec<MeasuredView>,
+    /// Views that the setting is chosen on.
     chosen_by: Vec<usize>,
-    of_knobs: Vec<(Knob, Vec<Tried>)>,
+    trials: Vec<(Parameter, Vec<Tried>)>,
 }
 
 impl<'a> Search<'a> {
-    fn new(subject: &'a Subject, trial: Trial<'static>, exact: Setting, views: Vec<Looked>, allowed: f64) -> Self {
-        let knobs = KNOBS.into_iter().filter(|knob| !LEFT_ALONE.contains(&knob.name));
+    fn new(
+        subject: &'a Subject,
+        trial: Trial<'static>,
+        exact: Setting,
+        views: Vec<MeasuredView>,
+        allowed: f64,
+    ) -> Self {
+        let parameters = PARAMETERS.into_iter().filter(|parameter| !FREE_PARAMETERS.contains(&parameter.name));
         let untried = |setting| Tried { setting, error: 0.0, cost: 0.0 };
-        let of_knobs =
-            knobs.map(|knob| (knob, knob.turned(subject, &exact).into_iter().map(untried).collect())).collect();
-        Self { subject, trial, exact, allowed, views, chosen_by: Vec::new(), of_knobs }
+        let trials = parameters
+            .map(|parameter| (parameter, parameter.settings(subject, &exact).into_iter().map(untried).collect()))
+            .collect();
+        Self { subject, trial, exact, allowed, views, chosen_by: Vec::new(), trials }
     }
 
     fn run(mut self, asked: f64, rounding: f64) -> Result<Certificate, Refusal> {
-        for view in (0..self.views.len()).step_by(CHOSEN_BY) {
+        for view in (0..self.views.len()).step_by(CHOICE_STRIDE) {
             self.learn(view)?;
         }
         let setting = self.choose()?;
@@ -275,13 +279,13 @@ impl<'a> Search<'a> {
         Ok(Certificate { setting, asked, rounding, chosen_by, tried_on, work })
     }
 
-    /// Turns each knob in a view, which from now on is one of those that the setting is chosen by.
+    /// Varies each parameter in a view, which joins the views that the setting is chosen on.
     fn learn(&mut self, view: usize) -> Result<(), Refusal> {
-        let mut of_knobs = core::mem::take(&mut self.of_knobs);
-        for (_, tried) in &mut of_knobs {
+        let mut trials = core::mem::take(&mut self.trials);
+        for (_, tried) in &mut trials {
             let mut misses = 0;
             for own in tried {
-                if misses < MISSES && own.error <= self.allowed {
+                if misses < MISSES_MAX && own.error <= self.allowed {
                     let (apart, work) = self.measure(&own.setting, view)?;
                     own.error = own.error.max(apart);
                     own.cost += work.cost();
@@ -291,30 +295,30 @@ impl<'a> Search<'a> {
                 misses = if own.error <= self.allowed { 0 } else { misses + 1 };
             }
         }
-        self.of_knobs = of_knobs;
+        self.trials = trials;
         self.chosen_by.push(view);
         Ok(())
     }
 
-    /// The cheapest setting that holds in all views.
+    /// Chooses the cheapest setting that holds in all views.
     fn choose(&mut self) -> Result<Setting, Refusal> {
-        let mut bound = CHOSEN_FOR * self.allowed;
-        for _ in 0..BOUNDS {
-            while let setting = together(&self.exact, &self.of_knobs, bound)
-                && self.worst(&setting, true)?.1 <= CHOSEN_FOR * self.allowed
+        let mut bound = ERROR_SHARE * self.allowed;
+        for _ in 0..BOUND_COUNT {
+            while let setting = together(&self.exact, &self.trials, bound)
+                && self.worst(&setting, true)?.1 <= ERROR_SHARE * self.allowed
             {
                 match self.worst(&setting, false)? {
-                    (Some(view), apart) if apart > CHOSEN_FOR * self.allowed => self.learn(view)?,
+                    (Some(view), apart) if apart > ERROR_SHARE * self.allowed => self.learn(view)?,
                     _ => return Ok(setting),
                 }
             }
-            bound *= TIGHTER;
+            bound *= BOUND_RATIO;
         }
         Ok(self.exact)
     }
 
-    /// The view in which a setting is most wrong, and how wrong, of those that it is chosen by or
-    /// of the others.
+    /// View with the largest error of a setting, and that error, among the views that it is chosen
+    /// on or among the others.
     fn worst(&mut self, setting: &Setting, chosen_by: bool) -> Result<(Option<usize>, f64), Refusal> {
         let mut worst = (None, 0.0);
         for view in (0..self.views.len()).filter(|view| self.chosen_by.contains(view) == chosen_by).collect::<Vec<_>>()
@@ -329,7 +333,7 @@ impl<'a> Search<'a> {
 
     /// Distance of a setting's picture from the most exact one of a view, and its work.
     fn measure(&mut self, setting: &Setting, view: usize) -> Result<(f64, Work), Refusal> {
-        let Looked { camera, exact, work: [_, work], .. } = &self.views[view];
+        let MeasuredView { camera, exact, work: [_, work], .. } = &self.views[view];
         if *setting == self.exact {
             return Ok((0.0, *work));
         }
@@ -350,17 +354,17 @@ mod tests {
     };
     use specula_oracle::scenes::{random_cloud, random_environment};
 
-    /// The seed that has a light, whose weights take a while.
+    /// Seed of a scene with a light, whose weights take a while.
     const LIT: u64 = 1;
     /// Views of a subject.
     const SEEN: u32 = 8;
-    /// Width and height of views in pixels: windows are a part of the large.
+    /// Width and height of views in pixels, larger than windows.
     const LARGE: u32 = 128;
     const SMALL: u32 = 48;
-    /// Tolerance of pictures that are equal in `f64` but for principal points, which are `f32`.
+    /// Tolerance of pictures that are equal in `f64` but for principal points in `f32`.
     const SAME: f64 = 1e-6;
 
-    /// A view from a place of a circle.
+    /// A view from a point of a circle.
     fn orbit(place: f32, size: u32) -> Camera {
         let (sin, cos) = (place * core::f32::consts::TAU / SEEN as f32).sin_cos();
         Camera::look_at(Vec3::new(3.6 * sin, 3.6 * cos, 1.5), Vec3::ZERO, Vec3::Z, 0.7, size, size)

@@ -1,4 +1,4 @@
-//! Measures of a picture against the exact one.
+//! Metrics of a picture against the exact one.
 
 use crate::{
     flip::flip,
@@ -16,39 +16,41 @@ use specula_core::{
 use specula_cpu::CpuError;
 use specula_train::evaluate::{mean_ssim, over_background};
 
-/// Pixels of less coverage have no normal to speak of.
+/// Coverage below which a pixel has no meaningful normal.
 const COVERED: f64 = 0.5;
-/// The share of the differences that the percentile leaves out.
+/// Share of the differences above the percentile.
 const LARGEST: f64 = 1e-3;
 
-/// How far pictures are from exact ones, over all their colours; what is not finite is counted and left out of the rest,
-/// but for [`Errors::is_within`].
+/// Errors of pictures against exact ones, over all their colours. Numbers that are not finite are
+/// counted and excluded from all metrics but [`Errors::is_within`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
     /// Largest difference.
     pub max: f64,
-    /// Root of the mean square.
+    /// Root mean square.
     pub rms: f64,
-    /// The largest such root of any one view.
+    /// Largest root mean square of a view.
     pub worst: f64,
-    /// The same as a share of that of the exact pictures.
+    /// Root mean square relative to that of the exact pictures.
     pub relative: f64,
-    /// Peak signal-to-noise ratio in dB, of colours limited to [0, 1]; infinite for equal ones.
+    /// Peak signal-to-noise ratio in dB of colours clamped to \[0, 1\]; infinite for equal
+    /// pictures.
     pub psnr: f64,
     /// Mean SSIM of 8-bit pictures.
     pub ssim: f64,
     /// Mean ꟻLIP.
     pub flip: f64,
-    /// All but one in a thousand differences are no larger.
+    /// 99.9th percentile of the differences.
     pub p999: f64,
-    /// Mean angle between normals, in degrees, where at least half of a pixel is covered.
+    /// Mean angle between normals in degrees, where at least half of a pixel is covered.
     pub normal_mae: f64,
-    /// Numbers that are not finite.
+    /// Count of numbers that are not finite.
     pub nonfinite: usize,
 }
 
 impl Errors {
-    /// Whether the root of the mean square is no larger in any view, and everything finite.
+    /// Returns whether the root mean square of every view is within a bound and everything is
+    /// finite.
     pub fn is_within(&self, rms: f64) -> bool {
         self.nonfinite == 0 && self.worst <= rms
     }
@@ -58,7 +60,7 @@ impl Errors {
 ///
 /// # Errors
 ///
-/// If the processor cannot render.
+/// [`CpuError`], where a picture cannot be rendered.
 pub fn errors_of(
     trial: &mut Trial<'_>,
     subject: &Subject,
@@ -112,7 +114,7 @@ impl Sums {
         }
     }
 
-    /// What they come to.
+    /// Metrics of the sums.
     pub fn errors(mut self) -> Errors {
         let mean = |sum: f64, count: usize| if count == 0 { 0.0 } else { sum / count as f64 };
         let count = self.differences.len();
@@ -135,7 +137,7 @@ impl Sums {
     }
 }
 
-/// Zero of none.
+/// Mean; zero for no elements.
 fn mean_square(differences: &[f64]) -> f64 {
     let sum: f64 = differences.iter().map(|x| x * x).sum();
     sum / differences.len().max(1) as f64
@@ -146,10 +148,10 @@ mod tests {
     use super::*;
 
     const SIZE: usize = 20;
-    /// Differences of numbers of `f32`.
+    /// Rounding of differences of `f32` numbers.
     const ROUNDING: f64 = 1e-6;
 
-    /// A grey view that is covered wholly and faces +z, and its exact picture.
+    /// A fully covered grey view that faces +z, and its exact picture.
     fn view(of_pixel: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
         let pixels = SIZE * SIZE;
         let mut values = vec![0.0; 9 * pixels];

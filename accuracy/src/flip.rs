@@ -1,38 +1,41 @@
-//! ꟻLIP: how different two pictures look when one flips between them (Andersson et al. 2020, "FLIP: A Difference
-//! Evaluator for Alternating Images"; the form for pictures in [0, 1]).
+//! ꟻLIP: the perceived difference of two alternating pictures (Andersson et al. 2020, "FLIP: A
+//! Difference Evaluator for Alternating Images"; the form for pictures in \[0, 1\]).
 //!
-//! Colours are compared as far as an eye resolves them: opponent channels are blurred by its contrast sensitivity, then
-//! their distance is taken in a uniform colour space. Where one picture has an edge or a point that the other lacks, the
-//! difference counts more.
+//! Colours are compared at the resolution of the eye: opponent channels are filtered by its
+//! contrast sensitivity, then compared in a perceptually uniform colour space. Edges and points
+//! that only one picture has amplify the difference.
 
 use core::f64::consts::PI;
 use specula_core::scene::Image;
 
-/// Pixels per degree of the eye: a screen of 0.7 m and 3840 pixels, seen from 0.7 m (the paper's setting).
+/// Pixels per degree of visual angle: a screen of 0.7 m and 3840 pixels at a distance of 0.7 m, as
+/// in the paper.
 const PIXELS_PER_DEGREE: f64 = 67.020_643;
-/// Weights and widths of the Gaussians of the contrast sensitivity: achromatic, red–green, blue–yellow (Table 1).
+/// Weights and widths of the Gaussians of the contrast sensitivity: achromatic, red–green,
+/// blue–yellow (Table 1).
 const SENSITIVITY: [[[f64; 2]; 2]; 3] =
     [[[1.0, 0.0047], [0.0, 1e-5]], [[1.0, 0.0053], [0.0, 1e-5]], [[34.1, 0.04], [13.5, 0.025]]];
-/// The widest of them decides how far windows reach, in standard deviations.
+/// Radius of the filters in standard deviations of the widest Gaussian.
 const WIDEST: f64 = 0.04;
 const REACH: f64 = 3.0;
-/// Width of the edges and points that are looked for, in degrees.
+/// Width of edge and point filters in degrees.
 const FEATURE_WIDTH: f64 = 0.082;
-/// Exponents of colours and of features.
+/// Exponents of the colour and feature differences.
 const COLOR_EXPONENT: f64 = 0.7;
 const FEATURE_EXPONENT: f64 = 0.5;
-/// Differences up to the first share of the largest possible one are stretched over the second share of the result.
+/// Range compression: differences up to the first share of the largest possible one map to the
+/// second share of the result.
 const KNEE: [f64; 2] = [0.4, 0.95];
 
-/// Linear RGB of sRGB's primaries to XYZ; the white is that of (1, 1, 1).
+/// Linear RGB of sRGB's primaries to XYZ; (1, 1, 1) is the white point.
 const XYZ: [[f64; 3]; 3] = [
     [0.412_390_799_265_959_5, 0.357_584_339_383_878, 0.180_480_788_401_834_3],
     [0.212_639_005_871_510_4, 0.715_168_678_767_756, 0.072_192_315_360_733_7],
     [0.019_330_818_715_591_8, 0.119_194_779_794_626, 0.950_532_152_249_660_6],
 ];
 
-/// Mean of ꟻLIP over the pixels of two pictures of three planes in sRGB, each limited to [0, 1]; 0 for equal ones, at
-/// most 1. A pixel of either that is not a number counts 1.
+/// Mean ꟻLIP of two pictures of three sRGB planes, clamped to \[0, 1\]: 0 for equal pictures, at
+/// most 1. Pixels that are NaN count as 1.
 pub fn flip(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> f64 {
     let map = flip_map(reference, test);
     map.iter().sum::<f64>() / map.len().max(1) as f64
@@ -52,11 +55,11 @@ pub fn flip_map(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> Vec<f64>
     (0..reference.pixel_count()).map(of_pixel).collect()
 }
 
-/// A picture as the eye takes it in.
+/// A picture in perceptual terms.
 struct Seen {
-    /// Three planes of a uniform colour space, blurred by the contrast sensitivity.
+    /// Three planes of a uniform colour space, filtered by the contrast sensitivity.
     lab: Vec<[f64; 3]>,
-    /// Strengths of edges and of points.
+    /// Magnitudes of edges and of points.
     edges: Vec<f64>,
     points: Vec<f64>,
 }
@@ -84,7 +87,7 @@ impl Seen {
     }
 }
 
-/// From sRGB, in [0, 1] (IEC 61966-2-1).
+/// Linear value of an sRGB value in \[0, 1\] (IEC 61966-2-1).
 fn linear(x: f64) -> f64 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
@@ -93,7 +96,7 @@ fn xyz_of(rgb: [f64; 3]) -> [f64; 3] {
     XYZ.map(|row| row[0] * rgb[0] + row[1] * rgb[1] + row[2] * rgb[2])
 }
 
-/// The inverse of [`xyz_of`], by Cramer's rule.
+/// Inverse of [`xyz_of`] by Cramer's rule.
 fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
     let [a, b, c] = [0, 1, 2].map(|k| [XYZ[0][k], XYZ[1][k], XYZ[2][k]]);
     let determinant = dot(a, cross(b, c));
@@ -108,13 +111,13 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// XYZ as shares of the white's.
+/// XYZ relative to the white point.
 fn per_white(xyz: [f64; 3]) -> [f64; 3] {
     let white = xyz_of([1.0; 3]);
     [0, 1, 2].map(|k| xyz[k] / white[k])
 }
 
-/// YCxCz: CIELAB's axes without its root.
+/// YCxCz: the axes of CIELAB without its cube root.
 fn opponent_of(xyz: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = per_white(xyz);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -134,17 +137,17 @@ fn lab_of(xyz: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Colours look paler in the dark (Hunt 1952).
+/// Hunt adjustment: colours appear less saturated in the dark (Hunt 1952).
 fn hunt([light, red, blue]: [f64; 3]) -> [f64; 3] {
     [light, 0.01 * light * red, 0.01 * light * blue]
 }
 
-/// |ΔL| + |(Δa, Δb)| (Abasi et al. 2020).
+/// HyAB distance |ΔL| + |(Δa, Δb)| (Abasi et al. 2020).
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// The difference of green and blue, the largest that there is.
+/// Distance of green and blue, the largest in the gamut.
 fn largest_difference() -> f64 {
     let [green, blue] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|rgb| hunt(lab_of(xyz_of(rgb))));
     hyab(green, blue).powf(COLOR_EXPONENT)
@@ -159,7 +162,7 @@ fn stretched(difference: f64, largest: f64) -> f64 {
     }
 }
 
-/// A plane blurred by a sum of Gaussians, whose windows sum to one together.
+/// Filters a plane by a sum of Gaussians, normalised together.
 fn blur(width: usize, plane: &[f64], gaussians: &[[f64; 2]; 2]) -> Vec<f64> {
     let reach = (REACH * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize;
     let mut sum = vec![0.0; plane.len()];
@@ -179,7 +182,7 @@ fn taps(reach: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..=2 * reach).map(|k| of(k as f64 - reach as f64)).collect()
 }
 
-/// A plane filtered along its rows and then down its columns; beyond the border it goes on as it is there.
+/// Filters a plane along rows, then columns, with clamped borders.
 fn filtered(width: usize, plane: &[f64], along: &[f64], down: &[f64]) -> Vec<f64> {
     let height = plane.len() / width.max(1);
     let reach = along.len() / 2;
@@ -200,23 +203,23 @@ fn filtered(width: usize, plane: &[f64], along: &[f64], down: &[f64]) -> Vec<f64
     result
 }
 
-/// A separable window that finds something along an axis.
+/// Separable filter for features along an axis.
 struct Window {
     along: Vec<f64>,
     across: Vec<f64>,
 }
 
 impl Window {
-    /// First derivative of a Gaussian: edges.
+    /// First derivative of a Gaussian, for edges.
     fn slope() -> Self {
         Self::new(|x, variance| -x * (-0.5 * x * x / variance).exp())
     }
-    /// Second derivative: points.
+    /// Second derivative of a Gaussian, for points.
     fn bend() -> Self {
         Self::new(|x, variance| (x * x / variance - 1.0) * (-0.5 * x * x / variance).exp())
     }
 
-    /// Positive weights sum to one, and negative ones to minus one.
+    /// Normalises positive weights to a sum of one and negative ones to minus one.
     fn new(of: impl Fn(f64, f64) -> f64) -> Self {
         let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
         let variance = deviation * deviation;
@@ -229,7 +232,7 @@ impl Window {
         Self { along, across: across.iter().map(|x| x / sum).collect() }
     }
 
-    /// Length of what is found along both axes.
+    /// Magnitude of the features along both axes.
     fn strength(&self, width: usize, plane: &[f64]) -> Vec<f64> {
         let right = filtered(width, plane, &self.along, &self.across);
         let down = filtered(width, plane, &self.across, &self.along);
@@ -241,9 +244,9 @@ impl Window {
 mod tests {
     use super::*;
 
-    /// Published with three digits.
+    /// Precision of the published values: three digits.
     const THREE_DIGITS: f64 = 5e-4;
-    /// Some hundred roundings of `f64`, and powers of them.
+    /// Rounding of some hundred operations of `f64`, and powers of them.
     const ROUNDING: f64 = 1e-6;
 
     fn picture(of: impl Fn(usize, usize, usize) -> f64) -> Image<Vec<f64>> {

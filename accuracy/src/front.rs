@@ -1,7 +1,7 @@
-//! Settings that no other beats.
+//! Pareto front of settings by error and cost.
 
-/// Numbers of the points (error, cost) that no other is both closer and cheaper than, by growing error. Of equal points
-/// the first counts; what is not a number is none of them.
+/// Indices of Pareto-optimal points (error, cost) by increasing error. Of equal points the first is
+/// taken; points with NaN are excluded.
 pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|k| points[*k].iter().all(|x| !x.is_nan())).collect();
     order.sort_by(|a, b| {
@@ -17,7 +17,7 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// The number of the cheapest point whose error is no larger than that; none where none is.
+/// Index of the cheapest point within an error; none where there is none.
 pub fn cheapest(points: &[[f64; 2]], error: f64) -> Option<usize> {
     let fits = (0..points.len()).filter(|k| points[*k][0] <= error && !points[*k][1].is_nan());
     fits.min_by(|a, b| points[*a][1].total_cmp(&points[*b][1]))

@@ -1,16 +1,17 @@
-//! How far pictures are from exact ones, what that saves, and the cheapest setting for an error.
+//! Errors of rendered pictures against exact ones, the cost of settings, and the cheapest setting
+//! within an error.
 //!
-//! * [`subject`]: a scene and the views in which it is looked at; [`mod@reference`]: its exact pictures, in `f64`
-//! * [`setting`]: the knobs, and what they can be turned to
-//! * [`trial`]: a scene under a setting: pictures, times stage by stage, counts of the work
-//! * [`error`]: measures of a picture against the exact one ([`mod@flip`])
-//! * [`mod@lpips`]: how different pictures look to a network whose weights a file holds
-//! * [`front`]: settings that no other beats
-//! * [`budget`]: the cheapest setting for an error, tried on views that it was not chosen by
-//! * [`verify`]: pictures within an error, each compared with the most exact one that `f32` has
-//! * [`mod@off_axis`]: how far alphas are from those along rays, by the angle
-//! * [`mod@sort`]: how far one order for a whole picture is from an order for each pixel
-//! * [`stability`]: what holds of scenes at the edges of what is valid
+//! * [`subject`]: a scene with its views; [`mod@reference`]: its exact pictures in `f64`
+//! * [`setting`]: the parameters of rendering and their values
+//! * [`trial`]: a scene under a setting: pictures, stage times, operation counts
+//! * [`error`]: metrics of a picture against the exact one ([`mod@flip`])
+//! * [`mod@lpips`]: perceptual distance by a network whose weights are in a file
+//! * [`front`]: Pareto-optimal settings
+//! * [`budget`]: the cheapest setting within an error, validated on other views
+//! * [`verify`]: pictures within an error, each compared with the most exact one in `f32`
+//! * [`mod@off_axis`]: error of projected alphas by the angle off the axis
+//! * [`mod@sort`]: error of one sort per picture against a sort per pixel
+//! * [`stability`]: guarantees for scenes at the limits of valid input
 #![forbid(unsafe_code)]
 
 pub mod budget;

@@ -1,5 +1,5 @@
-//! LPIPS: how different two pictures look to a network that was trained to name what is in pictures (Zhang et al. 2018,
-//! "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric").
+//! LPIPS: perceptual distance of two pictures by a network trained for image classification (Zhang
+//! et al. 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric").
 //!
 //! The network with its weights is an ONNX file. Two pictures go in, as floats of shape (1, 3, height, width) with sRGB
 //! from 0 to 1, and one number comes out. What else is done to the pictures the file holds too: the usual tables are of a
@@ -19,7 +19,7 @@ use rten::{Dimension, Model, NodeId};
 use rten_tensor::{AsView, NdTensorView, Tensor};
 use specula_core::scene::Image;
 
-/// Why a file is no network, or what it says of no two pictures: what to say behind its name.
+/// Fault of a network file or of its output, as the end of a sentence about the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unfit(String);
 
@@ -31,7 +31,7 @@ impl fmt::Display for Unfit {
 
 impl core::error::Error for Unfit {}
 
-/// How far from what the file says a check may be: sums in another order have a hundredth of this, and a window that is
+/// Tolerance of the check: summation in another order has a hundredth of this error, a window
 /// rounded the wrong way ten times as much.
 const CHECK: f64 = 1e-3;
 
@@ -44,7 +44,11 @@ pub struct Network {
 }
 
 impl Network {
-    /// Reads a network from the bytes of its file.
+    /// Reads a network from the bytes of a file.
+    ///
+    /// # Errors
+    ///
+    /// The fault of the file.
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, Unfit> {
         wire::check(&bytes).map_err(|what| Unfit(format!("it is no ONNX model: {what}")))?;
         let model = Model::load(bytes).map_err(|error| Unfit(format!("it is no ONNX model: {error}")))?;
@@ -65,7 +69,7 @@ impl Network {
         Ok(network)
     }
 
-    /// Refused where the file says what comes out for some pictures, and something else does.
+    /// Compares the network's distance of the check pictures with the file's.
     fn check(&self) -> Result<(), Unfit> {
         let Some(word) = self.model.metadata().get("check") else { return Ok(()) };
         let expected: f64 = word.parse().map_err(|_| Unfit(format!("its check {word:?} is no number")))?;
@@ -77,17 +81,21 @@ impl Network {
         Err(Unfit(format!("it should say {expected} of the pictures of its check, and says {distance}")))
     }
 
-    /// Which network it is, and what goes in, where the file says it.
+    /// Name and input range of the network, where the file states them.
     pub fn name(&self) -> Option<&str> {
         self.model.metadata().get("network")
     }
 
-    /// Distance of two pictures of equal size, three planes of sRGB in \[0, 1\] each: 0 for equal ones, about 1 for those
-    /// that have nothing in common. Refused where pictures are so small that nothing of them reaches the last layer, or the
-    /// network takes those of one size only, or hold what is not finite, or what comes out is not one finite number.
+    /// Distance of two pictures of equal size, three sRGB planes in \[0, 1\] each: 0 for equal
+    /// pictures, about 1 for unrelated ones.
+    ///
+    /// # Errors
+    ///
+    /// Pictures that are too small for the last layer, of a size that the network does not accept,
+    /// or with numbers that are not finite; output that is not one finite number.
     pub fn distance(&self, one: &Image<Vec<f32>>, other: &Image<Vec<f32>>) -> Result<f64, Unfit> {
         assert_eq!([one.width, one.height], [other.width, other.height], "pictures of equal size are compared");
-        // Layers that keep the larger of two numbers lose those that are none.
+        // Max-pooling layers drop NaN.
         if !one.values.iter().chain(&other.values).all(|value| value.is_finite()) {
             return Err(Unfit("a picture has colours that are not finite".into()));
         }
@@ -105,8 +113,8 @@ impl Network {
     }
 }
 
-/// Two pictures that are easily made anywhere, and of odd sizes, so that something is left over at the edges of windows:
-/// with x, y and channel c from 0, (7 x + 13 y + 29 c mod 64) / 63 and (11 x + 5 y + 17 c mod 64) / 63.
+/// Two test pictures of odd sizes, so that pooling windows have remainders: with x, y and channel c
+/// from 0, (7 x + 13 y + 29 c mod 64) / 63 and (11 x + 5 y + 17 c mod 64) / 63.
 pub fn check_pictures() -> [Image<Vec<f32>>; 2] {
     let [width, height, channels] = [67, 51, 3];
     [[7, 13, 29], [11, 5, 17]].map(|[by_x, by_y, by_channel]| {
@@ -118,7 +126,7 @@ pub fn check_pictures() -> [Image<Vec<f32>>; 2] {
     })
 }
 
-/// Whether a picture of three colours may go in.
+/// Returns whether the network accepts pictures of three channels.
 fn takes_colors(shape: &[Dimension]) -> bool {
     let may_be = |size: &Dimension, wanted: usize| match size {
         Dimension::Fixed(size) => *size == wanted,

@@ -1,4 +1,4 @@
-//! How far alphas are from those along rays, by how far off the axis a Gaussian is seen.
+//! Error of projected alphas against those along rays, by the angle off the axis.
 
 use specula_core::{
     blend,
@@ -13,29 +13,29 @@ use specula_core::{
 
 /// Angles off the axis, in degrees.
 pub const ANGLES: [f64; 6] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
-/// Standard deviations, as shares of the distance.
+/// Standard deviations relative to the distance.
 pub const SCALES: [f64; 3] = [0.01, 0.03, 0.1];
 
-/// What is seen: a ball, a disc that faces the eye, or one that is turned away.
+/// Shapes: name, thickness and tilt.
 pub const SHAPES: [(&str, f64, f64); 3] =
     [("ball", 1.0, 0.0), ("disc that faces the eye", 1e-3, 0.0), ("disc turned by 60°", 1e-3, 60.0)];
 
-/// The largest difference of an alpha of an opaque Gaussian.
+/// Largest alpha error of an opaque Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffAxis {
-    /// One of [`SHAPES`].
+    /// Shape, one of [`SHAPES`].
     pub shape: &'static str,
-    /// Off the axis, in degrees.
+    /// Angle off the axis in degrees.
     pub degrees: f64,
-    /// Standard deviation, as a share of the distance.
+    /// Standard deviation relative to the distance.
     pub scale: f64,
-    /// Of the affine projection.
+    /// Error of the affine projection.
     pub affine: f64,
-    /// Of that onto the tangent plane.
+    /// Error of the projection onto the tangent plane.
     pub tangent: f64,
 }
 
-/// All of it, shape by shape, angle by angle.
+/// Errors of all shapes at all angles.
 pub fn off_axis() -> Vec<OffAxis> {
     let angles = |shape| ANGLES.into_iter().map(move |degrees| (shape, degrees));
     let cases = SHAPES.into_iter().flat_map(angles);
@@ -49,7 +49,7 @@ fn row((name, thickness, tilt): (&'static str, f64, f64), degrees: f64, scale: f
     OffAxis { shape: name, degrees, scale, affine: apart(&affine, &ray), tangent: apart(&tangent, &ray) }
 }
 
-/// Turned about y so that the eye sees its axis z, and tilted from there.
+/// Rotation about y that faces the eye, then the tilt.
 fn shape(degrees: f64, scale: f64, thickness: f64, tilt: f64) -> Shape<Double> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (half_sin, half_cos) = (0.5 * (degrees + tilt).to_radians()).sin_cos();
@@ -61,14 +61,14 @@ fn shape(degrees: f64, scale: f64, thickness: f64, tilt: f64) -> Shape<Double> {
     }
 }
 
-/// So many pixels a unit that the low-pass does not matter.
+/// Pixels per unit, enough to make the low-pass filter negligible.
 const FOCAL: f32 = 1e6;
-/// Steps from the middle of a footprint to its edge.
+/// Steps from the centre of a footprint to its edge.
 const STEPS: i32 = 60;
-/// Standard deviations to the edge.
+/// Edge of a footprint in standard deviations.
 const REACH: f64 = 4.0;
 
-/// A Gaussian in a projection.
+/// A projected Gaussian.
 struct Seen {
     splat: Splat<Double>,
     stamp: Splat2d<Double>,
@@ -92,7 +92,7 @@ impl Seen {
         Self { stamp: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
     }
 
-    /// Strength at an offset from the mean.
+    /// Response at an offset from the mean.
     fn strength(&self, [dx, dy]: [Double; 2]) -> f64 {
         let [u, w] = blend::scaled_offset(&self.stamp, dx, dy);
         let scale = perspective::ray_scale(Double(1.0), self.own.slope, [dx, dy]);
@@ -101,7 +101,7 @@ impl Seen {
     }
 }
 
-/// The largest difference of strengths over a footprint.
+/// Largest difference of responses over a footprint.
 fn apart(own: &Seen, exact: &Seen) -> f64 {
     let step =
         |axis: usize, k: i32| Double(REACH * own.splat.variance[axis].0.sqrt() * f64::from(k) / f64::from(STEPS));

@@ -1,4 +1,4 @@
-//! Exact pictures: the pipeline in `f64`, nothing cut off; and the same with Gaussians in another order.
+//! Exact pictures: the pipeline in `f64` without cutoffs, also with Gaussians in another order.
 
 use crate::{setting::Setting, subject::Subject};
 use rayon::prelude::*;
@@ -19,14 +19,14 @@ use specula_oracle::{
     number::Number,
 };
 
-/// Nodes of the light's pyramid are so many times narrower than those of executors.
+/// Ratio of the executors' node size in the light's pyramid to this one's.
 const FINENESS: usize = 2;
 
-/// What exact pictures are made of.
+/// Scene and light for exact pictures.
 #[derive(Debug)]
 pub struct Reference {
     gaussians: Gaussians<Vec<Double>>,
-    /// The same as the independent renderer sees them.
+    /// Gaussians for the independent renderer.
     independent: Vec<Gaussian>,
     light: Option<oracle::Light<Double>>,
     setting: Setting,
@@ -35,16 +35,16 @@ pub struct Reference {
 /// An exact view.
 #[derive(Clone, Debug)]
 pub struct Exact {
-    /// Colours over the background, sRGB, three planes.
+    /// Colours over the background in sRGB, three planes.
     pub colors: Image<Vec<f64>>,
     /// Blended normals.
     pub normals: Vec<[f32; 3]>,
-    /// How much of each pixel is covered.
+    /// Coverage of each pixel.
     pub coverage: Vec<f64>,
 }
 
 impl Reference {
-    /// Filters the light, from finer nodes than executors do.
+    /// Filters the light from finer nodes than the executors do.
     pub fn new(subject: &Subject) -> Self {
         let light = subject.light.as_ref().filter(|_| subject.is_lit()).map(|light| {
             let operator = oracle::Operator::finer(light.resolution, FINENESS);
@@ -55,15 +55,13 @@ impl Reference {
         Self { gaussians: oracle::lift_gaussians(&subject.gaussians), independent, light, setting }
     }
 
-    /// The texels of each level of the light, with their aprons, rounded; nothing where no light is
-    /// looked up.
+    /// Rounded texels of each level of the light with their aprons; none for unlit scenes.
     pub(crate) fn filtered(&self) -> Option<impl Iterator<Item = Vec<[f32; 3]>> + '_> {
         let rounded = |map: &Vec<Vec3<Double>>| map.iter().map(|texel| texel.to_array().map(|x| x.0 as f32)).collect();
         self.light.as_ref().map(|light| light.maps.iter().map(rounded))
     }
 
-    /// Exact views from all cameras of the subject, side by side, because each is worked out plainly; `done` is called
-    /// for each.
+    /// Renders exact views of all cameras of the subject in parallel; `done` is called for each.
     pub fn views(&self, subject: &Subject, done: impl Fn() + Sync) -> Vec<(Camera, Exact)> {
         let view = |camera: &Camera| {
             let exact = self.view(subject, camera);
@@ -73,18 +71,18 @@ impl Reference {
         subject.cameras.par_iter().map(view).collect()
     }
 
-    /// An exact view.
+    /// Renders an exact view.
     pub fn view(&self, subject: &Subject, camera: &Camera) -> Exact {
         Exact::of(&self.frame(subject, camera), subject.background)
     }
 
-    /// An exact view by the renderer that shares no formula with core but those of colours, sorted
-    /// by the depth of means as the model is.
+    /// Renders an exact view by the independent renderer, which shares only the colour formulas
+    /// with core, sorted by the depth of means like the model.
     pub fn independent_view(&self, subject: &Subject, camera: &Camera) -> Exact {
         Exact::of(&self.frame_in_order(subject, camera, Order::Mean), subject.background)
     }
 
-    /// What is blended into an exact view, and shaded.
+    /// Channels to blend and shade of an exact view.
     pub(crate) fn frame(&self, subject: &Subject, camera: &Camera) -> oracle::Frame<Double> {
         if self.gaussians.count == 0 {
             return nothing(camera);
@@ -93,7 +91,7 @@ impl Reference {
         oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Cutoffs::REFERENCE)
     }
 
-    /// The same channels of the same Gaussians, blended in an order by the renderer that shares no formula with core.
+    /// Blends the same channels in a given order by the independent renderer.
     pub(crate) fn frame_in_order(&self, subject: &Subject, camera: &Camera, order: Order) -> oracle::Frame<Double> {
         if self.gaussians.count == 0 {
             return nothing(camera);
@@ -111,7 +109,7 @@ impl Reference {
     }
 }
 
-/// A view of no Gaussian at all: every channel is zero, and all light passes.
+/// A view without Gaussians: channels are zero, transmittance is one.
 fn nothing(camera: &Camera) -> oracle::Frame<Double> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let channels = Channels::Training.count() + 1;
@@ -121,7 +119,7 @@ fn nothing(camera: &Camera) -> oracle::Frame<Double> {
 }
 
 impl Exact {
-    /// Of a picture with the channels of training.
+    /// Exact view of a picture with the channels of training.
     pub(crate) fn of(frame: &oracle::Frame<Double>, background: [f32; 3]) -> Self {
         let size = frame.pixel_count();
         let colors = oracle::composite(frame, background).iter().map(|x| x.0).collect();

@@ -1,4 +1,4 @@
-//! The knobs: what a picture's error and its time depend on, and what each can be turned to.
+//! Parameters that determine the error and the cost of a picture, and their values.
 
 use crate::subject::Subject;
 use core::fmt;
@@ -11,32 +11,32 @@ use specula_core::{
     shade::ShadingForm,
 };
 
-/// How every knob is turned.
+/// Value of every parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
-    /// How Gaussians and light are stored.
+    /// Number format of stored Gaussians and light.
     pub storage: Storage,
-    /// How light is filtered.
+    /// Prefilter of the light.
     pub scheme: PrefilterScheme,
     /// Texels along an edge of the light's faces; zero without light.
     pub light: usize,
     /// Highest band of the spherical harmonics.
     pub sh_degree: Option<u8>,
-    /// Who looks the light up.
+    /// Shading form: light per Gaussian or per pixel.
     pub form: ShadingForm,
-    /// What is cut off.
+    /// Culling and termination thresholds, and the projection.
     pub cutoffs: Cutoffs,
-    /// What is blended.
+    /// Channels to blend.
     pub channels: Channels,
 }
 
 impl Setting {
-    /// What `render` does without being told otherwise.
-    pub fn usual(subject: &Subject) -> Self {
+    /// Default setting of `render`.
+    pub fn default_for(subject: &Subject) -> Self {
         Self { cutoffs: Cutoffs::DEFAULT, ..Self::exact(subject) }
     }
 
-    /// Every knob at its most exact: what is left is the rounding of `f32`, and that of the light's filter.
+    /// Most exact setting: only the rounding of `f32` and the prefilter of the light remain.
     pub fn exact(subject: &Subject) -> Self {
         Self {
             storage: Storage::F32,
@@ -49,25 +49,25 @@ impl Setting {
         }
     }
 
-    /// How a scene is asked to be rendered under it; without what the scene does not need.
+    /// Rendering rules of the setting.
     pub fn rules(&self, subject: &Subject) -> RenderRules {
         let shading = specula_core::shade::ShadingRules { form: self.form, ..subject.shading };
         RenderRules { sh_degree: self.sh_degree, ..RenderRules::full(shading, self.scheme, self.channels) }
     }
 
-    /// Each knob's name, and in words how it is turned.
+    /// Name and value of each parameter.
     pub fn words(&self) -> Vec<(&'static str, String)> {
-        KNOBS.iter().map(|knob| (knob.name, (knob.words)(self))).collect()
+        PARAMETERS.iter().map(|parameter| (parameter.name, (parameter.words)(self))).collect()
     }
 
-    /// This setting with one knob turned as in another.
-    fn with(mut self, knob: &Knob, like: &Self) -> Self {
-        (knob.copy)(like, &mut self);
+    /// Replaces one parameter by its value in another setting.
+    fn with(mut self, parameter: &Parameter, like: &Self) -> Self {
+        (parameter.copy)(like, &mut self);
         self
     }
 }
 
-/// In words, what differs from the usual setting of a subject.
+/// Display of the parameters in which a setting differs from the default.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference<'a>(pub &'a Setting, pub &'a Setting);
 
@@ -80,27 +80,27 @@ impl fmt::Display for Difference<'_> {
     }
 }
 
-/// One thing that can be turned.
+/// A parameter of rendering.
 #[derive(Clone, Copy, Debug)]
-pub struct Knob {
-    /// What it is called.
+pub struct Parameter {
+    /// Name in reports.
     pub name: &'static str,
-    /// How it is turned, in words.
+    /// Value in a setting, as text.
     words: fn(&Setting) -> String,
     copy: fn(&Setting, &mut Setting),
-    /// What it can be turned to.
+    /// Settings with every value of the parameter.
     values: fn(&Subject, &Setting) -> Vec<Setting>,
 }
 
-/// Every knob that there is.
-pub const KNOBS: [Knob; 10] = [
-    Knob {
+/// All parameters.
+pub const PARAMETERS: [Parameter; 10] = [
+    Parameter {
         name: "storage",
         words: |own| if own.storage == Storage::F16 { "f16" } else { "f32" }.into(),
         copy: |from, to| to.storage = from.storage,
         values: |_, base| [Storage::F32, Storage::F16].map(|storage| Setting { storage, ..*base }).into(),
     },
-    Knob {
+    Parameter {
         name: "prefilter",
         words: |own| if own.scheme == PrefilterScheme::Exact { "exact" } else { "official" }.into(),
         copy: |from, to| to.scheme = from.scheme,
@@ -112,7 +112,7 @@ pub const KNOBS: [Knob; 10] = [
                 .collect()
         },
     },
-    Knob {
+    Parameter {
         name: "light",
         words: |own| if own.light == 0 { "none".into() } else { own.light.to_string() },
         copy: |from, to| to.light = from.light,
@@ -124,7 +124,7 @@ pub const KNOBS: [Knob; 10] = [
                 .collect()
         },
     },
-    Knob {
+    Parameter {
         name: "harmonics",
         words: |own| own.sh_degree.map_or("none".into(), |degree| degree.to_string()),
         copy: |from, to| to.sh_degree = from.sh_degree,
@@ -134,7 +134,7 @@ pub const KNOBS: [Knob; 10] = [
             degrees.map(Some).chain(none).map(|sh_degree| Setting { sh_degree, ..*base }).collect()
         },
     },
-    Knob {
+    Parameter {
         name: "least alpha",
         words: |own| share(own.cutoffs.alpha_min()),
         copy: |from, to| to.cutoffs = to.cutoffs.with_alpha_min(from.cutoffs.alpha_min()),
@@ -144,7 +144,7 @@ pub const KNOBS: [Knob; 10] = [
             values.into_iter().chain(coarse).map(|least| limited(base, base.cutoffs.with_alpha_min(least))).collect()
         },
     },
-    Knob {
+    Parameter {
         name: "least transmittance",
         words: |own| share(own.cutoffs.transmittance_min()),
         copy: |from, to| to.cutoffs = to.cutoffs.with_transmittance_min(from.cutoffs.transmittance_min()),
@@ -153,7 +153,7 @@ pub const KNOBS: [Knob; 10] = [
             values.map(|least| limited(base, base.cutoffs.with_transmittance_min(least))).into()
         },
     },
-    Knob {
+    Parameter {
         name: "extent",
         words: |own| match own.cutoffs.reach_max() {
             f32::INFINITY => "exact".into(),
@@ -165,7 +165,7 @@ pub const KNOBS: [Knob; 10] = [
             values.map(|sigmas| limited(base, base.cutoffs.with_reach_max(sigmas))).into()
         },
     },
-    Knob {
+    Parameter {
         name: "projection",
         words: |own| match own.cutoffs.projection() {
             ProjectionModel::Ray => "along rays".into(),
@@ -183,7 +183,7 @@ pub const KNOBS: [Knob; 10] = [
             values.map(|projection| limited(base, base.cutoffs.with_projection(projection))).collect()
         },
     },
-    Knob {
+    Parameter {
         name: "light per",
         words: |own| if own.form == ShadingForm::Deferred { "pixel" } else { "Gaussian" }.into(),
         copy: |from, to| to.form = from.form,
@@ -192,7 +192,7 @@ pub const KNOBS: [Knob; 10] = [
             forms.map(|form| Setting { form, ..*base }).collect()
         },
     },
-    Knob {
+    Parameter {
         name: "channels",
         words: |own| {
             match own.channels {
@@ -210,7 +210,7 @@ pub const KNOBS: [Knob; 10] = [
     },
 ];
 
-/// What cannot be turned, because there is only one way.
+/// Properties without alternatives, for reports.
 pub const FIXED: [(&str, &str); 3] = [
     ("sort", "by depth of the mean; how far that is from an order for each pixel is said below"),
     ("levels of light", "ten (exact) or by resolution (official)"),
@@ -221,7 +221,7 @@ fn limited(base: &Setting, cutoffs: Cutoffs) -> Setting {
     Setting { cutoffs, ..*base }
 }
 
-/// A share in words: as a fraction where it is one, zero where it is as good as that.
+/// Text of a share: a fraction where it is close to one, zero where it is negligible.
 fn share(x: f32) -> String {
     let inverse = 1.0 / x;
     if x <= Cutoffs::REFERENCE.alpha_min() {
@@ -235,53 +235,52 @@ fn share(x: f32) -> String {
     }
 }
 
-impl Knob {
-    /// What a setting becomes as this knob is turned; nothing where there is only one way.
-    pub fn turned(&self, subject: &Subject, base: &Setting) -> Vec<Setting> {
+impl Parameter {
+    /// Settings with each value of the parameter, the most exact first; empty for a single value.
+    pub fn settings(&self, subject: &Subject, base: &Setting) -> Vec<Setting> {
         let values = (self.values)(subject, base);
         if values.len() > 1 { values } else { Vec::new() }
     }
 
-    /// How it is turned in a setting, in words.
-    pub fn word(&self, setting: &Setting) -> String {
+    /// Value of the parameter in a setting, as text.
+    pub fn value(&self, setting: &Setting) -> String {
         (self.words)(setting)
     }
 }
 
-/// A setting that was tried: its error, and what it costs.
+/// A measured setting.
 #[derive(Clone, Copy, Debug)]
 pub struct Tried {
     /// The setting.
     pub setting: Setting,
-    /// How far its pictures are from exact ones.
+    /// Error against exact pictures.
     pub error: f64,
-    /// What they cost.
+    /// Cost of its pictures.
     pub cost: f64,
 }
 
-/// Settings that turn every knob at once: for each of some errors the cheapest value of each knob that alone is not
-/// further off.
+/// Combines parameters: each takes its cheapest value whose own error is within `error`.
 ///
-/// `of_knobs` are the trials of each knob, all others at their most exact. Where `error` says how far a whole setting may
-/// be off, each knob gets all of it; the sum may be more.
-pub fn together(exact: &Setting, of_knobs: &[(Knob, Vec<Tried>)], error: f64) -> Setting {
-    of_knobs.iter().fold(*exact, |setting, (knob, tried)| {
+/// `trials` holds the measurements of each parameter with all others at their most exact value.
+/// Each parameter may use the whole error, so that the combined error may exceed it.
+pub fn together(exact: &Setting, trials: &[(Parameter, Vec<Tried>)], error: f64) -> Setting {
+    trials.iter().fold(*exact, |setting, (parameter, tried)| {
         let fits = tried.iter().filter(|tried| tried.error <= error);
         let cheapest = fits.min_by(|a, b| a.cost.total_cmp(&b.cost));
-        cheapest.map_or(setting, |cheapest| setting.with(knob, &cheapest.setting))
+        cheapest.map_or(setting, |cheapest| setting.with(parameter, &cheapest.setting))
     })
 }
 
-/// A setting with every knob turned at random, the same for a seed.
+/// Setting with a random value of every parameter, determined by a seed.
 pub fn random_setting(subject: &Subject, exact: &Setting, seed: u64) -> Setting {
-    KNOBS.iter().enumerate().fold(*exact, |setting, (stream, knob)| {
-        let values = knob.turned(subject, exact);
+    PARAMETERS.iter().enumerate().fold(*exact, |setting, (stream, parameter)| {
+        let values = parameter.settings(subject, exact);
         let draw = random::uniform(seed, stream as u64, 0) * values.len() as f32;
-        values.get(draw as usize).map_or(setting, |value| setting.with(knob, value))
+        values.get(draw as usize).map_or(setting, |value| setting.with(parameter, value))
     })
 }
 
-/// Whether light can be filtered so.
+/// Returns whether the light's resolution suits the prefilter.
 pub fn is_possible(setting: &Setting) -> bool {
     setting.light == 0 || setting.light >= setting.scheme.resolution_min()
 }
@@ -309,14 +308,15 @@ mod tests {
     #[test]
     fn a_knob_turns_nothing_but_itself() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
-        for knob in KNOBS {
-            let turned = knob.turned(&subject, &exact);
-            assert!(turned.len() > 1, "{} can be turned", knob.name);
-            assert_eq!(turned[0], exact, "{} begins with what is most exact", knob.name);
+        for parameter in PARAMETERS {
+            let turned = parameter.settings(&subject, &exact);
+            assert!(turned.len() > 1, "{} can be turned", parameter.name);
+            assert_eq!(turned[0], exact, "{} begins with what is most exact", parameter.name);
             for setting in turned {
-                assert_eq!(exact.with(&knob, &setting), setting);
-                let others =
-                    |own: &Setting| own.words().into_iter().filter(|(name, _)| *name != knob.name).collect::<Vec<_>>();
+                assert_eq!(exact.with(&parameter, &setting), setting);
+                let others = |own: &Setting| {
+                    own.words().into_iter().filter(|(name, _)| *name != parameter.name).collect::<Vec<_>>()
+                };
                 assert_eq!(others(&setting), others(&exact));
             }
         }
@@ -325,15 +325,15 @@ mod tests {
     #[test]
     fn all_knobs_together_take_the_cheapest_that_fits_of_each() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
-        let tried = |knob: &Knob| {
-            let turned = knob.turned(&subject, &exact).into_iter().enumerate();
+        let tried = |parameter: &Parameter| {
+            let turned = parameter.settings(&subject, &exact).into_iter().enumerate();
             turned.map(|(k, setting)| Tried { setting, error: k as f64, cost: -(k as f64) }).collect::<Vec<_>>()
         };
-        let of_knobs: Vec<_> = KNOBS.iter().map(|knob| (*knob, tried(knob))).collect();
-        assert_eq!(together(&exact, &of_knobs, 0.5), exact);
-        let one_step = together(&exact, &of_knobs, 1.0);
-        for (knob, tried) in &of_knobs {
-            assert_eq!(knob.word(&one_step), knob.word(&tried[1].setting), "{}", knob.name);
+        let trials: Vec<_> = PARAMETERS.iter().map(|parameter| (*parameter, tried(parameter))).collect();
+        assert_eq!(together(&exact, &trials, 0.5), exact);
+        let one_step = together(&exact, &trials, 1.0);
+        for (parameter, tried) in &trials {
+            assert_eq!(parameter.value(&one_step), parameter.value(&tried[1].setting), "{}", parameter.name);
         }
     }
 
@@ -353,7 +353,7 @@ mod tests {
 
     #[test]
     fn differences_are_told_in_words() {
-        let (usual, exact) = (Setting::usual(&subject()), Setting::exact(&subject()));
+        let (usual, exact) = (Setting::default_for(&subject()), Setting::exact(&subject()));
         assert_eq!(Difference(&usual, &usual).to_string(), "the usual");
         assert_eq!(
             Difference(&exact, &usual).to_string(),

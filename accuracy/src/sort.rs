@@ -1,8 +1,9 @@
-//! How far pictures with one order of the Gaussians are from those with an order for each pixel.
+//! Error of one sort per picture against a sort per pixel.
 //!
-//! Pipelines sort by the depth of means, once for a picture. Along a pixel's ray a Gaussian is where its response is largest,
-//! which may be elsewhere, so large Gaussians that meet are drawn in the wrong order in some pixels, and change places
-//! as the camera moves. All else is equal here: Gaussians along rays, in `f64`, nothing cut off, the same colours.
+//! Pipelines sort Gaussians by the depth of their means, once for a picture. Along a pixel's ray a
+//! Gaussian lies where its response is largest, which may be elsewhere, so that large overlapping
+//! Gaussians are blended in the wrong order in some pixels, and swap as the camera moves. All else
+//! is equal here: projection along rays in `f64`, no cutoffs, the same colours.
 
 use crate::{
     budget::tile_of,
@@ -14,33 +15,34 @@ use rayon::prelude::*;
 use specula_core::{camera::Camera, double::Double, scene::Image};
 use specula_oracle::{Frame, independent::rays::Order};
 
-/// Gaussians times pixels that are looked at for each order, which takes ten or twenty seconds of a core.
+/// Gaussians times pixels to render for each order, ten or twenty seconds of a core.
 const EVALUATIONS: usize = 1_000_000_000;
 
-/// What sorting costs.
+/// Errors of sort orders.
 #[derive(Clone, Debug)]
 pub struct Sort {
-    /// How many tiles of pictures were looked at, one of each view, from its middle.
+    /// Number of tiles, one from the middle of each view.
     pub tiles: usize,
     /// Pixels of a tile.
     pub size: [u32; 2],
-    /// The largest difference of a colour between the pipeline and the renderer that shares no formula with it, both by
-    /// the depth of means: how far the two can be trusted.
+    /// Largest difference of a colour between the pipeline and the independent renderer, both
+    /// sorted by the depth of means: the precision of the comparison.
     pub apart: f64,
-    /// Against an order for each pixel.
+    /// Errors against a sort per pixel.
     pub orders: [(&'static str, Errors); 2],
 }
 
 /// A tile in every order.
 struct Tile {
-    /// The pipeline's.
+    /// Picture of the pipeline.
     mean: Frame<Double>,
-    /// The other renderer's, by depth of the mean, by distance of the mean, and pixel by pixel.
+    /// Pictures of the independent renderer: by depth of the mean, by distance of the mean, per
+    /// pixel.
     ordered: [Frame<Double>; 3],
 }
 
 impl Sort {
-    /// Looks at a part of each view; `done` is called for each.
+    /// Measures a part of each view; `done` is called for each.
     pub fn new(subject: &Subject, reference: &Reference, done: impl Fn() + Sync) -> Self {
         let cameras: Vec<Camera> = subject.cameras.iter().map(|view| middle(view, subject)).collect();
         let tile = |camera: &Camera| {
@@ -71,7 +73,7 @@ impl Sort {
     }
 }
 
-/// The middle of a view, or all of it where there is not so much to look at.
+/// Central crop of a view, within the number of pixels.
 fn middle(view: &Camera, subject: &Subject) -> Camera {
     let pixels = EVALUATIONS / (subject.gaussians.count * subject.cameras.len()).max(1);
     let share = (pixels as f64 / f64::from(view.width * view.height)).sqrt().min(1.0);
@@ -84,7 +86,7 @@ fn narrow(frame: &Frame<Double>) -> Image<Vec<f32>> {
     Image { width, height, channels, values: frame.values.iter().map(|x| x.0 as f32).collect() }
 }
 
-/// Infinite for what is not a number.
+/// Largest difference; infinite for NaN.
 fn largest_difference(one: &Frame<Double>, other: &Frame<Double>, background: [f32; 3]) -> f64 {
     let colors = |frame| Exact::of(frame, background).colors.values;
     let differences = colors(one).into_iter().zip(colors(other)).map(|(a, b)| (a - b).abs());
@@ -97,7 +99,7 @@ mod tests {
     use specula_core::{prefilter::PrefilterScheme, scene::Layout, shade::ShadingRules};
     use specula_oracle::scenes::{camera, random_cloud};
 
-    /// Constants of core have 32 bits.
+    /// Precision of core's `f32` constants.
     const SAME: f64 = 1e-6;
 
     fn sort(log_scale: f32) -> Sort {

@@ -1,4 +1,4 @@
-//! What holds of scenes at the edges of what is valid: each promise, and how close a case comes to breaking it.
+//! Guarantees for scenes at the limits of valid input, with the margin of each case.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use specula_core::{
@@ -17,34 +17,33 @@ use specula_oracle::{
 };
 use specula_train::evaluate::{largest_difference, render_view};
 
-/// The share of the numbers that the percentile leaves out: pixels where a splat ends hang on rounding.
+/// Share of the numbers above the percentile: pixels at the edge of a splat depend on rounding.
 const LARGEST: f64 = 0.01;
 
-/// A case, and how it fares with every promise.
+/// Margins of a case for every guarantee.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// What is hard about it.
+    /// Difficulty of the case.
     pub case: &'static str,
-    /// Who looks the light up.
+    /// Shading form.
     pub form: ShadingForm,
-    /// Whether much of the picture hangs on rounding.
+    /// Whether much of the picture depends on rounding.
     pub is_on_edge: bool,
-    /// Numbers that are not finite; the promise is 0.
+    /// Count of numbers that are not finite; must be 0.
     pub nonfinite: usize,
-    /// All but one in a hundred numbers are no further from those in `f64`, as a share of the larger of one and the
-    /// number.
+    /// 99th percentile of the distances from `f64`, relative to the larger of one and the number.
     pub from_exact: f64,
-    /// The largest such distance.
+    /// Largest such distance.
     pub from_exact_max: f64,
-    /// By how much a transmittance is outside of 0 to 1; the promise is 0.
+    /// Excess of transmittance beyond \[0, 1\]; must be 0.
     pub outside: f64,
-    /// What the plan's omissions change; the promise is 0.
+    /// Change by the plan's omissions; must be 0.
     pub omissions: f32,
-    /// Numbers that are other on one thread; the promise is 0.
+    /// Count of numbers that differ on one thread; must be 0.
     pub threads: usize,
 }
 
-/// Names of the promises, and in words what they are of.
+/// Names and descriptions of the guarantees.
 pub const PROMISES: [(&str, &str); 6] = [
     ("not finite", "numbers that are not finite"),
     ("from f64, 99 %", "distance from the same in f64 that all but one in a hundred numbers keep"),
@@ -55,7 +54,7 @@ pub const PROMISES: [(&str, &str); 6] = [
 ];
 
 impl Row {
-    /// A number for each of [`PROMISES`].
+    /// Value for each of [`PROMISES`].
     pub fn values(&self) -> [f64; PROMISES.len()] {
         [
             self.nonfinite as f64,
@@ -67,22 +66,23 @@ impl Row {
         ]
     }
 
-    /// Whether every promise is kept that is one of equality.
+    /// Returns whether all guarantees of equality hold.
     pub fn is_kept(&self) -> bool {
         self.nonfinite == 0 && self.outside == 0.0 && self.omissions == 0.0 && self.threads == 0
     }
 }
 
-/// How many rows there will be.
+/// Number of rows.
 pub fn row_count() -> usize {
     every_case().iter().map(|case| case.shadings().len()).sum()
 }
 
-/// Every case, each in its ways of shading; `done` is told how many are done.
+/// Measures every case in each of its shading forms; `done` is called with the number of finished
+/// rows.
 pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
     let operator = Operator::new(RESOLUTION);
-    // Each keeps the weights of its own levels of light.
+    // Executors keep the prefilter weights of their light's resolution.
     let mut execs = [CpuExecutor::new(), CpuExecutor::new()];
     let mut rows = Vec::new();
     for case in every_case() {
@@ -134,7 +134,7 @@ fn picture(exec: &mut CpuExecutor, case: &Case, rules: &RenderRules) -> Result<I
     render_view(exec, &case.cloud, light.as_ref(), &case.camera, rules)
 }
 
-/// The same in `f64`: so many numbers, of which the channels are zero where there are no Gaussians to have them.
+/// Picture in `f64` with a given number of channels, which are zero without Gaussians.
 fn exact(case: &Case, rules: &RenderRules, operator: &Operator, len: usize) -> Vec<f64> {
     let light = case.environment.as_ref().map(|light| oracle::prefilter(&oracle::lift_environment(light), operator));
     let frame = oracle::render::<Double>(&oracle::lift_gaussians(&case.cloud), light.as_ref(), &case.camera, rules);
@@ -142,7 +142,7 @@ fn exact(case: &Case, rules: &RenderRules, operator: &Operator, len: usize) -> V
     channels.into_iter().chain(frame.values.iter().map(|number| number.0)).collect()
 }
 
-/// What all but one in a hundred distances are not above, and the largest; infinite where one is not a number.
+/// 99th percentile of the distances, and the largest; infinite for NaN.
 fn distances(own: &[f32], exact: &[f64]) -> [f64; 2] {
     if own.len() != exact.len() {
         return [f64::INFINITY; 2];

@@ -1,4 +1,4 @@
-//! A scene, and the views in which it is looked at.
+//! A scene and its views, to be rendered under different settings.
 
 use specula_core::{
     camera::Camera,
@@ -9,26 +9,26 @@ use specula_core::{
     shade::{ShadingForm, ShadingRules},
 };
 
-/// What is rendered under one setting after another.
+/// A scene with its views.
 #[derive(Clone, Debug)]
 pub struct Subject {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// The light, of a resolution that can be filtered; none where nothing is lit.
+    /// Light at a valid resolution; none for unlit scenes.
     pub light: Option<Environment<Vec<f32>>>,
-    /// How attributes become colours.
+    /// Shading rules.
     pub shading: ShadingRules,
-    /// How light is filtered.
+    /// Prefilter of the light.
     pub scheme: PrefilterScheme,
-    /// From where it is looked at.
+    /// Views.
     pub cameras: Vec<Camera>,
-    /// Behind it, sRGB.
+    /// Background in sRGB.
     pub background: [f32; 3],
 }
 
 impl Subject {
-    /// Whether there are exact pictures of it. There are none of the authors' shading and their filtered light: their
-    /// code, with its faults, is what they are.
+    /// Returns whether exact pictures exist. There are none for GaussianShader's shading and
+    /// prefilter, which its code alone defines.
     pub fn has_reference(&self) -> bool {
         !self.gaussians.layout.is_shaded()
             || (self.shading.form != ShadingForm::Official && self.scheme == PrefilterScheme::Exact)
@@ -39,7 +39,7 @@ impl Subject {
         self.light.is_some() && self.gaussians.layout.is_shaded()
     }
 
-    /// The light with so many texels along an edge of a face, its own resolution halved some times.
+    /// Light at a lower resolution, by repeated halving.
     pub fn light_at(&self, resolution: usize) -> Option<Environment<Vec<f32>>> {
         let mut light = self.light.clone()?;
         while light.resolution > resolution {
@@ -49,8 +49,8 @@ impl Subject {
     }
 }
 
-/// A light of half the resolution: means over 2 × 2 texels by their solid angles, as radiance, so that the light as a
-/// whole stays as bright.
+/// Halves the resolution of a light: means of radiance over 2 × 2 texels, weighted by solid angle,
+/// which preserves total radiance.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
     let radiance = |texel: usize, c: usize| radiance(light.activation, light.values[3 * texel + c]);
@@ -74,10 +74,10 @@ mod tests {
     use super::*;
     use specula_oracle::scenes::random_environment;
 
-    /// A few roundings of `f32` in a sum of some thousand terms.
+    /// Rounding of `f32` in a sum of some thousand terms.
     const ROUNDING: f64 = 1e-5;
 
-    /// Radiance times solid angle, over the sphere.
+    /// Integral of radiance over the sphere.
     fn whole(light: &Environment<Vec<f32>>) -> f64 {
         let size = light.resolution;
         let texel = |index: usize| {

@@ -1,4 +1,4 @@
-//! A scene under one setting after another: pictures, times stage by stage, counts of the work.
+//! A scene under different settings: pictures, stage times, operation counts.
 
 use crate::{reference::Reference, setting::Setting, subject::Subject};
 use core::cell::OnceCell;
@@ -15,39 +15,40 @@ use specula_core::{
 use specula_cpu::{CpuError, CpuViewer, stages::prefilter::Light};
 use std::{borrow::Cow, time::Instant};
 
-/// The stages that are timed, and the whole of them.
+/// Timed stages, and their total.
 pub const STAGES: [&str; 6] = ["project", "shade", "bin", "blend", "shade_pixels", "picture"];
 
 /// Milliseconds of each of [`STAGES`].
 pub type Times = [f64; STAGES.len()];
 
-/// What a picture takes on any machine.
+/// Operation counts of a picture, equal on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Splats in tiles.
     pub intersections: usize,
-    /// Pixels of quads in which a splat is seen, over all splats.
+    /// Pixels of 2 × 2 quads covered by a splat, over all splats.
     pub pairs: usize,
-    /// About so many of these have perspective inside of their splat.
+    /// Approximate number of pairs with perspective within the splat.
     pub pairs_in_perspective: usize,
-    /// Gaussians whose perspective is worked out.
+    /// Gaussians with a perspective footprint.
     pub perspectives: usize,
-    /// Texels of light that are read.
+    /// Texels of light read.
     pub texel_reads: usize,
-    /// Weights with which light is filtered, once for all pictures.
+    /// Weights of the light's prefilter, which runs once for all pictures.
     pub weights: usize,
-    /// Numbers of Gaussians that are read.
+    /// Numbers read of Gaussians.
     pub numbers: usize,
-    /// Numbers that a splat blends into a pixel.
+    /// Channels that a splat blends into a pixel.
     pub channels: usize,
-    /// Bytes of Gaussians and filtered light, as they are stored.
+    /// Bytes of stored Gaussians and filtered light.
     pub bytes: usize,
 }
 
 impl Work {
-    /// What a picture costs, in operations, whatever it takes: a pair 29 and two for each number that is blended, a splat
-    /// in a tile what sorting it takes, a number that is read and a texel some each; perspective is a division and some
-    /// products a pair, and a sum over the pairs of five axes a Gaussian. Filtering is not of a picture.
+    /// Cost of a picture in operations: 29 per pair and two per blended channel, plus sorting per
+    /// intersection, plus reads of numbers and texels; perspective costs a division and some
+    /// products per pair, and a sum over the pairs of five axes per Gaussian. The prefilter is not
+    /// included.
     pub fn cost(&self) -> f64 {
         const PAIR: f64 = 29.0;
         const PAIR_IN_PERSPECTIVE: f64 = 12.0;
@@ -64,7 +65,7 @@ impl Work {
             + TEXEL * self.texel_reads as f64
     }
 
-    /// With another view; what is stored and filtered is there once.
+    /// Adds the work of another view; storage and prefilter count once.
     #[must_use]
     pub fn and(self, other: &Self) -> Self {
         Self {
@@ -79,47 +80,47 @@ impl Work {
     }
 }
 
-/// A filtered light, and what filtering it took.
+/// A filtered light, with the time of its prefilter.
 #[derive(Debug)]
 struct Filtered {
     of: (PrefilterScheme, usize, LevelRange, Storage),
     light: Light,
-    /// Whether it has every level, of the exact pictures' weights: it serves whatever range of
-    /// levels is looked up.
+    /// Whether it has all levels with the weights of exact pictures, so that it serves every range
+    /// of levels.
     is_of_reference: bool,
     milliseconds: f64,
 }
 
-/// A subject, ready for any setting.
+/// A subject prepared for any setting.
 #[derive(Debug)]
 pub struct Trial<'a> {
     subject: Cow<'a, Subject>,
     exec: CpuViewer,
-    /// Rounded as they are stored, each with what it needs.
+    /// Gaussians in each number format, with their needs.
     stored: Stored,
     lights: Vec<Filtered>,
 }
 
-/// A picture under a setting, and what it took.
+/// A picture under a setting, with its times and counts.
 #[derive(Clone, Debug)]
 pub struct Taken {
-    /// The channels that were asked for, then transmittance.
+    /// Requested channels, then transmittance.
     pub image: Image<Vec<f32>>,
-    /// How long each stage took.
+    /// Time of each stage.
     pub times: Times,
-    /// What there was to do.
+    /// Operation counts.
     pub work: Work,
 }
 
 impl Taken {
-    /// Time that the picture took.
+    /// Total time in milliseconds.
     pub fn milliseconds(&self) -> f64 {
         self.times[STAGES.len() - 1]
     }
 }
 
 impl<'a> Trial<'a> {
-    /// Of a subject whose light is filtered as settings say.
+    /// Prepares a subject whose light is filtered under each setting.
     pub fn new(subject: &'a Subject) -> Self {
         Self::of(Cow::Borrowed(subject))
     }
@@ -130,13 +131,12 @@ impl<'a> Trial<'a> {
 }
 
 impl Trial<'static> {
-    /// Of a subject under the light of its exact pictures, where a setting has it in full and
-    /// rounds none of it: what is left of errors then is that of cuts, of projection and of
-    /// rounding.
+    /// Prepares a subject with the light of its exact pictures, for settings with the full light in
+    /// `f32`: errors of cutoffs, projection and rounding remain.
     ///
     /// # Errors
     ///
-    /// If the processor cannot filter the light.
+    /// [`CpuError`], where the light cannot be filtered.
     pub fn under(subject: Subject, reference: &Reference) -> Result<Self, CpuError> {
         let mut trial = Self::of(Cow::Owned(subject));
         let setting = Setting::exact(&trial.subject);
@@ -154,7 +154,11 @@ impl Trial<'static> {
 }
 
 impl Trial<'_> {
-    /// A view under a setting; its light is filtered when it is first needed.
+    /// Renders a view under a setting. The light is filtered on first use.
+    ///
+    /// # Errors
+    ///
+    /// [`CpuError`], where the view cannot be rendered.
     pub fn view(&mut self, setting: &Setting, camera: &Camera) -> Result<Taken, CpuError> {
         let rules = self.rules(setting);
         let light = self.filtered(setting, &rules)?;
@@ -179,13 +183,13 @@ impl Trial<'_> {
         Ok(Taken { image, times, work })
     }
 
-    /// What filtering the light of a setting took, in milliseconds; nothing where it has none, or was not looked at.
+    /// Milliseconds of the light's prefilter under a setting; zero where it was not used.
     pub fn filter_milliseconds(&self, setting: &Setting) -> f64 {
         let of = self.light_of(setting, &self.rules(setting));
         self.lights.iter().find(|own| own.of == of).map_or(0.0, |own| own.milliseconds)
     }
 
-    /// A setting's rules without what the scene does not need.
+    /// Rendering rules of a setting after planning.
     fn rules(&self, setting: &Setting) -> RenderRules {
         let (gaussians, needs) = stored(&self.stored, &self.subject, setting.storage);
         let levels = (setting.light > 0).then(|| Levels::new(setting.scheme, setting.light));
@@ -196,7 +200,7 @@ impl Trial<'_> {
         (setting.scheme, setting.light, rules.levels, setting.storage)
     }
 
-    /// The number of a setting's light.
+    /// Index of a setting's filtered light.
     fn filtered(&mut self, setting: &Setting, rules: &RenderRules) -> Result<Option<usize>, CpuError> {
         let of = self.light_of(setting, rules);
         let serves = |own: &Filtered| {
@@ -219,10 +223,10 @@ impl Trial<'_> {
     }
 }
 
-/// Gaussians of each storage, rounded when they are first needed.
+/// Gaussians in each number format, rounded on first use.
 type Stored = [OnceCell<(Gaussians<Vec<f32>>, Needs)>; 2];
 
-/// The Gaussians of a subject in a storage, and what they need.
+/// Gaussians of a subject in a number format, with their needs.
 fn stored<'a>(stored: &'a Stored, subject: &Subject, storage: Storage) -> &'a (Gaussians<Vec<f32>>, Needs) {
     stored[usize::from(storage == Storage::F16)].get_or_init(|| {
         let mut gaussians = subject.gaussians.clone();
@@ -245,16 +249,16 @@ fn milliseconds(start: Instant) -> f64 {
     1e3 * start.elapsed().as_secs_f64()
 }
 
-/// Texels that a lookup reads: four of two levels.
+/// Texels of a lookup: four of two levels.
 const TEXELS_OF_LOOKUP: usize = 8;
 
-/// Times of the stages of a picture, and counts of their work.
+/// Observer of a picture's stages: times and operation counts.
 struct Stopwatch {
-    /// Start of the stage that runs.
+    /// Start of the current stage.
     start: Instant,
     times: Times,
     work: Work,
-    /// Whether Gaussians look light up, and whether pixels do.
+    /// Whether Gaussians look up light, and whether pixels do.
     looks_light_up: [bool; 2],
 }
 
@@ -301,19 +305,19 @@ impl StageObserver<CpuViewer> for Stopwatch {
     }
 }
 
-/// Least, median and range between the quartiles.
+/// Minimum, median and interquartile range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
-    /// The least, which other work on the machine disturbs least.
+    /// Minimum, the statistic that other processes disturb least.
     pub min: f64,
-    /// Half are no larger.
+    /// Median.
     pub median: f64,
-    /// Third quartile less the first.
+    /// Interquartile range.
     pub iqr: f64,
 }
 
 impl Spread {
-    /// Of some numbers; zero of none.
+    /// Statistics of some numbers; zero for none.
     pub fn of(mut numbers: Vec<f64>) -> Self {
         numbers.sort_by(f64::total_cmp);
         let Some(last) = numbers.len().checked_sub(1) else { return Self::default() };
@@ -322,7 +326,7 @@ impl Spread {
     }
 }
 
-/// A picture with everything that errors are measured by: that of a setting, with normals.
+/// Setting with all channels that metrics need, normals included.
 pub fn measured(setting: &Setting) -> Setting {
     let channels = match setting.channels {
         Channels::Color => Channels::Training,

@@ -1,4 +1,4 @@
-//! Pictures within an error, each compared with the most exact one that `f32` has.
+//! Pictures within an error, each compared with the most exact one in `f32`.
 
 use crate::{
     budget::{Certificate, Refusal, apart, cheapest_within, root_mean_square},
@@ -11,45 +11,44 @@ use specula_core::{camera::Camera, rules::Channels, scene::Image};
 use specula_cpu::CpuError;
 use specula_train::evaluate::over_background;
 
-/// A subject whose pictures are within an error.
+/// A subject whose pictures are verified to be within an error.
 #[derive(Debug)]
 pub struct Verified {
     trial: Trial<'static>,
     chosen: Setting,
     exact: Setting,
     background: [f32; 3],
-    /// Distance of pictures from the most exact ones that is allowed.
+    /// Allowed distance from the most exact pictures.
     allowed: f64,
-    /// Whether they are compared.
+    /// Whether pictures are compared.
     compares: bool,
     tally: Tally,
 }
 
-/// Outcome of comparing pictures.
+/// Outcome of the comparisons.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Pictures that were made.
+    /// Number of pictures.
     pub pictures: usize,
-    /// Those that were beyond the error under the setting that was chosen, and are the most exact
-    /// ones instead.
+    /// Number of pictures beyond the error, which the most exact ones replaced.
     pub replaced: usize,
-    /// Distance of the others from the most exact ones, at most.
+    /// Largest distance of the other pictures from the most exact ones.
     pub kept: f64,
-    /// Distance of the replaced ones from the most exact ones, at most.
+    /// Largest distance of the replaced pictures.
     pub beyond: f64,
-    /// Costs of the setting's pictures, and of all pictures that were made.
+    /// Cost of the setting's pictures, and of all pictures rendered.
     pub cost: [f64; 2],
-    /// The same in milliseconds.
+    /// Both in milliseconds.
     pub milliseconds: [f64; 2],
 }
 
 impl Verified {
-    /// A subject under the setting of a certificate. Where nothing is compared, every picture is
-    /// that of the setting.
+    /// Prepares a subject under the setting of a certificate. Without comparisons every picture is
+    /// the setting's.
     ///
     /// # Errors
     ///
-    /// If the processor cannot filter the light.
+    /// [`CpuError`], where the light cannot be filtered.
     pub fn new(
         subject: Subject,
         reference: &Reference,
@@ -59,18 +58,18 @@ impl Verified {
         let (exact, background) = (Setting::exact(&subject), subject.background);
         let trial = Trial::under(subject, reference)?;
         let (chosen, allowed) = (certificate.setting, certificate.allowed());
-        // The most exact picture needs no comparison with itself.
+        // The most exact setting needs no comparison.
         let compares = compares && chosen != exact;
         Ok(Self { trial, chosen, exact, background, allowed, compares, tally: Tally::default() })
     }
 
-    /// A view: the channels, then transmittance. That of the setting where it is within the error
-    /// of the most exact one, and else the latter, which is there by then: a setting between the
-    /// two would cost more and be less exact.
+    /// Renders a view: channels, then transmittance. Beyond the error the most exact picture, which
+    /// was rendered for the comparison, takes the place of the setting's: a setting between the two
+    /// would cost more and be less exact.
     ///
     /// # Errors
     ///
-    /// If the processor cannot render.
+    /// [`CpuError`], where the view cannot be rendered.
     pub fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, CpuError> {
         let own = self.take(self.chosen, camera, channels, 0)?;
         self.tally.pictures += 1;
@@ -93,12 +92,12 @@ impl Verified {
         self.tally
     }
 
-    /// Whether pictures are compared; they are not where they are the most exact ones themselves.
+    /// Returns whether pictures are compared, which the most exact setting does not need.
     pub fn compares(&self) -> bool {
         self.compares
     }
 
-    /// Whether pictures are the most exact ones.
+    /// Returns whether the setting is the most exact one.
     pub fn is_exact(&self) -> bool {
         self.chosen == self.exact
     }
@@ -113,12 +112,12 @@ impl Verified {
     }
 }
 
-/// Distances of pictures within an error from exact ones, as shares of that error: under the setting
-/// alone, and verified.
+/// Errors of verified and of unverified pictures against exact ones, relative to the allowed error:
+/// under the setting alone, and verified.
 ///
 /// # Errors
 ///
-/// If there is no setting, or the processor cannot render.
+/// [`Refusal`], where there is no setting or the CPU executor fails.
 pub fn shares(
     subject: &Subject,
     reference: &Reference,
@@ -155,9 +154,9 @@ mod tests {
         }
     }
 
-    /// Number of pictures of a tour within some errors, and of those beyond:
-    /// under the setting alone, and verified. Truth is the independent renderer, sorted by the
-    /// depth of means as the model is.
+    /// Number of pictures of an orbit within some errors and of those beyond, under the setting
+    /// alone and verified. Ground truth is the independent renderer, sorted by the depth of means
+    /// like the model.
     fn beyond(tour: Tour, errors: &[f64]) -> (usize, [usize; 2]) {
         let (name, subject) = (tour.name, subject(tour));
         let reference = Reference::new(&subject);
@@ -182,7 +181,7 @@ mod tests {
         }
     }
 
-    /// Some minutes: `cargo test --release -p specula-accuracy --lib every_tour -- --ignored
+    /// Takes minutes: `cargo test --release -p specula-accuracy --lib every_tour -- --ignored
     /// --nocapture`.
     #[test]
     #[ignore = "takes minutes"]
@@ -203,7 +202,7 @@ mod tests {
         let subject = subject(tour);
         let reference = Reference::new(&subject);
         let certificate = cheapest_within(&subject, &reference, 1e-2).expect("f32 is close enough");
-        let [wrong, exact] = [Setting::usual(&subject), Setting::exact(&subject)];
+        let [wrong, exact] = [Setting::default_for(&subject), Setting::exact(&subject)];
         let certificate = Certificate { setting: wrong, asked: 1e-4, ..certificate };
         let view = |certificate: Certificate, compares: bool| {
             let mut verified =

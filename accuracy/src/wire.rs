@@ -1,18 +1,18 @@
-//! A look over the bytes of an ONNX file before a runtime trusts them.
+//! Validation of an ONNX file's bytes before a runtime reads them.
 //!
-//! A file is a message of protocol buffers: fields, each with a number, and with a length where it is text, another message
-//! or numbers in a row. Here every length has to lie within what it is part of, every number has to end, and there may be
-//! only so many fields, for the least of them becomes a structure of some hundred bytes. (rten 0.27 reads a number of ten
-//! bytes that does not end for ever, and goes back where a length is beyond 2⁶³.)
+//! An ONNX file is a protocol-buffers message: numbered fields, with a length for text, messages
+//! and packed numbers. Every length must lie within its parent, every number must end, and the
+//! number of fields is bounded, since each becomes a structure of some hundred bytes. (rten 0.27
+//! loops forever on a number of ten bytes without end, and seeks backwards for lengths beyond 2⁶³.)
 
-/// Fields of a file: a thousand times those of the largest network for LPIPS.
+/// Most fields of a file: a thousand times those of the largest LPIPS network.
 const FIELDS_MAX: usize = 1 << 18;
-/// Messages within messages.
+/// Deepest nesting of messages.
 const DEPTH_MAX: usize = 24;
-/// Bytes of a number at most: seven bits in each.
+/// Longest number in bytes, of seven bits each.
 const NUMBER_LEN: usize = 10;
 
-/// A kind of message.
+/// A message type.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -25,11 +25,11 @@ enum Message {
     TensorType,
     Shape,
     Sequence,
-    /// One whose fields hold bytes alone.
+    /// Message type whose fields are opaque bytes.
     Plain,
 }
 
-/// Contents of a field with a length.
+/// Content of a field with a length.
 enum Holds {
     Message(Message),
     Numbers,
@@ -37,7 +37,7 @@ enum Holds {
 }
 
 impl Message {
-    /// Contents of its field of this number.
+    /// Content type of a field by its number.
     fn field(self, number: u64) -> Holds {
         Holds::Message(match (self, number) {
             (Self::Attribute, 8) | (Self::Tensor, 1 | 5 | 7) => return Holds::Numbers,
@@ -56,7 +56,7 @@ impl Message {
     }
 }
 
-/// Looks over a file.
+/// Validates a file.
 ///
 /// # Errors
 ///
@@ -66,7 +66,7 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
 }
 
 struct Walk {
-    /// Fields that there may still be.
+    /// Remaining number of fields.
     fields: usize,
 }
 
@@ -103,7 +103,7 @@ fn numbers(mut bytes: &[u8]) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// The number at the beginning, which is cut off.
+/// Splits a number off the front.
 fn number(bytes: &mut &[u8]) -> Result<u64, &'static str> {
     let longest = &bytes[..bytes.len().min(NUMBER_LEN)];
     let last = longest.iter().position(|byte| *byte < 0x80).ok_or("it has a number without end")?;
@@ -115,7 +115,7 @@ fn number(bytes: &mut &[u8]) -> Result<u64, &'static str> {
     Ok(value)
 }
 
-/// So many bytes from the beginning, which are cut off.
+/// Splits bytes off the front.
 fn part<'a>(bytes: &mut &'a [u8], len: u64) -> Result<&'a [u8], &'static str> {
     let len = usize::try_from(len).ok().filter(|len| *len <= bytes.len());
     let (part, rest) = bytes.split_at(len.ok_or("a part of it is longer than what it is part of")?);
@@ -137,7 +137,7 @@ mod tests {
             (&[0x3a, 0x05, 0x0a, 0x03, 0x1a, 0x01, b'a'], true),
             (&[0x3a, 0x05, 0x0a, 0x03, 0x1a, 0x02, b'a'], false),
             (&[0x3a, 0x06, 0x0a, 0x03, 0x1a, 0x01, b'a'], false),
-            // Dimensions of a tensor, in a row; the last does not end within it.
+            // Packed dimensions of a tensor, the last of them truncated.
             (&[0x3a, 0x06, 0x2a, 0x04, 0x0a, 0x02, 0x05, 0x07], true),
             (&[0x3a, 0x06, 0x2a, 0x04, 0x0a, 0x02, 0x05, 0x87], false),
             (&[0x0d, 1, 2, 3, 4], true),
@@ -156,7 +156,7 @@ mod tests {
         let empty_fields = [0x42, 0x00].repeat(FIELDS_MAX);
         assert_eq!(check(&empty_fields), Ok(()));
         assert!(check(&[&empty_fields[..], &[0x42, 0x00]].concat()).unwrap_err().contains("parts"));
-        // A graph of a node of an attribute of a graph, and so on.
+        // A graph nested in an attribute of a node, repeatedly.
         let mut bytes = Vec::new();
         for field in [0x32, 0x2a, 0x0a].iter().cycle().take(3 * DEPTH_MAX) {
             let len = bytes.len() as u8;

@@ -1,15 +1,15 @@
-//! LPIPS against the reference package, with networks of a few channels and random weights that
-//! `scripts/lpips-onnx.py --test` exported from it, and what the package makes of two pictures.
+//! LPIPS against the reference package: networks of a few channels with random weights, exported by
+//! `scripts/lpips-onnx.py --test`, and the package's distances of two pictures.
 
 use safetensors::SafeTensors;
 use specula_accuracy::lpips::Network;
 use specula_core::scene::Image;
 
-/// Sums of at most 288 products in another order, thirteen layers deep, as a share of the distance.
+/// Relative tolerance: sums of at most 288 products in another order, thirteen layers deep.
 const ROUNDING: f64 = 1e-5;
 
 const VGG: &[u8] = include_bytes!("data/lpips-vgg.onnx");
-/// Takes colours from −1 to 1, and turns those from 0 to 1 into them.
+/// Networks for colours from −1 to 1, and networks that convert from 0 to 1 themselves.
 const ALEX: &[u8] = include_bytes!("data/lpips-alex.onnx");
 const KNOWN: &[u8] = include_bytes!("data/lpips-known.safetensors");
 
@@ -36,7 +36,7 @@ fn is_close(distance: f64, expected: f64) -> bool {
     (distance - expected).abs() < ROUNDING * expected
 }
 
-/// The same file with another word, as long as it was.
+/// The file with one word replaced by another of equal length.
 fn with(bytes: &[u8], word: &str, other: &str) -> Vec<u8> {
     assert_eq!(word.len(), other.len(), "lengths within the file stay as they are");
     let places: Vec<usize> =
@@ -104,7 +104,7 @@ fn what_is_no_number_is_not_lost_on_the_way() {
     assert!(refused.contains("not finite"), "{refused}");
 }
 
-/// A file of which the layers do not do what they did when it was written.
+/// A file whose layers were altered after export.
 fn run_otherwise() -> Vec<u8> {
     with(VGG, "ReduceMean", "ReduceProd")
 }

@@ -1,4 +1,5 @@
-//! A training put aside, and taken up again: what it has learned as a file, and whether it is that of a run.
+//! Checkpoints of a training: when they are written, and the description by which a run recognises
+//! its own.
 
 use crate::failure::Failure;
 use specula_core::{camera::Camera, state::TrainingState};
@@ -6,44 +7,44 @@ use specula_io::checkpoint::{self, Checkpoint, Facts};
 use specula_train::{trainer::Settings, view::View};
 use std::path::{Path, PathBuf};
 
-/// Where the checkpoints of a training go, how often, and what they say of it.
+/// Checkpoints of a training: their folder, interval and description.
 #[derive(Debug)]
 pub(crate) struct Checkpoints {
     folder: PathBuf,
-    /// Steps from one to the next; 0 for none on the way.
+    /// Steps between checkpoints; 0 for none before the end.
     every: u32,
     facts: Facts,
-    /// The iteration of the last one.
+    /// Iteration of the last checkpoint.
     last: Option<u32>,
 }
 
 impl Checkpoints {
-    /// Of a training that begins.
+    /// Checkpoints of a new training.
     pub(crate) fn new(folder: &Path, every: u32, facts: Facts) -> Self {
         Self { folder: folder.to_owned(), every, facts, last: None }
     }
 
-    /// Of a training that goes on from its last one.
-    pub(crate) fn gone_on(self, last: u32) -> Self {
+    /// Checkpoints of a training that is resumed from iteration `last`.
+    pub(crate) fn resumed_at(self, last: u32) -> Self {
         Self { last: Some(last), ..self }
     }
 
-    /// Where they are.
-    pub(crate) fn place(&self) -> PathBuf {
-        checkpoint::place(&self.folder)
+    /// Path of the checkpoint.
+    pub(crate) fn path(&self) -> PathBuf {
+        checkpoint::path_in(&self.folder)
     }
 
-    /// The iteration of the last one, if there is one.
+    /// Iteration of the last checkpoint, if there is one.
     pub(crate) fn last(&self) -> Option<u32> {
         self.last
     }
 
-    /// Whether there should be one after so many steps.
+    /// Returns whether a checkpoint is due at an iteration.
     pub(crate) fn is_due(&self, iteration: u32) -> bool {
         self.every > 0 && iteration.is_multiple_of(self.every) && self.last != Some(iteration)
     }
 
-    /// Writes what was learned.
+    /// Writes a checkpoint.
     pub(crate) fn write(&mut self, state: TrainingState<Vec<f32>>, seconds: f64) -> Result<(), Failure> {
         let iteration = state.iteration;
         checkpoint::write(&self.folder, &Checkpoint { state, facts: Facts { seconds, ..self.facts.clone() } })?;
@@ -51,36 +52,36 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Reads the last one.
+    /// Reads the last checkpoint.
     pub(crate) fn read(&self) -> Result<TrainingState<Vec<f32>>, Failure> {
         Ok(checkpoint::read(&self.folder)?.state)
     }
 }
 
-/// What is known of a training before its first step.
-pub(crate) fn facts_of(settings: &Settings, config: String, views: &[View]) -> Facts {
+/// Description of a training before its first step.
+pub(crate) fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
     Facts {
         program: env!("CARGO_PKG_VERSION").into(),
         iterations: settings.iterations,
         seed: settings.seed,
         config,
-        settings: words_of(settings),
+        settings: settings_text(settings),
         views: views.len(),
-        pictures: sum_of(views),
+        pictures: checksum(views),
         ..Facts::default()
     }
 }
 
-/// Every number of the settings.
-pub(crate) fn words_of(settings: &Settings) -> String {
+/// Settings as text, every number of them.
+pub(crate) fn settings_text(settings: &Settings) -> String {
     format!("{settings:?}")
 }
 
-/// A sum over names, cameras and pixels of views: it tells pictures that were changed from those that were not.
-fn sum_of(views: &[View]) -> String {
+/// Checksum of the names, cameras and pixels of views, which detects changed pictures.
+fn checksum(views: &[View]) -> String {
     let mut sum = crc32fast::Hasher::new();
     for view in views {
-        // How near Gaussians are drawn follows from where the cameras are.
+        // The near plane follows from the cameras' positions.
         let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height } = view.camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
         sum.update(view.name.as_bytes());
@@ -107,7 +108,7 @@ mod tests {
     const VIEWS: u64 = 5;
     const POINTS: u64 = 150;
     const ITERATIONS: u32 = 24;
-    /// Places at which a training is put aside, for each profile.
+    /// Number of iterations at which a training is interrupted, for each profile.
     const PLACES: u64 = 20;
 
     fn views() -> Vec<View> {
@@ -145,15 +146,15 @@ mod tests {
     /// The bytes of the checkpoint that a training would write now.
     fn bytes(trainer: &mut Trainer<CpuExecutor>, settings: &Settings) -> Vec<u8> {
         let folder = tempfile::tempdir().expect("there is room");
-        let mut checkpoints = Checkpoints::new(folder.path(), 1, facts_of(settings, String::new(), &views()));
+        let mut checkpoints = Checkpoints::new(folder.path(), 1, describe(settings, String::new(), &views()));
         checkpoints.write(trainer.snapshot().expect("the processor gives back"), 0.0).expect("there is room");
-        fs::read(checkpoints.place()).expect("it was written")
+        fs::read(checkpoints.path()).expect("it was written")
     }
 
-    /// A training that goes on from these bytes.
-    fn gone_on(bytes: &[u8], settings: &Settings) -> Trainer<CpuExecutor> {
+    /// A training resumed from the bytes of a checkpoint.
+    fn resumed(bytes: &[u8], settings: &Settings) -> Trainer<CpuExecutor> {
         let folder = tempfile::tempdir().expect("there is room");
-        fs::write(checkpoint::place(folder.path()), bytes).expect("there is room");
+        fs::write(checkpoint::path_in(folder.path()), bytes).expect("there is room");
         let saved = checkpoint::read(folder.path()).expect("it was written");
         Trainer::resume(CpuExecutor::new(), settings.clone(), &views(), &saved.state).expect("it is the same")
     }
@@ -176,7 +177,7 @@ mod tests {
             assert_ne!(whole.gaussians().count as u64, POINTS, "densification took part in {name}");
             let expected = bytes(&mut whole, &settings);
             for aside in aside {
-                let mut again = gone_on(&aside, &settings);
+                let mut again = resumed(&aside, &settings);
                 let place = again.iteration();
                 assert!(bytes(&mut again, &settings) == aside, "{name} at {place} is not what was read");
                 train(&mut again, ITERATIONS);
@@ -217,8 +218,8 @@ mod tests {
 
     #[test]
     fn pictures_names_and_cameras_tell_data_sets_apart() {
-        let sum = sum_of(&views());
-        assert_eq!(sum, sum_of(&views()));
+        let sum = checksum(&views());
+        assert_eq!(sum, checksum(&views()));
         let changes: [fn(&mut View); 4] = [
             |view| view.rgba[17] ^= 1,
             |view| view.name.push('x'),
@@ -228,8 +229,8 @@ mod tests {
         for change in changes {
             let mut changed = views();
             change(&mut changed[2]);
-            assert_ne!(sum, sum_of(&changed), "a change went unnoticed");
+            assert_ne!(sum, checksum(&changed), "a change went unnoticed");
         }
-        assert_ne!(sum, sum_of(&views()[1..]), "a missing view went unnoticed");
+        assert_ne!(sum, checksum(&views()[1..]), "a missing view went unnoticed");
     }
 }

@@ -46,7 +46,7 @@ const NAME: &str = "config.toml";
 pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
-    if train.again.resume && !checkpoint::place(folder).is_file() {
+    if train.again.resume && !checkpoint::path_in(folder).is_file() {
         return Err(Error::NoCheckpoint { path: folder.clone() }.into());
     }
     let saved = train.again.resume.then(|| folder.join(NAME));

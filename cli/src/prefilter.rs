@@ -126,7 +126,7 @@ fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
     let mut values = radiance(light.activation, &light.values);
     values.iter_mut().for_each(|number| *number *= args.exposure.exp2());
     if args.up == Up::Y {
-        values = latlong::turned_up(&values, light.resolution);
+        values = latlong::y_up_from_z_up(&values, light.resolution);
     }
     Ok(at_resolution(args, &Environment { resolution: light.resolution, activation, values }))
 }

@@ -13,7 +13,7 @@ use crate::{
 use glam::Vec3;
 use specula_core::scene::Environment;
 use specula_io::{
-    latlong::{self, Stand},
+    latlong::{self, MapOrientation},
     picture,
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
@@ -68,12 +68,17 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 
 /// Writes a preview of a light, if there is one: lat-long, with what is up in the scene at its upper edge.
 pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>, up: Vec3) -> Result<(), Failure> {
-    let stand = Stand::above(up.as_dvec3().to_array());
+    let stand = MapOrientation::with_up(up.as_dvec3().to_array());
     light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, stand))
 }
 
 /// Writes a preview of a cube map: lat-long.
-pub(crate) fn write_preview(path: &Path, values: &[f32], resolution: usize, stand: Stand) -> Result<(), Failure> {
+pub(crate) fn write_preview(
+    path: &Path,
+    values: &[f32],
+    resolution: usize,
+    stand: MapOrientation,
+) -> Result<(), Failure> {
     let [width, height] = PREVIEW;
     let map = latlong::from_cube(values, resolution, width, height, stand);
     Ok(picture::write(path, &picture::tone_map_latlong(&map))?)

@@ -22,7 +22,7 @@ use specula_core::{
     shade::ShadingForm,
 };
 use specula_io::{
-    latlong::{self, LatLong, Stand},
+    latlong::{self, LatLong, MapOrientation},
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
@@ -98,7 +98,7 @@ pub(crate) fn behind(
     look: &Look,
     set: &CameraSet,
     opened: &OpenedModel,
-    map: Option<(LatLong, Stand)>,
+    map: Option<(LatLong, MapOrientation)>,
 ) -> Result<Behind, Failure> {
     let own = || opened.scene.light.clone().filter(|_| opened.scene.gaussians.layout.is_shaded());
     match (look.background, map) {
@@ -111,7 +111,7 @@ pub(crate) fn behind(
 }
 
 /// A map as a cube whose texels are about as wide as a pixel of the cameras, unless the map's are wider.
-fn finest(map: &LatLong, stand: Stand, set: &CameraSet) -> Environment<Vec<f32>> {
+fn finest(map: &LatLong, stand: MapOrientation, set: &CameraSet) -> Environment<Vec<f32>> {
     const RESOLUTIONS: RangeInclusive<usize> = 64..=1024;
     let sharpest = set.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
     let needed = (2.0 * sharpest) as usize;

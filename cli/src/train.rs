@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     let settings =
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
     let info = info_of(args, &settings.profile, background, &data)?;
-    let facts = checkpoint::facts_of(&settings, config::text_of(args)?, &data.train);
+    let facts = checkpoint::describe(&settings, config::text_of(args)?, &data.train);
     let saved = if args.again.resume { Some(read_checkpoint(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
     output::make_folder(&args.model_path)?;
@@ -121,7 +121,7 @@ fn refuse_other_training(args: &Train) -> Result<(), Failure> {
     if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
     }
-    let remedy = match io::checkpoint::place(folder).is_file() {
+    let remedy = match io::checkpoint::path_in(folder).is_file() {
         true => "go on with it (--resume), replace it (--overwrite), or name another folder with -m",
         false => "replace it (--overwrite), or name another folder with -m",
     };
@@ -183,7 +183,7 @@ fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<R
     let saved = io::checkpoint::read(&args.model_path)?;
     let then = &saved.facts;
     let refuse = |what: String| {
-        let place = io::checkpoint::place(&args.model_path);
+        let place = io::checkpoint::path_in(&args.model_path);
         Err(Failure::Input(format!(
             "the checkpoint {place:?} {what}, or start anew with --overwrite in place of --resume"
         )))
@@ -207,7 +207,7 @@ fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<R
     }
     let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
     let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
-    if checkpoint::words_of(&same) != then.settings {
+    if checkpoint::settings_text(&same) != then.settings {
         return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
     }
     Ok(Resumed { seconds: then.seconds, state: saved.state })
@@ -241,7 +241,7 @@ fn prepare_folder(
             true => tracing::info!("all {all} iterations are done already; to train longer, set more --iterations"),
             false => tracing::info!("going on from iteration {taken} of {all}"),
         }
-        return Ok(checkpoints.gone_on(taken));
+        return Ok(checkpoints.resumed_at(taken));
     }
     save_inputs(args, profile, data, points)?;
     exposure::remove(folder)?;

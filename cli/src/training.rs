@@ -243,7 +243,7 @@ impl<'a> Training<'a> {
 }
 
 fn from_checkpoint(checkpoints: &Checkpoints) -> String {
-    let (place, last) = (checkpoints.place(), checkpoints.last().unwrap_or_default());
+    let (place, last) = (checkpoints.path(), checkpoints.last().unwrap_or_default());
     format!(
         "iteration {last} is in {place:?}, from where the CPU goes on; to do that later press Ctrl-C, and start \
          again with --resume --executor cpu"
@@ -319,7 +319,7 @@ mod tests {
     /// Training whose run fails after three steps; on a device the CPU takes the rest.
     fn training(is_on_device: bool, folder: &Path, every: u32) -> Training<'static> {
         let trainer = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
-        let facts = checkpoint::facts_of(&settings(), String::new(), &views());
+        let facts = checkpoint::describe(&settings(), String::new(), &views());
         Training {
             trainer: Box::new(Failing(trainer)),
             choice: ExecutorChoice::Gpu(String::new()),

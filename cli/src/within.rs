@@ -121,7 +121,7 @@ fn rounded_up(number: f64) -> String {
 
 fn words(certificate: &Certificate, subject: &Subject) -> String {
     let Certificate { setting, asked, rounding, chosen_by, tried_on, work: [own, usual, _] } = certificate;
-    let difference = Difference(setting, &Setting::usual(subject)).to_string();
+    let difference = Difference(setting, &Setting::default_for(subject)).to_string();
     let share = own.cost() / usual.cost();
     let views = |bounds: &Bounds| format!("{} view{}", bounds.views, if bounds.views == 1 { "" } else { "s" });
     let others = match tried_on.views {

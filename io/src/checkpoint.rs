@@ -153,7 +153,7 @@ struct AnyHeader {
 }
 
 /// Path of the checkpoint of a model.
-pub fn place(folder: &Path) -> PathBuf {
+pub fn path_in(folder: &Path) -> PathBuf {
     folder.join("checkpoint.safetensors")
 }
 
@@ -163,7 +163,7 @@ pub fn place(folder: &Path) -> PathBuf {
 ///
 /// [`Error::Write`], where the file cannot be written.
 pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
-    whole_file::write(&place(folder), |out| {
+    whole_file::write(&path_in(folder), |out| {
         let tensors = tensors_of(checkpoint);
         let header = header_bytes(checkpoint, &tensors)?;
         out.write_all(&(header.len() as u64).to_le_bytes())?;
@@ -313,7 +313,7 @@ struct Reader {
 impl Reader {
     /// Reads the header and checks that the tensors fill the file.
     fn open(folder: &Path) -> Result<Self> {
-        let path = place(folder);
+        let path = path_in(folder);
         let mut file = match File::open(&path) {
             Err(cause) if cause.kind() == ErrorKind::NotFound => {
                 return Err(Error::NoCheckpoint { path: folder.to_owned() });

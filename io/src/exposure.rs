@@ -26,7 +26,7 @@ use std::{
 pub type Exposures = BTreeMap<String, Exposure<f32>>;
 
 /// Path of the exposures of a model.
-pub fn place(folder: &Path) -> PathBuf {
+pub fn path_in(folder: &Path) -> PathBuf {
     folder.join("exposure.json")
 }
 
@@ -40,7 +40,7 @@ pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Re
     for (name, exposure) in names.iter().zip(exposures) {
         all.insert(free_name(&all, name), *exposure);
     }
-    json::write(&place(folder), &all)
+    json::write(&path_in(folder), &all)
 }
 
 /// First variant of a name that is not taken.
@@ -56,7 +56,7 @@ fn free_name(taken: &Exposures, name: &str) -> String {
 ///
 /// [`Error::Read`], [`Error::Json`] or [`Error::TooLarge`].
 pub fn read(folder: &Path) -> Result<Option<Exposures>> {
-    let path = place(folder);
+    let path = path_in(folder);
     if path.is_file() { json::read(&path, &LIST).map(Some) } else { Ok(None) }
 }
 
@@ -66,7 +66,7 @@ pub fn read(folder: &Path) -> Result<Option<Exposures>> {
 ///
 /// [`Error::Write`], where the file cannot be removed.
 pub fn remove(folder: &Path) -> Result<()> {
-    let path = place(folder);
+    let path = path_in(folder);
     match fs::remove_file(&path) {
         Err(cause) if cause.kind() != ErrorKind::NotFound => Err(Error::Write { path, cause }),
         _ => Ok(()),

@@ -74,7 +74,7 @@ pub enum UpAxis {
 
 impl UpAxis {
     /// Map coordinates (u, v) in [0, 1] of a direction of any length, from the upper left corner.
-    pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
+    pub fn uv(self, direction: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = DVec3::from(direction).normalize().to_array();
         let (turn, up) = match self {
             Self::Z => (-y.atan2(x), z),
@@ -96,11 +96,11 @@ impl UpAxis {
 
 /// Orientation of a lat-long map in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Stand {
+pub enum MapOrientation {
     /// A convention of the field, along an axis of the world.
     Axis(UpAxis),
     /// A rotated map.
-    Turned {
+    Rotated {
         /// Convention in the map's frame.
         map: UpAxis,
         /// Rotation from the map's frame to the world.
@@ -108,43 +108,43 @@ pub enum Stand {
     },
 }
 
-impl Stand {
+impl MapOrientation {
     /// Orientation with a given up direction of any length but 0: [`UpAxis::Z`] under the shortest
     /// rotation from +z. For +z and +y it is the [`UpAxis`].
-    pub fn above(direction: [f64; 3]) -> Self {
+    pub fn with_up(direction: [f64; 3]) -> Self {
         let above = DVec3::from(direction).normalize();
         match [DVec3::Z, DVec3::Y].map(|axis| axis == above) {
             [true, _] => Self::Axis(UpAxis::Z),
             [_, true] => Self::Axis(UpAxis::Y),
-            _ => Self::turned(UpAxis::Z, DQuat::from_rotation_arc(DVec3::Z, above)),
+            _ => Self::rotated(UpAxis::Z, DQuat::from_rotation_arc(DVec3::Z, above)),
         }
     }
 
     /// Orientation of a map whose frame is rotated against the world.
-    pub fn turned(map: UpAxis, world_from_map: DQuat) -> Self {
-        Self::Turned { map, world_from_map }
+    pub fn rotated(map: UpAxis, world_from_map: DQuat) -> Self {
+        Self::Rotated { map, world_from_map }
     }
 
     /// Map coordinates (u, v) in [0, 1] of a direction of any length, from the upper left corner.
-    pub fn place(self, direction: [f64; 3]) -> [f64; 2] {
+    pub fn uv(self, direction: [f64; 3]) -> [f64; 2] {
         match self {
-            Self::Axis(up) => up.place(direction),
-            Self::Turned { map, world_from_map } => {
-                map.place((world_from_map.inverse() * DVec3::from(direction)).to_array())
+            Self::Axis(up) => up.uv(direction),
+            Self::Rotated { map, world_from_map } => {
+                map.uv((world_from_map.inverse() * DVec3::from(direction)).to_array())
             }
         }
     }
 
     /// Unit direction at map coordinates (u, v).
-    pub fn direction(self, place: [f64; 2]) -> [f64; 3] {
+    pub fn direction(self, uv: [f64; 2]) -> [f64; 3] {
         match self {
-            Self::Axis(up) => up.direction(place),
-            Self::Turned { map, world_from_map } => (world_from_map * DVec3::from(map.direction(place))).to_array(),
+            Self::Axis(up) => up.direction(uv),
+            Self::Rotated { map, world_from_map } => (world_from_map * DVec3::from(map.direction(uv))).to_array(),
         }
     }
 }
 
-impl From<UpAxis> for Stand {
+impl From<UpAxis> for MapOrientation {
     fn from(up: UpAxis) -> Self {
         Self::Axis(up)
     }
@@ -252,10 +252,10 @@ pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
 
 /// Resamples to a cube map, six faces of resolution² texels. Each texel is the mean radiance over
 /// its solid angle, so that small bright lights keep their energy.
-pub fn to_cube(map: &LatLong, resolution: usize, stand: impl Into<Stand>) -> Vec<f32> {
+pub fn to_cube(map: &LatLong, resolution: usize, orientation: impl Into<MapOrientation>) -> Vec<f32> {
     // At the centre of a face a texel spans 2/resolution radians, a pixel 2π/width.
     let pixels_in_texel = map.width as f64 / (PI * resolution as f64);
-    cube_of(map, resolution, stand.into(), sample_count(pixels_in_texel))
+    cube_of(map, resolution, orientation.into(), sample_count(pixels_in_texel))
 }
 
 /// Resamples to a cube map by one bilinear lookup at each texel's centre, as GaussianShader does.
@@ -264,8 +264,14 @@ pub fn to_cube_bilinear(map: &LatLong, resolution: usize, up: UpAxis) -> Vec<f32
 }
 
 /// Resamples a cube map to a lat-long map. Each pixel is the mean radiance over its solid angle.
-pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize, stand: impl Into<Stand>) -> LatLong {
-    let stand = stand.into();
+pub fn from_cube(
+    values: &[f32],
+    resolution: usize,
+    width: usize,
+    height: usize,
+    orientation: impl Into<MapOrientation>,
+) -> LatLong {
+    let orientation = orientation.into();
     let texels_in_pixel = PI * resolution as f64 / width as f64;
     let samples = sample_count(texels_in_pixel);
     let cube = Cube::new(values, resolution);
@@ -274,7 +280,7 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
         for (column, pixel) in pixels.chunks_exact_mut(3).enumerate() {
             pixel.copy_from_slice(&mean_over(samples, |x, y| {
                 let v = (row as f64 + y) / height as f64;
-                let direction = stand.direction([(column as f64 + x) / width as f64, v]);
+                let direction = orientation.direction([(column as f64 + x) / width as f64, v]);
                 (cube.sample(direction), (v * PI).sin())
             }));
         }
@@ -283,14 +289,14 @@ pub fn from_cube(values: &[f32], resolution: usize, width: usize, height: usize,
 }
 
 /// Radiance of a cube map along directions of any length but 0, bilinear between texel centres.
-pub fn along(values: &[f32], resolution: usize, directions: &[[f64; 3]]) -> Vec<[f32; 3]> {
+pub fn radiance_along(values: &[f32], resolution: usize, directions: &[[f64; 3]]) -> Vec<[f32; 3]> {
     let cube = Cube::new(values, resolution);
     directions.par_iter().map(|direction| cube.sample(*direction)).collect()
 }
 
 /// Converts a cube map from a z-up to a y-up world: radiance from (x, y, z) arrives from (x, z,
 /// −y), the usual conversion of Blender's scenes. Texels are permuted, not resampled.
-pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
+pub fn y_up_from_z_up(values: &[f32], resolution: usize) -> Vec<f32> {
     assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
     let from = |index: usize| {
         let (face, row, column) =
@@ -306,7 +312,7 @@ pub fn turned_up(values: &[f32], resolution: usize) -> Vec<f32> {
 
 /// Rotates a cube map about a unit axis, counterclockwise seen against the axis: radiance from d
 /// arrives from the rotated d. Bilinear between texels; a rotation by zero changes nothing.
-pub fn turned(values: &[f32], resolution: usize, axis: [f64; 3], radians: f64) -> Vec<f32> {
+pub fn rotated(values: &[f32], resolution: usize, axis: [f64; 3], radians: f64) -> Vec<f32> {
     if radians == 0.0 {
         return values.to_vec();
     }
@@ -326,7 +332,7 @@ fn sample_count(pixels_in_texel: f64) -> usize {
     ((OVERSAMPLING * pixels_in_texel).ceil() as usize).clamp(1, SAMPLES_MAX)
 }
 
-fn cube_of(map: &LatLong, resolution: usize, stand: Stand, samples: usize) -> Vec<f32> {
+fn cube_of(map: &LatLong, resolution: usize, orientation: MapOrientation, samples: usize) -> Vec<f32> {
     let mut values = vec![0.0; 18 * resolution * resolution];
     values.par_chunks_mut(3 * resolution).enumerate().for_each(|(line, row_of_texels)| {
         let (face, row) = (line / resolution, line % resolution);
@@ -334,7 +340,7 @@ fn cube_of(map: &LatLong, resolution: usize, stand: Stand, samples: usize) -> Ve
         for (column, texel) in row_of_texels.chunks_exact_mut(3).enumerate() {
             texel.copy_from_slice(&mean_over(samples, |x, y| {
                 let direction = cubemap::direction(face, on_face(column, x), on_face(row, y));
-                (map.sample(stand.place(direction)), solid_angle_density(direction))
+                (map.sample(orientation.uv(direction)), solid_angle_density(direction))
             }));
         }
     });

@@ -188,7 +188,7 @@ fn saved_iterations(folder: &Path) -> Result<Vec<u32>> {
 /// Returns whether a folder holds a model or a checkpoint.
 pub fn holds_training(folder: &Path) -> bool {
     folder.join(INFO).is_file()
-        || checkpoint::place(folder).is_file()
+        || checkpoint::path_in(folder).is_file()
         || highest_on_disk(folder).is_ok_and(|found| found.is_some())
 }
 
@@ -204,7 +204,7 @@ pub fn remove_training(folder: &Path) -> Result<()> {
         remove_children(&folder.join(iterations), |name| name.starts_with("iteration_"))?;
     }
     let files = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
-    for file in files.map(|name| folder.join(name)).into_iter().chain([checkpoint::place(folder)]) {
+    for file in files.map(|name| folder.join(name)).into_iter().chain([checkpoint::path_in(folder)]) {
         remove(&file)?;
     }
     exposure::remove(folder)?;

@@ -15,7 +15,7 @@ use specula_core::{
 };
 use specula_io::{
     Result,
-    latlong::{self, LatLong, Stand},
+    latlong::{self, LatLong, MapOrientation},
     model_folder::{self, ModelInfo, Snapshot},
 };
 use specula_train::trainer::HostScene;
@@ -84,7 +84,7 @@ impl Scene {
     /// Replaces the light by a lat-long map of radiance, whose poles are those of `up` in the
     /// scene's world. The cube has the resolution of the light before, at least 64; 128 where there
     /// was none.
-    pub fn relight(&mut self, map: &LatLong, up: impl Into<Stand>) {
+    pub fn relight(&mut self, map: &LatLong, up: impl Into<MapOrientation>) {
         let resolution = self.resolution_of_others();
         let values = latlong::to_cube(map, resolution, up);
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });

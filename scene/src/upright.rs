@@ -13,7 +13,7 @@ use specula_core::{
 };
 use specula_io::{
     glb::Placement,
-    latlong::{self, Stand, UpAxis},
+    latlong::{self, MapOrientation, UpAxis},
     mesh::Mesh,
     orientation::Orientation,
 };
@@ -113,14 +113,14 @@ impl Upright {
     }
 
     /// Orientation in the scene's world of a lat-long map of the upright world.
-    pub fn map_stand(&self, map: UpAxis) -> Stand {
-        Stand::turned(map, DQuat::from_mat3(&self.rotation.transpose()))
+    pub fn map_stand(&self, map: UpAxis) -> MapOrientation {
+        MapOrientation::rotated(map, DQuat::from_mat3(&self.rotation.transpose()))
     }
 
     /// Radiance of a cube map, rotated, bilinear between its texels.
     pub fn light(&self, values: &[f32], resolution: usize) -> Environment<Vec<f32>> {
         let (axis, radians) = DQuat::from_mat3(&self.rotation).to_axis_angle();
-        let values = latlong::turned(values, resolution, axis.to_array(), radians);
+        let values = latlong::rotated(values, resolution, axis.to_array(), radians);
         Environment { resolution, activation: RadianceActivation::Identity, values }
     }
 

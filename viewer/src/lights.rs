@@ -4,7 +4,7 @@ use crate::{ViewerError, request::LightSetting};
 use glam::Vec3;
 use serde::Deserialize;
 use specula_core::scene::{Environment, RadianceActivation};
-use specula_io::latlong::{self, LatLong, Stand, UpAxis};
+use specula_io::latlong::{self, LatLong, MapOrientation, UpAxis};
 use specula_scene::{environment::radiance, light_file};
 use std::{
     path::Path,
@@ -53,9 +53,9 @@ impl TryFrom<String> for MapUp {
 
 impl MapUp {
     /// Orientation of the map in a scene with this up direction.
-    fn stand(self, up: Vec3) -> Stand {
+    fn stand(self, up: Vec3) -> MapOrientation {
         match self {
-            Self::Scene => Stand::above(up.as_dvec3().to_array()),
+            Self::Scene => MapOrientation::with_up(up.as_dvec3().to_array()),
             Self::Y => UpAxis::Y.into(),
             Self::Z => UpAxis::Z.into(),
         }
@@ -138,7 +138,7 @@ impl Lights {
         let cube = self.get(setting)??;
         let values = radiance(cube.activation, &cube.values);
         let [width, height] = PREVIEW_SIZE;
-        let stand = Stand::above(self.up.as_dvec3().to_array());
+        let stand = MapOrientation::with_up(self.up.as_dvec3().to_array());
         Some(latlong::from_cube(&values, cube.resolution, width, height, stand))
     }
 
@@ -150,7 +150,7 @@ impl Lights {
         let mut values = radiance(cube.activation, &cube.values);
         values.iter_mut().for_each(|number| *number *= stops.exp2());
         let axis = self.up.as_dvec3().to_array();
-        let values = latlong::turned(&values, cube.resolution, axis, f64::from(turn).to_radians());
+        let values = latlong::rotated(&values, cube.resolution, axis, f64::from(turn).to_radians());
         Cube { resolution: cube.resolution, activation: RadianceActivation::Identity, values }
     }
 
@@ -190,7 +190,7 @@ mod tests {
             let setting = LightSetting { id, ..UNCHANGED };
             let cube = lights.get(setting).unwrap().unwrap();
             let sees = |direction: Vec3| {
-                let [u, v] = UpAxis::Z.place(direction.as_dvec3().to_array());
+                let [u, v] = UpAxis::Z.uv(direction.as_dvec3().to_array());
                 let map = latlong::from_cube(&cube.values, 16, 64, 32, UpAxis::Z);
                 map.rgb[3 * ((v * 31.99) as usize * 64 + (u * 63.99) as usize)]
             };

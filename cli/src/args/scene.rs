@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use serde::Serialize;
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
-use specula_io::latlong::{Stand, UpAxis};
+use specula_io::latlong::{MapOrientation, UpAxis};
 use specula_scene::{ExecutorChoice, RenderOptions};
 
 /// Interpretation of a scene, and its executor.
@@ -116,9 +116,9 @@ pub(crate) enum EnvUp {
 
 impl EnvUp {
     /// Orientation of the file in a scene with this up direction.
-    pub(crate) fn stand(self, above: Vec3) -> Stand {
+    pub(crate) fn stand(self, above: Vec3) -> MapOrientation {
         match self {
-            Self::Scene => Stand::above(above.as_dvec3().to_array()),
+            Self::Scene => MapOrientation::with_up(above.as_dvec3().to_array()),
             Self::Y => Up::Y.stand(),
             Self::Z => Up::Z.stand(),
         }
@@ -144,7 +144,7 @@ impl Up {
     }
 
     /// Orientation of the file in the world.
-    pub(crate) fn stand(self) -> Stand {
+    pub(crate) fn stand(self) -> MapOrientation {
         self.axis().into()
     }
 }

@@ -105,7 +105,7 @@ fn the_light_of_a_model_is_written_as_it_is_or_turned() {
         assert_eq!(found, resolution, "the light keeps its resolution");
         match up {
             "z" => assert_eq!(sharpest, own, "a mirror shows the light"),
-            _ => assert_eq!(sharpest, latlong::turned_up(&own, resolution), "z becomes y"),
+            _ => assert_eq!(sharpest, latlong::y_up_from_z_up(&own, resolution), "z becomes y"),
         }
     }
     assert!(tiny.path("light.level2.exr").is_file(), "16, 8 and 4 texels");

@@ -62,7 +62,7 @@ mod killed {
     fn spawned(tiny: &Tiny, model: &str) -> Child {
         let mut command = Command::new(cargo_bin!("specula"));
         command.arg("train").arg("-m").arg(tiny.path(model));
-        if checkpoint::place(&tiny.path(model)).is_file() {
+        if checkpoint::path_in(&tiny.path(model)).is_file() {
             command.arg("--resume");
         } else {
             command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu"]);
@@ -87,7 +87,7 @@ mod killed {
         for k in 0..TIMES {
             let code = end(spawned(&tiny, "model"), signal, random::bits(5, 0, k) % LONGEST);
             assert!(codes.contains(&code), "{signal} ended the program with {code:?}");
-            if checkpoint::place(&model).is_file() {
+            if checkpoint::path_in(&model).is_file() {
                 let saved = checkpoint::read(&model).unwrap();
                 assert!(saved.state.iteration <= ITERATIONS, "a checkpoint from beyond the end");
             }
@@ -165,7 +165,7 @@ fn only_the_same_training_goes_on() {
     assert!(nothing.contains("no checkpoint.safetensors") && !tiny.path("model").exists(), "{nothing}");
 
     train(&tiny, "model").assert().success();
-    let before = fs::read(checkpoint::place(&tiny.path("model"))).unwrap();
+    let before = fs::read(checkpoint::path_in(&tiny.path("model"))).unwrap();
     for (words, expected) in [
         (&["--profile", "paper"][..], "--profile specula, not --profile paper"),
         (&["--seed", "1"], "--seed 0, not --seed 1"),
@@ -185,10 +185,10 @@ fn only_the_same_training_goes_on() {
     assert!(sentence.contains("11 pictures") && sentence.contains("not the same"), "{sentence}");
     fs::write(&picture, kept).unwrap();
 
-    fs::write(checkpoint::place(&tiny.path("model")), &before[..before.len() / 2]).unwrap();
+    fs::write(checkpoint::path_in(&tiny.path("model")), &before[..before.len() / 2]).unwrap();
     let sentence = refusal(&mut resumed(&tiny, "model"));
     assert!(sentence.contains("checkpoint.safetensors") && sentence.contains("copy the file again"), "{sentence}");
-    fs::write(checkpoint::place(&tiny.path("model")), &before).unwrap();
+    fs::write(checkpoint::path_in(&tiny.path("model")), &before).unwrap();
 
     // A data set that was moved is still the same.
     fs::rename(tiny.data(), tiny.path("moved")).unwrap();
@@ -240,7 +240,7 @@ fn reworded(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 fn numbers_that_no_training_comes_to_are_refused() {
     let tiny = Tiny::new();
     train(&tiny, "model").assert().success();
-    let place = checkpoint::place(&tiny.path("model"));
+    let place = checkpoint::path_in(&tiny.path("model"));
     let before = fs::read(&place).unwrap();
     for (name, number) in [
         ("seconds", "1e20"),
@@ -273,7 +273,7 @@ fn numbers_that_no_training_comes_to_are_refused() {
 fn a_checkpoint_with_numbers_that_are_none_is_refused_by_tensor_and_count() {
     let tiny = Tiny::new();
     train(&tiny, "model").assert().success();
-    let place = checkpoint::place(&tiny.path("model"));
+    let place = checkpoint::path_in(&tiny.path("model"));
     let before = fs::read(&place).unwrap();
     let data = 8 + u64::from_le_bytes(before[..8].try_into().unwrap()) as usize;
     for (number, count) in [(f32::NAN, 50), (f32::INFINITY, 1)] {
@@ -293,7 +293,7 @@ fn a_checkpoint_with_numbers_that_are_none_is_refused_by_tensor_and_count() {
 fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_before() {
     let tiny = Tiny::new();
     train(&tiny, "model").assert().success();
-    let place = checkpoint::place(&tiny.path("model"));
+    let place = checkpoint::path_in(&tiny.path("model"));
     let before = fs::read(&place).unwrap();
     // Shells count in 512 bytes, or in twice as many.
     let blocks = (before.len() / 2048).to_string();

@@ -106,7 +106,7 @@ fn equal_trainings_are_equal_files() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = || {
         checkpoint::write(folder.path(), &example(Layout::shaded(Some(1)))).unwrap();
-        fs::read(checkpoint::place(folder.path())).unwrap()
+        fs::read(checkpoint::path_in(folder.path())).unwrap()
     };
     assert!(bytes() == bytes(), "two files of the same training differ");
 }
@@ -121,7 +121,7 @@ impl Spoilt {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         checkpoint::write(folder.path(), &example(Layout::shaded(Some(1)))).unwrap();
-        let bytes = fs::read(checkpoint::place(folder.path())).unwrap();
+        let bytes = fs::read(checkpoint::path_in(folder.path())).unwrap();
         Self { folder, bytes }
     }
 
@@ -130,7 +130,7 @@ impl Spoilt {
     }
 
     fn read(&self, bytes: &[u8]) -> Result<Checkpoint, Error> {
-        fs::write(checkpoint::place(self.path()), bytes).unwrap();
+        fs::write(checkpoint::path_in(self.path()), bytes).unwrap();
         checkpoint::read(self.path())
     }
 

@@ -42,19 +42,19 @@ fn assert_near(a: f32, b: f32, tolerance: f32, what: &str) {
 #[test]
 fn axes_appear_where_the_conventions_say() {
     let near = |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-12, "{a:?} {b:?}");
-    near(UpAxis::Z.place([1.0, 0.0, 0.0]), [0.5, 0.5]);
-    near(UpAxis::Z.place([0.0, 1.0, 0.0]), [0.25, 0.5]);
-    near(UpAxis::Z.place([0.0, 0.0, 3.0]), [0.5, 0.0]);
-    near(UpAxis::Y.place([0.0, 0.0, -1.0]), [0.5, 0.5]);
-    near(UpAxis::Y.place([2.0, 0.0, 0.0]), [0.75, 0.5]);
-    near(UpAxis::Y.place([0.0, -1.0, -1e-13]), [0.5, 1.0]);
+    near(UpAxis::Z.uv([1.0, 0.0, 0.0]), [0.5, 0.5]);
+    near(UpAxis::Z.uv([0.0, 1.0, 0.0]), [0.25, 0.5]);
+    near(UpAxis::Z.uv([0.0, 0.0, 3.0]), [0.5, 0.0]);
+    near(UpAxis::Y.uv([0.0, 0.0, -1.0]), [0.5, 0.5]);
+    near(UpAxis::Y.uv([2.0, 0.0, 0.0]), [0.75, 0.5]);
+    near(UpAxis::Y.uv([0.0, -1.0, -1e-13]), [0.5, 1.0]);
 }
 
 #[test]
 fn direction_inverts_place() {
     for up in AXES {
         for direction in [[0.6, 0.0, 0.8], [-0.48, 0.6, 0.64], [0.36, -0.48, -0.8], [-0.6, -0.64, -0.48]] {
-            let back = up.direction(up.place(direction));
+            let back = up.direction(up.uv(direction));
             assert!((0..3).all(|k| (back[k] - direction[k]).abs() < 1e-12), "{back:?} {direction:?}");
         }
     }
@@ -260,7 +260,7 @@ fn a_turned_light_has_above_what_it_had_above() {
     let resolution = 4;
     let values: Vec<f32> =
         (0..96).flat_map(|k| smooth(texel_direction(k / 16, k % 4, k / 4 % 4, resolution))).collect();
-    let turned = latlong::turned_up(&values, resolution);
+    let turned = latlong::y_up_from_z_up(&values, resolution);
     for (k, texel) in turned.chunks_exact(3).enumerate() {
         let [x, y, z] = texel_direction(k / 16, k % 4, k / 4 % 4, resolution);
         for (found, expected) in texel.iter().zip(smooth([x, -z, y])) {
@@ -277,8 +277,8 @@ fn a_light_turned_about_an_axis_comes_from_turned_directions() {
         texel_direction(k / size, k % RESOLUTION, k / RESOLUTION % RESOLUTION, RESOLUTION)
     };
     let values: Vec<f32> = (0..6 * RESOLUTION * RESOLUTION).flat_map(|k| smooth(direction(k))).collect();
-    assert_eq!(latlong::turned(&values, RESOLUTION, [0.0, 0.0, 1.0], 0.0), values, "no turn changes no bit");
-    let quarter = latlong::turned(&values, RESOLUTION, [0.0, 0.0, 1.0], core::f64::consts::FRAC_PI_2);
+    assert_eq!(latlong::rotated(&values, RESOLUTION, [0.0, 0.0, 1.0], 0.0), values, "no turn changes no bit");
+    let quarter = latlong::rotated(&values, RESOLUTION, [0.0, 0.0, 1.0], core::f64::consts::FRAC_PI_2);
     for (k, texel) in quarter.chunks_exact(3).enumerate() {
         // Counterclockwise, seen from above: x goes to y.
         let [x, y, z] = direction(k);

@@ -68,12 +68,12 @@ fn exposures_come_back_by_names_that_may_repeat() {
     let read = exposure::read(folder.path()).unwrap().unwrap();
     let expected = [("a", exposures[1]), ("b", exposures[0]), ("b (2)", exposures[2])];
     assert_eq!(read, expected.map(|(name, own)| (name.to_owned(), own)).into());
-    assert_eq!(read_json(&exposure::place(folder.path()))["a"].as_array().unwrap().len(), 3, "rows of a matrix");
+    assert_eq!(read_json(&exposure::path_in(folder.path()))["a"].as_array().unwrap().len(), 3, "rows of a matrix");
 
     exposure::remove(folder.path()).unwrap();
     exposure::remove(folder.path()).unwrap();
     assert_eq!(exposure::read(folder.path()).unwrap(), None, "they are gone");
-    fs::write(exposure::place(folder.path()), "{\"a\": [[1, 2]]}").unwrap();
+    fs::write(exposure::path_in(folder.path()), "{\"a\": [[1, 2]]}").unwrap();
     let sentence = exposure::read(folder.path()).unwrap_err().to_string();
     assert!(sentence.contains("exposure.json"), "{sentence}");
 }

@@ -9,7 +9,7 @@ use specula_accuracy::{
     error::{Errors, errors_of},
     off_axis::off_axis,
     reference::{Exact, Reference},
-    setting::{KNOBS, Setting, Tried, is_possible, random_setting, together},
+    setting::{PARAMETERS, Setting, Tried, is_possible, random_setting, together},
     sort::Sort,
     stability,
     subject::Subject,
@@ -65,7 +65,7 @@ pub fn measure(scene: &str, subject: &Subject, options: Options, progress: &Star
         views: subject.cameras.len(),
         size: subject.cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]),
         repeats: options.repeats,
-        default: Setting::usual(subject),
+        default: Setting::default_for(subject),
         measured,
         sort,
         off_axis: off_axis(),
@@ -100,10 +100,10 @@ fn view_by_view<T>(
 /// Every value of each parameter, all others being most exact, with the parameter's index; the
 /// default setting last.
 fn one_at_a_time(subject: &Subject, exact: &Setting) -> (Vec<Setting>, Vec<Option<usize>>) {
-    let values = KNOBS.iter().enumerate().flat_map(|(index, parameter)| {
-        parameter.turned(subject, exact).into_iter().map(move |setting| (setting, Some(index)))
+    let values = PARAMETERS.iter().enumerate().flat_map(|(index, parameter)| {
+        parameter.settings(subject, exact).into_iter().map(move |setting| (setting, Some(index)))
     });
-    values.chain([(Setting::usual(subject), None)]).unzip()
+    values.chain([(Setting::default_for(subject), None)]).unzip()
 }
 
 /// Settings that vary several parameters: those chosen for [`BOUNDS`], and random ones.
@@ -116,7 +116,7 @@ fn all_together(subject: &Subject, exact: &Setting, measured: &[MeasuredSetting]
         })
     };
     let trials: Vec<_> =
-        KNOBS.iter().enumerate().map(|(index, parameter)| (*parameter, trials_of(index).collect())).collect();
+        PARAMETERS.iter().enumerate().map(|(index, parameter)| (*parameter, trials_of(index).collect())).collect();
     let for_bounds = BOUNDS.iter().map(|bound| together(exact, &trials, *bound));
     let at_random = (0..RANDOM_SETTINGS).map(|seed| random_setting(subject, exact, seed));
     let mut settings: Vec<Setting> = Vec::new();

@@ -16,7 +16,7 @@ use specula_accuracy::{
     error::Errors,
     front::pareto,
     off_axis::{OffAxis, SCALES},
-    setting::{Difference, FIXED, KNOBS},
+    setting::{Difference, FIXED, PARAMETERS},
     sort::Sort,
     stability::{PROMISES, Row},
 };
@@ -145,14 +145,14 @@ fn front_table(findings: &Findings) -> Table {
 /// Plot of each parameter that has several values.
 fn parameter_plots(findings: &Findings) -> Result<Vec<String>> {
     let mut plots = Vec::new();
-    for (index, parameter) in KNOBS.iter().enumerate() {
+    for (index, parameter) in PARAMETERS.iter().enumerate() {
         let varied = || findings.measured.iter().filter(|measured| measured.parameter == Some(index));
         if varied().next().is_none() {
             continue;
         }
         let drawn = || varied().filter(|measured| measured.point()[0].is_finite());
-        let value = |measured: &MeasuredSetting| parameter.word(&measured.setting);
-        let is_default = |measured: &&MeasuredSetting| value(measured) == parameter.word(&findings.default);
+        let value = |measured: &MeasuredSetting| parameter.value(&measured.setting);
+        let is_default = |measured: &&MeasuredSetting| value(measured) == parameter.value(&findings.default);
         let all = drawn().map(|measured| (measured.point(), value(measured))).collect();
         let default = drawn().filter(is_default).map(|measured| (measured.point(), String::new())).collect();
         let series = [

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use specula_accuracy::{
     error::Errors,
     off_axis::OffAxis,
-    setting::KNOBS,
+    setting::PARAMETERS,
     sort::Sort,
     stability::{PROMISES, Row},
     trial::{STAGES, Spread},
@@ -42,7 +42,7 @@ fn setting(measured: &MeasuredSetting, findings: &Findings) -> Value {
     json!({
         "kind": "setting",
         "knobs": parameters,
-        "turned": measured.parameter.map(|parameter| KNOBS[parameter].name),
+        "turned": measured.parameter.map(|parameter| PARAMETERS[parameter].name),
         "is_usual": measured.setting == findings.default,
         "error": errors_to_json(&measured.errors),
         "milliseconds": times,
