@@ -161,7 +161,7 @@ pub fn project_vjp<R: Real>(point: &FacePoint<R>, grad_u: R, grad_v: R) -> Vec3<
 
 /// Four neighbouring texels of a padded map and how far between them a point lies.
 #[derive(Clone, Copy, Debug)]
-pub struct Footprint<R> {
+pub struct TexelFootprint<R> {
     /// Index of the upper left texel; the others are at + 1, + (n + 2) and + (n + 3).
     pub texel: R,
     /// Weight of the right column, in \[0, 1\].
@@ -173,7 +173,7 @@ pub struct Footprint<R> {
 /// The bilinear footprint of a point on a map of this resolution. Indices are exact up to a
 /// resolution of 1024.
 #[inline(always)]
-pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> Footprint<R> {
+pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> TexelFootprint<R> {
     let half = resolution * 0.5;
     let last = resolution - 0.5;
     // From the centre of the apron's first texel, so in [½, n + ½].
@@ -181,7 +181,7 @@ pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> Footprint<R> {
     let y = (point.v + 1.0).mul_add(half, half.constant(0.5)).max(half.constant(0.5)).min(last + 1.0);
     let (column, row) = (x.floor(), y.floor());
     let width = resolution + 2.0;
-    Footprint { texel: (point.face * width + row) * width + column, right: x - column, lower: y - row }
+    TexelFootprint { texel: (point.face * width + row) * width + column, right: x - column, lower: y - row }
 }
 
 /// Bilinear mean of the four texels of a footprint: upper left, upper right, lower left, lower

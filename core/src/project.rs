@@ -55,7 +55,7 @@ impl<R: Real> Shape<R> {
 
 /// Intermediate values of [`project`] and [`project_vjp`].
 #[derive(Clone, Copy, Debug)]
-struct Projection<R> {
+struct EwaProjection<R> {
     mean_in_camera: Vec3<R>,
     inverse_depth: R,
     slope: [R; 2],
@@ -145,7 +145,7 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
 }
 
 #[inline(always)]
-fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> {
+fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<R> {
     let mean_in_camera = camera.to_camera(shape.mean);
     let one = mean_in_camera.z.constant(1.0);
     let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
@@ -170,7 +170,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Projection<R> 
 
     let normal = half[0].cross(half[1]);
     let (first, second) = (half[0].length_squared(), half[1].length_squared());
-    Projection {
+    EwaProjection {
         mean_in_camera,
         inverse_depth,
         slope,
@@ -195,7 +195,7 @@ pub(crate) fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
 /// Gradient of both rows of the half matrix, from that of the root of the conic; zero where they
 /// were bounded.
 #[inline(always)]
-fn half_grad<R: Real>(p: &Projection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
+fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
     let (a, b, determinant) = (p.variance_x, p.covariance_xy, p.determinant);
     let (xx, yx, yy) = root_of_conic(a, b, determinant);
     let grad_yy = grad_yy - grad_yx * (b / a);

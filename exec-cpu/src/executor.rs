@@ -5,7 +5,7 @@ use crate::{
     error::CpuError,
     frame::{Frame, FrameGrad},
     stages::{
-        bin::{Tiles, bin_all, depth_order},
+        bin::{Tiles, bin_all},
         blend::blend_all,
         blend_vjp::{SplatGrads, blend_all_vjp},
         densify,
@@ -117,9 +117,10 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         format!("{} vectors", name.split('(').next().unwrap_or_default())
     }
 
+    #[cfg(feature = "testing")]
     /// Depth and index of the Gaussians that are drawn, front to back; ties in their order.
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
-        let order = depth_order(&self.context, &splats.records);
+        let order = crate::stages::bin::depth_order(&self.context, &splats.records);
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
     }
 

@@ -173,6 +173,7 @@ impl Frame {
         });
     }
 
+    #[cfg(feature = "testing")]
     /// The gradient of this picture from its planes, as [`FrameGrad::read`] gives them.
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
@@ -190,6 +191,7 @@ impl Frame {
         }
         FrameGrad { channels: self.channels, values }
     }
+    #[cfg(feature = "testing")]
     /// Covered tile, quad and lane of every pixel, and of those that fill tiles up.
     fn lanes_of_tiles(&self) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
         let quads = (0..self.cover.tiles.len()).flat_map(|slot| (0..QUADS).map(move |quad| (slot, quad)));
@@ -221,6 +223,7 @@ pub struct FrameGrad {
     pub(crate) values: Buffer<Quad>,
 }
 
+#[cfg(feature = "testing")]
 impl FrameGrad {
     /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero
     /// where nothing is.

@@ -214,7 +214,7 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
 /// Light from a direction at one level: its radiance, and the inputs of its gradient.
 struct Fetch<R> {
     level: usize,
-    footprint: cubemap::Footprint<R>,
+    footprint: cubemap::TexelFootprint<R>,
     indices: [usize; 4],
     texels: [Vec3<R>; 4],
 }

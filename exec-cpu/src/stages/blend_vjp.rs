@@ -4,7 +4,7 @@
 //! gradients are summed at once, neighbours folded pairwise.
 
 use crate::{
-    buffer::{Buffer, Pool},
+    buffer::Buffer,
     context::Context,
     frame::{Frame, FrameGrad, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
@@ -43,17 +43,20 @@ pub struct SplatGrads {
 pub(crate) const GEOMETRY: usize = 6;
 
 impl SplatGrads {
+    #[cfg(feature = "testing")]
     /// Creates gradients with this number of channels from values in the order of
     /// [`SplatGrads::values`].
     pub fn of_values(channels: usize, values: &[f32]) -> Self {
-        let mut own = Pool::default().take(values.len());
+        let mut own = crate::buffer::Pool::default().take(values.len());
         own.copy_from_slice(values);
         Self { channels, values: own }
     }
+    #[cfg(feature = "testing")]
     /// Number of channels.
     pub fn channel_count(&self) -> usize {
         self.channels
     }
+    #[cfg(feature = "testing")]
     /// All numbers: block by block, plane by plane.
     pub fn values(&self) -> &[f32] {
         &self.values

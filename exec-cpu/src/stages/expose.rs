@@ -51,7 +51,7 @@ fn lift<S: Simd>(simd: S, exposure: &Exposure<f32>) -> Exposure<Lanes<S>> {
 
 /// Colour of a quad before exposure, and its coverage.
 #[inline(always)]
-fn seen<S: Simd>(simd: S, frame: &Frame, slot: usize, quad: usize) -> (Vec3<Lanes<S>>, Lanes<S>) {
+fn color_and_coverage<S: Simd>(simd: S, frame: &Frame, slot: usize, quad: usize) -> (Vec3<Lanes<S>>, Lanes<S>) {
     let channel = |c: usize| Lanes::load(simd, frame.color_before_exposure(slot, quad, c));
     let passed = Lanes::load(simd, &frame.tile(slot)[at(frame.channels, quad, frame.channels)]);
     (vec3(channel(0), channel(1), channel(2)), -passed + 1.0)
@@ -61,7 +61,7 @@ fn seen<S: Simd>(simd: S, frame: &Frame, slot: usize, quad: usize) -> (Vec3<Lane
 fn expose_tile<S: Simd>(simd: S, frame: &Frame, slot: usize, exposure: &Exposure<f32>, exposed: &mut [Quad]) {
     let exposure = lift(simd, exposure);
     for quad in 0..QUADS {
-        let (color, coverage) = seen(simd, frame, slot, quad);
+        let (color, coverage) = color_and_coverage(simd, frame, slot, quad);
         let shown = expose::expose(&exposure, color, coverage);
         let out = &mut exposed[quad * RGB..(quad + 1) * RGB];
         shown.x.store(&mut out[0]);
@@ -84,7 +84,7 @@ fn tile_vjp<S: Simd>(
     let exposure = lift(simd, exposure);
     let mut sums = lift(simd, &[[0.0; 4]; 3]);
     for quad in 0..QUADS {
-        let (color, coverage) = seen(simd, frame, slot, quad);
+        let (color, coverage) = color_and_coverage(simd, frame, slot, quad);
         let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
         let (of_photograph, of_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
         let (own, of_color, of_coverage) = expose::expose_vjp(&exposure, color, coverage, of_photograph);

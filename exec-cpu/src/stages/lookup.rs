@@ -11,7 +11,7 @@ use crate::{
 use fearless_simd::{Simd, f32x4, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FacePoint, Footprint, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
+    cubemap::{FacePoint, TexelFootprint, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
     prefilter::{level_of_roughness, level_of_roughness_vjp},
     real::Real,
     scene::BLOCK,
@@ -47,7 +47,7 @@ impl<S: Simd> Place<S> {
 /// Four neighbouring texels of one level for each lane.
 struct Corners<S: Simd> {
     resolution: Lanes<S>,
-    footprint: Footprint<Lanes<S>>,
+    footprint: TexelFootprint<Lanes<S>>,
     /// Upper left texel, and how many texels a row has.
     first: [u32; BLOCK],
     width: [u32; BLOCK],

@@ -34,6 +34,7 @@ pub struct LightGrad {
     pub(crate) texels: Buffer<Texel>,
 }
 
+#[cfg(feature = "testing")]
 impl LightGrad {
     /// The gradient of each texel, in the order of [`Light::texels`].
     pub fn texels(&self) -> &[Texel] {
@@ -80,6 +81,7 @@ impl Light {
             *own = [red, green, blue, 0.0];
         }
     }
+    #[cfg(feature = "testing")]
     /// The gradient of this light from that of its texels.
     pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {
         let mut texels = self.texels.clone();

@@ -93,12 +93,12 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
 }
 
 /// Surface that was blended into a quad, and its view directions.
-struct Seen<S: Simd> {
+struct SurfaceQuad<S: Simd> {
     pixel: Pixel<Lanes<S>>,
     view_dir: Vec3<Lanes<S>>,
 }
 
-impl<S: Simd> Seen<S> {
+impl<S: Simd> SurfaceQuad<S> {
     /// A quad of a tile; none if nothing covers it.
     #[inline(always)]
     fn new(simd: S, tile: &[Quad], quad: usize, origin: [f32; 2], camera: &CameraOf<Lanes<S>>) -> Option<Self> {
@@ -134,17 +134,17 @@ fn shade_tile<S: Simd>(
     let Some(light) = light else { return unlit_tile(simd, channels, tile, shaded) };
     for quad in 0..QUADS {
         let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
-        let Some(seen) = Seen::new(simd, tile, quad, origin, camera) else {
+        let Some(blended) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
             out.as_flattened_mut().fill(0.0);
             continue;
         };
-        let surface = pixel_surface(&seen.pixel, seen.view_dir);
-        let coverage = seen.pixel.coverage;
+        let surface = pixel_surface(&blended.pixel, blended.view_dir);
+        let coverage = blended.pixel.coverage;
         let light = radiance(simd, light, surface.reflection_dir, surface.roughness);
         put(pixel_color(&surface, light, coverage), out);
         if channels >= Channels::Layers.count() {
             put(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
-            put(seen.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
+            put(blended.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
 }
@@ -185,7 +185,9 @@ fn tile_vjp<S: Simd>(
 ) {
     let channels = Channels::of_count(tile.len() / QUADS - 1);
     for quad in 0..QUADS {
-        let Some(Seen { pixel, view_dir }) = Seen::new(simd, tile, quad, origin, camera) else { continue };
+        let Some(SurfaceQuad { pixel, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
+            continue;
+        };
         let surface = pixel_surface(&pixel, view_dir);
         let (lookup, radiance) = match light {
             Some(light) => {

@@ -714,6 +714,6 @@ mod numbers {
     }
 }
 
-fn footprint_of(direction: [f64; 3], resolution: usize) -> cubemap::Footprint<Double> {
+fn footprint_of(direction: [f64; 3], resolution: usize) -> cubemap::TexelFootprint<Double> {
     cubemap::footprint(&cubemap::project(vector(direction)), Double(resolution as f64))
 }
