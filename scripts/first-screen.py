@@ -30,8 +30,9 @@ def main(scene, out, specula):
             run("train", scene, "-m", model, "--profile", profile, *settings)
 
     turns = {"captured light": out / "turn" / "captured"}
-    camera = ["--turntable", FRAMES, "--size", f"{EDGE},{EDGE}", "--background", "env"]
+    camera = ["--turntable", FRAMES, "--size", f"{EDGE},{EDGE}"]
     run("render", models["specula"], *camera, "-o", turns["captured light"])
+    camera += ["--background", "env"]
     for light in sorted((scene / "relight").glob("*.hdr")):
         turns[light.stem] = out / "turn" / light.stem
         run("relight", models["specula"], "--env", light, *camera, "-o", turns[light.stem])
