@@ -2,7 +2,6 @@
 
 mod args;
 mod background;
-mod bake;
 mod camera_set;
 mod checkpoint;
 mod compare;

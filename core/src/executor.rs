@@ -11,6 +11,7 @@ use crate::{
     scene::{Environment, Gaussians},
     state::{AdamMoments, Statistics},
 };
+use core::ops::Range;
 
 /// Length of a host buffer that does not fit the array or the frame that is read into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -463,5 +464,36 @@ pub trait Executor: Renderer {
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,
+    ) -> Result<(), Self::Error>;
+}
+
+/// Executor whose results of single stages are read back, and whose gradients of a frame come from
+/// the host: for sums over the pixels of a view, Gaussian by Gaussian.
+pub trait ReadBack: Executor {
+    /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; those of a Gaussian that
+    /// is not drawn are arbitrary.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `values` has another length.
+    fn read_colors(&mut self, colors: &Self::Colors, values: &mut [f32]) -> Result<(), Self::Error>;
+
+    /// Gradient of a frame from its planes, in the order of [`Renderer::read_frame`].
+    ///
+    /// # Errors
+    ///
+    /// An upload that the executor refuses.
+    fn upload_frame_grad(&mut self, frame: &Self::Frame, planes: &[f32]) -> Result<Self::FrameGrad, Self::Error>;
+
+    /// Reads the gradients of some channels of splats, `channels.len()` numbers for each Gaussian.
+    ///
+    /// # Errors
+    ///
+    /// A download that failed.
+    fn read_channel_grads(
+        &mut self,
+        grads: &Self::SplatGrads,
+        channels: Range<usize>,
+        values: &mut [f32],
     ) -> Result<(), Self::Error>;
 }

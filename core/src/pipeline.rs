@@ -62,11 +62,37 @@ pub fn render_observed<E: Renderer>(
     rules: &RenderRules,
     observer: &mut impl StageObserver<E>,
 ) -> Result<E::Frame, E::Error> {
+    Ok(render_pass(exec, gaussians, light, camera, rules, observer)?.frame)
+}
+
+/// Results of all stages of a picture.
+#[derive(Debug)]
+pub struct Pass<E: Renderer> {
+    /// Projected Gaussians.
+    pub splats: E::Splats,
+    /// Their channels.
+    pub colors: E::Colors,
+    /// Splats of each tile.
+    pub tiles: E::Tiles,
+    /// Picture.
+    pub frame: E::Frame,
+}
+
+/// [`render_observed`] with the results of all stages, for the gradient of the picture.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
+pub fn render_pass<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    observer: &mut impl StageObserver<E>,
+) -> Result<Pass<E>, E::Error> {
     let light = light.filter(|_| rules.is_lit);
-    let mut splats = exec.project(gaussians, camera)?;
-    observer.on_stage(Stage::Project(&splats));
-    let colors = exec.shade(gaussians, camera, &mut splats, light, rules)?;
-    observer.on_stage(Stage::Shade(&colors));
+    let (splats, colors) = shade_gaussians(exec, gaussians, light, camera, rules, observer)?;
     let tiles = exec.bin(&splats, camera)?;
     observer.on_stage(Stage::Bin(&tiles));
     let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
@@ -75,7 +101,28 @@ pub fn render_observed<E: Renderer>(
         frame = exec.shade_pixels(frame, light, camera)?;
         observer.on_stage(Stage::ShadePixels(&frame));
     }
-    Ok(frame)
+    Ok(Pass { splats, colors, tiles, frame })
+}
+
+/// First stages of a picture: splats of Gaussians and their channels.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
+pub fn shade_gaussians<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    observer: &mut impl StageObserver<E>,
+) -> Result<(E::Splats, E::Colors), E::Error> {
+    let light = light.filter(|_| rules.is_lit);
+    let mut splats = exec.project(gaussians, camera)?;
+    observer.on_stage(Stage::Project(&splats));
+    let colors = exec.shade(gaussians, camera, &mut splats, light, rules)?;
+    observer.on_stage(Stage::Shade(&colors));
+    Ok((splats, colors))
 }
 
 /// One step of training: forward, backward, update.

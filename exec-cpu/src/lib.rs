@@ -52,6 +52,7 @@ pub mod lanes;
 pub mod morton;
 mod parts;
 mod planes;
+mod read_back;
 pub mod stages;
 
 pub use error::CpuError;

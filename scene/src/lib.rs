@@ -22,9 +22,11 @@
 //! ```
 
 pub mod backdrop;
+pub mod bake;
 pub mod device;
 pub mod environment;
 mod error;
+pub mod export;
 pub mod fusion;
 pub mod layer;
 pub mod light_file;

@@ -1,0 +1,237 @@
+//! Export of Gaussians to the formats of other programs.
+//!
+//! Other programs have no shading function, so that [`PlainGaussians`] are baked from a shaded scene
+//! first. A scene is written as `.splat`, its shading baked from its own cameras:
+//!
+//! ```no_run
+//! use specula_cpu::CpuExecutor;
+//! use specula_scene::{
+//!     OpenedModel,
+//!     export::{BakeMethod, GaussianFormat, PlainGaussians, visible},
+//! };
+//! use std::path::Path;
+//!
+//! let model = OpenedModel::open(Path::new("out/vase"))?;
+//! let cameras: Vec<_> = model.training_cameras()?.into_iter().map(|(_, camera)| camera).collect();
+//! let kept = visible(&model.scene.gaussians, 0.005);
+//! let format = GaussianFormat::Splat;
+//! let plain = PlainGaussians::bake(
+//!     CpuExecutor::new(),
+//!     &model.scene,
+//!     kept,
+//!     &cameras,
+//!     format.degree_max(),
+//!     BakeMethod::Harmonics,
+//!     |_, _| {},
+//! )?;
+//! plain.write(Path::new("vase.splat"), format, &model.scene, None, &[])?;
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+
+use crate::{
+    Scene,
+    bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
+    environment::radiance,
+    upright::{AxisConvention, Upright},
+};
+use serde_json::json;
+use specula_core::{
+    activation::sigmoid,
+    camera::Camera,
+    cull::CullReason,
+    executor::ReadBack,
+    scene::{Gaussians, Layout, OPACITY, len_of_values},
+};
+use specula_io::{
+    Result, gaussian_ply,
+    glb::{self, Attribute, Shading},
+    splat, spz,
+};
+use std::path::Path;
+
+/// Format of Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GaussianFormat {
+    /// INRIA's layout of PLY, with normals.
+    Ply,
+    /// 32 bytes for each Gaussian, of one colour.
+    Splat,
+    /// Niantic's compressed format.
+    Spz,
+    /// glTF with `KHR_gaussian_splatting`, and the attributes of shading.
+    Glb,
+}
+
+impl GaussianFormat {
+    /// Format of an extension in lower case, without a dot.
+    pub fn from_extension(extension: &str) -> Option<Self> {
+        match extension {
+            "ply" => Some(Self::Ply),
+            "splat" => Some(Self::Splat),
+            "spz" => Some(Self::Spz),
+            "glb" => Some(Self::Glb),
+            _ => None,
+        }
+    }
+
+    /// Highest degree of harmonics.
+    pub const fn degree_max(self) -> u8 {
+        match self {
+            Self::Splat => 0,
+            Self::Ply | Self::Spz | Self::Glb => 3,
+        }
+    }
+
+    /// Axes of an upright scene, as readers of the format display it.
+    pub const fn axes(self) -> AxisConvention {
+        match self {
+            Self::Ply | Self::Splat => AxisConvention::YDown,
+            Self::Spz | Self::Glb => AxisConvention::YUp,
+        }
+    }
+}
+
+/// Method by which a shading function becomes colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BakeMethod {
+    /// Harmonics of the colours under the scene's light ([`bake`]).
+    Harmonics,
+    /// Diffuse colours alone ([`bake_diffuse`]).
+    Diffuse,
+}
+
+/// Gaussians without shading attributes, of a scene that may have them.
+#[derive(Clone, Debug)]
+pub struct PlainGaussians {
+    /// Gaussians with harmonics.
+    pub gaussians: Gaussians<Vec<f32>>,
+    /// Unit normals, if the scene is shaded.
+    pub normals: Option<Vec<[f32; 3]>>,
+    /// Index of each in the scene.
+    pub kept: Vec<usize>,
+}
+
+impl PlainGaussians {
+    /// Gaussians of these indices in a scene, with harmonics of `degree` at most. Shaded ones are
+    /// baked from cameras; the harmonics of others are truncated.
+    ///
+    /// `progress` is given the number of steps that are done, and of all steps.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor.
+    pub fn bake<E: ReadBack>(
+        exec: E,
+        scene: &Scene,
+        kept: Vec<usize>,
+        cameras: &[Camera],
+        degree: u8,
+        method: BakeMethod,
+        progress: impl FnMut(usize, usize),
+    ) -> core::result::Result<Self, E::Error> {
+        let layout = scene.gaussians.layout;
+        if !layout.is_shaded() {
+            let truncated = Layout { sh_degree: layout.sh_degree.min(Some(degree)), ..layout };
+            let gaussians = subset(&scene.gaussians, &kept, truncated);
+            return Ok(Self { gaussians, normals: None, kept });
+        }
+        let scene = Scene { gaussians: subset(&scene.gaussians, &kept, layout), ..scene.clone() };
+        let Baked { gaussians, normals } = match method {
+            BakeMethod::Harmonics => bake(exec, &scene, cameras, degree, progress)?,
+            BakeMethod::Diffuse => bake_diffuse(exec, &scene, cameras, progress)?,
+        };
+        Ok(Self { gaussians, normals: Some(normals), kept })
+    }
+
+    /// Gaussians in an upright world.
+    fn placed(&self, upright: &Upright) -> Self {
+        let normal = |normal: &[f32; 3]| upright.direction(*normal);
+        Self {
+            gaussians: upright.gaussians(&self.gaussians),
+            normals: self.normals.as_ref().map(|normals| normals.iter().map(normal).collect()),
+            kept: self.kept.clone(),
+        }
+    }
+
+    /// Writes a file, upright if asked for, and returns the Gaussians as a reader of the format gets
+    /// them. `scene` is that of the Gaussians, whose shading goes into `.glb`; `comments` go into
+    /// `.ply`.
+    ///
+    /// In `.glb` the transform of a node places the scene upright, so that the Gaussians themselves,
+    /// written or returned, stay in the scene's world.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be written.
+    pub fn write(
+        &self,
+        path: &Path,
+        format: GaussianFormat,
+        scene: &Scene,
+        upright: Option<&Upright>,
+        comments: &[String],
+    ) -> Result<Gaussians<Vec<f32>>> {
+        let placed = upright.filter(|_| format != GaussianFormat::Glb).map(|upright| self.placed(upright));
+        let Self { gaussians, normals, .. } = placed.as_ref().unwrap_or(self);
+        Ok(match format {
+            GaussianFormat::Ply => {
+                gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), comments)?;
+                gaussians.clone()
+            }
+            GaussianFormat::Splat => {
+                splat::write(path, gaussians)?;
+                splat::stored(gaussians)
+            }
+            GaussianFormat::Spz => {
+                spz::write(path, gaussians)?;
+                spz::stored(gaussians)
+            }
+            GaussianFormat::Glb => {
+                let transform = upright.map(Upright::node_transform);
+                glb::write(path, gaussians, self.shading(scene).as_ref(), transform)?;
+                gaussians.clone()
+            }
+        })
+    }
+
+    /// Attributes, light and names of the shading function; none for a scene without one.
+    fn shading(&self, scene: &Scene) -> Option<Shading> {
+        let Scene { gaussians, light, shading_model } = scene;
+        let normals = self.normals.as_ref()?;
+        let all = || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, shading_model.shading));
+        let mut attributes = vec![
+            Attribute::of("NORMAL".into(), normals.iter().copied()),
+            Attribute::of("DIFFUSE".into(), all().map(|activated| activated.diffuse)),
+            Attribute::of("TINT".into(), all().map(|activated| activated.tint)),
+            Attribute::of("ROUGHNESS".into(), all().map(|activated| [activated.roughness])),
+        ];
+        let start = gaussians.layout.sh_start();
+        attributes.extend((0..gaussians.layout.sh_count()).map(|k| {
+            let residual = self.kept.iter().map(|index| gaussians.get::<3>(*index, start + 3 * k));
+            Attribute::of(glb::harmonic("RESIDUAL", k), residual)
+        }));
+        let [form, axis, filter] = shading_model.words();
+        let properties = json!({"form": form, "axis": axis, "prefilter": filter});
+        let properties = properties.as_object().cloned().unwrap_or_default();
+        let light = light.as_ref().map(|light| (radiance(light.activation, &light.values), light.resolution));
+        Some(Shading { properties, attributes, light })
+    }
+}
+
+/// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.
+pub fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
+    let is_finite = |index: usize| !CullReason::of(gaussians, index, None).is_nonfinite();
+    let is_opaque = |index: usize| sigmoid(gaussians.get::<1>(index, OPACITY)[0]) >= min_opacity;
+    (0..gaussians.count).filter(|index| is_opaque(*index) && is_finite(*index)).collect()
+}
+
+/// Some Gaussians, with the first planes of a layout that begins alike.
+fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: Layout) -> Gaussians<Vec<f32>> {
+    let mut some = Gaussians { count: kept.len(), layout, values: vec![0.0; len_of_values(kept.len(), layout)] };
+    for (target, source) in kept.iter().enumerate() {
+        for plane in 0..layout.plane_count() {
+            some.set(target, plane, gaussians.get::<1>(*source, plane));
+        }
+    }
+    some
+}
