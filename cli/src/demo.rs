@@ -155,8 +155,8 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
     Ok(Trained { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
 }
 
-fn info(name: &str, args: &Demo, data: &Dataset, words: &[&str; 3]) -> ModelInfo {
-    let [shading, axis, prefilter] = *words;
+fn info(name: &str, args: &Demo, data: &Dataset, shading_model: &[&str; 3]) -> ModelInfo {
+    let [shading, axis, prefilter] = *shading_model;
     let is_plain = name == "3dgs";
     let mut rest = Map::new();
     rest.insert("axis".into(), axis.into());

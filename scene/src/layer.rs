@@ -90,8 +90,9 @@ impl Layer {
         }
     }
 
-    /// Picture of a rendered view, sRGB with 8 bits a channel. `background`, sRGB from 0 to 1, lies behind
-    /// [`Layer::Rgb`] only; `form` tells whether the shading function adds its terms in linear light.
+    /// Picture of a rendered view, sRGB with 8 bits a channel. `background`, sRGB from 0 to 1, lies
+    /// behind [`Layer::Rgb`] only; `form` tells whether the shading function adds its terms in
+    /// linear light.
     pub fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: [f32; 3]) -> RgbImage {
         // The authors' code adds its terms in sRGB, the paper's equation in linear light.
         let is_linear = form != ShadingForm::Official;

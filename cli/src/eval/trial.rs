@@ -48,7 +48,7 @@ pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
         + pixels.saturating_mul(SECONDS_PER_MEGAPIXEL) / 1_000_000;
     let memory = MEMORY + len.saturating_mul(MEMORY_PER_BYTE) + pixels.saturating_mul(MEMORY_PER_PIXEL);
     let output = output_of(path, size, seconds, memory)
-        .map_err(|error| Failure::Internal(format!("cannot try {path:?} in a process of its own: {error}")))?;
+        .map_err(|error| Failure::Internal(format!("cannot try {path:?} in another process: {error}")))?;
     match output.status.code() {
         Some(0) => Ok(()),
         Some(2) => Err(Failure::Input(sentence(&output))),

@@ -19,8 +19,8 @@ pub(super) fn labels(runs: &[Run]) -> Vec<String> {
 
 /// Whether no label occurs twice in a scene.
 fn are_distinct(runs: &[Run], labels: &[String]) -> bool {
-    let mut seen = BTreeSet::new();
-    runs.iter().zip(labels).all(|(run, label)| seen.insert((&run.scene, label)))
+    let mut used = BTreeSet::new();
+    runs.iter().zip(labels).all(|(run, label)| used.insert((&run.scene, label)))
 }
 
 /// Settings in which runs of one scene and profile differ.

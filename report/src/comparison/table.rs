@@ -79,7 +79,7 @@ fn table_of_scene(scene: &str, quantities: &[Quantity], runs: &[Run], labels: &[
 
 fn table_of_quantity(quantity: Quantity, scenes: &[&str], runs: &[Run], labels: &[String]) -> Table {
     let value = |label: &str, scene: &str| {
-        let mut matching = runs.iter().zip(labels).filter(|(run, own)| run.scene == scene && *own == label);
+        let mut matching = runs.iter().zip(labels).filter(|(run, other)| run.scene == scene && *other == label);
         matching.next().and_then(|(run, _)| quantity.value(run))
     };
     let row = |label: &str| {
@@ -106,8 +106,8 @@ fn is_comparable(scene: &str, runs: &[Run]) -> bool {
 
 /// Distinct elements in the order of their first occurrence.
 fn distinct<'a>(all: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut seen = BTreeSet::new();
-    all.filter(|one| seen.insert(*one)).collect()
+    let mut known = BTreeSet::new();
+    all.filter(|one| known.insert(*one)).collect()
 }
 
 /// Marks the best of several cells of a column, and those with equal text.

@@ -58,11 +58,11 @@ pub(super) fn means(relit: &[RelitScene]) -> Map<String, Value> {
 
 /// Lights of a data set, sorted by path, each with the folder of its ground truth.
 pub fn lights(dataset: &Path) -> Vec<(PathBuf, PathBuf)> {
-    let lights_in = |[lights, truths]: [&str; 2]| {
+    let lights_in = |[lights, pictures]: [&str; 2]| {
         let entries = fs::read_dir(dataset.join(lights)).into_iter().flatten().flatten();
         let is_light = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "hdr" || ending == "exr");
         let with_truth = move |path: PathBuf| {
-            let folder = dataset.join(truths).join(path.file_stem()?);
+            let folder = dataset.join(pictures).join(path.file_stem()?);
             folder.is_dir().then_some((path, folder))
         };
         entries.map(|entry| entry.path()).filter(is_light).filter_map(with_truth).collect::<Vec<_>>()

@@ -35,7 +35,7 @@ fn scene(findings: &Findings) -> Value {
 
 fn setting(measured: &MeasuredSetting, findings: &Findings) -> Value {
     let parameters: Map<String, Value> =
-        measured.setting.words().into_iter().map(|(name, word)| (name.into(), word.into())).collect();
+        measured.setting.words().into_iter().map(|(name, value)| (name.into(), value.into())).collect();
     let times: Map<String, Value> =
         STAGES.iter().zip(measured.times).map(|(stage, times)| ((*stage).to_owned(), spread(times))).collect();
     let work = measured.work;
