@@ -1,11 +1,12 @@
 //! LPIPS: perceptual distance of two pictures by a network trained for image classification (Zhang
 //! et al. 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric").
 //!
-//! The network with its weights is an ONNX file. Two pictures go in, as floats of shape (1, 3, height, width) with sRGB
-//! from 0 to 1, and one number comes out. What else is done to the pictures the file holds too: the usual tables are of a
-//! network that was made for colours from −1 to 1 and gets them from 0 to 1. `scripts/lpips-onnx.py` writes such files from
-//! the reference package, and writes into their metadata, as `network`, which one it is, and as `check` the distance of
-//! the pictures of [`check_pictures`], which is computed again when the file is read.
+//! The network is an ONNX file with its weights. Its inputs are two pictures as floats of shape (1,
+//! 3, height, width) in sRGB from 0 to 1, its output is one number. Normalisation is part of the
+//! file: published tables use networks for colours from −1 to 1 with inputs from 0 to 1.
+//! `scripts/lpips-onnx.py` exports such files from the reference package. Their metadata names the
+//! `network` and holds as `check` the distance of the pictures of [`check_pictures`], which is
+//! verified on reading.
 //!
 //! The runtime is rten: a dozen crates that compile in half a minute of a core (one of tract's
 //! needs more than three minutes). Tests compare it with values of the reference package, for

@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn a_knob_turns_nothing_but_itself() {
+    fn a_parameter_changes_nothing_but_itself() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         for parameter in PARAMETERS {
             let turned = parameter.settings(&subject, &exact);
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn all_knobs_together_take_the_cheapest_that_fits_of_each() {
+    fn all_parameters_together_take_the_cheapest_that_fits_of_each() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         let tried = |parameter: &Parameter| {
             let turned = parameter.settings(&subject, &exact).into_iter().enumerate();

@@ -79,6 +79,10 @@ pub fn row_count() -> usize {
 
 /// Measures every case in each of its shading forms; `done` is called with the number of finished
 /// rows.
+///
+/// # Errors
+///
+/// [`CpuError`], where a case cannot be rendered.
 pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
     let operator = Operator::new(RESOLUTION);

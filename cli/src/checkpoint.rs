@@ -139,7 +139,7 @@ mod tests {
 
     fn train(trainer: &mut Trainer<CpuExecutor>, until: u32) {
         while trainer.iteration() < until {
-            trainer.step().expect("the processor trains");
+            trainer.step().expect("the CPU trains");
         }
     }
 
@@ -147,7 +147,7 @@ mod tests {
     fn bytes(trainer: &mut Trainer<CpuExecutor>, settings: &Settings) -> Vec<u8> {
         let folder = tempfile::tempdir().expect("there is room");
         let mut checkpoints = Checkpoints::new(folder.path(), 1, describe(settings, String::new(), &views()));
-        checkpoints.write(trainer.snapshot().expect("the processor gives back"), 0.0).expect("there is room");
+        checkpoints.write(trainer.snapshot().expect("the CPU gives back"), 0.0).expect("there is room");
         fs::read(checkpoints.path()).expect("it was written")
     }
 
@@ -192,7 +192,7 @@ mod tests {
         let mut trainer =
             Trainer::new(CpuExecutor::new(), specula.clone(), &views(), &points()).expect("there are views");
         train(&mut trainer, 1);
-        let learned = trainer.snapshot().expect("the processor gives back");
+        let learned = trainer.snapshot().expect("the CPU gives back");
         let go_on = |settings: &Settings, views: &[View], snapshot: &TrainingState<Vec<f32>>| {
             let resumed = Trainer::resume(CpuExecutor::new(), settings.clone(), views, snapshot);
             resumed.map(|_| ()).map_err(|error| error.to_string())

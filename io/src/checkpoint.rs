@@ -3,7 +3,7 @@
 //! ```text
 //! length of the header, 8 bytes
 //! header: JSON of safetensors; "__metadata__" has one entry, "specula", which is JSON
-//! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16]: parameters, Adam's moments
+//! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16], with Adam's moments
 //! grad_sum, view_count                          f32 [Gaussians]: statistics for densification
 //! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light
 //! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], with learned exposures

@@ -9,7 +9,7 @@
 //! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
-//! for other programs
+//!   for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations
 //! * [`model_folder`]: the output of a training, in the field's layout

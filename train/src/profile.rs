@@ -354,8 +354,8 @@ impl Profile {
         in_use(&mut self.weights.sparse_coverage, &mut self.weights.sparse)
     }
 
-    /// Weight of the normal residuals' magnitude, in the form that this profile uses: of the rendered
-    /// residuals (official) or of the attributes.
+    /// Weight of the normal residuals' magnitude, in the form that this profile uses: of the
+    /// rendered residuals (official) or of the attributes.
     pub fn residual_weight_mut(&mut self) -> &mut f32 {
         in_use(&mut self.weights.residual_image, &mut self.weights.residual)
     }

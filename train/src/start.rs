@@ -48,8 +48,9 @@ fn half_cube(extent: f32) -> f32 {
     if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
 }
 
-/// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much. Points
-/// that a picture with an alpha channel shows as empty are redrawn a bounded number of times.
+/// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much.
+/// Points that a picture with an alpha channel shows as empty are redrawn a bounded number of
+/// times.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     const DRAWS_MAX: u64 = 400;
     let half = half_cube(extent_of(views));
