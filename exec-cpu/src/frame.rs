@@ -173,7 +173,6 @@ impl Frame {
         });
     }
 
-    #[cfg(feature = "testing")]
     /// The gradient of this picture from its planes, as [`FrameGrad::read`] gives them.
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
