@@ -4,33 +4,22 @@ mod args;
 mod background;
 mod camera_set;
 mod checkpoint;
-mod compare;
+mod commands;
 mod config;
 mod dataset;
-mod demo;
-mod doctor;
-mod eval;
-mod export;
 mod failure;
 mod foreground;
 mod help;
-mod info;
 mod interrupt;
 mod lock;
 mod orientation;
 mod output;
 mod picture_folder;
-mod prefilter;
 mod progress;
-mod relight;
-mod render;
-mod report;
 mod scene;
 mod settings;
-mod train;
 mod training;
 mod typed;
-mod view;
 mod within;
 
 use args::{Arguments, Command};
@@ -80,19 +69,19 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     arguments.command.executor().map_or(Ok(()), training::check)?;
     match &arguments.command {
-        Command::Demo(args) => demo::run(args),
-        Command::Train(args) => train::run(args),
-        Command::Render(args) => render::run(args),
-        Command::Relight(args) => relight::run(args),
-        Command::Eval(args) => eval::run(args),
-        Command::Compare(args) => compare::run(args),
-        Command::View(args) => view::run(args),
-        Command::Export(args) => export::run(args),
-        Command::Prefilter(args) => prefilter::run(args),
-        Command::Report(args) => report::run(args),
-        Command::Info(args) => info::run(args),
-        Command::Doctor(args) => doctor::run(args),
-        Command::TryNetwork(args) => eval::trial::run(args),
+        Command::Demo(args) => commands::demo::run(args),
+        Command::Train(args) => commands::train::run(args),
+        Command::Render(args) => commands::render::run(args),
+        Command::Relight(args) => commands::relight::run(args),
+        Command::Eval(args) => commands::eval::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::View(args) => commands::view::run(args),
+        Command::Export(args) => commands::export::run(args),
+        Command::Prefilter(args) => commands::prefilter::run(args),
+        Command::Report(args) => commands::report::run(args),
+        Command::Info(args) => commands::info::run(args),
+        Command::Doctor(args) => commands::doctor::run(args),
+        Command::TryNetwork(args) => commands::eval::trial::run(args),
     }
 }
 

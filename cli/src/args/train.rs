@@ -330,7 +330,7 @@ pub(crate) struct Ablate {
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Densification")]
 pub(crate) struct Densify {
-    /// First iteration with densification.
+    /// Iteration after which densification starts.
     #[arg(long, value_name = "N", value_parser = count::<u32>)]
     pub(crate) densify_from_iter: Option<u32>,
     /// Iteration at which densification stops.

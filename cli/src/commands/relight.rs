@@ -4,10 +4,10 @@ use crate::{
     args::{Look, Relight},
     background::Backdrop,
     camera_set::CameraSet,
+    commands::render::{Job, behind},
     failure::Failure,
     output,
     picture_folder::{PictureFolder, differences, light_differences},
-    render::{Job, behind},
     scene::{self, relight},
 };
 use glam::Vec3;

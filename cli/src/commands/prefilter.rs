@@ -2,9 +2,9 @@
 
 use crate::{
     args::{MipName, Prefilter, SchemeName, Up},
+    commands::relight::write_preview,
     failure::Failure,
     output,
-    relight::write_preview,
     scene::read_env,
 };
 use serde_json::{Value, json};

@@ -3,10 +3,11 @@
 use crate::{
     args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName, Up},
     background::Background,
+    commands::prefilter,
     failure::Failure,
     output,
     picture_folder::refuse_options_without_light,
-    prefilter, progress,
+    progress,
     scene::{self, background_of, note_oddities, relight},
 };
 use specula_core::{camera::Camera, metrics::psnr, rules::Channels, scene::Gaussians};

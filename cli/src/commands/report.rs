@@ -5,7 +5,7 @@ use crate::{
         Demo, Report,
         demo::{FOLDER, ITERATIONS},
     },
-    demo,
+    commands::demo,
     failure::Failure,
     output, progress,
     scene::{self, background_of, into_subject},

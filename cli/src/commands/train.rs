@@ -4,6 +4,7 @@ use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
     background::Background,
     checkpoint::{self, Checkpoints},
+    commands::view::{self, Watching},
     config,
     dataset::{self, Dataset},
     failure::Failure,
@@ -13,7 +14,6 @@ use crate::{
     scene::{Renderer, measure_views},
     settings,
     training::{Outcome, Start, Training},
-    view::{self, Watching},
     within::{Within, within},
 };
 use core::net::SocketAddr;

@@ -4,12 +4,12 @@ use crate::{
     args::{Look, MachineOptions, Render},
     background::{Backdrop, Behind},
     camera_set::CameraSet,
+    commands::relight::write_light,
     dataset,
     failure::Failure,
     output,
     picture_folder::{PictureFolder, differences, light_differences, refuse_options_without_light},
     progress,
-    relight::write_light,
     scene::{self, background_of, note_oddities, relight},
     within::within,
 };
