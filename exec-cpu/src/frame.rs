@@ -190,7 +190,6 @@ impl Frame {
         }
         FrameGrad { channels: self.channels, values }
     }
-    #[cfg(feature = "testing")]
     /// Covered tile, quad and lane of every pixel, and of those that fill tiles up.
     fn lanes_of_tiles(&self) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
         let quads = (0..self.cover.tiles.len()).flat_map(|slot| (0..QUADS).map(move |quad| (slot, quad)));
