@@ -66,7 +66,7 @@ impl From<ViewerError> for HttpError {
 
 impl From<QueryRejection> for HttpError {
     fn from(rejection: QueryRejection) -> Self {
-        // The error of serde names the parameter; the rejection adds words about query strings.
+        // The error of serde names the parameter; the rejection prefixes it with a general message.
         let message = rejection.source().map_or_else(|| rejection.body_text(), ToString::to_string);
         Self::bad_request(message)
     }

@@ -16,7 +16,8 @@
 //! use std::path::Path;
 //!
 //! let model = OpenedModel::open(Path::new("out/vase"))?;
-//! let viewer = Viewer::bind(&ViewerOptions::default(), ViewedScene::of_model("vase", model)?, None)?;
+//! let scene = ViewedScene::of_model("vase", model)?;
+//! let viewer = Viewer::bind(&ViewerOptions::default(), scene, None)?;
 //! println!("{}", viewer.urls().join("\n"));
 //! viewer.serve(|| false)?;
 //! # Ok::<(), Box<dyn core::error::Error>>(())

@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn a_paused_training_takes_the_steps_that_are_asked_for() {
         let live = LiveTraining::new(10, 0);
-        assert_eq!(live.request(), None, "it goes on by itself");
+        assert_eq!(live.request(), None, "it runs by itself");
         live.pause();
         assert_eq!(live.request(), Some(Request::Wait));
         live.step(2);

@@ -218,7 +218,7 @@ impl Viewer {
     }
 }
 
-/// Viewer that serves on a thread of its own.
+/// Viewer that serves on a separate thread.
 ///
 /// The thread lives on when this is dropped, and only the folder of uploaded lights is removed: a
 /// program that ends does not wait for its viewer.

@@ -103,7 +103,7 @@ impl RenderWorker {
         Ok(Self { renderer, storage, layout, shading_model, needs, lights, filtered, views, background, near })
     }
 
-    /// Renders the jobs of a queue on a thread of its own, until the queue is closed.
+    /// Renders the jobs of a queue on a new thread, until the queue is closed.
     pub(crate) fn spawn(mut self, queue: Arc<Queue<Job>>, live: Option<Arc<LiveTraining>>) {
         /// Closes the queue when the thread ends, even by a panic, so that no client waits for it.
         struct CloseOnDrop(Arc<Queue<Job>>);

@@ -119,3 +119,14 @@ fn photographs_of(opened: &OpenedModel) -> Option<PhotographSource> {
     let folder = PathBuf::from(&info.source_path);
     folder.is_dir().then_some(PhotographSource { folder, options })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::view::ADDRESS;
+
+    #[test]
+    fn the_default_address_is_that_of_the_library() {
+        assert_eq!(ADDRESS.parse(), Ok(ViewerOptions::DEFAULT_ADDRESS));
+    }
+}
