@@ -9,44 +9,52 @@ use crate::{
 
 /// Thresholds of densification.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DensifyRules {
+pub struct DensifyRules<R = f32> {
     /// Mean gradient of the projected centre, in normalised device coordinates, from which a Gaussian is refined.
-    pub grad_min: f32,
+    pub grad_min: R,
     /// Scale, in world units, above which a Gaussian is split rather than cloned.
-    pub split_scale: f32,
+    pub split_scale: R,
     /// Opacity below which a Gaussian is removed.
-    pub opacity_min: f32,
+    pub opacity_min: R,
     /// Scale, in world units, above which a Gaussian is removed; infinite for never.
-    pub scale_max: f32,
+    pub scale_max: R,
 }
 
-/// What happens to a Gaussian.
+/// Action of densification on a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// It stays.
+    /// Keeps the Gaussian.
     Keep,
-    /// A copy joins it.
+    /// Adds a copy.
     Clone,
-    /// Two smaller ones take its place.
+    /// Replaces the Gaussian by two smaller ones.
     Split,
-    /// It goes.
+    /// Removes the Gaussian.
     Prune,
+}
+
+impl Action {
+    /// All actions, in the order of their numbers.
+    pub const ALL: [Self; 4] = [Self::Keep, Self::Clone, Self::Split, Self::Prune];
 }
 
 /// Scales of the two parts of a split Gaussian are those of the whole divided by this (0.8 · 2, INRIA's value).
 pub const SPLIT_SHRINK: f32 = 1.6;
 
-/// What to do with a Gaussian of this mean gradient, opacity and largest scale. Anything that is not a number goes.
-pub fn decide(rules: &DensifyRules, mean_grad: f32, opacity: f32, scale_max: f32) -> Action {
-    if !(opacity >= rules.opacity_min && scale_max <= rules.scale_max) {
-        Action::Prune
-    } else if !(mean_grad >= rules.grad_min) {
-        Action::Keep
-    } else if scale_max > rules.split_scale {
-        Action::Split
-    } else {
-        Action::Clone
-    }
+/// Number of the [`Action`] on a Gaussian of this mean gradient, opacity and largest scale (Kerbl et al. 2023, section
+/// 5.2). A Gaussian with a measure that is not a number is removed, or kept if it is the gradient.
+#[inline(always)]
+pub fn decide<R: Real>(rules: &DensifyRules<R>, mean_grad: R, opacity: R, scale: R) -> R {
+    let stays = rules.opacity_min.less_or_equal(opacity) & scale.less_or_equal(rules.scale_max);
+    let grows = rules.grad_min.less_or_equal(mean_grad);
+    let is_large = rules.split_scale.less(scale);
+    let [keep, clone, split, prune] = Action::ALL.map(|action| scale.constant(action as u8 as f32));
+    R::select(stays, R::select(grows, R::select(is_large, split, clone), keep), prune)
+}
+
+/// Action on one Gaussian; see [`decide`].
+pub fn action(rules: &DensifyRules, mean_grad: f32, opacity: f32, scale: f32) -> Action {
+    Action::ALL[decide(rules, mean_grad, opacity, scale) as usize]
 }
 
 /// Length of the gradient of a projected centre, from pixels to normalised device coordinates; `half_size` is half the

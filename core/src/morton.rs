@@ -2,6 +2,10 @@
 //! coherently.
 
 use crate::real::Real;
+use core::{
+    array,
+    ops::{BitAnd, BitOr, Shl},
+};
 
 /// Bits of a cell's number along each axis.
 const BITS: u32 = 10;
@@ -33,11 +37,7 @@ impl Bounds {
     /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of
     /// the box. Points outside, and NaN, count to the nearest cell or to the first.
     pub fn code(&self, point: [f32; 3]) -> u32 {
-        let mut code = 0;
-        for axis in 0..3 {
-            code |= spread(cell(point[axis], self.low[axis], self.high[axis]) as u32) << axis;
-        }
-        code
+        interleave(array::from_fn(|axis| cell(point[axis], self.low[axis], self.high[axis]) as u32))
     }
 }
 
@@ -49,13 +49,25 @@ pub fn cell<R: Real>(x: R, low: R, high: R) -> R {
     ((x - low) / (high - low) * cells).clamp(0.0, cells - 1.0)
 }
 
-/// Ten bits, each with two zeros before the next.
-fn spread(cell: u32) -> u32 {
-    let mut bits = cell & 0x3ff;
-    bits = (bits | bits << 16) & 0x0300_00ff;
-    bits = (bits | bits << 8) & 0x0300_f00f;
-    bits = (bits | bits << 4) & 0x030c_30c3;
-    (bits | bits << 2) & 0x0924_9249
+/// Bits of a word: `u32`, or a word that records its operations.
+pub trait Bits: Copy + From<u32> + BitAnd<Output = Self> + BitOr<Output = Self> + Shl<u32, Output = Self> {}
+
+impl<B: Copy + From<u32> + BitAnd<Output = Self> + BitOr<Output = Self> + Shl<u32, Output = Self>> Bits for B {}
+
+/// Morton code of a cell: the bits of its three numbers, each below 1024, interleaved; x has the lowest.
+#[inline(always)]
+pub fn interleave<B: Bits>([x, y, z]: [B; 3]) -> B {
+    spread(x) | spread(y) << 1 | spread(z) << 2
+}
+
+/// Ten bits, each followed by two zeros.
+#[inline(always)]
+fn spread<B: Bits>(cell: B) -> B {
+    let step = |bits: B, shift: u32, mask: u32| (bits | bits << shift) & B::from(mask);
+    let bits = step(cell & B::from(0x3ff), 16, 0x0300_00ff);
+    let bits = step(bits, 8, 0x0300_f00f);
+    let bits = step(bits, 4, 0x030c_30c3);
+    step(bits, 2, 0x0924_9249)
 }
 
 #[cfg(test)]

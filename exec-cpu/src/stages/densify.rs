@@ -15,7 +15,7 @@ use specula_core::{
     activation::sigmoid,
     camera::Camera,
     densify::{
-        Action, DensifyRules, decide, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
+        Action, DensifyRules, action, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
     },
     executor::{DensifyReport, RandomKey},
     region::Ball,
@@ -112,7 +112,7 @@ fn decide_all(
         .map(|index| {
             let mean_grad = mean_grad(statistics.grad_sum[index], statistics.view_count[index]);
             let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
-            decide(rules, mean_grad, opacity, largest_scale(take3(gaussians.get(index, LOG_SCALE))))
+            action(rules, mean_grad, opacity, largest_scale(take3(gaussians.get(index, LOG_SCALE))))
         })
         .collect();
     limit_growth(&mut actions, statistics, count_max);

@@ -59,7 +59,7 @@ macro_rules! fields {
         $crate::codegen::formula::fields!(@push $list $($($rest)*)?);
     };
     (@push $list:ident $name:ident: $len:expr $(, $($rest:tt)*)?) => {
-        $list.push($crate::codegen::formula::field(stringify!($name), $len));
+        $list.extend([$crate::codegen::formula::field(stringify!($name), $len)]);
         $crate::codegen::formula::fields!(@push $list $($($rest)*)?);
     };
     ($($list:tt)*) => {{
@@ -138,7 +138,7 @@ impl<R: Real, const N: usize> Components<R> for [R; N] {
 }
 
 impl<R: Real> Components<R> for Vec<R> {
-    fn append_to(mut self, numbers: &mut Vec<R>) {
+    fn append_to(mut self, numbers: &mut Self) {
         numbers.append(&mut self);
     }
 }

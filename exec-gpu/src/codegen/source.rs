@@ -3,7 +3,7 @@
 use crate::codegen::{
     formula::{Formula, function},
     real::{Exp2Fraction, Log2Mantissa},
-    trace::literal,
+    trace::{TracedWord, literal, trace_words},
 };
 use core::fmt::Write;
 use specula_core::{
@@ -58,6 +58,17 @@ impl Source {
     /// Appends a formula as a function.
     pub(crate) fn formula(self, formula: &impl Formula) -> Self {
         self.with(&function(formula))
+    }
+    /// Appends a formula over words as a function of `u32`.
+    pub(crate) fn word_formula<const N: usize>(
+        self,
+        name: &str,
+        parameters: [&str; N],
+        formula: impl FnOnce([TracedWord; N]) -> TracedWord,
+    ) -> Self {
+        let (statements, results) = trace_words(&parameters.map(str::to_owned), formula);
+        let arguments = parameters.map(|name| format!("{name}: u32")).join(", ");
+        self.with(&format!("fn {name}({arguments}) -> u32 {{\n{statements}    return {};\n}}\n", results[0]))
     }
     /// Appends powers and logarithms, which formulas call.
     pub(crate) fn real(self) -> Self {

@@ -9,9 +9,10 @@
 //! with the `f32` and `f64` of the host.
 
 use core::{
+    array,
     cell::RefCell,
     fmt::Write,
-    ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub},
+    ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Shl, Sub},
 };
 use specula_core::real::Real;
 use std::collections::HashMap;
@@ -24,6 +25,10 @@ pub(crate) struct Traced(u32);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TracedMask(u32);
 
+/// A 32-bit word in a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TracedWord(u32);
+
 /// One operation of a record; its operands are earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Operation {
@@ -31,6 +36,8 @@ enum Operation {
     Input(u32),
     /// A constant, by its bits.
     Constant(u32),
+    /// A word, by its bits.
+    Word(u32),
     /// `- + …` of one number or mask.
     Prefix(&'static str, u32),
     /// A function of one number.
@@ -65,12 +72,33 @@ fn note(operation: Operation) -> u32 {
 /// Traces a formula; `inputs` are the WGSL expressions of its parameters. Returns the statements, and the expressions of
 /// the results.
 pub(crate) fn trace(inputs: &[String], formula: impl FnOnce(&[Traced]) -> Vec<Traced>) -> (String, Vec<String>) {
+    write_out(inputs, |inputs| {
+        let numbers: Vec<Traced> = inputs.map(Traced).collect();
+        formula(&numbers).into_iter().map(|result| result.0).collect()
+    })
+}
+
+/// Traces a formula over words; see [`trace`].
+pub(crate) fn trace_words<const N: usize>(
+    inputs: &[String; N],
+    formula: impl FnOnce([TracedWord; N]) -> TracedWord,
+) -> (String, Vec<String>) {
+    write_out(inputs, |inputs| {
+        vec![formula(array::from_fn(|_| TracedWord(inputs.next().expect("there are N inputs")))).0]
+    })
+}
+
+/// Statements of a record, and the expressions of its results; `record` gets the operations of the inputs.
+fn write_out(
+    inputs: &[String],
+    record: impl FnOnce(&mut dyn Iterator<Item = u32>) -> Vec<u32>,
+) -> (String, Vec<String>) {
     RECORD.with_borrow_mut(|record| *record = Record::default());
-    let numbers: Vec<Traced> = (0..inputs.len() as u32).map(|k| Traced(note(Operation::Input(k)))).collect();
-    let results = formula(&numbers);
+    let noted: Vec<u32> = (0..inputs.len() as u32).map(|k| note(Operation::Input(k))).collect();
+    let results = record(&mut noted.into_iter());
     RECORD.with_borrow(|record| {
         let mut is_needed = vec![false; record.operations.len()];
-        results.iter().for_each(|result| is_needed[result.0 as usize] = true);
+        results.iter().for_each(|result| is_needed[*result as usize] = true);
         for (index, operation) in record.operations.iter().enumerate().rev().filter(|(_, o)| !o.is_leaf()) {
             if is_needed[index] {
                 operation.operands().for_each(|operand| is_needed[operand as usize] = true);
@@ -78,24 +106,24 @@ pub(crate) fn trace(inputs: &[String], formula: impl FnOnce(&[Traced]) -> Vec<Tr
         }
         let mut statements = String::new();
         for (index, operation) in record.operations.iter().enumerate() {
-            if is_needed[index] && !matches!(operation, Operation::Constant(_)) {
+            if is_needed[index] && !matches!(operation, Operation::Constant(_) | Operation::Word(_)) {
                 let expression = expression(operation, record, inputs);
                 writeln!(statements, "    let v{index} = {expression};").expect("strings take everything");
             }
         }
-        let results = results.iter().map(|result| operand(result.0, record)).collect();
+        let results = results.iter().map(|result| operand(*result, record)).collect();
         (statements, results)
     })
 }
 
 impl Operation {
     fn is_leaf(&self) -> bool {
-        matches!(self, Self::Input(_) | Self::Constant(_))
+        matches!(self, Self::Input(_) | Self::Constant(_) | Self::Word(_))
     }
 
     fn operands(&self) -> impl Iterator<Item = u32> {
         let operands = match *self {
-            Self::Input(_) | Self::Constant(_) => [None; 3],
+            Self::Input(_) | Self::Constant(_) | Self::Word(_) => [None; 3],
             Self::Prefix(_, a) | Self::Call(_, a) => [Some(a), None, None],
             Self::Infix(a, _, b) => [Some(a), Some(b), None],
             Self::Select(a, b, mask) => [Some(a), Some(b), Some(mask)],
@@ -109,6 +137,7 @@ fn expression(operation: &Operation, record: &Record, inputs: &[String]) -> Stri
     match *operation {
         Operation::Input(k) => inputs[k as usize].clone(),
         Operation::Constant(bits) => literal(f32::from_bits(bits)),
+        Operation::Word(bits) => format!("{bits}u"),
         Operation::Prefix(sign, a) => format!("{sign}{}", of(a)),
         Operation::Call(function, a) => format!("{function}({})", of(a)),
         Operation::Infix(a, sign, b) => format!("{} {sign} {}", of(a), of(b)),
@@ -125,6 +154,7 @@ fn operand(index: u32, record: &Record) -> String {
             format!("({})", literal(f32::from_bits(bits)))
         }
         Operation::Constant(bits) => literal(f32::from_bits(bits)),
+        Operation::Word(bits) => format!("{bits}u"),
         _ => format!("v{index}"),
     }
 }
@@ -186,6 +216,30 @@ impl Not for TracedMask {
     type Output = Self;
     fn not(self) -> Self {
         Self(note(Operation::Prefix("!", self.0)))
+    }
+}
+
+impl From<u32> for TracedWord {
+    fn from(bits: u32) -> Self {
+        Self(note(Operation::Word(bits)))
+    }
+}
+impl BitAnd for TracedWord {
+    type Output = Self;
+    fn bitand(self, other: Self) -> Self {
+        Self(note(Operation::Infix(self.0, "&", other.0)))
+    }
+}
+impl BitOr for TracedWord {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(note(Operation::Infix(self.0, "|", other.0)))
+    }
+}
+impl Shl<u32> for TracedWord {
+    type Output = Self;
+    fn shl(self, places: u32) -> Self {
+        Self(note(Operation::Infix(self.0, "<<", Self::from(places).0)))
     }
 }
 

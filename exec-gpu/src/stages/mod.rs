@@ -30,6 +30,6 @@ pub(crate) mod camera;
 pub mod frame;
 pub(crate) mod gaussians;
 pub mod light;
-pub(crate) mod outline;
+pub mod outline;
 pub(crate) mod sort;
 pub(crate) mod step_counters;

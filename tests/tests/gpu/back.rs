@@ -3,6 +3,7 @@
 
 use core::iter;
 use specula_core::{
+    attributes::GaussianShading,
     camera::Camera,
     double::Double,
     executor::{Executor, Renderer},
@@ -26,7 +27,6 @@ use specula_gpu::{
         },
         gaussians_vjp::formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
         optimise::formulas::AdamStep,
-        shade::formulas::ShadingOf,
     },
 };
 use specula_tests::{
@@ -101,19 +101,19 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 }
 
 /// Every way of shading, and how many channels are blended then.
-fn every_shading() -> Vec<(ShadingOf, usize)> {
+fn every_shading() -> Vec<(GaussianShading, usize)> {
     let mut shadings = Vec::new();
     for channels in [Channels::Color, Channels::Training] {
         let plain = Layout::radiance(3);
-        shadings.push(ShadingOf { layout: plain, rules: rules(ShadingRules::PAPER, channels) });
+        shadings.push(GaussianShading { layout: plain, rules: rules(ShadingRules::PAPER, channels) });
         for shading in [ShadingRules::PAPER, ShadingRules::DEFERRED, ShadingRules::OFFICIAL] {
             let layout = Layout::shaded(Some(2));
-            shadings.push(ShadingOf { layout, rules: rules(shading, channels) });
+            shadings.push(GaussianShading { layout, rules: rules(shading, channels) });
             let rules = RenderRules { normal_residuals: false, sh_degree: None, ..rules(shading, channels) };
-            shadings.push(ShadingOf { layout, rules });
+            shadings.push(GaussianShading { layout, rules });
         }
     }
-    shadings.into_iter().map(|shading| (shading, shading.blended().count())).collect()
+    shadings.into_iter().map(|shading| (shading, shading.channels().count())).collect()
 }
 
 #[test]
@@ -418,7 +418,7 @@ const WEIGHTS: LossWeights = LossWeights { sparse: 0.02, residual: 0.3, ..NO_WEI
 fn gradients_of_gaussians_are_those_of_the_cpu() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
-    for (seed, (ShadingOf { layout, rules }, _)) in (1..).zip(every_shading()) {
+    for (seed, (GaussianShading { layout, rules }, _)) in (1..).zip(every_shading()) {
         for count in [0, 1, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed);
             let weights = if seed % 2 == 0 { WEIGHTS } else { NO_WEIGHTS };
@@ -432,7 +432,7 @@ fn gradients_of_gaussians_under_a_light_are_those_of_the_cpu() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     let shaded = every_shading().into_iter().filter(|(shading, _)| shading.layout.is_shaded());
-    for (seed, (ShadingOf { layout, rules }, _)) in (1..).zip(shaded) {
+    for (seed, (GaussianShading { layout, rules }, _)) in (1..).zip(shaded) {
         for count in [0, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed).lit(seed);
             assert_same_gradients(&mut gpu, &mut cpu, &scene, &WEIGHTS, SAME_GRADIENT_UNDER_LIGHT);

@@ -17,7 +17,7 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor, SplatGrads,
     stages::{
-        densify::formulas::{CellAt, MeasuresOf, PartOf},
+        densify::formulas::{CellAt, Decide, MeasuresOf, PartOf},
         observe::formulas::GradLength,
     },
 };
@@ -41,6 +41,7 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let gpu = &mut gpu;
     assert_same(gpu, &GradLength, &uniform_rows(1, &[[-1e-3, 1e-3], [-1e-3, 1e-3], [20.0, 400.0], [20.0, 400.0]]));
     assert_same(gpu, &CellAt, &uniform_rows(2, &[[-1.0, 1.0], [-1.2, -1.0], [1.0, 1.1]]));
+    assert_same(gpu, &Decide, &uniform_rows(5, &[[0.0, 1.0]; 7]));
     for layout in [Layout::radiance(0), Layout::shaded(Some(3))] {
         let rows = plane_rows(layout);
         assert_same(gpu, &MeasuresOf { layout }, &side_by_side(&rows, &uniform_rows(3, &[[0.0, 0.1], [0.0, 9.0]])));
@@ -54,7 +55,7 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/densify/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/observe/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("densify.rs"), 4);
+    assert_every_formula_has_a_case(&formulas, include_str!("densify.rs"), 5);
 }
 
 const KEY: RandomKey = RandomKey { seed: 9, stream: 4 };

@@ -18,6 +18,8 @@ use specula_gpu::{
     GpuExecutor,
     stages::{
         light::formulas::{DirectionVjp, RoughnessVjp, TexelShares, TexelsMean, TexelsVjp},
+        prefilter::formulas::RadianceOf,
+        prefilter_vjp::formulas::RadianceVjp,
         shade_pixels::formulas::SurfaceOfPixel,
         shade_pixels_vjp::formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp},
     },
@@ -67,6 +69,10 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         let grads = uniform_rows(6, &[signed; 3]);
         assert_same(gpu, &RoughnessVjp { levels }, &side_by_side(&uniform_rows(5, &bounds), &grads));
     }
+    for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+        assert_same(gpu, &RadianceOf { activation }, &uniform_rows(11, &[[-6.0, 3.0]]));
+        assert_same(gpu, &RadianceVjp { activation }, &uniform_rows(12, &[[0.0, 20.0], [-1.0, 1.0]]));
+    }
     let surfaces = uniform_rows(7, &[[0.0, 1.0]; 10]);
     assert_same(gpu, &ColorOfPixelVjp, &side_by_side(&surfaces, &uniform_rows(8, &[signed; 3])));
     for blended in [Channels::Color, Channels::Training, Channels::Lit, Channels::Surface, Channels::Layers] {
@@ -82,11 +88,13 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 fn no_formula_is_left_out() {
     let formulas = [
         include_str!("../../../exec-gpu/src/stages/light/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/prefilter/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/prefilter_vjp/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade_pixels_vjp/formulas.rs"),
     ];
     // The lookup itself has its cases beside those of the other stages.
     let cases = [include_str!("light.rs"), include_str!("stages.rs")].concat();
-    assert_every_formula_has_a_case(&formulas, &cases, 9);
+    assert_every_formula_has_a_case(&formulas, &cases, 11);
 }
 
 /// Colours to add to a few texels: of either sign and of any size.

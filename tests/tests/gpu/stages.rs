@@ -1,6 +1,7 @@
 //! The GPU executor against core, and against the CPU executor.
 
 use specula_core::{
+    attributes::GaussianShading,
     camera::Camera,
     executor::Renderer,
     pack::{self, FULL_PLANES, Storage},
@@ -17,8 +18,9 @@ use specula_gpu::{
     stages::{
         blend::formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
         light::formulas::{LevelOf, TexelsAt},
+        outline::formulas::{OutlineOf, TileColumns, TileRows},
         project::formulas::SplatOf,
-        shade::formulas::{ColorsOf, LitColorsOf, ShadingOf, SurfaceOf},
+        shade::formulas::{ColorsOf, LitColorsOf, SurfaceOf},
         shade_pixels::formulas::{ColorOfPixel, SurfaceOfPixel},
     },
 };
@@ -37,8 +39,11 @@ use specula_tests::{
 const SAME_FRAME: f64 = 80.0;
 const RESOLUTION: usize = 16;
 
-fn shading(rules: ShadingRules, channels: Channels) -> ShadingOf {
-    ShadingOf { layout: Layout::shaded(Some(3)), rules: RenderRules::full(rules, PrefilterScheme::Exact, channels) }
+fn shading(rules: ShadingRules, channels: Channels) -> GaussianShading {
+    GaussianShading {
+        layout: Layout::shaded(Some(3)),
+        rules: RenderRules::full(rules, PrefilterScheme::Exact, channels),
+    }
 }
 
 #[test]
@@ -63,6 +68,12 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &TexelsAt, &uniform_rows(5, &[[-1.0, -0.1], [0.2, 0.8], [-1.0, 1.0], [16.0, 16.0]]));
     let levels = Levels::new(PrefilterScheme::Exact, 64).as_slice().to_vec();
     assert_same(gpu, &LevelOf { levels }, &uniform_rows(6, &[[0.0, 1.0]]));
+    let shape = [[0.0, 70.0], [0.0, 45.0], [0.2, 1.0], [-0.3, 0.3], [0.2, 1.0], [1.0, 3.0]];
+    assert_same(gpu, &OutlineOf, &uniform_rows(10, &shape));
+    assert_same(gpu, &TileRows, &uniform_rows(11, &[[-20.0, 90.0], [0.5, 30.0], [5.0, 5.0]]));
+    let outline = [[-9.0, 90.0], [0.0, 45.0], [-0.5, 0.5], [1.0, 90.0], [0.1, 0.5], [-3.0, 3.0], [3.0, 9.0]];
+    let rows = uniform_rows(12, &[&outline[..], &[[0.0, 3.0], [5.0, 5.0]]].concat());
+    assert_same(gpu, &TileColumns, &rows);
     assert_same(gpu, &ColorOfPixel, &uniform_rows(7, &[[0.0, 1.0]; 10]));
 
     for layout in [Layout::radiance(3), Layout::shaded(Some(3))] {
@@ -71,7 +82,7 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let plain = Layout::radiance(3);
     for channels in [Channels::Color, Channels::Training] {
         let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
-        assert_same(gpu, &ColorsOf(ShadingOf { layout: plain, rules }), &gaussian_rows(plain));
+        assert_same(gpu, &ColorsOf(GaussianShading { layout: plain, rules }), &gaussian_rows(plain));
     }
     let rows = gaussian_rows(Layout::shaded(Some(3)));
     for rules in [ShadingRules::PAPER, ShadingRules::OFFICIAL, ShadingRules::DEFERRED] {
@@ -94,11 +105,12 @@ fn no_formula_is_left_out() {
     let formulas = [
         include_str!("../../../exec-gpu/src/codegen/real.rs"),
         include_str!("../../../exec-gpu/src/stages/project/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/outline/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade_pixels/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 10);
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 13);
 }
 
 /// A scene for both executors.

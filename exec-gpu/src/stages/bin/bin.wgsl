@@ -43,7 +43,7 @@ fn emit(
     }
     let gaussian = order[place];
     let splat = splats[gaussian];
-    let shape = outline_of(splat);
+    let shape = outline_of(splat.mean2d, splat.root, splat.reach);
     let rows = rows_of(splat);
     for (var row = rows.x; row < rows.y; row++) {
         let columns = columns_in_row(shape, row);

@@ -26,7 +26,7 @@ use bytemuck::{Pod, Zeroable};
 use specula_core::{
     densify::{Action, part_noise},
     executor::RandomKey,
-    morton::CODE_BITS,
+    morton::{CODE_BITS, interleave},
     scene::{Gaussians, LOG_SCALE, Layout, MEAN},
 };
 
@@ -44,6 +44,7 @@ pub(crate) fn children_source(layout: Layout) -> String {
         .part(actions)
         .part(origins)
         .formula(&CellAt)
+        .word_formula("morton_code", ["x", "y", "z"], interleave)
         .with(include_str!("children.wgsl"))
         .text()
 }

@@ -68,24 +68,11 @@ fn find_bounds(
     }
 }
 
-// Ten bits, each with two zeros before the next.
-fn spread(cell: u32) -> u32 {
-    var bits = cell & 0x3ffu;
-    bits = (bits | (bits << 16u)) & 0x030000ffu;
-    bits = (bits | (bits << 8u)) & 0x0300f00fu;
-    bits = (bits | (bits << 4u)) & 0x030c30c3u;
-    return (bits | (bits << 2u)) & 0x09249249u;
-}
-
-// `specula_core::order::Bounds::code` of the Gaussian's mean.
-fn code() -> u32 {
-    var bits = 0u;
-    for (var axis = 0u; axis < 3u; axis++) {
-        let low = number_of_ordered(atomicLoad(&bounds[axis]));
-        let high = number_of_ordered(atomicLoad(&bounds[3u + axis]));
-        bits |= spread(u32(cell_at(plane(MEAN + axis), low, high))) << axis;
-    }
-    return bits;
+// Number of the cell of the Gaussian's mean along an axis.
+fn cell_of(axis: u32) -> u32 {
+    let low = number_of_ordered(atomicLoad(&bounds[axis]));
+    let high = number_of_ordered(atomicLoad(&bounds[3u + axis]));
+    return u32(cell_at(plane(MEAN + axis), low, high));
 }
 
 fn put(place: u32, origin: u32, own_code: u32) {
@@ -109,7 +96,7 @@ fn put_children(
     if action == PRUNE {
         return;
     }
-    let own_code = code();
+    let own_code = morton_code(cell_of(0u), cell_of(1u), cell_of(2u));
     if action == SPLIT {
         let first_part = offsets[2u * size.count];
         let split = offsets[2u * size.count + number] - first_part;

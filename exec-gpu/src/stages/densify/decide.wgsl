@@ -23,17 +23,6 @@ struct Rules {
 // In its piece.
 var<private> gaussian: u32;
 
-// `specula_core::densify::decide`; what is not a number fails every comparison.
-fn decide(mean_grad: f32, opacity: f32, largest_scale: f32) -> u32 {
-    if !(opacity >= rules.opacity_min && largest_scale <= rules.scale_max) {
-        return PRUNE;
-    }
-    if !(mean_grad >= rules.grad_min) {
-        return KEEP;
-    }
-    return select(CLONE, SPLIT, largest_scale > rules.split_scale);
-}
-
 @compute @workgroup_size(GROUP)
 fn decide_all(
     @builtin(workgroup_id) group: vec3u,
@@ -46,7 +35,7 @@ fn decide_all(
     }
     let place = rules.first + gaussian;
     let measures = measures_of(grad_sums[place], view_counts[place]);
-    let action = decide(measures.mean_grad, measures.opacity, measures.largest_scale);
+    let action = u32(decide(measures.mean_grad, measures.opacity, measures.largest_scale));
     actions[place] = action;
     growth_keys[place] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
     atomicAdd(&counts[action], 1u);

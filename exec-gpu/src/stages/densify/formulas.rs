@@ -1,12 +1,13 @@
 //! Decisions of densification, and the children of split Gaussians.
 
 use crate::{
-    codegen::formula::formula,
+    codegen::formula::{formula, variable},
     stages::gaussians::{Planes, planes_field},
 };
 use specula_core::{
     activation::sigmoid,
-    densify::{largest_scale, mean_grad, part_log_scales, part_mean},
+    attributes::AttributePlanes,
+    densify::{DensifyRules, decide, largest_scale, mean_grad, part_log_scales, part_mean},
     morton::cell,
     scene::{LOG_SCALE, Layout, MEAN, OPACITY},
 };
@@ -23,7 +24,21 @@ formula!(MeasuresOf, |this, inputs| measures_of(..planes_field(this.layout), gra
 ) {
     let planes = Planes(inputs.slice(this.layout.plane_count()));
     let mean_grad = mean_grad(inputs.number(), inputs.number());
-    [mean_grad, sigmoid(planes.at(OPACITY)), largest_scale(planes.vec3(LOG_SCALE))]
+    [mean_grad, sigmoid(planes.number(OPACITY)), largest_scale(planes.vec3(LOG_SCALE))]
+});
+
+/// Number of the action on a Gaussian ([`specula_core::densify::decide`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Decide;
+
+formula!(Decide, |_, inputs| decide(
+    ..["grad_min", "split_scale", "opacity_min", "scale_max"].map(|rule| variable(&format!("rules.{rule}"), 1)),
+    mean_grad: 1, opacity: 1, largest_scale: 1
+) -> (action: 1) {
+    let [grad_min, split_scale, opacity_min, scale_max] = inputs.array();
+    let rules = DensifyRules { grad_min, split_scale, opacity_min, scale_max };
+    let [mean_grad, opacity, largest_scale] = inputs.array();
+    [decide(&rules, mean_grad, opacity, largest_scale)]
 });
 
 /// Cell of a coordinate between two bounds ([`specula_core::morton::cell`]).

@@ -13,7 +13,7 @@ use crate::{
         memory::Array,
     },
     stages::{
-        densify::formulas::MeasuresOf,
+        densify::formulas::{Decide, MeasuresOf},
         gaussians::planes,
         sort::{Len, Pairs, iota, sort},
         step_counters::StepCounters,
@@ -53,7 +53,7 @@ pub(crate) fn actions(source: Source) -> Source {
 
 pub(crate) fn decision_source(layout: Layout) -> String {
     let source = Source::new().real().part(|source| planes(source, layout)).bits().part(actions);
-    source.formula(&MeasuresOf { layout }).with(include_str!("decide.wgsl")).text()
+    source.formula(&MeasuresOf { layout }).formula(&Decide).with(include_str!("decide.wgsl")).text()
 }
 
 pub(crate) fn limit_source() -> String {

@@ -5,34 +5,19 @@ use crate::codegen::{
     source::Source,
 };
 use specula_core::{
+    attributes::AttributePlanes,
     pack::{FULL_PLANES, Storage},
-    project::Shape,
     real::Real,
-    scene::{LOG_SCALE, Layout, MEAN, OPACITY, QUAT},
-    vector::Vec3,
+    scene::Layout,
 };
 
 /// Planes of one Gaussian, as the shader's function `plane` reads them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planes<'a, R>(pub(crate) &'a [R]);
 
-impl<R: Real> Planes<'_, R> {
-    pub(crate) fn at(&self, plane: usize) -> R {
+impl<R: Real> AttributePlanes<R> for Planes<'_, R> {
+    fn number(&self, plane: usize) -> R {
         self.0[plane]
-    }
-    pub(crate) fn vec3(&self, first: usize) -> Vec3<R> {
-        Vec3 { x: self.at(first), y: self.at(first + 1), z: self.at(first + 2) }
-    }
-    pub(crate) fn quat(&self) -> [R; 4] {
-        [self.at(QUAT), self.at(QUAT + 1), self.at(QUAT + 2), self.at(QUAT + 3)]
-    }
-    pub(crate) fn shape(&self) -> Shape<R> {
-        Shape {
-            mean: self.vec3(MEAN),
-            log_scales: self.vec3(LOG_SCALE),
-            quat: self.quat(),
-            opacity_logit: self.at(OPACITY),
-        }
     }
 }
 

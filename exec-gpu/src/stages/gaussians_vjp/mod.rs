@@ -18,12 +18,13 @@ use crate::{
         gaussians::planes,
         light::{LightGrad, LightLayout, sums::LightSums},
         prefilter::Light,
-        shade::{formulas::ShadingOf, own_light},
+        shade::own_light,
     },
 };
 use bytemuck::{Pod, Zeroable};
 use formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp};
 use specula_core::{
+    attributes::GaussianShading,
     camera::Camera,
     loss::LossWeights,
     rules::RenderRules,
@@ -41,7 +42,7 @@ pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> Str
         .real()
         .part(camera)
         .part(|source| planes(source, shading.layout))
-        .count("SPLAT_PLANES", GEOMETRY + shading.blended().count())
+        .count("SPLAT_PLANES", GEOMETRY + shading.channels().count())
         .formula(planes_vjp);
     let source = match light {
         Some(light) => own_light(light.lookup_vjp(source), shading)
@@ -85,8 +86,8 @@ pub(crate) fn gaussians_vjp(
     inputs: &BackwardInputs<'_>,
 ) -> Result<(Gaussians<ChunkedArray>, Option<LightGrad>), GpuError> {
     let layout = gaussians.layout;
-    let shading = ShadingOf { layout, rules: *inputs.rules };
-    debug_assert_eq!(inputs.grads.channels, shading.blended().count(), "gradients have the blended channels");
+    let shading = GaussianShading { layout, rules: *inputs.rules };
+    debug_assert_eq!(inputs.grads.channels, shading.channels().count(), "gradients have the blended channels");
     let light = inputs.light.filter(|_| shading.looks_light_up());
     let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
     let planes = PlanesVjp { shading, is_lit: light.is_some() };

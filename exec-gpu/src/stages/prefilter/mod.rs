@@ -14,6 +14,7 @@ use crate::{
     stages::light::{LightLayout, TEXEL_LEN, formulas::LevelOf, texels},
 };
 use core::ops::Range;
+use formulas::RadianceOf;
 use specula_core::{
     cubemap::FACE_COUNT,
     pack::Storage,
@@ -26,16 +27,18 @@ use specula_prefilter::{
 };
 use std::sync::{Arc, OnceLock};
 
+pub mod formulas;
+
 /// Partial sums of a row of a sparse matrix.
 const ROW_SUMS: usize = 4;
 
-/// Appends the values of an environment, and their radiance.
-pub(crate) fn radiance(source: Source) -> Source {
-    source.real().number("LOG2_E", core::f32::consts::LOG2_E).with(include_str!("radiance.wgsl"))
+/// Appends the numbers of an environment, and their radiance.
+pub(crate) fn radiance(source: Source, activation: RadianceActivation) -> Source {
+    source.real().formula(&RadianceOf { activation }).with(include_str!("radiance.wgsl"))
 }
 
-pub(crate) fn activation_source() -> String {
-    Source::new().part(radiance).with(include_str!("activate.wgsl")).text()
+pub(crate) fn activation_source(activation: RadianceActivation) -> String {
+    Source::new().part(|source| radiance(source, activation)).with(include_str!("activate.wgsl")).text()
 }
 
 pub(crate) fn product_source(storage: Storage) -> String {
@@ -246,15 +249,11 @@ pub(crate) fn prefilter(
     let operator = &weights.operator;
     let texel_count = texel_count(environment);
     let nodes = context.allocate("texels of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
-    let settings = base_of(environment);
+    let settings = [texel_count as u32];
     let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(environment.values), Buffer(&nodes)];
-    context.dispatch(
-        "activate",
-        "activate_texels",
-        &activation_source,
-        &bindings,
-        Dispatch::Invocations(texel_count),
-    )?;
+    let activation = environment.activation;
+    let (key, source) = (format!("{activation:?}"), || activation_source(activation));
+    context.dispatch(&key, "activate_texels", &source, &bindings, Dispatch::Invocations(texel_count))?;
     for (([fine, coarse], _), matrix) in operator.reductions().zip(&weights.forward.reductions) {
         matrix.apply(context, &nodes, fine, Out::Texels(coarse))?;
     }
@@ -277,12 +276,6 @@ pub(crate) fn prefilter(
 /// Texels of an environment.
 pub(crate) fn texel_count<A>(environment: &Environment<A>) -> usize {
     FACE_COUNT * environment.resolution * environment.resolution
-}
-
-/// `Base` of `radiance.wgsl`.
-pub(crate) fn base_of<A>(environment: &Environment<A>) -> [u32; 2] {
-    let is_exponential = environment.activation == RadianceActivation::Exponential;
-    [texel_count(environment) as u32, u32::from(is_exponential)]
 }
 
 #[cfg(test)]

@@ -10,14 +10,12 @@ fn activate_texels_vjp(
     @builtin(local_invocation_index) local: u32,
 ) {
     let texel = linear_index(group, groups, local);
-    if texel >= base.texel_count {
+    if texel >= size.texel_count {
         return;
     }
-    var grad = texels[texel].xyz;
-    if base.is_exponential != 0u {
-        grad *= radiance_of(texel);
-    }
-    grads[3u * texel] = grad.x;
-    grads[3u * texel + 1u] = grad.y;
-    grads[3u * texel + 2u] = grad.z;
+    let grad = texels[texel].xyz;
+    let radiance = radiance_of(texel);
+    grads[3u * texel] = radiance_vjp(radiance.x, grad.x);
+    grads[3u * texel + 1u] = radiance_vjp(radiance.y, grad.y);
+    grads[3u * texel + 2u] = radiance_vjp(radiance.z, grad.z);
 }

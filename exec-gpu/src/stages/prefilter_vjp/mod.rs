@@ -13,13 +13,20 @@ use crate::{
     },
     stages::{
         light::{LightGrad, TEXEL_LEN},
-        prefilter::{Light, Matrix, Out, apply_parts, base_of, radiance, texel_count},
+        prefilter::{Light, Matrix, Out, apply_parts, radiance, texel_count},
     },
 };
-use specula_core::{pack::Storage, scene::Environment};
+use formulas::RadianceVjp;
+use specula_core::{
+    pack::Storage,
+    scene::{Environment, RadianceActivation},
+};
 
-pub(crate) fn source() -> String {
-    Source::new().part(radiance).with(include_str!("activate_vjp.wgsl")).text()
+pub mod formulas;
+
+pub(crate) fn source(activation: RadianceActivation) -> String {
+    let source = Source::new().part(|source| radiance(source, activation)).formula(&RadianceVjp { activation });
+    source.with(include_str!("activate_vjp.wgsl")).text()
 }
 
 /// Gradient of an environment from that of its filtered light.
@@ -49,9 +56,10 @@ pub(crate) fn prefilter_vjp(
         matrix.apply(context, &nodes, coarse, Out::AddedTexels(fine))?;
     }
     let out = context.allocate("gradient of an environment", environment.values.len())?;
-    let settings = base_of(environment);
+    let settings = [texel_count(environment) as u32];
     let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(environment.values), Buffer(&nodes), Buffer(&out)];
     let groups = Dispatch::Invocations(texel_count(environment));
-    context.dispatch("activate", "activate_texels_vjp", &source, &bindings, groups)?;
+    let (key, source) = (format!("{:?}", environment.activation), || source(environment.activation));
+    context.dispatch(&key, "activate_texels_vjp", &source, &bindings, groups)?;
     Ok(out)
 }

@@ -8,6 +8,7 @@ use crate::{
     },
 };
 use specula_core::{
+    attributes::AttributePlanes,
     bin::{footprint, half_extent},
     project::project,
     scene::Layout,

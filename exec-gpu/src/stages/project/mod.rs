@@ -23,7 +23,6 @@ use specula_core::{
     camera::Camera,
     pack::Storage,
     scene::{Gaussians, Layout},
-    splat::ROOT_SCALE,
 };
 
 pub mod formulas;
@@ -50,7 +49,7 @@ pub struct Splats {
 
 /// Appends the structure `Splat`, and the constants of splats.
 pub(crate) fn splat(source: Source) -> Source {
-    source.number("ROOT_SCALE", ROOT_SCALE).count("NOT_DRAWN", NOT_DRAWN as usize).with(include_str!("splat.wgsl"))
+    source.count("NOT_DRAWN", NOT_DRAWN as usize).with(include_str!("splat.wgsl"))
 }
 
 pub(crate) fn source(layout: Layout, storage: Storage) -> String {

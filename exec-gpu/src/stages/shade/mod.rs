@@ -20,9 +20,10 @@ use crate::{
         project::{Splats, splat},
     },
 };
-use formulas::{ColorsOf, LitColorsOf, ShadingOf, SurfaceOf};
+use formulas::{ColorsOf, LitColorsOf, SurfaceOf};
 use specula_core::{
-    camera::Camera, pack::Storage, rules::RenderRules, scene::Gaussians, shade::ShadingForm, split_sum,
+    attributes::GaussianShading, camera::Camera, pack::Storage, rules::RenderRules, scene::Gaussians,
+    shade::ShadingForm, split_sum,
 };
 
 pub mod formulas;
@@ -36,7 +37,7 @@ pub(crate) fn channels(source: Source, channels: usize) -> Source {
 }
 
 /// Appends the lookup of a light by a Gaussian.
-pub(crate) fn own_light(source: Source, shading: &ShadingOf) -> Source {
+pub(crate) fn own_light(source: Source, shading: &GaussianShading) -> Source {
     source
         .formula(&SurfaceOf(*shading))
         .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
@@ -61,13 +62,13 @@ const LIT_CHANNELS: &str = "fn channels_of() -> LitColorsOf {
 const UNLIT_CHANNELS: &str = "fn channels_of() -> ColorsOf {\n    return colors_of();\n}\n";
 
 /// Kernel of a shading; without a light, Gaussians look up none.
-pub(crate) fn source(shading: &ShadingOf, storage: Storage, light: Option<&LightLayout>) -> String {
+pub(crate) fn source(shading: &GaussianShading, storage: Storage, light: Option<&LightLayout>) -> String {
     let source = Source::new()
         .real()
         .part(camera)
         .part(splat)
         .part(|source| stored_planes(source, shading.layout, storage))
-        .part(|source| channels(source, shading.blended().count()));
+        .part(|source| channels(source, shading.channels().count()));
     let source = match light {
         Some(light) => own_light(light.lookup(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
@@ -97,8 +98,8 @@ pub(crate) fn shade(
     rules: &RenderRules,
 ) -> Result<Colors, GpuError> {
     let storage = gaussians.values.storage();
-    let shading = ShadingOf { layout: gaussians.layout, rules: *rules };
-    let channels = shading.blended().count();
+    let shading = GaussianShading { layout: gaussians.layout, rules: *rules };
+    let channels = shading.channels().count();
     let colors =
         Colors { channels, values: context.allocate("channels", channels.next_multiple_of(4) * gaussians.count)? };
     let own_light = light.filter(|_| shading.looks_light_up());
