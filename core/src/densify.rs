@@ -1,4 +1,4 @@
-//! Which Gaussians are cloned, split or removed (Kerbl et al. 2023, section 5.2).
+//! Cloning, splitting and pruning of Gaussians (Kerbl et al. 2023, section 5.2).
 
 use crate::{
     covariance::{Quat, rotation, scales},
@@ -10,7 +10,8 @@ use crate::{
 /// Thresholds of densification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DensifyRules<R = f32> {
-    /// Mean gradient of the projected centre, in normalised device coordinates, from which a Gaussian is refined.
+    /// Mean gradient of the projected centre, in normalised device coordinates, from which a
+    /// Gaussian is refined.
     pub grad_min: R,
     /// Scale, in world units, above which a Gaussian is split rather than cloned.
     pub split_scale: R,
@@ -38,11 +39,13 @@ impl Action {
     pub const ALL: [Self; 4] = [Self::Keep, Self::Clone, Self::Split, Self::Prune];
 }
 
-/// Scales of the two parts of a split Gaussian are those of the whole divided by this (0.8 · 2, INRIA's value).
+/// Scales of the two parts of a split Gaussian are those of the whole divided by this (0.8 · 2,
+/// INRIA's value).
 pub const SPLIT_SHRINK: f32 = 1.6;
 
-/// Number of the [`Action`] on a Gaussian of this mean gradient, opacity and largest scale (Kerbl et al. 2023, section
-/// 5.2). A Gaussian with a measure that is not a number is removed, or kept if it is the gradient.
+/// Number of the [`Action`] on a Gaussian of this mean gradient, opacity and largest scale (Kerbl
+/// et al. 2023, section 5.2). A Gaussian with a measure that is not a number is removed, or kept if
+/// it is the gradient.
 #[inline(always)]
 pub fn decide<R: Real>(rules: &DensifyRules<R>, mean_grad: R, opacity: R, scale: R) -> R {
     let stays = rules.opacity_min.less_or_equal(opacity) & scale.less_or_equal(rules.scale_max);
@@ -57,8 +60,8 @@ pub fn action(rules: &DensifyRules, mean_grad: f32, opacity: f32, scale: f32) ->
     Action::ALL[decide(rules, mean_grad, opacity, scale) as usize]
 }
 
-/// Length of the gradient of a projected centre, from pixels to normalised device coordinates; `half_size` is half the
-/// width and height of the picture.
+/// Length of the gradient of a projected centre, from pixels to normalised device coordinates;
+/// `half_size` is half the width and height of the picture.
 #[inline(always)]
 pub fn grad_length<R: Real>(grad: [R; 2], half_size: [R; 2]) -> R {
     let (x, y) = (grad[0] * half_size[0], grad[1] * half_size[1]);
@@ -84,7 +87,8 @@ pub fn part_noise(seed: u64, stream: u64, draw: u64) -> [f32; 3] {
     [noise(0), noise(1), noise(2)]
 }
 
-/// Centre of one part of a split Gaussian: drawn from the Gaussian itself, μ + R (s ⊙ ξ), with [`part_noise`] for ξ.
+/// Centre of one part of a split Gaussian: drawn from the Gaussian itself, μ + R (s ⊙ ξ), with
+/// [`part_noise`] for ξ.
 #[inline(always)]
 pub fn part_mean<R: Real>(mean: Vec3<R>, log_scales: Vec3<R>, quat: Quat<R>, noise: Vec3<R>) -> Vec3<R> {
     mean + rotation(quat).transform(noise.times(scales(log_scales)))

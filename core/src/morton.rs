@@ -54,7 +54,8 @@ pub trait Bits: Copy + From<u32> + BitAnd<Output = Self> + BitOr<Output = Self> 
 
 impl<B: Copy + From<u32> + BitAnd<Output = Self> + BitOr<Output = Self> + Shl<u32, Output = Self>> Bits for B {}
 
-/// Morton code of a cell: the bits of its three numbers, each below 1024, interleaved; x has the lowest.
+/// Morton code of a cell: the bits of its three numbers, each below 1024, interleaved; x has the
+/// lowest.
 #[inline(always)]
 pub fn interleave<B: Bits>([x, y, z]: [B; 3]) -> B {
     spread(x) | spread(y) << 1 | spread(z) << 2

@@ -74,8 +74,9 @@ impl Precision for Storage {
 
 /// Runs the stages on a device of wgpu.
 ///
-/// The parameter is the storage format. With [`Full`] precision it is an [`Executor`], which renders and trains; with
-/// a [`Storage`] chosen at run time it is a [`Renderer`], which may store Gaussians and lights as halves.
+/// The parameter is the storage format. With [`Full`] precision it is an [`Executor`], which
+/// renders and trains; with a [`Storage`] chosen at run time it is a [`Renderer`], which may store
+/// Gaussians and lights as halves.
 #[derive(Debug)]
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,
@@ -144,8 +145,8 @@ impl<P> GpuExecutor<P> {
         self.context.finish()
     }
 
-    /// Starts or ends the timing of kernels; returns whether the device supports it. Each timed submission blocks until
-    /// it is done, so whole stages are slower.
+    /// Starts or ends the timing of kernels; returns whether the device supports it. Each timed
+    /// submission blocks until it is done, so whole stages are slower.
     pub fn time_kernels(&mut self, is_timed: bool) -> bool {
         let timer = if is_timed { KernelTimer::new(&self.context.gpu) } else { None };
         let is_possible = timer.is_some() || !is_timed;
@@ -162,8 +163,8 @@ impl<P> GpuExecutor<P> {
         self.context.kernel_times()
     }
 
-    /// Measures the peak rates of the device; `None` where kernels cannot be timed. Discards the durations of kernels so
-    /// far, and ends their timing.
+    /// Measures the peak rates of the device; `None` where kernels cannot be timed. Discards the
+    /// durations of kernels so far, and ends their timing.
     ///
     /// # Errors
     ///
@@ -388,7 +389,8 @@ impl Executor for GpuExecutor {
         optimise_environment(context, counters, environment, moments, &grad, rate, radiance_max, step)
     }
 
-    /// Downloads the counters, the losses and the gradient of the exposure with one wait for the device.
+    /// Downloads the counters, the losses and the gradient of the exposure with one wait for the
+    /// device.
     fn report(&mut self) -> Result<Option<StepReport>, GpuError> {
         let (losses, exposure_sums) = (mem::take(&mut self.losses), mem::take(&mut self.exposure_sums));
         let arrays = [

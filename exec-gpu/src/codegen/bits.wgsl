@@ -1,4 +1,4 @@
-// What the bits of a number tell, which compilers leave alone: they may take every number for finite.
+// Tests of numbers by their bits: compilers may assume that every number is finite.
 
 const SIGN: u32 = 0x80000000u;
 const INFINITY: u32 = 0x7f800000u;

@@ -22,7 +22,8 @@ pub enum FieldBinding {
     Argument,
     /// Variable of the shader.
     Variable,
-    /// Function of the shader, called with each component's index; for a result, also with the component.
+    /// Function of the shader, called with each component's index; for a result, also with the
+    /// component.
     Call,
 }
 
@@ -51,7 +52,8 @@ pub trait Formula {
     fn evaluate<R: Real>(&self, inputs: &mut Inputs<'_, R>) -> Vec<R>;
 }
 
-/// List of [`Field`]s: `name: len` is an argument or a member of the return value, `..fields` appends others.
+/// List of [`Field`]s: `name: len` is an argument or a member of the return value, `..fields`
+/// appends others.
 macro_rules! fields {
     (@push $list:ident) => {};
     (@push $list:ident ..$more:expr $(, $($rest:tt)*)?) => {
@@ -78,8 +80,8 @@ pub(crate) use fields;
 /// });
 /// ```
 ///
-/// The bound names are `self` and the [`Inputs`]; parameters and results are written as [`fields!`] takes them; the body
-/// returns [`Components`].
+/// The bound names are `self` and the [`Inputs`]; parameters and results are written as [`fields!`]
+/// takes them; the body returns [`Components`].
 macro_rules! formula {
     (
         $formula:ty, |$this:pat_param, $inputs:pat_param|
@@ -219,7 +221,8 @@ fn numbers_of(field: &Field) -> impl Iterator<Item = String> + '_ {
     })
 }
 
-/// The formula as a function of WGSL. Several returned results make a structure, named as the function in camel case.
+/// The formula as a function of WGSL. Several returned results make a structure, named as the
+/// function in camel case.
 pub fn function(formula: &impl Formula) -> String {
     let (name, parameters, results) = (formula.name(), formula.parameters(), formula.results());
     let inputs: Vec<String> = parameters.iter().flat_map(numbers_of).collect();

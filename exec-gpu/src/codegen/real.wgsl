@@ -1,7 +1,8 @@
-// The functions of `specula_core::real` that no machine has exactly: as there, operation by operation.
+// The functions of `specula_core::real` that no machine has exactly: as there, operation by
+// operation.
 
-// Rounded by the machine's own function: compilers may take a large number that is added and subtracted again for
-// nothing.
+// Rounded by the machine's own function: compilers may take a large number that is added and
+// subtracted again for nothing.
 fn real_exp2(power: f32) -> f32 {
     let x = clamp(power, EXP2_MIN, EXP2_MAX);
     let whole = round(x);
@@ -15,7 +16,7 @@ fn real_log2(x: f32) -> f32 {
     return log2_mantissa(mantissa) + f32(exponent);
 }
 
-// By its bits: compilers may take it for granted that numbers are finite.
+// Tested by its bits: compilers may assume that numbers are finite.
 fn real_is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }

@@ -1,8 +1,8 @@
 //! Tracing: a number that records the operations on it, and WGSL statements made of the record.
 //!
-//! Formulas are free of branches, so one evaluation with [`Traced`] records every operation. Operations that no result
-//! depends on are dropped, common subexpressions are evaluated once, and operations keep their order: shaders compute
-//! exactly the expressions of core.
+//! Formulas are free of branches, so one evaluation with [`Traced`] records every operation.
+//! Operations that no result depends on are dropped, common subexpressions are evaluated once, and
+//! operations keep their order: shaders compute exactly the expressions of core.
 //!
 //! A variant, such as the shading function of a profile or a smaller number of harmonics, is the
 //! same formula traced under other rules. Tests evaluate every formula on the device and compare it
@@ -69,8 +69,8 @@ fn note(operation: Operation) -> u32 {
     })
 }
 
-/// Traces a formula; `inputs` are the WGSL expressions of its parameters. Returns the statements, and the expressions of
-/// the results.
+/// Traces a formula; `inputs` are the WGSL expressions of its parameters. Returns the statements,
+/// and the expressions of the results.
 pub(crate) fn trace(inputs: &[String], formula: impl FnOnce(&[Traced]) -> Vec<Traced>) -> (String, Vec<String>) {
     write_out(inputs, |inputs| {
         let numbers: Vec<Traced> = inputs.map(Traced).collect();
@@ -88,7 +88,8 @@ pub(crate) fn trace_words<const N: usize>(
     })
 }
 
-/// Statements of a record, and the expressions of its results; `record` gets the operations of the inputs.
+/// Statements of a record, and the expressions of its results; `record` gets the operations of the
+/// inputs.
 fn write_out(
     inputs: &[String],
     record: impl FnOnce(&mut dyn Iterator<Item = u32>) -> Vec<u32>,
@@ -243,7 +244,8 @@ impl Shl<u32> for TracedWord {
     }
 }
 
-/// Each method records the operation of `f32`; `exp2`, `log2` and `is_finite` are functions of `real.wgsl`.
+/// Each method records the operation of `f32`; `exp2`, `log2` and `is_finite` are functions of
+/// `real.wgsl`.
 impl Real for Traced {
     type Mask = TracedMask;
 

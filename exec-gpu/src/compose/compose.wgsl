@@ -1,10 +1,10 @@
-// A picture over what a texture holds: one triangle that covers the viewport.
+// Composition of a frame over a texture: one triangle covers the viewport.
 
 struct Picture {
     size: vec2u,
-    // Where the transmittance lies among the blended planes.
+    // Index of the transmittance among the blended planes.
     transmittance: u32,
-    // Whether the texture encodes what it is given as sRGB.
+    // Whether the texture encodes its values as sRGB.
     is_encoded: u32,
 }
 

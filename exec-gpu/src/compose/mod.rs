@@ -1,7 +1,8 @@
 //! Composition of frames over the contents of another program's textures.
 //!
-//! The program wraps its device in a [`Gpu`] with [`Gpu::shared`], renders with an executor on it, and draws the frame
-//! with a [`Composer`] in one of its own render passes. Nothing leaves the device:
+//! The program wraps its device in a [`Gpu`] with [`Gpu::shared`], renders with an executor on it,
+//! and draws the frame with a [`Composer`] in one of its own render passes. Nothing leaves the
+//! device:
 //!
 //! ```no_run
 //! # use specula_gpu::{Composer, Frame, Gpu, GpuError, GpuExecutor};
@@ -32,9 +33,10 @@ const LABEL: Option<&str> = Some("compose");
 
 /// Draws frames into textures of one format, of one sample a pixel.
 ///
-/// A texture becomes the frame's premultiplied colour plus (1 − α) times its former contents. Colours of a frame are
-/// sRGB. A format without encoding stores them unchanged, with the pixels of `over_background`; a format that encodes
-/// (`…Srgb`) blends linear light, so that partially covered pixels are brighter.
+/// A texture becomes the frame's premultiplied colour plus (1 − α) times its former contents.
+/// Colours of a frame are sRGB. A format without encoding stores them unchanged, with the pixels of
+/// `over_background`; a format that encodes (`…Srgb`) blends linear light, so that partially
+/// covered pixels are brighter.
 #[derive(Debug)]
 pub struct Composer {
     pipeline: RenderPipeline,
@@ -52,16 +54,18 @@ struct Picture {
 }
 
 impl Composer {
-    /// A composer for the device of an executor, and for textures of a format that can be rendered to and blended.
+    /// A composer for the device of an executor, and for textures of a format that can be rendered
+    /// to and blended.
     pub fn new<P>(exec: &GpuExecutor<P>, format: TextureFormat) -> Self {
         let gpu = exec.gpu();
         let layout = layout_of(gpu, "compose", SOURCE, ShaderStages::FRAGMENT);
         Self { pipeline: pipeline(gpu, &layout, format), layout, is_encoded: format.is_srgb() }
     }
 
-    /// Records a draw of the frame over the viewport of a pass, without depth: pixel for pixel if the viewport has the
-    /// size of the frame, else with nearest sampling. Submits the executor's commands for the frame. The program submits
-    /// its pass before the executor renders the next frame, which may reuse this frame's memory.
+    /// Records a draw of the frame over the viewport of a pass, without depth: pixel for pixel if
+    /// the viewport has the size of the frame, else with nearest sampling. Submits the executor's
+    /// commands for the frame. The program submits its pass before the executor renders the next
+    /// frame, which may reuse this frame's memory.
     ///
     /// # Errors
     ///
@@ -139,10 +143,11 @@ mod tests {
 
     /// Pixels in a row whose bytes wgpu copies.
     const WIDTH: u32 = 64;
-    /// What the texture holds before, of each channel.
+    /// Former contents of the texture, of each channel.
     const BEFORE: f64 = 0.25;
 
-    /// A row that goes from black to white, the first half of it opaque and the second not covered at all.
+    /// A row that goes from black to white, the first half of it opaque and the second not covered
+    /// at all.
     fn row(exec: &mut GpuExecutor) -> Frame {
         let (width, half) = (WIDTH as usize, WIDTH as usize / 2);
         let color = |k: usize| if k < half { k as f32 / half as f32 } else { 0.0 };

@@ -40,8 +40,8 @@ fn source() -> String {
     Source::new().with(include_str!("ceilings.wgsl")).text()
 }
 
-/// Measures the peak rates; `None` where kernels cannot be timed. Discards the durations of kernels so far, and ends
-/// their timing.
+/// Measures the peak rates; `None` where kernels cannot be timed. Discards the durations of kernels
+/// so far, and ends their timing.
 ///
 /// # Errors
 ///

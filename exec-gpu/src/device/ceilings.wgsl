@@ -1,4 +1,4 @@
-// What a device can do at best: kernels that do nothing else.
+// Peak rates: kernels that only copy, or only multiply and add.
 
 struct Rounds {
     // Vectors that are copied, or invocations that multiply.

@@ -1,8 +1,9 @@
 //! Arrays of Gaussians, divided into chunks.
 //!
-//! A storage binding has a largest size, and Gaussians have many planes. So Gaussians may lie in several arrays, each of
-//! a whole number of blocks; a stage that processes Gaussians one by one runs once for each chunk. Every Gaussian is
-//! computed as in a single array, so results do not depend on the number of chunks.
+//! A storage binding has a largest size, and Gaussians have many planes. So Gaussians may lie in
+//! several arrays, each of a whole number of blocks; a stage that processes Gaussians one by one
+//! runs once for each chunk. Every Gaussian is computed as in a single array, so results do not
+//! depend on the number of chunks.
 
 use crate::device::{context::Context, error::GpuError, gpu::Gpu, memory::Array};
 use bytemuck::Pod;
@@ -80,7 +81,8 @@ impl ChunkedArray {
         self.arrays.iter().zip(ranges(count, self.chunk_len)).map(|(array, gaussians)| Chunk { gaussians, array })
     }
 
-    /// The array that holds the Gaussians of another array's chunk, and the index of its first Gaussian.
+    /// The array that holds the Gaussians of another array's chunk, and the index of its first
+    /// Gaussian.
     pub(crate) fn around(&self, chunk: &Chunk<'_>) -> (&Array, usize) {
         let index = chunk.gaussians.start / self.chunk_len;
         (&self.arrays[index], index * self.chunk_len)
@@ -122,7 +124,8 @@ impl Chunking {
         Self { words, chunk_len: BLOCK * blocks.max(1) }
     }
 
-    /// Chunks of another array of Gaussians that are divided already: whole chunks of theirs, as many as an array holds.
+    /// Chunks of another array of Gaussians that are divided already: whole chunks of theirs, as
+    /// many as an array holds.
     pub(crate) fn around(gpu: &Gpu, words: usize, inner_len: usize) -> Self {
         let chunk_len = Self::new(gpu, words).chunk_len;
         Self { words, chunk_len: inner_len.max(chunk_len / inner_len * inner_len) }

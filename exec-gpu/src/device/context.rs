@@ -81,7 +81,8 @@ impl Context {
         self.read(&[(array, part)], |bytes| values.copy_from_slice(bytes))
     }
 
-    /// Passes the bytes of several ranges, one after the other, to `consume`, with one wait for the device.
+    /// Passes the bytes of several ranges, one after the other, to `consume`, with one wait for the
+    /// device.
     ///
     /// # Errors
     ///
@@ -157,7 +158,8 @@ impl Context {
 
 #[cfg(test)]
 impl Context {
-    /// A context on the first adapter. Without an adapter tests are skipped with a note; in CI they fail.
+    /// A context on the first adapter. Without an adapter tests are skipped with a note; in CI they
+    /// fail.
     pub(crate) fn for_tests() -> Option<Self> {
         match Gpu::new("") {
             Ok(gpu) => Some(Self::new(gpu)),

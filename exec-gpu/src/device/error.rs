@@ -20,7 +20,7 @@ pub enum GpuError {
     NoDevice {
         /// Its name.
         adapter: String,
-        /// What it said.
+        /// Message of wgpu.
         reason: String,
     },
     /// The device has no memory left.
@@ -32,11 +32,11 @@ pub enum GpuError {
             , smaller pictures or a smaller light, another adapter, or the CPU"
     )]
     TooLarge {
-        /// What was to be stored.
+        /// Name of the array.
         what: &'static str,
-        /// How large it is.
+        /// Size of the array, in bytes.
         bytes: u64,
-        /// How large it may be.
+        /// Largest size, in bytes.
         limit: u64,
     },
     /// The device of another program allows too little.
@@ -47,19 +47,19 @@ pub enum GpuError {
     TooLimited {
         /// The adapter's name.
         adapter: String,
-        /// What it allows too little of.
+        /// Limits that are too low.
         reason: String,
     },
     /// The device is gone.
     #[error("the device was lost: {reason}; try again, or use the CPU")]
     Lost {
-        /// What the driver said.
+        /// Message of the driver.
         reason: String,
     },
     /// The device refused a command.
     #[error("the device refused a command, which is a fault of the program: {reason}")]
     Refused {
-        /// What it said.
+        /// Message of wgpu.
         reason: String,
     },
     /// A buffer of another length than the numbers that are read into it.

@@ -24,15 +24,16 @@ use wgpu::{
     Limits, MemoryHints, PollType, Queue, Trace,
 };
 
-/// A device that kernels run on. A clone is the same device for another executor, which shares the kernel_cache kernels; what
-/// goes wrong on the device is told to whoever asks it first, and its loss to all.
+/// Device of wgpu. A clone is the same device for another executor, with the same compiled kernels.
+/// An error of the device is returned once, to the first clone that checks for it; the loss of the
+/// device is returned to all.
 #[derive(Debug)]
 pub struct Gpu {
     pub(crate) device: Device,
     pub(crate) queue: Queue,
     info: AdapterInfo,
     limits: Limits,
-    /// Most bytes of an array of Gaussians.
+    /// Largest chunk of Gaussians, in bytes.
     chunk_max: u64,
     fault: Arc<Mutex<Option<GpuError>>>,
     pub(crate) kernel_cache: Arc<KernelCache>,
@@ -56,7 +57,12 @@ impl Clone for Gpu {
 }
 
 impl Gpu {
-    /// The first adapter with `wanted` in its name, of real hardware if there is any; an empty name is any.
+    /// Opens the first adapter with `wanted` in its name, preferring hardware; an empty name
+    /// matches any.
+    ///
+    /// # Errors
+    ///
+    /// [`GpuError::NoAdapter`] if no adapter matches, [`GpuError::NoDevice`] if it gives no device.
     pub fn new(wanted: &str) -> Result<Self, GpuError> {
         let is_wanted = |adapter: &Adapter| adapter.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
         let mut found: Vec<Adapter> = all_adapters().into_iter().filter(is_wanted).collect();
@@ -70,7 +76,7 @@ impl Gpu {
         let limits = wanted_limits(&adapter.limits());
         let descriptor = DeviceDescriptor {
             label: Some("specula"),
-            // Nothing needs it: it tells how long kernels take.
+            // Optional: times kernels.
             required_features: adapter.features() & Features::TIMESTAMP_QUERY,
             required_limits: limits.clone(),
             experimental_features: ExperimentalFeatures::disabled(),
@@ -99,9 +105,14 @@ impl Gpu {
         Self { device, queue, info, limits, chunk_max: u64::MAX, fault, kernel_cache, waits: AtomicUsize::new(0) }
     }
 
-    /// The device of a program that draws itself, so that pictures get to its textures without leaving the device; see
-    /// [`crate::compose`]. It has to allow what WebGPU does by default, and needs no features. Its errors go where the
-    /// program wants them: the callbacks for errors and for a lost device stay the program's.
+    /// Wraps the device of another program, so that frames are drawn into its textures without
+    /// leaving the device; see [`Composer`](crate::Composer). The device needs WebGPU's default
+    /// limits and no features. The callbacks for errors and for the loss of the device remain the
+    /// program's.
+    ///
+    /// # Errors
+    ///
+    /// [`GpuError::TooLimited`] if its limits are below WebGPU's defaults.
     pub fn shared(device: Device, queue: Queue) -> Result<Self, GpuError> {
         let (info, limits) = (device.adapter_info(), device.limits());
         let mut lacks = Vec::new();
@@ -119,41 +130,43 @@ impl Gpu {
         &self.info
     }
 
-    /// Whether the adapter is a program that computes on the CPU.
+    /// Whether the adapter is a software driver, which computes on the CPU.
     pub fn is_software(&self) -> bool {
         self.info.device_type == DeviceType::Cpu
     }
 
-    /// This device, but shaders see no more of an array than so many bytes: what a smaller device would do.
+    /// The device with a lower limit of the size of an array, in bytes, as a smaller device has.
     #[must_use]
     pub fn limited(mut self, bytes: u64) -> Self {
         self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
         self
     }
 
-    /// This device, but Gaussians lie in pieces of no more than so many bytes, or of sixteen. Results do not depend on it.
+    /// The device with Gaussians in chunks of at most so many bytes, and at least one block.
+    /// Results do not depend on it.
     #[must_use]
     pub fn with_chunks_of(mut self, bytes: u64) -> Self {
         self.chunk_max = bytes;
         self
     }
 
-    /// Largest array that Gaussians are put into, in bytes.
+    /// Largest chunk of Gaussians, in bytes.
     pub(crate) fn chunk_max(&self) -> u64 {
         self.chunk_max.min(self.binding_max())
     }
 
-    /// Largest array that a shader may see, in bytes: whole vectors of four numbers.
+    /// Largest storage binding, in bytes: whole vectors of four numbers.
     pub(crate) fn binding_max(&self) -> u64 {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size) / 16 * 16
     }
 
-    /// Most workgroups along one axis of a dispatch.
+    /// Largest number of workgroups along one axis of a dispatch.
     pub(crate) fn workgroups_max(&self) -> u32 {
         self.limits.max_compute_workgroups_per_dimension
     }
 
-    /// What went wrong since the last call, if anything did. A device that was lost stays so.
+    /// Returns the error that was reported since the last call, if any. The loss of a device is
+    /// permanent.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let mut fault = self.fault.lock().expect("nobody panics while noting a fault");
         match &*fault {
@@ -162,21 +175,26 @@ impl Gpu {
         }
     }
 
-    /// Why a call failed that says so itself: what was noted before is the cause, if there is anything.
+    /// Cause of a failed call: the error that the device reported before, if any, else the call's
+    /// own.
     pub(crate) fn cause_of(&self, error: &dyn fmt::Display) -> GpuError {
         self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
-    /// How often the host has waited for the device so far.
+    /// Number of times that the host has waited for the device.
     pub fn waits(&self) -> usize {
         self.waits.load(Relaxed)
     }
 
-    /// Waits until everything that was submitted is done.
+    /// Blocks until all submissions are done.
+    ///
+    /// # Errors
+    ///
+    /// The error that the device reported, or its loss.
     pub(crate) fn wait(&self) -> Result<(), GpuError> {
         self.waits.fetch_add(1, Relaxed);
-        // wgpu panics where a driver says while it is waited for that the device is gone. By then it has let go of its
-        // locks and told of the loss, and nothing of ours is half done.
+        // wgpu panics if a driver reports the loss of the device during the wait. By then it has
+        // released its locks and called back, and no operation of the executor is incomplete.
         let poll = || self.device.poll(PollType::wait_indefinitely());
         let waited = panic::catch_unwind(AssertUnwindSafe(poll));
         self.check()?;
@@ -186,14 +204,14 @@ impl Gpu {
         }
     }
 
-    /// What ends the device when it is called, as a driver may at any time: whatever is asked of it afterwards fails.
+    /// A function that destroys the device, as a driver may at any time: all later calls fail.
     pub fn fuse(&self) -> impl Fn() + Send + 'static {
         let device = self.device.clone();
         move || device.destroy()
     }
 }
 
-/// The limits of WebGPU, but arrays as large as the adapter takes them.
+/// WebGPU's limits, with the adapter's largest arrays.
 fn wanted_limits(adapter: &Limits) -> Limits {
     Limits {
         max_storage_buffer_binding_size: adapter.max_storage_buffer_binding_size,
@@ -202,7 +220,7 @@ fn wanted_limits(adapter: &Limits) -> Limits {
     }
 }
 
-/// A loss is the cause of whatever else goes wrong, so it counts more.
+/// Notes a loss, which replaces other errors: it is their cause.
 fn keep_loss(fault: &Mutex<Option<GpuError>>, how: DeviceLostReason, reason: String) {
     let reason = match how {
         DeviceLostReason::Destroyed => "it was closed".to_owned(),

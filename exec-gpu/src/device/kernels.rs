@@ -17,7 +17,8 @@ use wgpu::{
     PipelineCompilationOptions, PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
 };
 
-/// Resource of a kernel's binding; a kernel's bindings are numbered in the order in which they are passed.
+/// Resource of a kernel's binding; a kernel's bindings are numbered in the order in which they are
+/// passed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Binding<'a> {
     /// Bytes of a uniform structure.
@@ -73,8 +74,8 @@ impl Recorder {
         gpu.check()
     }
 
-    /// Records a kernel. `source` is evaluated only if the kernel is not compiled yet; `key` identifies the variant of
-    /// the entry point.
+    /// Records a kernel. `source` is evaluated only if the kernel is not compiled yet; `key`
+    /// identifies the variant of the entry point.
     ///
     /// # Errors
     ///
@@ -111,7 +112,8 @@ impl Recorder {
             .collect();
         let group =
             gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
-        // Each timed submission blocks until it is done, so passes are submitted only when the timer is full.
+        // Each timed submission blocks until it is done, so passes are submitted only when the
+        // timer is full.
         if self.timer.as_ref().map_or(self.passes >= PASSES_PER_SUBMISSION, KernelTimer::is_full) {
             self.submit(gpu)?;
         }

@@ -1,4 +1,5 @@
-//! Arrays in storage buffers, the pool that they are allocated from, and transfers between host and device.
+//! Arrays in storage buffers, the pool that they are allocated from, and transfers between host and
+//! device.
 
 use crate::device::{error::GpuError, gpu::Gpu};
 use core::ops::Range;
@@ -72,7 +73,8 @@ impl Pool {
     ///
     /// # Errors
     ///
-    /// [`GpuError::TooLarge`] beyond the device's largest binding, [`GpuError::OutOfMemory`] if allocation fails.
+    /// [`GpuError::TooLarge`] beyond the device's largest binding, [`GpuError::OutOfMemory`] if
+    /// allocation fails.
     pub(crate) fn allocate(&self, gpu: &Gpu, what: &'static str, len: usize) -> Result<Array, GpuError> {
         let bytes = 4 * len as u64;
         let limit = gpu.binding_max();
@@ -140,8 +142,8 @@ pub(crate) fn write(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, byte
     Ok(())
 }
 
-/// Records copies of parts of arrays, not all of them empty, to a new buffer that the host can map: one part after the
-/// other.
+/// Records copies of parts of arrays, not all of them empty, to a new buffer that the host can map:
+/// one part after the other.
 pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, parts: &[(&Array, Range<usize>)]) -> Buffer {
     let size_of = |part: &Range<usize>| 4 * part.len() as u64;
     let staging = gpu.device.create_buffer(&BufferDescriptor {
@@ -172,7 +174,8 @@ pub(crate) fn read(gpu: &Gpu, staging: &Buffer, consume: impl FnOnce(&[u8])) -> 
 mod tests {
     use super::*;
 
-    /// Address space of a process that is to run out of memory, in KiB: a driver and a few arrays fit.
+    /// Address space of a process that is to run out of memory, in KiB: a driver and a few arrays
+    /// fit.
     const LITTLE: u64 = 6 << 20;
 
     #[test]

@@ -1,4 +1,5 @@
-//! Device infrastructure: adapters, memory, and kernels that are compiled once and recorded into submissions.
+//! Device infrastructure: adapters, memory, and kernels that are compiled once and recorded into
+//! submissions.
 //!
 //! Nothing here knows a stage of the pipeline.
 

@@ -1,4 +1,5 @@
-// Colours added to texels, for whoever wants to know whether the sums are right: one invocation a colour.
+// Colours added to texels, for whoever wants to know whether the sums are right: one invocation a
+// colour.
 
 struct Added {
     count: u32,

@@ -1,4 +1,5 @@
-//! Access to parts of the executor for tests: formulas on the device, gradients of single stages, divisions of work.
+//! Access to parts of the executor for tests: formulas on the device, gradients of single stages,
+//! divisions of work.
 
 use crate::{
     codegen::{
@@ -50,8 +51,8 @@ fn add_colors_source(texel_count: usize) -> String {
 }
 
 impl<P> GpuExecutor<P> {
-    /// Evaluates a formula for rows of inputs on the device: all results, row by row. A row has the components of all
-    /// parameters in order, whatever their binding.
+    /// Evaluates a formula for rows of inputs on the device: all results, row by row. A row has the
+    /// components of all parameters in order, whatever their binding.
     ///
     /// # Errors
     ///
@@ -71,9 +72,9 @@ impl<P> GpuExecutor<P> {
         Ok(values)
     }
 
-    /// Gradient of the lookup of a light, or of its irradiance, for rows of a direction, a roughness, and a gradient of
-    /// three colours; a row's eighth number is ignored. Returns rows of the gradient of direction and roughness, and
-    /// the gradient of the light.
+    /// Gradient of the lookup of a light, or of its irradiance, for rows of a direction, a
+    /// roughness, and a gradient of three colours; a row's eighth number is ignored. Returns rows
+    /// of the gradient of direction and roughness, and the gradient of the light.
     ///
     /// # Errors
     ///
@@ -104,7 +105,8 @@ impl<P> GpuExecutor<P> {
         Ok((values, sums.finish(context)?))
     }
 
-    /// Adds colours to texels as kernels add to the gradient of a light; the fourth number of a colour is ignored.
+    /// Adds colours to texels as kernels add to the gradient of a light; the fourth number of a
+    /// colour is ignored.
     ///
     /// # Errors
     ///
@@ -126,7 +128,8 @@ impl<P> GpuExecutor<P> {
         sums.finish(context)
     }
 
-    /// Texels of a light, level by level with their aprons, each of four numbers; the fourth is zero.
+    /// Texels of a light, level by level with their aprons, each of four numbers; the fourth is
+    /// zero.
     ///
     /// # Errors
     ///
@@ -169,7 +172,8 @@ impl<P> GpuExecutor<P> {
         Ok(FrameGrad { size: frame.size, channels: frame.channels, values })
     }
 
-    /// Planes of a gradient, in the order of [`read_frame`](specula_core::executor::Renderer::read_frame).
+    /// Planes of a gradient, in the order of
+    /// [`read_frame`](specula_core::executor::Renderer::read_frame).
     ///
     /// # Errors
     ///
@@ -195,8 +199,8 @@ impl<P> GpuExecutor<P> {
         Ok(values)
     }
 
-    /// Sets the capacity of training steps, in tile-splat pairs, until a report tells what they need. Results do not
-    /// depend on it.
+    /// Sets the capacity of training steps, in tile-splat pairs, until a report tells what they
+    /// need. Results do not depend on it.
     pub fn set_pair_capacity(&mut self, pairs: usize) {
         let depth_bits = self.capacity.map_or(1, |capacity| capacity.depth_bits);
         self.capacity = Some(Capacity { pairs, depth_bits });

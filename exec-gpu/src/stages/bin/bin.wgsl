@@ -1,4 +1,4 @@
-// Splats to tiles, front to back.
+// Emission of tile-splat pairs, front to back.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -10,7 +10,8 @@
 @group(0) @binding(7) var<storage, read_write> emitted: array<u32>;
 @group(0) @binding(8) var<storage, read> counters: array<u32>;
 
-// Numbers of tiles in the order of depth, and a zero behind them, whose exclusive sum is that of all.
+// Numbers of tiles in the order of depth, and a zero behind them, whose exclusive sum is that of
+// all.
 @compute @workgroup_size(GROUP)
 fn counts_in_order(
     @builtin(workgroup_id) group: vec3u,
@@ -25,8 +26,8 @@ fn counts_in_order(
     }
 }
 
-// One element for each tile of each splat, numbered in the order of depth, and by number whose it is; none where there
-// is too little room.
+// Emits a pair for each tile of each splat, numbered in the order of depth, with its Gaussian; none
+// where the capacity is exceeded.
 @compute @workgroup_size(GROUP)
 fn emit(
     @builtin(workgroup_id) group: vec3u,

@@ -1,4 +1,4 @@
-// Depths as keys of few bits.
+// Depth keys of few bits.
 
 struct Depths {
     count: u32,
@@ -11,7 +11,8 @@ struct Depths {
 @group(0) @binding(3) var<storage, read_write> order: array<u32>;
 @group(0) @binding(4) var<storage, read> counters: array<u32>;
 
-// Keys from the nearest depth on, behind them what is not drawn; and all Gaussians in their order.
+// Keys relative to the nearest depth, the largest for Gaussians that are not drawn; and all
+// Gaussians in their order.
 @compute @workgroup_size(GROUP)
 fn shorten(
     @builtin(workgroup_id) group: vec3u,

@@ -1,8 +1,8 @@
-// What must be known of splats before they are sorted, and whether there is room for that.
+// Number of tile-splat pairs and range of depths, compared with the capacity.
 
 struct Measured {
     count: u32,
-    // Room for pairs of a tile and a splat, and the key of what is not drawn.
+    // Capacity for tile-splat pairs, and the key of Gaussians that are not drawn.
     pairs_max: u32,
     not_drawn: u32,
 }
@@ -12,7 +12,7 @@ struct Measured {
 @group(0) @binding(2) var<storage, read> tile_counts: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 
-// One invocation for a column of Gaussians.
+// Counts pairs and depths; one invocation for a column of Gaussians.
 @compute @workgroup_size(GROUP)
 fn measure(
     @builtin(workgroup_id) group: vec3u,
@@ -43,7 +43,7 @@ fn measure(
     }
 }
 
-// One invocation: whether all that is needed fits.
+// Compares the counts with the capacity; one invocation.
 @compute @workgroup_size(1)
 fn settle() {
     let nearest = atomicLoad(&counters[NEAREST]);

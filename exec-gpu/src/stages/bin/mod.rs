@@ -48,7 +48,8 @@ pub struct Tiles {
     pub(crate) gaussians: Array,
     /// Capacity of `gaussians`.
     pub(crate) count_max: usize,
-    /// Emission index of each splat of each tile; pairs are emitted Gaussian after Gaussian, front to back.
+    /// Emission index of each splat of each tile; pairs are emitted Gaussian after Gaussian, front
+    /// to back.
     pub(crate) emissions: Array,
     /// All Gaussians, front to back, then those that are not drawn.
     pub(crate) order: Array,
@@ -56,11 +57,13 @@ pub struct Tiles {
     pub(crate) offsets: Array,
 }
 
-/// Sorts splats into tiles with a given capacity. Without one, blocks until the device has counted the pairs.
+/// Sorts splats into tiles with a given capacity. Without one, blocks until the device has counted
+/// the pairs.
 ///
 /// # Errors
 ///
-/// See [`Context::allocate`] and [`Context::dispatch`]; [`GpuError::TooLarge`] for more pairs than 32 bits count.
+/// See [`Context::allocate`] and [`Context::dispatch`]; [`GpuError::TooLarge`] for more pairs than
+/// 32 bits count.
 pub(crate) fn bin(
     context: &mut Context,
     counters: &StepCounters,
@@ -109,7 +112,8 @@ pub(crate) fn bin(
     Ok(Tiles { ranges, gaussians, count_max, emissions, order, offsets })
 }
 
-/// Counts the pairs and the range of depths, and compares them with the capacity; returns the capacity.
+/// Counts the pairs and the range of depths, and compares them with the capacity; returns the
+/// capacity.
 fn measure(
     context: &mut Context,
     counters: &StepCounters,
@@ -141,8 +145,8 @@ fn not_drawn(depth_bits: u32) -> u32 {
     u32::MAX >> (u32::BITS - depth_bits.max(1))
 }
 
-/// All Gaussians, front to back, ties in their order; behind them those that are not drawn. Sorts only by bits in which
-/// depths differ.
+/// All Gaussians, front to back, ties in their order; behind them those that are not drawn. Sorts
+/// only by bits in which depths differ.
 fn depth_order(
     context: &mut Context,
     counters: &StepCounters,

@@ -1,5 +1,5 @@
-// Where each tile's splats begin and end among the sorted ones, and whose they are. Tiles without any keep the zeros
-// they start with.
+// Range of each tile's splats among the sorted pairs, and their Gaussians: one invocation a pair.
+// Tiles without splats keep their initial zeros.
 
 @group(0) @binding(0) var<storage, read> counters: array<u32>;
 @group(0) @binding(1) var<storage, read> tiles_of: array<u32>;

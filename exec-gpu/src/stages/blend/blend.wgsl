@@ -1,4 +1,10 @@
-// Tiles to a picture: one workgroup a tile, one invocation a block of its pixels.
+// Tile rasteriser: composites the splats of each tile, front to back.
+//
+// Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
+// Memory: an invocation keeps the state and channels of its pixels in registers, and reads splats
+// from storage.
+// Variants: size of the block, number of channels.
+// Early exit: once the transmittance of all its pixels is below TRANSMITTANCE_MIN.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;

@@ -65,8 +65,9 @@ formula!(BlendEnd, |this, inputs| blend_end(
     inputs.slice(this.block.count()).to_vec()
 });
 
-/// Compositing of one splat over the pixels of an invocation ([`specula_core::blend::step`]): their state, and the sums
-/// of their channels. The largest transmittance tells whether all pixels have terminated.
+/// Compositing of one splat over the pixels of an invocation ([`specula_core::blend::step`]): their
+/// state, and the sums of their channels. The largest transmittance tells whether all pixels have
+/// terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct BlendSplat {
     /// Pixels of the invocation.

@@ -88,8 +88,8 @@ pub(crate) fn blend(
     Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
 }
 
-/// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations; a software driver
-/// amortises it over many pixels.
+/// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations;
+/// a software driver amortises it over many pixels.
 fn block_of(gpu: &Gpu) -> PixelBlock {
     match gpu.info().device_type {
         DeviceType::Cpu => PixelBlock { width: 4, height: 4 },

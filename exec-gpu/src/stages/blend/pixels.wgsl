@@ -1,10 +1,10 @@
-// The pixels of a tile, divided among invocations: a small rectangle each.
+// Assignment of a tile's pixels to invocations: a small rectangle each.
 
 const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
 const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
 const BLOCK_PIXELS: u32 = BLOCK_WIDTH * BLOCK_HEIGHT;
 
-// The first of an invocation's own.
+// Upper left pixel of the invocation.
 var<private> corner: vec2u;
 
 fn corner_of(tile: vec2u, local: u32) -> vec2u {
@@ -19,7 +19,7 @@ fn is_inside(pixel: u32) -> bool {
     return all(pixel_at(pixel) < camera.size);
 }
 
-// Pixels outside the picture have ended before they begin.
+// Initial transmittance; pixels outside the image have terminated.
 fn light_at_start(pixel: u32) -> f32 {
     return select(0.0, 1.0, is_inside(pixel));
 }

@@ -1,11 +1,16 @@
-// The way back through blending: one workgroup a tile, one invocation a block of its pixels. Splats are replayed front
-// to back, some at once: every invocation leaves the sums over its own pixels in the workgroup's memory, then sums over
-// the invocations go to the slots, one for each splat of each tile, in the order of emission.
+// Gradient of the tile rasteriser: replays the splats of each tile, front to back.
+//
+// Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
+// Memory: invocations store the sums over their pixels of SPLATS_AT_ONCE splats in workgroup
+// memory; their totals go to slots in storage, one for each tile-splat pair, at its emission index.
+// Variants: size of the block, number of channels.
+// Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
 
-// A row of sums has a number for each invocation, and one more: rows then begin in different banks of the memory.
+// A row of sums has one number more than invocations, so that rows begin in different banks of the
+// memory.
 const ROW: u32 = INVOCATIONS + 1u;
-// Splats take the lowest bits of `seen`; this one says that a pixel has not ended.
-const GOES_ON: u32 = 1u << 31u;
+// Bit of `seen` for pixels that have not terminated; the lowest bits are those of the splats.
+const IS_ACTIVE: u32 = 1u << 31u;
 
 // Emissions that have a slot.
 struct Batch {
@@ -34,7 +39,8 @@ var<private> remaining: Pixels;
 var<private> first_color: u32;
 var<private> first_sum: u32;
 
-// Where a number of a pixel lies in pictures: those of a pixel are side by side in `number`.
+// Index in an image of a number of a pixel; `number` enumerates the numbers of one pixel after the
+// other.
 fn place_of(number: u32) -> u32 {
     let pixel = pixel_at(number / (CHANNELS + 1u));
     return number % (CHANNELS + 1u) * camera.size.x * camera.size.y + pixel.y * camera.size.x + pixel.x;
@@ -62,7 +68,7 @@ fn has_slot(emission: u32) -> bool {
     return batch.first <= emission && emission < batch.end;
 }
 
-// Replays splats; returns a bit for each that an own pixel saw.
+// Replays splats; returns a bit for each splat that contributes to a pixel of the invocation.
 fn replay_splats(first: u32, count: u32, local: u32) -> u32 {
     let point = vec2f(corner) + 0.5;
     var seen_here = 0u;
@@ -76,7 +82,7 @@ fn replay_splats(first: u32, count: u32, local: u32) -> u32 {
         seen_here |= select(0u, 1u << k, over.weight > 0.0);
         light_left = over.light_left;
     }
-    return seen_here | select(0u, GOES_ON, light_left > 0.0);
+    return seen_here | select(0u, IS_ACTIVE, light_left > 0.0);
 }
 
 // The sum over the invocations, four side by side.
@@ -126,7 +132,7 @@ fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index
         let seen_by_any = atomicLoad(&seen[turn]);
         write_slots(first, count, seen_by_any, local);
         if local == 0u {
-            is_over = select(1u, 0u, (seen_by_any & GOES_ON) != 0u);
+            is_over = select(1u, 0u, (seen_by_any & IS_ACTIVE) != 0u);
         }
         first += count;
         turn = 1u - turn;
@@ -134,7 +140,7 @@ fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index
             break;
         }
     }
-    // Splats behind pixels that have ended.
+    // Slots of the splats behind terminated pixels.
     for (var row = local; row < (range.y - first) * SLOT; row += INVOCATIONS) {
         let emission = emissions_of[first + row / SLOT];
         if has_slot(emission) {

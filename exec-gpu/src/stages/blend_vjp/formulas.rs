@@ -9,9 +9,11 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Numbers of a splat's gradient before those of its channels: mean2d (2), root of the conic (3), opacity (1).
+/// Numbers of a splat's gradient before those of its channels: mean2d (2), root of the conic (3),
+/// opacity (1).
 pub const GEOMETRY: usize = 6;
-/// Moments of a splat over its pixels: the first numbers of a slot, before the gradients of the channels.
+/// Moments of a splat over its pixels: the first numbers of a slot, before the gradients of the
+/// channels.
 pub const MOMENTS: usize = 6;
 
 /// Gradients of the channels in each pixel of an invocation, constant while splats are replayed.
@@ -57,9 +59,9 @@ formula!(ReplayStart, |this, inputs| replay_start(..[
     (transmittances, remaining, pixel_grads)
 });
 
-/// Replay of one splat over the pixels of an invocation, and the sums over them ([`specula_core::blend::step_vjp`]). The
-/// weight of the splat tells whether it contributed to any pixel, the remaining light whether all pixels have
-/// terminated.
+/// Replay of one splat over the pixels of an invocation, and the sums over them
+/// ([`specula_core::blend::step_vjp`]). The weight of the splat tells whether it contributed to any
+/// pixel, the remaining light whether all pixels have terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplaySplat {
     /// Pixels of the invocation.

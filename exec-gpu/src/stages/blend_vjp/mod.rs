@@ -1,8 +1,8 @@
 //! Gradient of compositing.
 //!
-//! Every tile-splat pair has a slot for its sums over the tile's pixels, at its emission index, so that the slots of a
-//! Gaussian are adjacent. Pairs beyond the largest array are processed in batches of emissions; every Gaussian adds its
-//! slots in the same order for any number of batches.
+//! Every tile-splat pair has a slot for its sums over the tile's pixels, at its emission index, so
+//! that the slots of a Gaussian are adjacent. Pairs beyond the largest array are processed in
+//! batches of emissions; every Gaussian adds its slots in the same order for any number of batches.
 
 use crate::{
     codegen::source::Source,
@@ -39,14 +39,17 @@ const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
 /// Division of the replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayDivision {
-    /// Pixels of an invocation. Larger blocks need fewer sums in workgroup memory, but more registers.
+    /// Pixels of an invocation. Larger blocks need fewer sums in workgroup memory, but more
+    /// registers.
     pub block: PixelBlock,
-    /// Largest number of slots that are kept at once, if an array holds as many. Results do not depend on it.
+    /// Largest number of slots that are kept at once, if an array holds as many. Results do not
+    /// depend on it.
     pub slots_max: usize,
 }
 
 impl ReplayDivision {
-    /// Fastest division: a software driver has registers to spare, compared with the cost of its memory.
+    /// Fastest division: a software driver has registers to spare, compared with the cost of its
+    /// memory.
     pub(crate) fn new(gpu: &Gpu) -> Self {
         let block = match gpu.info().device_type {
             DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
@@ -56,13 +59,15 @@ impl ReplayDivision {
     }
 }
 
-/// Splats whose sums are in workgroup memory at once; each has a bit of a word, and one bit is reserved.
+/// Splats whose sums are in workgroup memory at once; each has a bit of a word, and one bit is
+/// reserved.
 fn splats_at_once(block: PixelBlock, channels: usize) -> usize {
     let invocations = (TILE_SIZE * TILE_SIZE) as usize / block.count();
     (SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))).min(31)
 }
 
-/// Gradients of splats and their channels, in the block layout of Gaussians: [`GEOMETRY`] planes, then the channels.
+/// Gradients of splats and their channels, in the block layout of Gaussians: [`GEOMETRY`] planes,
+/// then the channels.
 #[derive(Debug)]
 pub struct SplatGrads {
     pub(crate) channels: usize,

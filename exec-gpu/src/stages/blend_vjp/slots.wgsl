@@ -1,11 +1,11 @@
-// Slots to gradients of splats: each Gaussian sums up its own, in the order of their emission.
+// Sums of slots to gradients of splats: each Gaussian adds its slots in the order of emission.
 
-// Emissions that have a slot, and the piece of the sums at hand.
+// Emissions that have a slot, and the chunk of the sums.
 struct Batch {
     first: u32,
     end: u32,
     first_gaussian: u32,
-    // With the lanes that fill up its last block.
+    // With the padding of its last block.
     gaussians_end: u32,
 }
 
@@ -17,7 +17,7 @@ struct Batch {
 @group(0) @binding(5) var<storage, read> slots: array<f32>;
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 fn place_of(number: u32) -> u32 {
@@ -32,7 +32,7 @@ fn put_sum(number: u32, value: f32) {
     sums[place_of(number)] = value;
 }
 
-// One number of one Gaussian; goes on from what former batches came to.
+// Adds the slots of a batch to one number of one Gaussian; one invocation a number.
 @compute @workgroup_size(GROUP)
 fn sum_slots(
     @builtin(workgroup_id) group: vec3u,
@@ -42,7 +42,7 @@ fn sum_slots(
     let index = linear_index(group, groups, local);
     let place = index / SLOT;
     let number = index % SLOT;
-    // Behind all Gaussians there are lanes that only fill up the last block.
+    // Padding of the last block.
     let is_filling = place >= camera.gaussian_count;
     var whose = place;
     if !is_filling {
@@ -71,7 +71,7 @@ fn is_zero(number: f32) -> bool {
     return (bitcast<u32>(number) & 0x7fffffffu) == 0u;
 }
 
-// AdamMoments to what they stand for.
+// Converts moments to gradients; one invocation a Gaussian.
 @compute @workgroup_size(GROUP)
 fn finish_splats(
     @builtin(workgroup_id) group: vec3u,

@@ -1,10 +1,10 @@
-// A camera and what is seen through it, as `scene.rs` lays it out.
+// Camera, and the range of Gaussians of a dispatch; `CameraUniform` of `camera/mod.rs`.
 
 struct Camera {
     row_x: vec3f,
     gaussian_count: u32,
     row_y: vec3f,
-    // Where the first of them lies in arrays that hold more.
+    // Index of the first Gaussian in larger arrays.
     first_gaussian: u32,
     row_z: vec3f,
     near: f32,

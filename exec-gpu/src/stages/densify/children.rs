@@ -85,7 +85,8 @@ pub(crate) struct Children {
 }
 
 impl Children {
-    /// Enumerates the children of all Gaussians, and sorts them by the Morton codes of their parents.
+    /// Enumerates the children of all Gaussians, and sorts them by the Morton codes of their
+    /// parents.
     ///
     /// # Errors
     ///
@@ -118,7 +119,8 @@ impl Children {
         self.count
     }
 
-    /// Numbers of the children from those of their parents. Those of copies and of split children are zero unless
+    /// Numbers of the children from those of their parents. Those of copies and of split children
+    /// are zero unless
     /// `keeps_new` is set.
     ///
     /// # Errors
@@ -163,8 +165,8 @@ impl Children {
         context.dispatch(&key, "gather", &|| gather_source(layout), &bindings, size)
     }
 
-    /// Samples the means of split children, and shrinks them. The host draws the noise, so that all executors draw the
-    /// same.
+    /// Samples the means of split children, and shrinks them. The host draws the noise, so that all
+    /// executors draw the same.
     ///
     /// # Errors
     ///
@@ -204,7 +206,8 @@ impl Children {
     }
 }
 
-/// Dispatches a kernel of `children.wgsl` for every chunk; each invocation processes `each` Gaussians.
+/// Dispatches a kernel of `children.wgsl` for every chunk; each invocation processes `each`
+/// Gaussians.
 fn dispatch_for_chunks(
     context: &mut Context,
     entry: &'static str,

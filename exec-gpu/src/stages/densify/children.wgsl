@@ -1,10 +1,10 @@
-// Children: the Gaussians after densification. Those that stay come first, then copies, then parts of what is split, two
-// each; an child is its parent's number and how it came about.
+// Children: the Gaussians after densification. Those that stay come first, then copies, then parts
+// of what is split, two each; an child is its parent's number and how it came about.
 
 struct Size {
     // Of all Gaussians.
     count: u32,
-    // The piece at hand: its first Gaussian, and how many it has.
+    // First Gaussian of the chunk, and their number.
     first: u32,
     piece: u32,
 }
@@ -12,16 +12,17 @@ struct Size {
 @group(0) @binding(0) var<uniform> size: Size;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> actions: array<u32>;
-// For each Gaussian whether it stays, then whether it is copied, then whether it is split; later their sums.
+// For each Gaussian whether it stays, then whether it is copied, then whether it is split; later
+// their sums.
 @group(0) @binding(3) var<storage, read_write> offsets: array<u32>;
 // The lowest coordinates and the highest, as bits that sort.
 @group(0) @binding(4) var<storage, read_write> bounds: array<atomic<u32>>;
-// What children are sorted by: the place of their parents in space.
+// Morton codes of the parents, by which children are sorted.
 @group(0) @binding(5) var<storage, read_write> codes: array<u32>;
 @group(0) @binding(6) var<storage, read_write> children: array<u32>;
 @group(0) @binding(7) var<storage, read_write> split_parents: array<u32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)
@@ -41,7 +42,8 @@ fn mark(
     offsets[2u * size.count + number] = select(0u, 1u, action == SPLIT);
 }
 
-// The box around all means; coordinates that are not finite count for nothing. One invocation for a column.
+// The box around all means; coordinates that are not finite count for nothing. One invocation for a
+// column.
 @compute @workgroup_size(GROUP)
 fn find_bounds(
     @builtin(workgroup_id) group: vec3u,

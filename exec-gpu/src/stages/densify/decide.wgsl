@@ -1,6 +1,6 @@
-// What becomes of each Gaussian: one invocation each.
+// Action of densification on each Gaussian: one invocation a Gaussian.
 
-// The piece at hand is so many Gaussians from the first on.
+// Thresholds, and the chunk: `count` Gaussians from `first` on.
 struct Rules {
     first: u32,
     count: u32,
@@ -15,12 +15,12 @@ struct Rules {
 @group(0) @binding(2) var<storage, read> grad_sums: array<f32>;
 @group(0) @binding(3) var<storage, read> view_counts: array<f32>;
 @group(0) @binding(4) var<storage, read_write> actions: array<u32>;
-// Keys that sort what grows by its mean gradient, the largest first, and before all that does not.
+// Sort keys: Gaussians that grow, by descending mean gradient, before all others.
 @group(0) @binding(5) var<storage, read_write> growth_keys: array<u32>;
-// How many Gaussians there are of each action.
+// Number of Gaussians of each action.
 @group(0) @binding(6) var<storage, read_write> counts: array<atomic<u32>>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)

@@ -49,7 +49,8 @@ formula!(CellAt, |_, inputs| cell_at(x: 1, low: 1, high: 1) -> (cell: 1) {
     [cell(inputs.number(), inputs.number(), inputs.number())]
 });
 
-/// Child of a split Gaussian ([`specula_core::densify::part_mean`], [`specula_core::densify::part_log_scales`]).
+/// Child of a split Gaussian ([`specula_core::densify::part_mean`],
+/// [`specula_core::densify::part_log_scales`]).
 #[derive(Clone, Copy, Debug)]
 pub struct PartOf {
     /// Planes of the Gaussian.

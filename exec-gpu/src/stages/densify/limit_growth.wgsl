@@ -1,11 +1,12 @@
-// Keeps as they are those that would grow but find no room: one invocation a place in the order of their gradients.
+// Limit of growth: keeps unchanged the Gaussians behind the first `growth_max` in the order of
+// gradients; one invocation a Gaussian.
 
-struct Room {
+struct Growth {
     count: u32,
-    room: u32,
+    growth_max: u32,
 }
 
-@group(0) @binding(0) var<uniform> room: Room;
+@group(0) @binding(0) var<uniform> growth: Growth;
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read_write> actions: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counts: array<atomic<u32>>;
@@ -17,7 +18,7 @@ fn limit_growth(
     @builtin(local_invocation_index) local: u32,
 ) {
     let place = linear_index(group, groups, local);
-    if place < room.room || place >= room.count {
+    if place < growth.growth_max || place >= growth.count {
         return;
     }
     let gaussian = order[place];

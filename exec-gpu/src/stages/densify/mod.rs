@@ -1,5 +1,5 @@
-//! Densification: Gaussians are cloned, split and pruned where they lie; the host reads a few counts and draws the random
-//! numbers of split Gaussians.
+//! Densification: Gaussians are cloned, split and pruned where they lie; the host reads a few
+//! counts and draws the random numbers of split Gaussians.
 
 use crate::{
     device::{chunks::ChunkedArray, context::Context, error::GpuError},

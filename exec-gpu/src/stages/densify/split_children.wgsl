@@ -1,6 +1,6 @@
-// Parts of split Gaussians move, and shrink: one invocation an child.
+// Sampling of split children, which move and shrink: one invocation a child.
 
-// The piece at hand is so many children from the first on.
+// Chunk: `count` children from `first` on.
 struct Parts {
     first: u32,
     count: u32,
@@ -14,7 +14,7 @@ struct Parts {
 @group(0) @binding(3) var<storage, read> noise: array<f32>;
 @group(0) @binding(4) var<storage, read_write> values: array<f32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 fn set_plane(number: u32, value: f32) {

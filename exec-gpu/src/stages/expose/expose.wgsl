@@ -1,4 +1,4 @@
-// Pictures as photographs show them.
+// Exposure of an image: one invocation a pixel.
 
 @group(0) @binding(3) var<storage, read_write> exposed: array<f32>;
 

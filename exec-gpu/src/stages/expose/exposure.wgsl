@@ -1,4 +1,4 @@
-// Pictures as photographs show them: what both ways share.
+// Exposure of an image: declarations of the stage and its gradient.
 
 struct ExposureSettings {
     red: vec4f,
@@ -16,7 +16,7 @@ fn pixel_count() -> u32 {
     return exposure.size.x * exposure.size.y;
 }
 
-// What of the scene is seen in a pixel.
+// Colour of a pixel before exposure.
 fn color_at(place: u32) -> vec3f {
     let size = pixel_count();
     return vec3f(colors[place], colors[place + size], colors[place + 2u * size]);

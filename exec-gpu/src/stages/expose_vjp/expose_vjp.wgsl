@@ -1,5 +1,5 @@
-// The gradient of a photograph: it becomes that of the picture, and each tile sums that of the exposure. One workgroup a
-// tile, four pixels an invocation, one below the other.
+// Gradient of exposure: replaces the gradient of the exposed image by that of the image, and sums
+// that of the exposure over each tile. One workgroup a tile, four pixels of a column an invocation.
 
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 @group(0) @binding(4) var<storage, read_write> sums: array<f32>;
@@ -16,7 +16,8 @@ fn plus(one: ExposureSum, other: ExposureSum) -> ExposureSum {
     return ExposureSum(one.red + other.red, one.green + other.green, one.blue + other.blue);
 }
 
-// The gradient of a pixel of the photograph becomes that of the picture; returns that of the exposure.
+// The gradient of a pixel of the photograph becomes that of the picture; returns that of the
+// exposure.
 fn pixel_vjp(pixel: vec2u) -> ExposureSum {
     if any(pixel >= exposure.size) {
         return ExposureSum();

@@ -6,7 +6,8 @@ use crate::{
 };
 use specula_core::expose::expose_vjp;
 
-/// Gradient of [`Expose`](crate::stages::expose::formulas::Expose) ([`specula_core::expose::expose_vjp`]).
+/// Gradient of [`Expose`](crate::stages::expose::formulas::Expose)
+/// ([`specula_core::expose::expose_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ExposeVjp;
 

@@ -1,5 +1,5 @@
-// One number of the Gaussian at hand: sixteen Gaussians make a block, whose first planes are stored in full, and then
-// two planes of halves to a word.
+// One number of the Gaussian at hand: sixteen Gaussians make a block, whose first planes are stored
+// in full, and then two planes of halves to a word.
 
 alias Stored = u32;
 

@@ -1,4 +1,4 @@
-// The losses that look at attributes, not at pictures: adds their gradients, one invocation a Gaussian.
+// Gradients of the losses on attributes: one invocation a Gaussian.
 
 // Weights of the losses for each Gaussian.
 struct Attributes {

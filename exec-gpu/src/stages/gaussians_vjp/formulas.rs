@@ -26,7 +26,8 @@ fn splat_grad_field(blended: Channels) -> [Field; 1] {
     [call("splat_grad", GEOMETRY + blended.count())]
 }
 
-/// Reads the gradients of the splat, then those of all channels; zero for channels that are not blended.
+/// Reads the gradients of the splat, then those of all channels; zero for channels that are not
+/// blended.
 fn take_splat_grad<R: Real>(inputs: &mut Inputs<'_, R>, blended: Channels) -> (SplatGrad<R>, LayerChannels<R>) {
     let (mean2d, root_conic, opacity) = (inputs.array(), inputs.array(), inputs.number());
     let numbers = inputs.slice(blended.count());
@@ -44,8 +45,8 @@ impl<R: Real> AttributeGrads<R> for PlaneGrads<R> {
     }
 }
 
-/// Gradients of a Gaussian's planes ([`specula_core::attributes`]) from those of its splat and channels; with light, also
-/// from those of the light that it looked up.
+/// Gradients of a Gaussian's planes ([`specula_core::attributes`]) from those of its splat and
+/// channels; with light, also from those of the light that it looked up.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanesVjp {
     /// Shading of the Gaussian.
@@ -130,7 +131,8 @@ formula!(SplitSumVjp, |_, inputs| split_sum_slopes(
     [right, lower]
 });
 
-/// Gradients of the losses on attributes, not on images: of the opacity and of both normal residuals.
+/// Gradients of the losses on attributes, not on images: of the opacity and of both normal
+/// residuals.
 #[derive(Clone, Copy, Debug)]
 pub struct AttributeLosses {
     /// Planes of the Gaussians.

@@ -1,12 +1,12 @@
-// The way back through shading and projection: one invocation a Gaussian, and one for each lane that fills up the last
-// block.
+// Gradients of shading and projection: one invocation a Gaussian, padding of the last block
+// included.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> splat_grads: array<f32>;
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 fn splat_grad(number: u32) -> f32 {
@@ -18,7 +18,7 @@ fn put(plane: u32, grad: f32) {
     grads[(gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK] = grad;
 }
 
-// Whether any gradient reaches the Gaussian. What is not a number does.
+// Whether any gradient of the splat is not zero; NaN is not.
 fn is_touched() -> bool {
     var bits = 0u;
     for (var number = 0u; number < SPLAT_PLANES; number++) {

@@ -1,4 +1,4 @@
-// The way back through light that Gaussians have looked up themselves.
+// Gradient of the light that Gaussians looked up.
 
 @group(0) @binding(6) var<storage, read_write> light_sums: array<atomic<u32>>;
 

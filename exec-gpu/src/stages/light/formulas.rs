@@ -50,7 +50,8 @@ formula!(TexelsMean, |_, inputs| texels_mean(..texels_and_position()) -> (radian
     bilinear(texels, inputs.number(), inputs.number())
 });
 
-/// Gradient of [`TexelsMean`] with respect to the point on the face ([`specula_core::cubemap::bilinear_vjp`]).
+/// Gradient of [`TexelsMean`] with respect to the point on the face
+/// ([`specula_core::cubemap::bilinear_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct TexelsVjp;
 
@@ -61,7 +62,8 @@ formula!(TexelsVjp, |_, inputs| texels_vjp(..texels_and_position(), resolution: 
     [grad_right * half, grad_lower * half]
 });
 
-/// Gradient of a direction from that of its point on the face ([`specula_core::cubemap::project_vjp`]).
+/// Gradient of a direction from that of its point on the face
+/// ([`specula_core::cubemap::project_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct DirectionVjp;
 

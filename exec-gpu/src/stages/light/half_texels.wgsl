@@ -2,8 +2,9 @@
 
 alias Texel = vec2u;
 
-// The bits of the nearest half, ties to the even one, as `pack.rs` rounds; adapters may cut `pack2x16float` off. Finite
-// numbers beyond the largest half become that; infinity and what is no number stay so.
+// The bits of the nearest half, ties to the even one, as `pack.rs` rounds; adapters may cut
+// `pack2x16float` off. Finite numbers beyond the largest half become that; infinity and what is no
+// number stay so.
 fn half_of(number: f32) -> u32 {
     let bits = bitcast<u32>(number);
     let sign = (bits >> 16u) & HALF_SIGN;

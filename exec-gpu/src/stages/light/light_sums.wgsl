@@ -1,6 +1,7 @@
-// Sums of colours that many invocations add to at once. A number is so many whole steps; three words are its digits,
-// each of either sign, and the fourth counts what was no number. Whoever comes first, the sum ends up the same.
-// Powers of two are multiplied with, which is exact everywhere; a division need not be.
+// Sums of colours that many invocations add to at once. A number is so many whole steps; three
+// words are its digits, each of either sign, and the fourth counts what was no number. Whoever
+// comes first, the sum ends up the same. Powers of two are multiplied with, which is exact
+// everywhere; a division need not be.
 
 fn add_number(first: u32, number: f32) {
     let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
@@ -12,7 +13,8 @@ fn add_number(first: u32, number: f32) {
     var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
     var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);
     var carried = 0u;
-    // Most numbers are smaller than a word, and digits of either sign seldom carry: once is mostly enough.
+    // Most numbers are smaller than a word, and digits of either sign seldom carry: once is mostly
+    // enough.
     loop {
         let amount = word + carried;
         let before = atomicAdd(&light_sums[place], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;

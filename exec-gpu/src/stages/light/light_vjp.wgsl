@@ -1,5 +1,5 @@
-// Looking light up and back: the gradient of the texels is added to their sums, that of direction and roughness is
-// returned.
+// Looking light up and back: the gradient of the texels is added to their sums, that of direction
+// and roughness is returned.
 
 // A place between four neighbouring texels of a level, the first of them the upper left one.
 struct Place {

@@ -1,9 +1,10 @@
 //! Sums of a light's gradient, to which many invocations add at once.
 //!
-//! Floating-point sums depend on their order, and float atomics are not universal. So each number is rounded to whole
-//! steps of 2⁻⁵² and added as a 96-bit integer: numbers as small as gradients of a mean over millions of pixels keep their
-//! digits, and 2²⁴ numbers of the largest magnitude, 2¹⁸, fit; larger numbers are clamped to it. A non-finite number
-//! makes the sum of its colour non-finite.
+//! Floating-point sums depend on their order, and float atomics are not universal. So each number
+//! is rounded to whole steps of 2⁻⁵² and added as a 96-bit integer: numbers as small as gradients
+//! of a mean over millions of pixels keep their digits, and 2²⁴ numbers of the largest magnitude,
+//! 2¹⁸, fit; larger numbers are clamped to it. A non-finite number makes the sum of its colour
+//! non-finite.
 
 use crate::{
     codegen::{source::Source, trace::literal},

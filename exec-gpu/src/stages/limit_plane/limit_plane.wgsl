@@ -1,4 +1,5 @@
-// One plane, limited and without momentum, of Gaussians outside of a ball: one invocation a Gaussian.
+// One plane, limited and without momentum, of Gaussians outside of a ball: one invocation a
+// Gaussian.
 
 struct Limit {
     center: vec3f,
@@ -30,7 +31,7 @@ fn limit_plane(
         return;
     }
     let place = first + limit.plane * BLOCK;
-    // What is not a number is limited too.
+    // NaN is limited too.
     if !(values[place] <= limit.ceiling) {
         values[place] = limit.ceiling;
     }
@@ -38,8 +39,8 @@ fn limit_plane(
     squares[place] = 0.0;
 }
 
-// Distances are not negative, and so neither are their bits as whole numbers: by those, what is not a number is farther
-// than anything, where a compiler may take every number for finite.
+// Distances are not negative, and so neither are their bits as whole numbers: by those, what is not
+// a number is farther than anything, where a compiler may take every number for finite.
 fn lies_outside(from_center: vec3f) -> bool {
     return limit.radius_squared < 0.0 || bitcast<u32>(dot(from_center, from_center)) > bitcast<u32>(limit.radius_squared);
 }

@@ -52,7 +52,8 @@ formula!(WithBackground, |_, inputs| with_background(background: 1, grad: 1, sum
     [composite_vjp(background, grad, sum)]
 });
 
-/// Losses on a pixel's coverage and on values weighted by it ([`mod@specula_core::loss`]), and their gradients.
+/// Losses on a pixel's coverage and on values weighted by it ([`mod@specula_core::loss`]), and
+/// their gradients.
 #[derive(Clone, Copy, Debug)]
 pub struct CoverageLoss;
 
@@ -164,7 +165,8 @@ formula!(NormalWeight, |_, inputs| normal_weight(transmittance: 1, around: 4) ->
     [surface_weight(-transmittance + 1.0, &covered(&around))]
 });
 
-/// Normal loss of a pixel, weighted by its coverage ([`specula_core::loss::normal_loss`]), and its gradients.
+/// Normal loss of a pixel, weighted by its coverage ([`specula_core::loss::normal_loss`]), and its
+/// gradients.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalLoss {
     /// Form of the loss.

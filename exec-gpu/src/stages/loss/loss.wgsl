@@ -1,4 +1,4 @@
-// A picture against what it should be: what the kernels of the losses share.
+// Losses of an image: declarations of all kernels.
 
 // Shares are weights over the number of values that a loss is a mean of.
 struct LossSettings {
@@ -15,7 +15,8 @@ struct LossSettings {
     padding: vec2u,
 }
 
-// Marks of a tile: whether anything but the background shows in the rendered picture, and in the true one.
+// Marks of a tile: whether anything but the background shows in the rendered picture, and in the
+// true one.
 const IS_RENDERED: u32 = 1u;
 const IS_TRUE: u32 = 2u;
 
@@ -26,7 +27,7 @@ const IS_TRUE: u32 = 2u;
 
 var<workgroup> parts: array<LossSum, LOSS_GROUP>;
 
-// The sum of what all invocations have, in a fixed order.
+// Sum over all invocations, in a fixed order.
 fn sum_of_group(local: u32, own: LossSum) -> LossSum {
     parts[local] = own;
     workgroupBarrier();

@@ -1,4 +1,5 @@
-// Which tiles show anything but the background: one workgroup a tile, four pixels an invocation.
+// Marks of tiles that show anything but the background: one workgroup a tile, four pixels an
+// invocation.
 
 @group(0) @binding(4) var<storage, read_write> marks: array<u32>;
 

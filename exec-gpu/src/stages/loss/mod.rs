@@ -237,7 +237,8 @@ struct Comparison<'a> {
 ///
 /// # Errors
 ///
-/// [`GpuError::FrameSize`] if frame and target differ in size; see [`Context::allocate`] and [`Context::dispatch`].
+/// [`GpuError::FrameSize`] if frame and target differ in size; see [`Context::allocate`] and
+/// [`Context::dispatch`].
 pub(crate) fn loss(
     context: &mut Context,
     frame: &Frame,

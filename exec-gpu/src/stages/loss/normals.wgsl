@@ -1,4 +1,5 @@
-// Rendered normals against those of the depth, and their gradients: one workgroup a tile, one invocation a pixel.
+// Rendered normals against those of the depth, and their gradients: one workgroup a tile, one
+// invocation a pixel.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read_write> grads: array<f32>;
@@ -38,8 +39,8 @@ fn normal_at(place: u32) -> vec3f {
     );
 }
 
-// The loss of a pixel; leaves the gradients of the depths around it, and writes that of its normal where it belongs to
-// the tile.
+// The loss of a pixel; leaves the gradients of the depths around it, and writes that of its normal
+// where it belongs to the tile.
 fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
     of_depths[slot] = vec4f(0.0);
     let around = vec4f(
@@ -65,7 +66,8 @@ fn compare_at(pixel: vec2u, slot: u32, is_own: bool) -> f32 {
     return loss.value;
 }
 
-// What a pixel's neighbours left for its depth, passed on to what was blended.
+// Gathers the gradients of a pixel's depth from its neighbours, and passes them to the blended
+// channels.
 fn gather(place: u32, slot: u32) {
     let across = of_depths[slot + 1u].x + of_depths[slot - 1u].y;
     let down = of_depths[slot + WIDE].z + of_depths[slot - WIDE].w;

@@ -1,11 +1,12 @@
-// Losses of pixels, and their gradients, which are zero so far: one workgroup a tile, four pixels an invocation.
+// Losses of pixels, and their gradients, which are zero so far: one workgroup a tile, four pixels
+// an invocation.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read> partials: array<f32>;
 @group(0) @binding(6) var<storage, read_write> grads: array<f32>;
 @group(0) @binding(7) var<storage, read_write> sums: array<f32>;
 
-// What an invocation's own pixels came to: absolute and squared losses of colour, and that of coverage.
+// Sums over the invocation's pixels: L1 and L2 losses of colour, and coverage loss.
 var<private> own_sums: vec3f;
 
 // Gradients of a window's means; there are no windows outside the picture.
@@ -106,7 +107,7 @@ fn put_all(plane: u32, first: vec2u, grad: vec4f) {
 
 @compute @workgroup_size(LOSS_GROUP)
 fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
-    // Nothing flows where no splat is seen, and there is nothing but zeros.
+    // Without a visible splat all gradients are zero.
     let number = number_of(tile.xy);
     let flows = (marks[number] & IS_RENDERED) != 0u;
     let a = own_pixels(tile.xy, local);

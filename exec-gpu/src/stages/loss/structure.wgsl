@@ -1,10 +1,11 @@
-// SSIM of two pictures, and its gradients with respect to the means of each window: one workgroup a tile and colour.
+// SSIM of two images, and its gradients with respect to the means of each window: one workgroup a
+// tile and colour.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read_write> partials: array<f32>;
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
 
-// Where both pictures show the background alone, they are equal.
+// Whether a window of the tile sees more than the background; else both images are equal.
 fn sees_a_mark(tile: vec2u) -> bool {
     var found = 0u;
     for (var k = 0u; k < 9u; k++) {

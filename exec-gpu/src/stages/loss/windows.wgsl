@@ -1,4 +1,5 @@
-// Windows of SSIM, first down and then across: a row of means for each row of a tile, with what lies beside it.
+// Windows of SSIM, first down and then across: a row of means for each row of a tile, with what
+// lies beside it.
 
 const REACH: u32 = SSIM_WINDOW / 2u;
 const WIDE: u32 = TILE_EDGE + 2u * REACH;
@@ -8,17 +9,18 @@ const DOWN_GROUP: u32 = WIDE * TILE_EDGE / DOWN;
 
 var<workgroup> rows: array<Means, WIDE * TILE_EDGE>;
 
-// The first pixel that an invocation looks at; left of the picture or above it numbers wrap to what no picture has.
+// First pixel of an invocation; left of the image and above it, coordinates wrap to values outside
+// of any image.
 fn first_down(tile: vec2u, local: u32) -> vec2u {
     return tile * TILE_EDGE + vec2u(local % WIDE, local / WIDE * DOWN) - REACH;
 }
 
-// Where the first of its means belongs.
+// Index of an invocation's first vertical mean.
 fn place_down(local: u32) -> u32 {
     return local / WIDE * DOWN * WIDE + local % WIDE;
 }
 
-// Puts the means of windows below one another where they belong.
+// Stores the vertical means of an invocation.
 fn put_down(place: u32, means: MeansDown) {
     rows[place] = means.mean_0;
     rows[place + WIDE] = means.mean_1;
@@ -30,7 +32,7 @@ fn put_down(place: u32, means: MeansDown) {
     rows[place + 7u * WIDE] = means.mean_7;
 }
 
-// Where the first mean across lies.
+// Index of an invocation's first mean across.
 fn place_across(local: u32) -> u32 {
     return local / 4u * WIDE + 4u * (local % 4u);
 }

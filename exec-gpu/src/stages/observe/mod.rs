@@ -28,7 +28,8 @@ pub(crate) fn source(channels: usize) -> String {
     source.count("GRAD_PLANES", GEOMETRY + channels).with(include_str!("observe.wgsl")).text()
 }
 
-/// Adds the length of the gradient of each projected centre, if it is finite and the Gaussian is drawn.
+/// Adds the length of the gradient of each projected centre, if it is finite and the Gaussian is
+/// drawn.
 ///
 /// # Errors
 ///

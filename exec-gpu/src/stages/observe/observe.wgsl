@@ -1,4 +1,4 @@
-// What densification sees of a view: one invocation a Gaussian.
+// Statistics of densification for a view: one invocation a Gaussian.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;

@@ -1,4 +1,4 @@
-// One step of Adam: one invocation a number.
+// Adam's step: one invocation a number.
 
 struct StepSize {
     count: u32,
@@ -18,7 +18,7 @@ struct StepSize {
 @group(0) @binding(5) var<storage, read_write> squares: array<f32>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 
-// By its bits: compilers may take it for granted that numbers are finite.
+// Tested by its bits: compilers may assume that numbers are finite.
 fn is_usable(grad: f32) -> bool {
     return (bitcast<u32>(grad) & 0x7fffffffu) <= GRAD_MAX_BITS;
 }

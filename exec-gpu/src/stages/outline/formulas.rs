@@ -34,7 +34,8 @@ formula!(OutlineOf, |_, inputs| outline_of(mean2d: 2, root: 3, reach: 1) -> (..o
     (center, [slope], half_width, [extreme_y, reach_y])
 });
 
-/// Rows of tiles that a splat touches: the first, and one past the last ([`specula_core::bin::tile_range`]).
+/// Rows of tiles that a splat touches: the first, and one past the last
+/// ([`specula_core::bin::tile_range`]).
 #[derive(Clone, Copy, Debug)]
 pub struct TileRows;
 

@@ -1,4 +1,4 @@
-// The numbers of a light to its radiance: one invocation a texel.
+// Activation of an environment: one invocation a texel.
 
 @group(0) @binding(2) var<storage, read_write> texels: array<vec4f>;
 

@@ -82,7 +82,8 @@ pub(crate) struct Weights {
 pub(crate) struct Matrices {
     /// Reductions from each level of the pyramid to the next.
     pub(crate) reductions: Vec<Matrix>,
-    /// Rows of the filter; `None` if there are too many weights to keep, which are then computed at each use.
+    /// Rows of the filter; `None` if there are too many weights to keep, which are then computed at
+    /// each use.
     pub(crate) rows: Option<Matrix>,
     pub(crate) aprons: Matrix,
 }
@@ -186,8 +187,8 @@ impl RowRange {
 /// Weights that are on the device at once, where not all are kept.
 const WEIGHTS_AT_ONCE: usize = 1 << 22;
 
-/// Applies rows that are not kept, part by part: `apply` gets the index of each part's first row, and the part. Blocks
-/// after each part, so that one is on the device at a time.
+/// Applies rows that are not kept, part by part: `apply` gets the index of each part's first row,
+/// and the part. Blocks after each part, so that one is on the device at a time.
 pub(crate) fn apply_parts(
     context: &mut Context,
     operator: &Operator,

@@ -1,4 +1,5 @@
-// A sparse matrix times texels: four invocations a row, each with every fourth of its taps, as some rows are very long.
+// Product of a sparse matrix with texels: four invocations a row, each with every fourth tap, as
+// some rows are very long.
 
 struct Product {
     row_count: u32,
@@ -30,7 +31,7 @@ fn product_of_row(row: u32, local: u32) -> vec4f {
     return (sums[first] + sums[first + 1u]) + (sums[first + 2u] + sums[first + 3u]);
 }
 
-// From some texels to others.
+// Stores the product in the texels.
 @compute @workgroup_size(GROUP)
 fn filter_texels(
     @builtin(workgroup_id) group: vec3u,
@@ -44,7 +45,7 @@ fn filter_texels(
     }
 }
 
-// The same, added to what is there.
+// Adds the product to the texels.
 @compute @workgroup_size(GROUP)
 fn add_filtered_texels(
     @builtin(workgroup_id) group: vec3u,
@@ -58,7 +59,7 @@ fn add_filtered_texels(
     }
 }
 
-// From texels to levels with aprons.
+// Stores the product in another array: levels with aprons.
 @compute @workgroup_size(GROUP)
 fn pad_texels(
     @builtin(workgroup_id) group: vec3u,

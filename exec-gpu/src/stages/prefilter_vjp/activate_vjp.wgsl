@@ -1,4 +1,4 @@
-// The gradient of a light's radiance to that of its numbers: one invocation a texel.
+// Gradient of the activation of an environment: one invocation a texel.
 
 @group(0) @binding(2) var<storage, read> texels: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;

@@ -1,4 +1,4 @@
-// Gaussians to splats: one invocation a Gaussian.
+// Projection of Gaussians: one invocation a Gaussian.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<Stored>;
@@ -6,7 +6,7 @@
 @group(0) @binding(3) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(4) var<storage, read_write> tile_counts: array<u32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
 @compute @workgroup_size(GROUP)
@@ -25,6 +25,6 @@ fn project(
     splats[place] = splat;
     let count = select(0u, count_tiles(splat), s.reach >= 0.0);
     tile_counts[place] = count;
-    // Depths are positive, so their bits sort as they do; what is not drawn comes last.
+    // Bits of positive depths sort as depths do; Gaussians that are not drawn come last.
     depth_keys[place] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
 }

@@ -1,6 +1,6 @@
 // Splat in memory.
 
-// A Gaussian on the screen. Its root of the conic is scaled for powers of two.
+// Projected Gaussian; the root of its conic is scaled for powers of two.
 struct Splat {
     mean2d: vec2f,
     log2_opacity: f32,

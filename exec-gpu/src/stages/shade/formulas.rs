@@ -33,7 +33,8 @@ fn surface_channels<R: Real>(
     blended(shading, &channels, shaded.is_finite())
 }
 
-/// Channels of a Gaussian that looks up no light ([`specula_core::attributes`]): plain, unlit, or with deferred shading.
+/// Channels of a Gaussian that looks up no light ([`specula_core::attributes`]): plain, unlit, or
+/// with deferred shading.
 #[derive(Clone, Copy, Debug)]
 pub struct ColorsOf(pub GaussianShading);
 
@@ -50,7 +51,8 @@ formula!(ColorsOf, |this, inputs| colors_of(..planes_field(this.0.layout), ..cam
     }
 });
 
-/// Directions and roughness with which a Gaussian looks up the light ([`specula_core::shade::surface`]).
+/// Directions and roughness with which a Gaussian looks up the light
+/// ([`specula_core::shade::surface`]).
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceOf(pub GaussianShading);
 

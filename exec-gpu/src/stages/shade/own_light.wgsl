@@ -1,9 +1,10 @@
-// Gaussians that look light up themselves.
+// Lookup of the light by a Gaussian.
 
 @group(0) @binding(4) var<storage, read> texels: array<Texel>;
 @group(0) @binding(5) var<storage, read> split_sums: array<vec2f>;
 
-// Four neighbouring entries of the split-sum table, by the first of them, and how far between them a place lies.
+// Four neighbouring entries of the split-sum table, by the first of them, and how far between them
+// a place lies.
 struct SplitSumPlace {
     first: u32,
     share: vec2f,
@@ -29,7 +30,7 @@ fn split_sum(n_dot_v: f32, roughness: f32) -> vec2f {
     return mix(upper, lower, place.share.y);
 }
 
-// Light that a Gaussian looks up.
+// Light that a Gaussian looked up.
 struct OwnLight {
     specular: vec3f,
     ambient: vec3f,

@@ -1,14 +1,14 @@
-// Gaussians to channels: one invocation a Gaussian.
+// Shading of Gaussians: one invocation a Gaussian.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<Stored>;
 @group(0) @binding(2) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> colors: array<f32>;
 
-// In its piece.
+// Index in its chunk.
 var<private> gaussian: u32;
 
-// What is not finite is not drawn after all.
+// Marks a Gaussian with a non-finite attribute as not drawn.
 fn leave_out(place: u32) {
     depth_keys[place] = NOT_DRAWN;
     tile_counts[place] = 0u;

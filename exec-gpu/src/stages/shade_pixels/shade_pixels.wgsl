@@ -1,4 +1,4 @@
-// Light, pixel by pixel.
+// Deferred shading: one invocation a pixel.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;

@@ -28,7 +28,8 @@ formula!(ColorOfPixelVjp, |_, inputs| color_of_pixel_vjp(
     (of_surface.base, of_surface.tint, of_light, [of_coverage])
 });
 
-/// Gradient of [`SurfaceOfPixel`] with respect to the blended channels ([`specula_core::pixel::pixel_surface_vjp`]).
+/// Gradient of [`SurfaceOfPixel`] with respect to the blended channels
+/// ([`specula_core::pixel::pixel_surface_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceOfPixelVjp(pub SurfaceOfPixel);
 

@@ -1,4 +1,5 @@
-// The gradient of light, pixel by pixel: that of the picture becomes that of what was blended.
+// Gradient of deferred shading: replaces the gradient of the colour by those of the blended
+// channels; one invocation a pixel.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> frame: array<f32>;
@@ -37,7 +38,7 @@ fn shade_pixels_vjp(
     if place >= size {
         return;
     }
-    // What nothing covers was not blended.
+    // Pixels without any splat have no gradient.
     if !(blended(TRANSMITTANCE) < 1.0) {
         return;
     }

@@ -1,4 +1,4 @@
-// Every number's own place.
+// Indices 0, 1, 2, …: one invocation a number.
 
 struct Numbers {
     count: u32,

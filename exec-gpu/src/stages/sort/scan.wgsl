@@ -1,4 +1,4 @@
-// Exclusive sums of a row of numbers: block by block, then the blocks' own sums are added.
+// Exclusive prefix sums: block by block, then the sums of the blocks are added.
 
 const PER_THREAD: u32 = SCAN_BLOCK / GROUP;
 // Invocations whose sums are added up one after the other, before those of whole segments are.
@@ -15,7 +15,7 @@ struct ScanSize {
 var<workgroup> sums: array<u32, GROUP>;
 var<workgroup> segment_sums: array<u32, GROUP / SEGMENT>;
 
-// Every block becomes its exclusive sums; what it came to goes to `block_sums`.
+// Replaces every block by its exclusive sums; its total goes to `block_sums`.
 @compute @workgroup_size(GROUP)
 fn scan_blocks(
     @builtin(workgroup_id) group: vec3u,

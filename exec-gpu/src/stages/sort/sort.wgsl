@@ -1,5 +1,6 @@
-// A stable radix sort of pairs, four bits a pass: every invocation goes through a column of its own, elements that lie
-// side by side, so that no invocation waits for another. Ranks follow from sums over the columns before.
+// Stable radix sort of pairs, four bits a pass. Every invocation processes a column of consecutive
+// elements, so that no invocation waits for another; ranks follow from sums over the columns
+// before.
 
 const DIGITS: u32 = 1u << DIGIT_BITS;
 
@@ -9,7 +10,7 @@ struct SortPass {
     columns: u32,
     shift: u32,
     mask: u32,
-    // Whether there are as many as the counters holds.
+    // Whether the number of elements is that of the step counters.
     is_counted: u32,
 }
 
@@ -32,7 +33,7 @@ fn counter_of(key: u32, local: u32) -> u32 {
     return ((key >> pass_.shift) & pass_.mask) * SORT_GROUP + local;
 }
 
-// How many elements of a column have each digit: digit after digit, column after column.
+// Counts the digits of each column: digit after digit, column after column.
 @compute @workgroup_size(SORT_GROUP)
 fn count_digits(
     @builtin(workgroup_id) group: vec3u,

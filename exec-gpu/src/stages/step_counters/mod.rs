@@ -1,8 +1,9 @@
 //! Counters that kernels update during a training step, read back once at its end.
 //!
-//! The number of tile-splat pairs of an image is known only after projection, and a training step does not wait for it:
-//! it allocates what former steps needed, and a quarter more. Kernels count what they need. Where that exceeds the
-//! capacity, tiles stay empty, and kernels that would update the scene leave it unchanged.
+//! The number of tile-splat pairs of an image is known only after projection, and a training step
+//! does not wait for it: it allocates what former steps needed, and a quarter more. Kernels count
+//! what they need. Where that exceeds the capacity, tiles stay empty, and kernels that would update
+//! the scene leave it unchanged.
 
 use crate::{
     codegen::source::Source,
@@ -117,7 +118,8 @@ impl StepCounts {
 }
 
 impl Capacity {
-    /// Capacity of the next step: a quarter more than this one needed, or the former capacity, which decays slowly.
+    /// Capacity of the next step: a quarter more than this one needed, or the former capacity,
+    /// which decays slowly.
     pub(crate) fn grown(self, former: Option<Self>, gpu: &Gpu) -> Self {
         let most = (gpu.binding_max() / 4) as usize;
         let former = former.unwrap_or_default();
