@@ -1,5 +1,5 @@
 // Children: the Gaussians after densification. Those that stay come first, then copies, then parts
-// of what is split, two each; an child is its parent's number and how it came about.
+// of what is split, two each; a child is its parent's index and its origin.
 
 struct Size {
     // Of all Gaussians.
