@@ -71,7 +71,7 @@ impl Program {
         Ok(())
     }
 
-    /// What the texture holds, RGBA of eight bits.
+    /// Pixels of the texture, RGBA with 8 bits a channel.
     fn pixels(&self) -> Result<Vec<u8>, Box<dyn Error>> {
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,

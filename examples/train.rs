@@ -15,7 +15,7 @@ use specula_train::{
 };
 use std::path::Path;
 
-/// Where points are not known.
+/// Number of random points, for data sets without any.
 const RANDOM_POINTS: usize = 5000;
 
 /// Fits plain Gaussians; `progress` hears of every step: its number, and the PSNR of late steps in dB.

@@ -1,4 +1,4 @@
-//! What is behind the Gaussians.
+//! Background of pictures: a colour, or the light.
 
 use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
@@ -11,7 +11,7 @@ use specula_io::picture::{self, RgbImage};
 use specula_scene::backdrop::{environment_colors, over_environment};
 use specula_train::{evaluate::over_background, view::View};
 
-/// A colour of sRGB, each channel from 0 to 1.
+/// Colour in sRGB, each channel from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Background(pub(crate) [f32; 3]);
 
@@ -19,7 +19,7 @@ impl Background {
     pub(crate) const BLACK: Self = Self([0.0; 3]);
     pub(crate) const WHITE: Self = Self([1.0; 3]);
 
-    /// White where pictures are transparent, else black: what the field does, without having to be told.
+    /// White for transparent pictures, else black, as is usual for such data sets.
     pub(crate) fn fitting(views: &[View]) -> Self {
         if views.iter().any(View::has_alpha) { Self::WHITE } else { Self::BLACK }
     }
@@ -41,7 +41,6 @@ impl FromStr for Background {
     }
 }
 
-/// As it is typed.
 impl fmt::Display for Background {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [r, g, b] = self.0;
@@ -51,7 +50,7 @@ impl fmt::Display for Background {
 
 kept_as_typed!(Background);
 
-/// Background that is asked for.
+/// Background on the command line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Backdrop {
     /// A colour.
@@ -61,7 +60,7 @@ pub(crate) enum Backdrop {
 }
 
 impl Backdrop {
-    /// The colour, where it is one.
+    /// Colour of the background, if it is one.
     pub(crate) fn color(self) -> Option<Background> {
         match self {
             Self::Color(color) => Some(color),
@@ -87,12 +86,12 @@ impl FromStr for Backdrop {
 pub(crate) enum Behind {
     /// A colour.
     Color(Background),
-    /// A light, from afar.
+    /// Light at infinite distance.
     Light(Environment<Vec<f32>>),
 }
 
 impl Behind {
-    /// A rendered view over it.
+    /// Rendered view over the background.
     pub(crate) fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> RgbImage {
         let planes = match self {
             Self::Color(Background(color)) => over_background(image, *color),
@@ -101,7 +100,7 @@ impl Behind {
         picture::rgb(image.width, image.height, &planes)
     }
 
-    /// A photograph over it.
+    /// Photograph over the background.
     pub(crate) fn truth(&self, view: &View) -> RgbImage {
         let Self::Light(light) = self else { return truth(view, self.color()) };
         let colors = environment_colors(light, &view.camera);
@@ -117,7 +116,7 @@ impl Behind {
         )
     }
 
-    /// The colour; black where it is none.
+    /// Colour of the background; black for a light.
     pub(crate) fn color(&self) -> Background {
         match self {
             Self::Color(color) => *color,
@@ -126,7 +125,7 @@ impl Behind {
     }
 }
 
-/// A photograph over a colour.
+/// Photograph over a colour.
 pub(crate) fn truth(view: &View, background: Background) -> RgbImage {
     picture::rgb(view.camera.width as usize, view.camera.height as usize, &view.over(background.0))
 }

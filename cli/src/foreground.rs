@@ -1,4 +1,4 @@
-//! Which part of a scene reflects the light.
+//! Foreground of a scene, whose Gaussians reflect the light.
 
 use crate::typed::{kept_as_typed, numbers};
 use core::{fmt, str::FromStr};
@@ -6,24 +6,24 @@ use specula_core::region::Ball;
 use specula_io::orientation::Orientation;
 use specula_scene::orientation::centre;
 
-/// How far what cameras look at reaches, as a share of their own distance from its middle.
+/// Default radius of the foreground, relative to the cameras' distance from the centre.
 const SHARE: f32 = 0.5;
 
-/// Where Gaussians reflect the light; what lies elsewhere has a colour of its own alone.
+/// Region of the Gaussians that reflect the light; others have a view-dependent colour alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Foreground {
-    /// Everywhere.
+    /// All Gaussians.
     All,
-    /// Around the middle of the scene, half as far as cameras are.
+    /// Ball around the scene's centre, with half the cameras' distance as its radius.
     Auto,
-    /// Around the middle of the scene, as far as this share of the distance at which cameras are.
+    /// Ball around the scene's centre, with this share of the cameras' distance as its radius.
     Share(f32),
-    /// In this ball.
+    /// Ball in world space.
     Ball(Ball),
 }
 
 impl Foreground {
-    /// The ball that is meant, in a scene with these orientation; none for everything.
+    /// Ball in a scene with this orientation; none for all Gaussians.
     pub(crate) fn ball(self, orientation: Option<&Orientation>) -> Option<Ball> {
         match self {
             Self::All => None,
@@ -53,7 +53,6 @@ impl FromStr for Foreground {
     }
 }
 
-/// As it is typed.
 impl fmt::Display for Foreground {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -67,7 +66,7 @@ impl fmt::Display for Foreground {
 
 kept_as_typed!(Foreground);
 
-/// What a line about it says.
+/// Sentence on the foreground.
 pub(crate) fn words(ball: &Ball) -> String {
     let [x, y, z] = ball.center;
     format!(

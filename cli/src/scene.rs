@@ -57,17 +57,17 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
         tracing::warn!("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
     }
-    if let Some(words) = nonfinite_words(&CullStats::of(&opened.scene.gaussians, None)) {
-        tracing::warn!("Gaussians with numbers that are not finite are left out: {words}");
+    if let Some(reasons) = nonfinite_reasons(&CullStats::of(&opened.scene.gaussians, None)) {
+        tracing::warn!("Gaussians with numbers that are not finite are left out: {reasons}");
     }
 }
 
-/// Background that was asked for, else that of the training, else black.
+/// Background `asked` for, else that of the training, else black.
 pub(crate) fn background_of(opened: &OpenedModel, asked: Option<Background>) -> Background {
     asked.unwrap_or(Background(opened.background()))
 }
 
-/// Opens a model; what is none is refused with what to open instead, where that can be told.
+/// Opens a model. The error for another file or folder names what to open instead, if it is known.
 fn open_model(path: &Path) -> Result<Model, Failure> {
     const EXPORTS: [&str; 4] = ["splat", "spz", "glb", "obj"];
     if output::ending(path).is_some_and(|ending| EXPORTS.contains(&ending.as_str())) && path.is_file() {
@@ -85,7 +85,7 @@ fn open_model(path: &Path) -> Result<Model, Failure> {
     })
 }
 
-/// The models in a folder, by name.
+/// Models in a folder, by name.
 fn models_in(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut models: Vec<PathBuf> = entries.filter(|path| model_folder::latest_iteration(path).is_ok()).collect();
@@ -94,17 +94,17 @@ fn models_in(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Number of Gaussians that are not finite, by reason; none if all are finite.
-pub(crate) fn nonfinite_words(census: &CullStats) -> Option<String> {
-    let reasons = CullReason::ALL.into_iter().filter(|fate| fate.is_nonfinite() && census.count(*fate) > 0);
-    let reasons: Vec<String> = reasons.map(|fate| format!("{} by {}", census.count(fate), fate.words())).collect();
+pub(crate) fn nonfinite_reasons(stats: &CullStats) -> Option<String> {
+    let reasons = CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite() && stats.count(*reason) > 0);
+    let reasons: Vec<String> = reasons.map(|reason| format!("{} by {}", stats.count(reason), reason.words())).collect();
     (!reasons.is_empty()).then(|| reasons.join(", "))
 }
 
-/// Puts the light of a file into a scene. `above` is the scene's up direction.
-pub(crate) fn relight(scene: &mut Scene, path: &Path, options: &EnvOptions, above: Vec3) -> Result<LatLong, Failure> {
+/// Replaces the light of a scene by that of a file. `up` is the scene's up direction.
+pub(crate) fn relight(scene: &mut Scene, path: &Path, options: &EnvOptions, up: Vec3) -> Result<LatLong, Failure> {
     refuse_plain(scene)?;
     let map = read_env(path, options.exposure)?;
-    scene.relight(&map, options.env_up.stand(above));
+    scene.relight(&map, options.env_up.stand(up));
     Ok(map)
 }
 
@@ -120,7 +120,7 @@ pub(crate) fn refuse_plain(scene: &Scene) -> Result<(), Failure> {
     ))
 }
 
-/// Scene as certificates measure it: seen by some cameras, over a background.
+/// Scene, cameras and background that a certificate holds for.
 pub(crate) fn into_subject(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
     let Scene { gaussians, light, shading_model: ShadingModel { shading, scheme } } = scene;
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
@@ -180,7 +180,8 @@ pub(crate) fn measure_views(
     })
 }
 
-/// A lat-long map from a file, times two to the power of the exposure. What is no radiance in it is replaced, and told.
+/// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance are
+/// replaced, and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let (mut map, warnings) = light_file::read(path)?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));

@@ -23,6 +23,7 @@ mod codegen;
 mod compose;
 mod device;
 mod executor;
+mod read_back;
 #[cfg(feature = "testing")]
 pub mod stages;
 #[cfg(not(feature = "testing"))]

@@ -5,7 +5,7 @@ use crate::{
     dataset::{self, Dataset},
     failure::Failure,
     output,
-    scene::{self, nonfinite_words},
+    scene::{self, nonfinite_reasons},
 };
 use serde_json::{Map, Value, json};
 use specula_core::{
@@ -100,7 +100,7 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     add_ranges(&mut report, &scene.gaussians);
     add_light(&mut report, scene);
     let census = CullStats::of(&scene.gaussians, None);
-    let words = nonfinite_words(&census).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
+    let words = nonfinite_reasons(&census).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
     report.add("not finite", words, census.nonfinite().into());
     add_plan(&mut report, scene);
     Ok(report)

@@ -66,7 +66,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
 }
 
-/// Writes a preview of a light, if there is one: lat-long, with what is up in the scene at its upper edge.
+/// Writes a lat-long preview of a light, if there is one, with the scene's up at its upper edge.
 pub(crate) fn write_light(path: &Path, light: Option<&Environment<Vec<f32>>>, up: Vec3) -> Result<(), Failure> {
     let stand = MapOrientation::with_up(up.as_dvec3().to_array());
     light.map_or(Ok(()), |light| write_preview(path, &light.values, light.resolution, stand))

@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     verification.map_or(Ok(()), Verification::report)
 }
 
-/// Refuses options that would change nothing, or promise what is not kept.
+/// Refuses options without effect, and bounds that are not kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
@@ -93,7 +93,7 @@ fn words_of(args: &Render, opened: &OpenedModel) -> Vec<String> {
     words
 }
 
-/// Background that is asked for: a colour, the light of a file as it stands, or else the scene's own.
+/// Background of the pictures: a colour, the light of a file, or the scene's own.
 pub(crate) fn behind(
     look: &Look,
     set: &CameraSet,
@@ -110,7 +110,7 @@ pub(crate) fn behind(
     }
 }
 
-/// A map as a cube whose texels are about as wide as a pixel of the cameras, unless the map's are wider.
+/// Map as a cube, its texels about as wide as a pixel of the cameras unless the map's are wider.
 fn finest(map: &LatLong, stand: MapOrientation, set: &CameraSet) -> Environment<Vec<f32>> {
     const RESOLUTIONS: RangeInclusive<usize> = 64..=1024;
     let sharpest = set.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
@@ -204,7 +204,7 @@ impl Job<'_> {
         self.run_with(renderer, form, each)
     }
 
-    /// The same with a renderer of one's own.
+    /// Renders and writes every view by this renderer.
     pub(crate) fn run_with(
         &self,
         mut renderer: SceneRenderer,
