@@ -240,9 +240,9 @@ mod tests {
             ("seed = {}", "seed"),
             ("[losses]\nlambda-normal = 1", "losses"),
             ("preset = \"photos\"", "preset"),
-            ("view = \"0.0.0.0:7008\"", "type --view"),
-            ("token = \"abcd1234\"", "type --view"),
-            ("listen = \"0.0.0.0:7008\"", "type --view"),
+            ("view = \"0.0.0.0:7008\"", "use --view"),
+            ("token = \"abcd1234\"", "use --view"),
+            ("listen = \"0.0.0.0:7008\"", "use --view"),
         ] {
             let (_folder, path) = config(text);
             let refused = over(Some(&path), None, &words("specula train data -m out --config x")).map(train_of);

@@ -70,7 +70,8 @@ impl ChunkedArray {
         array
     }
 
-    /// The array of values that are never divided.
+    /// The array of values that are never divided, by value.
+    #[cfg(feature = "testing")]
     pub(crate) fn into_whole(mut self) -> Array {
         self.whole();
         self.arrays.remove(0)
