@@ -1,7 +1,8 @@
-//! Light in levels of roughness: a lat-long map becomes a cube, and the cube one smaller cube for each roughness.
+//! Light in levels of roughness: a lat-long map becomes a cube, and the cube one smaller cube for
+//! each roughness.
 //!
-//! `prefilter [ENV.hdr]` prints what a loader of an engine uploads: resolution and roughness of each level, and its mean.
-//! `specula prefilter` writes the same as KTX2 or EXR.
+//! `prefilter [ENV.hdr]` prints what a loader of an engine uploads: resolution and roughness of
+//! each level, and its mean. `specula prefilter` writes the same as KTX2 or EXR.
 
 use core::error::Error;
 use specula_core::{

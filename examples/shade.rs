@@ -1,7 +1,7 @@
 //! The colour of one Gaussian from two sides, with core alone: `c = γ(c_d + s ⊙ L_s + c_r)`.
 //!
-//! Nothing here needs std or an allocator. An engine calls the same functions with its own light, and with `Lanes` of
-//! `specula-cpu` for sixteen Gaussians at once.
+//! Nothing here needs std or an allocator. An engine calls the same functions with its own light,
+//! and with `Lanes` of `specula-cpu` for sixteen Gaussians at once.
 
 use specula_core::{
     activation::logit,
@@ -10,7 +10,8 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// A flat Gaussian that faces +z: blue, rather smooth, with a weak mirror on top. Colours are stored as logits.
+/// A flat Gaussian that faces +z: blue, rather smooth, with a weak mirror on top. Colours are
+/// stored as logits.
 fn material() -> Material<f32> {
     Material {
         mean: vec3(0.0, 0.0, 0.0),
@@ -23,7 +24,8 @@ fn material() -> Material<f32> {
     }
 }
 
-/// Light along a direction: a bright sky above +z, a dark ground. In an engine, a prefiltered cube map.
+/// Light along a direction: a bright sky above +z, a dark ground. In an engine, a prefiltered cube
+/// map.
 fn light(direction: Vec3<f32>, roughness: f32) -> Vec3<f32> {
     let sharpness = 1.0 / roughness.max(0.05);
     let sky = 1.0 / (1.0 + (-sharpness * direction.z).exp());

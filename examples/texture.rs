@@ -1,5 +1,5 @@
-//! A picture of Gaussians over what another program has drawn with wgpu, without leaving the device:
-//! `texture [PICTURE.png]`. Here the program draws nothing but a blue sky.
+//! A picture of Gaussians over what another program has drawn with wgpu, without leaving the
+//! device: `texture [PICTURE.png]`. Here the program draws nothing but a blue sky.
 
 use core::error::Error;
 use specula_core::{
@@ -126,7 +126,8 @@ fn the_texture_holds_what_the_processor_renders_over_the_sky() {
     for (k, pixel) in pixels.chunks_exact(4).enumerate() {
         for c in 0..3 {
             let own = f32::from(pixel[c]) / 255.0;
-            // Half a step of eight bits for each of two roundings, and what the processor and the device differ by.
+            // Half a step of eight bits for each of two roundings, and what the processor and the
+            // device differ by.
             assert!((own - expected[c * plane + k].clamp(0.0, 1.0)).abs() < 1.5 / 255.0, "channel {c} of pixel {k}");
         }
     }

@@ -1,4 +1,5 @@
-//! A data set to a model: `train DATASET OUT.ply [ITERATIONS]`. DATASET may be anything that `specula train` reads.
+//! A data set to a model: `train DATASET OUT.ply [ITERATIONS]`. DATASET may be anything that
+//! `specula train` reads.
 
 use core::error::Error;
 use specula_core::scene::Gaussians;
@@ -18,7 +19,8 @@ use std::path::Path;
 /// Number of random points, for data sets without any.
 const RANDOM_POINTS: usize = 5000;
 
-/// Fits plain Gaussians; `progress` hears of every step: its number, and the PSNR of late steps in dB.
+/// Fits plain Gaussians; `progress` hears of every step: its number, and the PSNR of late steps in
+/// dB.
 fn fit(
     views: &[View],
     points: &[Point],

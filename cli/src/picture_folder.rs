@@ -72,8 +72,8 @@ pub(crate) struct PictureFolder {
 }
 
 impl PictureFolder {
-    /// Folder `asked` for, or `MODEL/GROUP/ours_N`, its name followed by `differences` and by a size
-    /// other than that of the views.
+    /// Folder `asked` for, or `MODEL/GROUP/ours_N`, its name followed by `differences` and by a
+    /// size other than that of the views.
     pub(crate) fn of(
         opened: &OpenedModel,
         asked: Option<&Path>,
@@ -97,8 +97,8 @@ impl PictureFolder {
         self.path.join(if layer == Layer::Rgb { self.rgb } else { layer.name() })
     }
 
-    /// Lists the cameras beside the pictures, and removes an earlier rendering's pictures if its cameras
-    /// differ, or if its light may differ.
+    /// Lists the cameras beside the pictures, and removes an earlier rendering's pictures if its
+    /// cameras differ, or if its light may differ.
     pub(crate) fn claim(&self, set: &CameraSet, may_be_relit: bool) -> Result<(), Failure> {
         let path = self.path.join(CAMERAS);
         let before = fs::read(&path).ok();

@@ -180,8 +180,8 @@ pub(crate) fn measure_views(
     })
 }
 
-/// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance are
-/// replaced, and logged.
+/// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance
+/// are replaced, and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let (mut map, warnings) = light_file::read(path)?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));

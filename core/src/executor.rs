@@ -217,7 +217,7 @@ pub trait Renderer {
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
 
-    /// Adds light to the blended surface of every pixel ([`crate::pixel`]): the surface's base
+    /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's base
     /// colour becomes the colour of the picture, and the layers of specular colour and light are
     /// filled in if they were requested. The frame keeps the surface, which the gradients of this
     /// stage and of blending read.

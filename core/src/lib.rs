@@ -4,9 +4,8 @@
 //! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene -> plan -> prefilter -> project -> shade -> bin -> blend
-//!       -> (shade_pixels) -> (expose) -> loss
-//!   densify <- optimise <- prefilter_vjp <- gaussians_vjp <- blend_vjp <-+
+//! scene -> plan -> prefilter -> project -> shade -> bin -> blend -> (shade_pixels) -> (expose) -> loss
+//!   densify <- optimise <- prefilter_vjp <- gaussians_vjp <- blend_vjp <--------------------------+
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
@@ -18,7 +17,7 @@
 //!   [`perspective`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
-//!   [`pixel`]: the same pixel by pixel, for the stage `shade_pixels`
+//!   [`shade_pixels`]: the same pixel by pixel
 //! * [`bin`]: tiles that a splat touches; [`blend`]: one compositing step
 //! * [`expose`]: affine maps of a photograph's colours
 //! * [`loss`], [`depth_normal`]: losses; [`optimise`], [`densify`]: updates; [`metrics`]: measures
@@ -103,7 +102,6 @@ pub mod optimise;
 pub mod pack;
 pub mod perspective;
 pub mod pipeline;
-pub mod pixel;
 pub mod plan;
 pub mod prefilter;
 pub mod project;
@@ -116,6 +114,7 @@ pub mod sh;
 pub mod sh_fit;
 pub mod sh_turn;
 pub mod shade;
+pub mod shade_pixels;
 pub mod sphere;
 pub mod splat;
 pub mod split_sum;

@@ -25,7 +25,7 @@ pub enum ShadingForm {
     /// roughness.
     Official,
     /// c_d + c_r, linear: the base colour that is blended where light is added pixel by pixel
-    /// ([`crate::pixel`]).
+    /// ([`crate::shade_pixels`]).
     Deferred,
 }
 

@@ -1,10 +1,12 @@
 //! specula's stages on wgpu: any GPU, or a software driver.
 //!
 //! * `device`: adapters, memory, compilation and recording of kernels;
-//! * `codegen`: WGSL functions from core's formulas, which are traced with a number that records its operations;
-//! * `stages`: for each stage of the pipeline its dispatches, formulas and kernels. Kernels only schedule formulas:
-//!   they assign work to invocations, load and store;
-//! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's render pass.
+//! * `codegen`: WGSL functions from core's formulas, which are traced with a number that records
+//!   its operations;
+//! * `stages`: for each stage of the pipeline its dispatches, formulas and kernels. Kernels only
+//!   schedule formulas: they assign work to invocations, load and store;
+//! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's
+//!   render pass.
 //!
 //! Adapters need nothing beyond WebGPU's limits and features.
 //!

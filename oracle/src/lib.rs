@@ -13,8 +13,8 @@ mod light;
 mod losses;
 pub mod number;
 mod picture;
-mod pixels;
 pub mod scenes;
+mod shade_pixels;
 pub mod stress;
 
 pub use cloud::{lift, lift_environment, lift_gaussians};
@@ -23,7 +23,7 @@ pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
 };
 pub use picture::{Frame, blend, blend_vjp, blend_within, composite, front_to_back, front_to_back_within};
-pub use pixels::{shade_pixels, shade_pixels_vjp};
+pub use shade_pixels::{shade_pixels, shade_pixels_vjp};
 
 use crate::{
     cloud::{AddedGrads, gaussian},

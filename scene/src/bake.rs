@@ -2,12 +2,12 @@
 //! programs that have no shading function.
 //!
 //! The colours of a Gaussian towards cameras are fitted by weighted least squares
-//! ([`specula_core::sh_fit`]). A camera's weight is the contribution of the Gaussian to its picture,
-//! Σ αT over the pixels, so that hidden Gaussians do not count and harmonics describe the directions
-//! of the cameras. [`UNIFORM_COUNT`] directions around, the same for all Gaussians, have
+//! ([`specula_core::sh_fit`]). A camera's weight is the contribution of the Gaussian to its
+//! picture, Σ αT over the pixels, so that hidden Gaussians do not count and harmonics describe the
+//! directions of the cameras. [`UNIFORM_COUNT`] directions around, the same for all Gaussians, have
 //! [`UNIFORM_WEIGHT`] of the cameras' weight together, which keeps other views plausible. In models
-//! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it, whose
-//! mean normals are smoother than its own.
+//! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it,
+//! whose mean normals are smoother than its own.
 
 use crate::{Scene, ShadingModel, environment::fitting, orbit::evenly_spaced};
 use glam::Vec3;
@@ -52,8 +52,8 @@ pub struct Baked {
     pub normals: Vec<[f32; 3]>,
 }
 
-/// Bakes the colours of a shaded scene, as seen from cameras, into harmonics of this degree, 0 to 3.
-/// Without a light nothing specular is baked.
+/// Bakes the colours of a shaded scene, as seen from cameras, into harmonics of this degree, 0 to
+/// 3. Without a light nothing specular is baked.
 ///
 /// The result of an executor is the same on every run. `progress` is given the number of steps that
 /// are done, and of all steps.
@@ -169,9 +169,10 @@ impl<E: ReadBack> Baker<E> {
         Ok(Self { exec, light, picture_rules, gaussian_rules })
     }
 
-    /// Contributions and colours of Gaussians in a view. By linearity, the gradients of a Gaussian's
-    /// channels are sums over the pixels, each times the Gaussian's share αT of the pixel. So its
-    /// weight and the light of its pixels are gradients for pictures of coverage and of light.
+    /// Contributions and colours of Gaussians in a view. By linearity, the gradients of a
+    /// Gaussian's channels are sums over the pixels, each times the Gaussian's share αT of the
+    /// pixel. So its weight and the light of its pixels are gradients for pictures of coverage and
+    /// of light.
     fn sample_view(&mut self, gaussians: &Gaussians<E::Array>, camera: &Camera) -> Result<ViewSamples, E::Error> {
         let (camera, rules) = (reduced(camera), self.picture_rules);
         let (exec, light) = (&mut self.exec, self.light.as_ref());
@@ -366,8 +367,8 @@ fn part(gaussians: &Gaussians<Vec<f32>>, first: usize, count: usize) -> Gaussian
     Gaussians { count, layout: gaussians.layout, values }
 }
 
-/// Gaussians in the origin, small and opaque so that all are drawn; the order of scales, which decides
-/// the axis of normals, is kept.
+/// Gaussians in the origin, small and opaque so that all are drawn; the order of scales, which
+/// decides the axis of normals, is kept.
 fn in_the_origin(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     const LOG_SIZE: f32 = -5.0;
     let mut centred = gaussians.clone();

@@ -111,8 +111,8 @@ fn may_have_hardware() -> bool {
     !cfg!(target_os = "linux") || DEVICES.iter().any(|device| std::path::Path::new(device).exists())
 }
 
-/// Adapter of [`ExecutorChoice::Auto`]: the first of real hardware. Software drivers are slower than
-/// the CPU executor.
+/// Adapter of [`ExecutorChoice::Auto`]: the first of real hardware. Software drivers are slower
+/// than the CPU executor.
 #[cfg(feature = "gpu")]
 pub fn preferred_adapter(adapters: &[AdapterReport]) -> Option<&AdapterReport> {
     adapters.iter().find(|adapter| !adapter.is_software)

@@ -26,8 +26,8 @@ fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
     resolution.next_power_of_two().max(scheme.resolution_min())
 }
 
-/// Environment at a resolution that the prefilter takes: other tools also write resolutions that are
-/// no power of two.
+/// Environment at a resolution that the prefilter takes: other tools also write resolutions that
+/// are no power of two.
 pub fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
     resampled(light, fitting_resolution(light.resolution, scheme))
 }

@@ -1,7 +1,7 @@
 //! Export of Gaussians to the formats of other programs.
 //!
-//! Other programs have no shading function, so that [`PlainGaussians`] are baked from a shaded scene
-//! first. A scene is written as `.splat`, its shading baked from its own cameras:
+//! Other programs have no shading function, so that [`PlainGaussians`] are baked from a shaded
+//! scene first. A scene is written as `.splat`, its shading baked from its own cameras:
 //!
 //! ```no_run
 //! use specula_cpu::CpuExecutor;
@@ -153,12 +153,12 @@ impl PlainGaussians {
         }
     }
 
-    /// Writes a file, upright if asked for, and returns the Gaussians as a reader of the format gets
-    /// them. `scene` is that of the Gaussians, whose shading goes into `.glb`; `comments` go into
-    /// `.ply`.
+    /// Writes a file, upright if asked for, and returns the Gaussians as a reader of the format
+    /// gets them. `scene` is that of the Gaussians, whose shading goes into `.glb`; `comments` go
+    /// into `.ply`.
     ///
-    /// In `.glb` the transform of a node places the scene upright, so that the Gaussians themselves,
-    /// written or returned, stay in the scene's world.
+    /// In `.glb` the transform of a node places the scene upright, so that the Gaussians
+    /// themselves, written or returned, stay in the scene's world.
     ///
     /// # Errors
     ///

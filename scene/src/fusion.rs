@@ -1,5 +1,6 @@
 //! Mesh of a scene by volumetric fusion: depths and colours of its views are integrated into a
-//! truncated signed distance field ([`specula_core::tsdf`]), whose zero level set becomes triangles.
+//! truncated signed distance field ([`specula_core::tsdf`]), whose zero level set becomes
+//! triangles.
 
 use crate::{SceneError, SceneRenderer, layer::alpha};
 use glam::Vec3;
@@ -30,8 +31,8 @@ const COMPONENT_SHARE_MIN: f32 = 0.002;
 /// Fuses the views of some cameras into a mesh. The volume is that of the Gaussians, with `voxels`
 /// voxels along its longest edge.
 ///
-/// `renderer` renders depths, so its channels are [`Channels::Training`] or more. `progress` is given
-/// the number of fused views after each.
+/// `renderer` renders depths, so its channels are [`Channels::Training`] or more. `progress` is
+/// given the number of fused views after each.
 ///
 /// # Errors
 ///
@@ -189,8 +190,8 @@ impl Volume {
         Some((self.point(cell) + self.step * Vec3::from(offset), normal, color))
     }
 
-    /// Four cells around the edge of the grid from a corner along an axis, counterclockwise as seen from
-    /// outside of the surface; none for an edge that the surface does not cross.
+    /// Four cells around the edge of the grid from a corner along an axis, counterclockwise as seen
+    /// from outside of the surface; none for an edge that the surface does not cross.
     fn quad(&self, corner: [usize; 3], axis: usize) -> Option<[usize; 4]> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         if corner[b] == 0 || corner[c] == 0 {

@@ -21,10 +21,10 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!
-//! [`SceneRenderer::new`] renders on an executor chosen at run time ([`ExecutorChoice`]); GPUs need the
-//! feature `gpu`. Cameras without a data set come from [`orbit`], other lights from [`light_file`] by
-//! [`Scene::relight`]; [`export`] writes Gaussians for other programs, [`fusion`] makes meshes, and
-//! [`upright`] places either in the axes of their readers.
+//! [`SceneRenderer::new`] renders on an executor chosen at run time ([`ExecutorChoice`]); GPUs need
+//! the feature `gpu`. Cameras without a data set come from [`orbit`], other lights from
+//! [`light_file`] by [`Scene::relight`]; [`export`] writes Gaussians for other programs, [`fusion`]
+//! makes meshes, and [`upright`] places either in the axes of their readers.
 
 pub mod backdrop;
 pub mod bake;

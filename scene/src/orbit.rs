@@ -18,12 +18,12 @@ pub const DEFAULT_COUNT: u32 = 8;
 /// Horizontal field of view of cameras in an orbit, in radians: that of NeRF Synthetic.
 const FIELD_OF_VIEW_RAD: f32 = 0.691_111_2;
 
-/// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its known
-/// cameras. Where these leave out a quarter of the circle or more, the turntable goes back and forth
-/// along the arc that they cover.
+/// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its
+/// known cameras. Where these leave out a quarter of the circle or more, the turntable goes back
+/// and forth along the arc that they cover.
 ///
-/// `size` is the width and height of pictures, in pixels. Intrinsics, near plane included, are those
-/// of the first known camera if there is one, whatever `size` is.
+/// `size` is the width and height of pictures, in pixels. Intrinsics, near plane included, are
+/// those of the first known camera if there is one, whatever `size` is.
 pub fn turntable(
     orientation: &Orientation,
     known: &[NamedCamera],
@@ -93,7 +93,8 @@ impl StartView {
     }
 }
 
-/// Camera rolled about its view until `up` is upwards in its picture; unchanged for a view along up.
+/// Camera rolled about its view until `up` is upwards in its picture; unchanged for a view along
+/// up.
 fn levelled(camera: &Camera, up: Vec3) -> Camera {
     let forward = camera.camera_from_world.row(2);
     if forward.cross(up).length() < 1e-3 {
@@ -123,8 +124,8 @@ struct Arc {
 }
 
 impl Arc {
-    /// Complement of the widest gap between angles, if that gap is a quarter of the circle or more and
-    /// three times as wide as the mean gap: an obstacle, or a side that was not photographed.
+    /// Complement of the widest gap between angles, if that gap is a quarter of the circle or more
+    /// and three times as wide as the mean gap: an obstacle, or a side that was not photographed.
     fn of(mut angles: Vec<f32>) -> Option<Self> {
         angles.sort_by(f32::total_cmp);
         let next = |k: usize| angles.get(k + 1).copied().unwrap_or(angles[0] + TAU);
@@ -152,8 +153,8 @@ impl Orbit {
         Self { arc: Arc::of(known.iter().filter_map(|(_, camera)| orbit.azimuth_of(camera)).collect()), ..orbit }
     }
 
-    /// Azimuth of a camera near the circle's elevation and not inside the circle, in radians; none for
-    /// others, whose views differ from those of the circle.
+    /// Azimuth of a camera near the circle's elevation and not inside the circle, in radians; none
+    /// for others, whose views differ from those of the circle.
     fn azimuth_of(&self, camera: &Camera) -> Option<f32> {
         /// Largest difference of elevation, in radians.
         const ELEVATION_TOLERANCE_RAD: f32 = 0.35;

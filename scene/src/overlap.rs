@@ -3,8 +3,8 @@
 use core::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
 
-/// Results that may wait for each thread. With more than one, a producer that waits for room finds a
-/// result to finish.
+/// Results that may wait for each thread. With more than one, a producer that waits for room finds
+/// a result to finish.
 const WAITING_PER_THREAD: usize = 2;
 /// Most results that wait, which bounds the memory they take.
 const WAITING_MAX: usize = 16;
@@ -14,8 +14,8 @@ const HELD_SHORTLY: &str = "nothing panics while it holds the results";
 /// Produces `count` items one after another, such as rendered views, and finishes them on free
 /// threads of rayon's current pool meanwhile: measures them, packs them, writes them.
 ///
-/// The results are in the order of the items. `progress` is given the number of finished items after
-/// each item that was produced, and at the end.
+/// The results are in the order of the items. `progress` is given the number of finished items
+/// after each item that was produced, and at the end.
 ///
 /// # Errors
 ///

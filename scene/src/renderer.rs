@@ -137,8 +137,8 @@ fn rounded(mut light: Light, storage: Storage) -> Light {
 /// Scene on an executor, its light filtered, with the rules of its pictures.
 ///
 /// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own
-/// ([`SceneRenderer::with_executor`]). Other lights may be filtered beside the scene's own and looked
-/// up view by view ([`SceneRenderer::render_lit`]).
+/// ([`SceneRenderer::with_executor`]). Other lights may be filtered beside the scene's own and
+/// looked up view by view ([`SceneRenderer::render_lit`]).
 #[derive(Debug)]
 pub struct SceneRenderer {
     backend: Box<dyn RenderBackend>,
@@ -225,8 +225,8 @@ impl SceneRenderer {
         Ok(self)
     }
 
-    /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that `specula
-    /// render` writes.
+    /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that
+    /// `specula render` writes.
     ///
     /// # Errors
     ///
@@ -236,9 +236,9 @@ impl SceneRenderer {
         Ok(picture::rgb(image.width, image.height, &over_background(&image, background)))
     }
 
-    /// View of the scene: its channels, premultiplied, then transmittance, plane by plane. Models that
-    /// are shaded per pixel have more channels than were asked for; `Image::channels` counts them, and
-    /// [`Channels::index_of`](specula_core::rules::Channels::index_of) finds one.
+    /// View of the scene: its channels, premultiplied, then transmittance, plane by plane. Models
+    /// that are shaded per pixel have more channels than were asked for; `Image::channels` counts
+    /// them, and [`Channels::index_of`](specula_core::rules::Channels::index_of) finds one.
     ///
     /// # Errors
     ///

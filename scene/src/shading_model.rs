@@ -1,10 +1,10 @@
 //! Shading models, and the conversion between their numbers and those of files.
 //!
-//! Files follow GaussianShader's code, whatever trained them: the diffuse colour is σ(f_dc − ln 3), and
-//! a normal that was flipped towards the viewer is −v + Δn₂. In the paper's form they are σ(diffuse)
-//! and −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. The rest of a
-//! model is named in words beside the numbers: the equation that combines the terms, the base axis of
-//! normals, the prefilter of the light.
+//! Files follow GaussianShader's code, whatever trained them: the diffuse colour is σ(f_dc − ln 3),
+//! and a normal that was flipped towards the viewer is −v + Δn₂. In the paper's form they are
+//! σ(diffuse) and −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. The
+//! rest of a model is named in words beside the numbers: the equation that combines the terms, the
+//! base axis of normals, the prefilter of the light.
 
 use serde_json::{Map, Value};
 use specula_core::{
@@ -37,8 +37,8 @@ impl ShadingModel {
     /// Behaviour of the authors' code.
     pub const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
 
-    /// Plan of pictures with these channels, for Gaussians of this layout: the one place that decides
-    /// which stages they can do without.
+    /// Plan of pictures with these channels, for Gaussians of this layout: the one place that
+    /// decides which stages they can do without.
     pub fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
         let full = RenderRules::full(self.shading, self.scheme, channels);
         Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })

@@ -1,8 +1,8 @@
 //! Upright placement of a scene for other programs: up along an axis of theirs, the centre in the
 //! origin, the cameras at a median distance of four units.
 //!
-//! With the rotation R, the centre c and the scale s, a point p becomes s R (p − c). Means, quats, log
-//! scales, normals and harmonics are transformed exactly; light is resampled.
+//! With the rotation R, the centre c and the scale s, a point p becomes s R (p − c). Means, quats,
+//! log scales, normals and harmonics are transformed exactly; light is resampled.
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use specula_core::{
@@ -52,8 +52,8 @@ impl AxisConvention {
 }
 
 impl Upright {
-    /// Transform of a scene. `front` is a camera in front of it; without one, −y of the scene's world
-    /// is the front.
+    /// Transform of a scene. `front` is a camera in front of it; without one, −y of the scene's
+    /// world is the front.
     pub fn new(orientation: &Orientation, front: Option<&Camera>, axes: AxisConvention) -> Self {
         let (up, centre) = (DVec3::from(orientation.up), DVec3::from(orientation.centre));
         let horizontal = |direction: DVec3| direction.reject_from_normalized(up).try_normalize();

@@ -132,7 +132,8 @@ impl Format {
     }
 }
 
-/// Pictures of the scene itself to compare with, each with its camera; none if no error is asked for.
+/// Pictures of the scene itself to compare with, each with its camera; none if no error is asked
+/// for.
 type References = Vec<(Camera, Vec<f32>)>;
 
 /// Orientation of a scene, and a camera in front of it, if it has any.
@@ -275,8 +276,8 @@ impl Exporter<'_> {
         Ok(pictures)
     }
 
-    /// Sentence on the difference of the pictures of a file, whose Gaussians may be placed upright, from
-    /// the scene's.
+    /// Sentence on the difference of the pictures of a file, whose Gaussians may be placed upright,
+    /// from the scene's.
     fn error(
         &self,
         stored: Gaussians<Vec<f32>>,
@@ -295,7 +296,8 @@ impl Exporter<'_> {
         if errors.iter().all(|error| *error == 0.0) {
             return Ok(format!("; {} pictures of it are specula's own", references.len()));
         }
-        // A picture without any error counts as one with a wrong 8-bit step in a pixel of a thousand.
+        // A picture without any error counts as one with a wrong 8-bit step in a pixel of a
+        // thousand.
         const LEAST: f64 = 1e-3 / (255.0 * 255.0);
         let mean = errors.iter().map(|error| psnr(error.max(LEAST))).sum::<f64>() / errors.len() as f64;
         Ok(format!("; PSNR {mean:.2} dB against specula's own pictures ({} views)", references.len()))

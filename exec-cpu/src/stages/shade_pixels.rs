@@ -13,8 +13,8 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    pixel::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     rules::{Channels, channel},
+    shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     vector::{Vec3, vec3},
 };
 

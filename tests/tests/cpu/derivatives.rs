@@ -20,7 +20,6 @@ use specula_core::{
     ggx,
     loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
-    pixel::{self, Pixel, PixelSurface},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape},
     real::Real,
@@ -28,6 +27,7 @@ use specula_core::{
     scene::{Layout, RadianceActivation},
     sh,
     shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
+    shade_pixels::{self, Pixel, PixelSurface},
     splat::{Splat2d, SplatGrad},
     vector::{self, Mat3, Vec3},
 };
@@ -354,10 +354,10 @@ proptest! {
         let inputs = [&sums[..], &normal, &[coverage]].concat();
         assert_vjp(
             &inputs,
-            |x| numbers_of_surface(&pixel::pixel_surface(&blended(x), vector(view_dir))),
+            |x| numbers_of_surface(&shade_pixels::pixel_surface(&blended(x), vector(view_dir))),
             |x, g| {
-                let surface = pixel::pixel_surface(&blended(x), vector(view_dir));
-                let grad = pixel::pixel_surface_vjp(&blended(x), vector(view_dir), &surface, &surface_of_pixel(g));
+                let surface = shade_pixels::pixel_surface(&blended(x), vector(view_dir));
+                let grad = shade_pixels::pixel_surface_vjp(&blended(x), vector(view_dir), &surface, &surface_of_pixel(g));
                 let [base, tint, normal] = [grad.base, grad.tint, grad.normal].map(Vec3::to_array);
                 join(&[&base, &tint, &[grad.roughness], &normal, &[grad.coverage]])
             },
@@ -369,10 +369,10 @@ proptest! {
     fn colours_of_pixels_are_derived_right(inputs in vec(-0.2..1.0_f64, 14)) {
         assert_vjp(
             &inputs,
-            |x| pixel::pixel_color(&surface_of_pixel(x), take3(&x[10..]), x[13]).to_array().to_vec(),
+            |x| shade_pixels::pixel_color(&surface_of_pixel(x), take3(&x[10..]), x[13]).to_array().to_vec(),
             |x, g| {
                 let (surface, light, coverage) =
-                    pixel::pixel_color_vjp(&surface_of_pixel(x), take3(&x[10..]), x[13], take3(g));
+                    shade_pixels::pixel_color_vjp(&surface_of_pixel(x), take3(&x[10..]), x[13], take3(g));
                 join(&[&numbers_of_surface(&surface), &light.to_array(), &[coverage]])
             },
             SAME_DERIVATIVE,

@@ -5,13 +5,14 @@ use crate::{
     stages::camera::{camera_fields, take_camera},
 };
 use specula_core::{
-    pixel::{Pixel, PixelSurface, pixel_color, pixel_surface},
     real::Real,
     rules::{Channels, channel},
+    shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_surface},
     vector::Vec3,
 };
 
-/// Mean surface of a pixel ([`specula_core::pixel::pixel_surface`]), from its blended channels.
+/// Mean surface of a pixel ([`specula_core::shade_pixels::pixel_surface`]), from its blended
+/// channels.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceOfPixel {
     /// Blended channels.
@@ -46,7 +47,8 @@ formula!(SurfaceOfPixel, |this, inputs| surface_of_pixel(
     (base, tint, [roughness], reflection_dir, [pixel.coverage])
 });
 
-/// Colour of a pixel under the light that it looked up ([`specula_core::pixel::pixel_color`]).
+/// Colour of a pixel under the light that it looked up
+/// ([`specula_core::shade_pixels::pixel_color`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ColorOfPixel;
 

@@ -8,12 +8,12 @@ use crate::{
     },
 };
 use specula_core::{
-    pixel::{PixelSurface, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    shade_pixels::{PixelSurface, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
 };
 
 /// Gradient of [`ColorOfPixel`](crate::stages::shade_pixels::formulas::ColorOfPixel)
-/// ([`specula_core::pixel::pixel_color_vjp`]).
+/// ([`specula_core::shade_pixels::pixel_color_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ColorOfPixelVjp;
 
@@ -29,7 +29,7 @@ formula!(ColorOfPixelVjp, |_, inputs| color_of_pixel_vjp(
 });
 
 /// Gradient of [`SurfaceOfPixel`] with respect to the blended channels
-/// ([`specula_core::pixel::pixel_surface_vjp`]).
+/// ([`specula_core::shade_pixels::pixel_surface_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceOfPixelVjp(pub SurfaceOfPixel);
 

@@ -7,8 +7,8 @@ use super::{
 use crate::number::Number;
 use specula_core::{
     camera::Camera,
-    pixel::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     rules::{Channels, channel},
+    shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
 };
 
