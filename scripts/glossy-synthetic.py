@@ -30,12 +30,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-# Of the depth pictures: what 65535 stands for, and from where on nothing is there.
+# Depth of the value 65535 in depth pictures, and the depth from which pixels are empty.
 DEPTH_MAX = 15.0
 NOTHING_FROM = 14.5
-# Without a list of test views, every so manieth is one.
+# Without a list of test views, every Nth view is held out.
 TEST_EVERY = 8
-# How far a camera's rotation may be from one.
+# Tolerance of a camera's rotation.
 ROTATION_TOLERANCE = 1e-3
 
 

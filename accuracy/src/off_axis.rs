@@ -71,7 +71,7 @@ const REACH: f64 = 4.0;
 /// A projected Gaussian.
 struct Seen {
     splat: Splat<Double>,
-    stamp: Splat2d<Double>,
+    footprint: Splat2d<Double>,
     own: Perspective<Double>,
 }
 
@@ -89,12 +89,12 @@ impl Seen {
         let camera = camera.lift(Double(0.0)).for_projection(projection);
         let splat = project(shape, &camera);
         let own = perspective(projection, shape, &splat, &camera);
-        Self { stamp: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
+        Self { footprint: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
     }
 
     /// Response at an offset from the mean.
     fn strength(&self, [dx, dy]: [Double; 2]) -> f64 {
-        let [u, w] = blend::scaled_offset(&self.stamp, dx, dy);
+        let [u, w] = blend::scaled_offset(&self.footprint, dx, dy);
         let scale = perspective::ray_scale(Double(1.0), self.own.slope, [dx, dy]);
         let curvature = perspective::scaled_curvature(self.own.curvature);
         perspective::log2_strength(Double(0.0), u * u + w * w, scale, curvature).0.exp2()

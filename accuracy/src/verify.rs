@@ -141,24 +141,24 @@ pub fn shares(
 mod tests {
     use super::*;
     use specula_core::{prefilter::PrefilterScheme, shade::ShadingRules};
-    use specula_oracle::stress::{Tour, tours};
+    use specula_oracle::stress::{StressScene, stress_scenes};
 
-    fn subject(tour: Tour) -> Subject {
+    fn subject(scene: StressScene) -> Subject {
         Subject {
-            gaussians: tour.cloud,
+            gaussians: scene.cloud,
             light: None,
             shading: ShadingRules::PAPER,
             scheme: PrefilterScheme::Exact,
-            cameras: tour.cameras,
-            background: tour.background,
+            cameras: scene.cameras,
+            background: scene.background,
         }
     }
 
     /// Number of pictures of an orbit within some errors and of those beyond, under the setting
     /// alone and verified. Ground truth is the independent renderer, sorted by the depth of means
     /// like the model.
-    fn beyond(tour: Tour, errors: &[f64]) -> (usize, [usize; 2]) {
-        let (name, subject) = (tour.name, subject(tour));
+    fn beyond(scene: StressScene, errors: &[f64]) -> (usize, [usize; 2]) {
+        let (name, subject) = (scene.name, subject(scene));
         let reference = Reference::new(&subject);
         let truth = |camera: &Camera| (*camera, reference.independent_view(&subject, camera));
         let views: Vec<_> = subject.cameras.iter().map(truth).collect();
@@ -175,20 +175,20 @@ mod tests {
 
     #[test]
     fn pictures_of_hidden_haze_and_of_wide_splats_are_within_their_error() {
-        for tour in tours(2).into_iter().take(2) {
-            let (pictures, [_, verified]) = beyond(tour, &[1e-2]);
+        for scene in stress_scenes(2).into_iter().take(2) {
+            let (pictures, [_, verified]) = beyond(scene, &[1e-2]);
             assert_eq!((pictures, verified), (2, 0));
         }
     }
 
-    /// Takes minutes: `cargo test --release -p specula-accuracy --lib every_tour -- --ignored
-    /// --nocapture`.
+    /// Takes minutes:
+    /// `cargo test --release -p specula-accuracy --lib every_stress_scene -- --ignored --nocapture`.
     #[test]
     #[ignore = "takes minutes"]
-    fn pictures_of_every_tour_are_within_their_error() {
+    fn pictures_of_every_stress_scene_are_within_their_error() {
         let mut all = (0, [0; 2]);
-        for tour in tours(16) {
-            let (pictures, beyond) = beyond(tour, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
+        for scene in stress_scenes(16) {
+            let (pictures, beyond) = beyond(scene, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
             all = (all.0 + pictures, [all.1[0] + beyond[0], all.1[1] + beyond[1]]);
         }
         println!("of {} pictures {} are beyond unverified, {} verified", all.0, all.1[0], all.1[1]);
@@ -197,9 +197,9 @@ mod tests {
 
     #[test]
     fn a_picture_that_is_further_off_is_the_most_exact_one() {
-        let tour = tours(2).swap_remove(0);
-        let camera = tour.cameras[0];
-        let subject = subject(tour);
+        let scene = stress_scenes(2).swap_remove(0);
+        let camera = scene.cameras[0];
+        let subject = subject(scene);
         let reference = Reference::new(&subject);
         let certificate = cheapest_within(&subject, &reference, 1e-2).expect("f32 is close enough");
         let [wrong, exact] = [Setting::default_for(&subject), Setting::exact(&subject)];

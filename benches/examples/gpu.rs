@@ -134,11 +134,11 @@ impl Bench {
         let mut viewer = GpuExecutor::viewer(self.gpu.clone(), storage);
         let stand = Stand::new(&mut viewer, &like.scene)?;
         let picture = stand.measure(&mut viewer, &like.image)?;
-        let mut stamps = Stamps { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
+        let mut stage_times = StageTimes { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
         if viewer.time_kernels(true) {
-            stand.measure_stages(&mut viewer, &mut stamps)?;
+            stand.measure_stages(&mut viewer, &mut stage_times)?;
         }
-        self.stages.push((*case, storage, stamps.times));
+        self.stages.push((*case, storage, stage_times.times));
         Ok(picture)
     }
 
@@ -152,11 +152,11 @@ impl Bench {
             exec.finish()
         })?;
         let memory = exec.memory_bytes();
-        let mut stamps = Stamps { amounts: like.amounts, times: Vec::new() };
+        let mut stage_times = StageTimes { amounts: like.amounts, times: Vec::new() };
         if exec.time_kernels(true) {
-            measure_step(exec, &mut scene, &mut stamps)?;
+            measure_step(exec, &mut scene, &mut stage_times)?;
         }
-        self.stages.push((*case, Storage::F32, stamps.times));
+        self.stages.push((*case, Storage::F32, stage_times.times));
         Ok((seconds, memory))
     }
 }
@@ -238,7 +238,7 @@ impl<'a> Stand<'a> {
         Ok(Picture { seconds, agreement: psnr(mean_squared_difference(&image.values, truth)), memory })
     }
 
-    fn measure_stages(&self, viewer: &mut GpuExecutor<Storage>, meter: &mut Stamps) -> Result<(), GpuError> {
+    fn measure_stages(&self, viewer: &mut GpuExecutor<Storage>, meter: &mut StageTimes) -> Result<(), GpuError> {
         let light = self.filtered(viewer)?;
         let Scene { camera, rules, .. } = self.like;
         measure_picture(viewer, &View { cloud: &self.cloud, light: light.as_ref(), camera, rules }, meter)
@@ -255,12 +255,12 @@ struct StageTime {
 }
 
 /// Measures stages by the device's own clock.
-struct Stamps {
+struct StageTimes {
     amounts: Amounts,
     times: Vec<StageTime>,
 }
 
-impl<P: Precision> Meter<GpuExecutor<P>> for Stamps {
+impl<P: Precision> Meter<GpuExecutor<P>> for StageTimes {
     fn measure<I, O>(
         &mut self,
         exec: &mut GpuExecutor<P>,

@@ -35,7 +35,11 @@ impl<E: Renderer> Groups<'_, E>
 where
     E::Error: Debug,
 {
-    /// Measures something of the scene; what `prepare` does is no part of it.
+    /// Measures an operation on the scene without its preparation `prepare`.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
     pub fn bench<I, O>(
         &mut self,
         exec: &mut E,

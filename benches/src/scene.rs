@@ -22,7 +22,7 @@ pub struct Scene<E: Executor> {
     pub profile: Profile,
     /// Rendering rules.
     pub rules: RenderRules,
-    /// From where.
+    /// Camera of the picture.
     pub camera: Camera,
     /// The Gaussians and the sky, where the profile has light, with their moments.
     pub state: SceneState<E::Array>,
@@ -39,14 +39,18 @@ pub struct View<'a, E: Renderer> {
     pub cloud: &'a Gaussians<E::Array>,
     /// Their light.
     pub light: Option<&'a E::Light>,
-    /// From where.
+    /// Camera of the picture.
     pub camera: &'a Camera,
-    /// How.
+    /// Rendering rules.
     pub rules: &'a RenderRules,
 }
 
 impl<E: Executor> Scene<E> {
     /// Creates the torus of `count` Gaussians, in a picture of `size` × `size` pixels.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
     pub fn new(exec: &mut E, profile: &str, size: u32, count: usize) -> Result<Self, E::Error> {
         let profile = by_name(profile, 7000).expect("a profile of that name");
         let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
@@ -69,12 +73,20 @@ impl<E: Executor> Scene<E> {
     }
 
     /// The sky, filtered.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
     pub fn filtered(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
         let light = self.state.light.as_ref();
         light.map(|(light, _)| exec.prefilter(light, self.profile.scheme, LevelRange::ALL)).transpose()
     }
 
     /// One step that changes nothing, as all rates are zero.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
     pub fn train(&mut self, exec: &mut E) -> Result<(), E::Error> {
         let step = TrainingStep {
             camera: &self.camera,

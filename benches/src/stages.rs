@@ -145,7 +145,11 @@ impl Amounts {
 
 /// Measures stages.
 pub trait Meter<E: Renderer> {
-    /// Measures a stage, as often as it likes; what `prepare` does is no part of it.
+    /// Measures a stage any number of times, without its preparation `prepare`.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
     fn measure<I, O>(
         &mut self,
         exec: &mut E,
@@ -159,7 +163,11 @@ fn nothing<E: Renderer>(_: &mut E) -> Result<(), E::Error> {
     Ok(())
 }
 
-/// The stages of a picture, then all of them for its colours alone.
+/// Measures the stages of a picture, then all of them together for its colours alone.
+///
+/// # Errors
+///
+/// Any error of the executor.
 pub fn measure_picture<E: Renderer>(
     exec: &mut E,
     view: &View<'_, E>,
@@ -182,8 +190,12 @@ pub fn measure_picture<E: Renderer>(
     meter.measure(exec, Stage::Frame, nothing, |exec, ()| render(exec, cloud, light, camera, &rules))
 }
 
-/// The other stages of a step: the light, the loss, and the backward pass to an update that changes
-/// nothing.
+/// Measures the other stages of a step: the light, the loss, and the backward pass to an update
+/// that changes nothing.
+///
+/// # Errors
+///
+/// Any error of the executor.
 pub fn measure_step<E: Executor>(
     exec: &mut E,
     scene: &mut Scene<E>,

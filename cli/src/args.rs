@@ -113,11 +113,11 @@ impl Command {
     pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
         match self {
             Self::Train(args) => Some(&args.executor),
-            Self::Render(args) => Some(&args.look.showing.machine.executor),
-            Self::Relight(args) => Some(&args.look.showing.machine.executor),
+            Self::Render(args) => Some(&args.look.scene_options.machine.executor),
+            Self::Relight(args) => Some(&args.look.scene_options.machine.executor),
             Self::Eval(args) => Some(&args.machine.executor),
-            Self::View(args) => Some(&args.showing.machine.executor),
-            Self::Export(args) => Some(&args.showing.machine.executor),
+            Self::View(args) => Some(&args.scene_options.machine.executor),
+            Self::Export(args) => Some(&args.scene_options.machine.executor),
             Self::Demo(_)
             | Self::Compare(_)
             | Self::Prefilter(_)

@@ -25,8 +25,8 @@ pub(crate) struct CameraSet {
 }
 
 impl CameraSet {
-    /// Cameras that are asked for; by default the test views, else all of the model's cameras, else a
-    /// turntable.
+    /// Cameras that are asked for; by default the test views, else all of the model's cameras, else
+    /// a turntable.
     pub(crate) fn choose(look: &Look, opened: &OpenedModel) -> Result<Self, Failure> {
         let own = opened.cameras()?;
         let mut set = Self::unsized_set(look, opened, &own)?;
@@ -51,7 +51,7 @@ impl CameraSet {
                 "the scene has no cameras for --split; name some with --cameras, or use --turntable".into(),
             )),
             count => {
-                let orientation = opened.orientation(look.showing.scene_up.map(Into::into))?;
+                let orientation = opened.orientation(look.scene_options.scene_up.map(Into::into))?;
                 let cameras = turntable(&orientation, own, count.unwrap_or(DEFAULT_COUNT), look.size);
                 Ok(Self { name: "turntable", cameras, split: None, is_turntable: true, other_size: None })
             }

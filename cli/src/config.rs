@@ -46,15 +46,15 @@ const NAME: &str = "config.toml";
 pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
-    if train.again.resume && !checkpoint::path_in(folder).is_file() {
+    if train.resuming.resume && !checkpoint::path_in(folder).is_file() {
         return Err(Error::NoCheckpoint { path: folder.clone() }.into());
     }
-    let saved = train.again.resume.then(|| folder.join(NAME));
-    let path = train.again.config.clone().or(saved);
-    if path.is_none() && train.again.preset.is_none() {
+    let saved = train.resuming.resume.then(|| folder.join(NAME));
+    let path = train.resuming.config.clone().or(saved);
+    if path.is_none() && train.resuming.preset.is_none() {
         return Ok(arguments);
     }
-    over(path.as_deref(), train.again.preset, &args::with_hyphens(std::env::args_os()))
+    over(path.as_deref(), train.resuming.preset, &args::with_hyphens(std::env::args_os()))
 }
 
 /// Arguments of a command line over the settings of a file, over those of a preset.

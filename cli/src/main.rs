@@ -3,6 +3,7 @@
 mod args;
 mod background;
 mod camera_set;
+mod certified;
 mod checkpoint;
 mod commands;
 mod config;
@@ -20,7 +21,6 @@ mod scene;
 mod settings;
 mod training;
 mod typed;
-mod within;
 
 use args::{Arguments, Command};
 use clap::error::ErrorKind;

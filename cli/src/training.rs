@@ -168,7 +168,7 @@ impl<'a> Training<'a> {
         }
         match checkpoints.write(self.trainer.snapshot()?, self.seconds) {
             Err(failure @ Failure::File(_)) => {
-                tracing::warn!("{failure}; the training goes on without this checkpoint");
+                tracing::warn!("{failure}; the training continues without this checkpoint");
                 Ok(())
             }
             done => done,
@@ -245,7 +245,7 @@ impl<'a> Training<'a> {
 fn from_checkpoint(checkpoints: &Checkpoints) -> String {
     let (place, last) = (checkpoints.path(), checkpoints.last().unwrap_or_default());
     format!(
-        "iteration {last} is in {place:?}, from where the CPU goes on; to do that later press Ctrl-C, and start \
+        "the CPU continues from iteration {last} in {place:?}; to do that later press Ctrl-C, and start \
          again with --resume --executor cpu"
     )
 }
@@ -414,7 +414,7 @@ mod tests {
         let mut training = training(true, &file, 1);
         training.trainer =
             Box::new(Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view"));
-        run(&mut training).expect("it goes on");
+        run(&mut training).expect("it continues");
         assert!(!training.has_checkpoint(), "and says that there is no checkpoint");
     }
 }

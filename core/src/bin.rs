@@ -73,7 +73,7 @@ impl<R: Real> Outline<R> {
 pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] {
     let [x, y] = outline.center;
     let (low, high) = (top - y, bottom - y);
-    // Where an extreme point lies outside the band, its nearer edge has the extreme.
+    // If an extreme point lies outside the band, the extreme is at the nearer edge of the band.
     let leftmost = (-outline.extreme_y).max(low).min(high);
     let rightmost = outline.extreme_y.max(low).min(high);
     let left = x + outline.slope * leftmost - outline.half_width_at(leftmost);

@@ -111,13 +111,13 @@ impl CullStats {
         (0..gaussians.count).for_each(|gaussian| counts[CullReason::of(gaussians, gaussian, camera) as usize] += 1);
         Self { counts }
     }
-    /// Gaussians of this fate.
-    pub const fn count(&self, fate: CullReason) -> usize {
-        self.counts[fate as usize]
+    /// Gaussians culled for this reason, or drawn.
+    pub const fn count(&self, reason: CullReason) -> usize {
+        self.counts[reason as usize]
     }
     /// Gaussians with a number that is not finite.
     pub fn nonfinite(&self) -> usize {
-        CullReason::ALL.into_iter().filter(|fate| fate.is_nonfinite()).map(|fate| self.count(fate)).sum()
+        CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite()).map(|reason| self.count(reason)).sum()
     }
 }
 
@@ -140,7 +140,7 @@ fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Opti
     let harmonics = [(layout.sh_start(), layout.plane_count(), CullReason::NonfiniteHarmonics)];
     let is_finite = |plane: usize| gaussians.get::<1>(gaussian, plane)[0].is_finite();
     let mut attributes = GEOMETRY.iter().chain(material).chain(&harmonics);
-    attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, fate)| *fate)
+    attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, reason)| *reason)
 }
 
 fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> CullReason {

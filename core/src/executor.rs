@@ -217,10 +217,10 @@ pub trait Renderer {
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
 
-    /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's base
-    /// colour becomes the colour of the picture, and the layers of specular colour and light are
-    /// filled in if they were requested. The frame keeps the surface, which the gradients of this
-    /// stage and of blending read.
+    /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's
+    /// base colour becomes the colour of the picture, and the layers of specular colour and light
+    /// are filled in if they were requested. The frame keeps the surface, which the gradients of
+    /// this stage and of blending read.
     ///
     /// # Errors
     ///
@@ -470,8 +470,8 @@ pub trait Executor: Renderer {
 /// Executor whose results of single stages are read back, and whose gradients of a frame come from
 /// the host: for sums over the pixels of a view, Gaussian by Gaussian.
 pub trait ReadBack: Executor {
-    /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; those of a Gaussian that
-    /// is not drawn are arbitrary.
+    /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; those of a Gaussian
+    /// that is not drawn are arbitrary.
     ///
     /// # Errors
     ///

@@ -115,7 +115,7 @@ impl Needs {
             self.tint_to_diffuse = larger(self.tint_to_diffuse, ratio);
         }
         let [roughness] = gaussians.get::<1>(index, ROUGHNESS).map(sigmoid);
-        // What is not a number may be looked up anywhere.
+        // NaN may be looked up at any roughness.
         let [least, most] = if roughness.is_nan() { [0.0, 1.0] } else { [roughness; 2] };
         self.roughness = [self.roughness[0].min(least), self.roughness[1].max(most)];
         let residuals = gaussians.get::<6>(index, NORMAL_RESIDUAL_1);

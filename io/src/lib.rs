@@ -29,7 +29,8 @@
 //! gaussian_ply::write(&path, &gaussians, &[])?;
 //! assert_eq!(gaussian_ply::read(&path)?.gaussians.get::<3>(0, MEAN), [1.0, 2.0, 3.0]);
 //!
-//! let refusal = gaussian_ply::read(&folder.path().join("nothing.ply")).err().expect("it is not there");
+//! let missing = folder.path().join("nothing.ply");
+//! let refusal = gaussian_ply::read(&missing).err().expect("it is not there");
 //! assert!(refusal.to_string().contains("nothing.ply"));
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```

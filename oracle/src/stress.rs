@@ -19,15 +19,15 @@ type Cloud = Gaussians<Vec<f32>>;
 /// A scene, and the picture that it is compared with.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Name of its difficulty.
+    /// Name of the difficulty.
     pub name: &'static str,
     /// The Gaussians, all of [`LAYOUT`].
     pub cloud: Cloud,
-    /// From where they are seen.
+    /// Views.
     pub camera: Camera,
     /// The light, if it matters.
     pub environment: Option<Environment<Vec<f32>>>,
-    /// Behind the Gaussians, sRGB.
+    /// Background in sRGB.
     pub background: [f32; 3],
     /// Alpha of the true picture's pixels.
     pub alpha: u8,
@@ -113,38 +113,38 @@ impl Case {
     }
 }
 
-/// A scene whose error a sample misjudges easily, and the views in which it is looked at.
+/// Scene whose error a sample of pixels underestimates easily, and its views.
 #[derive(Clone, Debug)]
-pub struct Tour {
-    /// Name of its difficulty.
+pub struct StressScene {
+    /// Name of the difficulty.
     pub name: &'static str,
     /// The Gaussians, all of [`LAYOUT`]; there is no light.
     pub cloud: Cloud,
-    /// From where they are seen.
+    /// Views.
     pub cameras: Vec<Camera>,
-    /// Behind the Gaussians, sRGB.
+    /// Background in sRGB.
     pub background: [f32; 3],
 }
 
 /// Scenes in which what is cut off hides: much of it is faint, wide, thin or deep, and lies
 /// elsewhere in every view. `views` views of each.
-pub fn tours(views: usize) -> Vec<Tour> {
-    let tour = |name: &'static str, cloud: Cloud, camera: &dyn Fn(f32) -> Camera| {
+pub fn stress_scenes(views: usize) -> Vec<StressScene> {
+    let scene = |name: &'static str, cloud: Cloud, camera: &dyn Fn(f32) -> Camera| {
         let cameras = (0..views).map(|k| camera((k as f32 + 0.5) / views as f32)).collect();
-        Tour { name, cloud, cameras, background: [0.2, 0.5, 0.8] }
+        StressScene { name, cloud, cameras, background: [0.2, 0.5, 0.8] }
     };
     let front = |share: f32| arc(share, Vec3::ZERO, [160, 112]);
     let large = |share: f32| arc(share, Vec3::ZERO, [288, 192]);
     let far_away = Vec3::new(1e5, -1e5, 1e5);
     vec![
-        tour("haze below the least alpha beside solid splats", haze_beside_solids(), &large),
-        tour("wide faint splats", wide_and_faint(), &front),
-        tour("10 000 layers", stacked(), &|share| arc(share, Vec3::ZERO, [48, 40])),
-        tour("needles at all angles", needles(), &front),
-        tour("a world 100 000 units away", moved(&random_cloud(300, LAYOUT, 51), far_away), &|share| {
+        scene("haze below the least alpha beside solid splats", haze_beside_solids(), &large),
+        scene("wide faint splats", wide_and_faint(), &front),
+        scene("10 000 layers", stacked(), &|share| arc(share, Vec3::ZERO, [48, 40])),
+        scene("needles at all angles", needles(), &front),
+        scene("a world 100 000 units away", moved(&random_cloud(300, LAYOUT, 51), far_away), &|share| {
             arc(share, far_away, [96, 64])
         }),
-        tour("the eye inside of a cloud", around_the_eye(), &|share| {
+        scene("the eye inside of a cloud", around_the_eye(), &|share| {
             let (sin, cos) = (share * core::f32::consts::TAU).sin_cos();
             let eye = 0.3 * Vec3::new(cos, sin, 0.2);
             Camera::look_at(eye, 4.0 * eye, Vec3::Z, 0.9, 96, 64)

@@ -27,7 +27,8 @@ pub enum SceneError {
     /// A GPU was asked for a projection model that only the CPU executor has.
     #[error("GPUs project Gaussians by the affine model alone; use the CPU for other models")]
     ProjectionUnsupported,
-    /// A file holds the faces of a cube, as lights of models are saved, where a lat-long map is read.
+    /// A file holds the faces of a cube, as lights of models are saved, where a lat-long map is
+    /// read.
     #[error("{0:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr")]
     CubeMap(PathBuf),
     /// The backend of a renderer keeps its Gaussians and its light.

@@ -32,6 +32,7 @@ pub mod device;
 pub mod environment;
 mod error;
 pub mod export;
+mod framing;
 pub mod fusion;
 pub mod layer;
 pub mod light_file;

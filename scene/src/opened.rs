@@ -29,8 +29,8 @@ pub struct OpenedModel {
     pub iteration: Option<u32>,
     /// Settings of the training; none where another program trained it.
     pub info: Option<ModelInfo>,
-    /// Whether a `brdf_mlp.hdr` took the place of the light that was saved, as users of the authors'
-    /// code relight.
+    /// Whether a `brdf_mlp.hdr` took the place of the light that was saved, as users of the
+    /// authors' code relight.
     pub is_relit: bool,
     /// Whether the shading model is the one that the files name.
     pub is_read_as_saved: bool,
@@ -95,8 +95,8 @@ impl OpenedModel {
         Ok(cameras)
     }
 
-    /// Cameras of the training: all but the held-out views; all cameras, where the model does not say
-    /// which are held out.
+    /// Cameras of the training: all but the held-out views; all cameras, where the model does not
+    /// say which are held out.
     ///
     /// # Errors
     ///

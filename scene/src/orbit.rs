@@ -1,11 +1,14 @@
 //! Cameras around a scene: turntables, spheres, and the first view of a viewer.
 
-use crate::orientation::{centre, is_upright, up};
+use crate::{
+    framing::{FIELD_OF_VIEW_RAD, framing},
+    orientation::{centre, is_upright, up},
+};
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glam::Vec3;
 use specula_core::{
     camera::{Camera, near_of},
-    scene::{Gaussians, MEAN},
+    scene::Gaussians,
     sphere::directions,
 };
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
@@ -15,8 +18,6 @@ use specula_train::view::extent_of_cameras;
 pub const DEFAULT_SIZE: [u32; 2] = [800, 800];
 /// Cameras in the orbit of a scene without cameras.
 pub const DEFAULT_COUNT: u32 = 8;
-/// Horizontal field of view of cameras in an orbit, in radians: that of NeRF Synthetic.
-const FIELD_OF_VIEW_RAD: f32 = 0.691_111_2;
 
 /// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its
 /// known cameras. Where these leave out a quarter of the circle or more, the turntable goes back
@@ -204,28 +205,6 @@ fn horizon(up: Vec3) -> [Vec3; 2] {
 pub fn evenly_spaced<T: Copy>(items: &[T], count_max: usize) -> Vec<T> {
     let count = items.len().min(count_max);
     (0..count).map(|k| items[(2 * k + 1) * items.len() / (2 * count)]).collect()
-}
-
-/// Centre of Gaussians, and the distance from which a camera sees all of them.
-pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
-    let (centre, radius) = extent(gaussians);
-    (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
-}
-
-/// Median of the means, and the 0.9 quantile of their distances from it; 1 where that is 0.
-fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
-    const SHARE: f32 = 0.9;
-    let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);
-    let centre = Vec3::new(median(MEAN), median(MEAN + 1), median(MEAN + 2));
-    let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
-    let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
-    (centre, if radius > 0.0 { radius } else { 1.0 })
-}
-
-fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
-    let Some(last) = numbers.len().checked_sub(1) else { return 0.0 };
-    let index = (share * last as f32) as usize;
-    *numbers.select_nth_unstable_by(index, f32::total_cmp).1
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@
 //! replaces an up direction that the cameras do not determine, and an axis within rounding error
 //! replaces the estimate.
 
-use crate::orbit::framing;
+use crate::framing::framing;
 use core::f64::consts::FRAC_PI_4;
 use glam::{DMat3, DVec3, Vec3};
 use specula_core::{camera::Camera, eigen, scene::Gaussians, sphere};

@@ -21,16 +21,16 @@ pub fn executor_in_chunks_of(bytes: u64) -> Option<GpuExecutor> {
 
 /// An executor on a device of its own, which may be ended.
 pub fn executor_of_its_own() -> Option<GpuExecutor> {
-    told(Gpu::new("")).map(GpuExecutor::new)
+    or_skipped(Gpu::new("")).map(GpuExecutor::new)
 }
 
 /// One device for all tests of a program, whose kernels are compiled once.
 fn device() -> Option<Gpu> {
     static DEVICE: LazyLock<Result<Gpu, GpuError>> = LazyLock::new(|| Gpu::new(""));
-    told(DEVICE.clone())
+    or_skipped(DEVICE.clone())
 }
 
-fn told(device: Result<Gpu, GpuError>) -> Option<Gpu> {
+fn or_skipped(device: Result<Gpu, GpuError>) -> Option<Gpu> {
     match device {
         Ok(gpu) => Some(gpu),
         Err(error) if std::env::var_os("CI").is_some() => panic!("CI needs an adapter: {error}"),

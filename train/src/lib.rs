@@ -13,7 +13,8 @@
 //! let rgba = [100, 100, 100, 255].repeat(32 * 32);
 //! let views = [View { name: "grey".into(), camera, rgba, normals: None }];
 //! let profile = by_name("specula", 50).expect("a profile that there is");
-//! let settings = Settings { profile, iterations: 50, seed: 0, background: [1.0; 3], random_points: 500 };
+//! let (iterations, background) = (50, [1.0; 3]);
+//! let settings = Settings { profile, iterations, seed: 0, background, random_points: 500 };
 //! let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &[])?;
 //! while !trainer.is_finished() {
 //!     trainer.step()?;

@@ -2,7 +2,7 @@
 
 use super::{
     parse::share,
-    scene::{EnvOptions, Showing, Up},
+    scene::{EnvOptions, SceneOptions, Up},
 };
 use crate::background::Background;
 use clap::{Args, ValueEnum};
@@ -78,7 +78,7 @@ pub(crate) struct Export {
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<Background>,
     #[command(flatten)]
-    pub(crate) showing: Showing,
+    pub(crate) scene_options: SceneOptions,
 }
 
 /// Substitute for the shading function in formats without one.

@@ -2,7 +2,7 @@
 
 use super::{
     parse::{error_bound, size},
-    scene::{EnvOptions, Showing},
+    scene::{EnvOptions, SceneOptions},
 };
 use crate::background::Backdrop;
 use clap::{
@@ -128,7 +128,7 @@ pub(crate) struct Look {
     #[arg(long, value_name = "black|white|R,G,B|env")]
     pub(crate) background: Option<Backdrop>,
     #[command(flatten)]
-    pub(crate) showing: Showing,
+    pub(crate) scene_options: SceneOptions,
 }
 
 /// Views of a data set.

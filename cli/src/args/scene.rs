@@ -11,7 +11,7 @@ use specula_scene::{ExecutorChoice, RenderOptions};
 
 /// Interpretation of a scene, and its executor.
 #[derive(Args, Debug)]
-pub(crate) struct Showing {
+pub(crate) struct SceneOptions {
     /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,

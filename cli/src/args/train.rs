@@ -113,7 +113,7 @@ pub(crate) struct Train {
     pub(crate) watch: Watch,
     #[command(flatten)]
     #[serde(flatten)]
-    pub(crate) again: Again,
+    pub(crate) resuming: ResumeOptions,
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) photographs: Photographs,
@@ -197,7 +197,7 @@ impl ViewUntil {
 #[derive(Args, Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Resuming and settings")]
-pub(crate) struct Again {
+pub(crate) struct ResumeOptions {
     /// Continue from the checkpoint in MODEL, with the settings of MODEL/config.toml.
     #[arg(long)]
     #[serde(skip)]

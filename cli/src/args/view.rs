@@ -2,7 +2,7 @@
 
 use super::{
     parse::{address, token},
-    scene::{EnvUp, Showing},
+    scene::{EnvUp, SceneOptions},
 };
 use crate::background::Background;
 use clap::Args;
@@ -52,5 +52,5 @@ pub(crate) struct View {
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<Background>,
     #[command(flatten)]
-    pub(crate) showing: Showing,
+    pub(crate) scene_options: SceneOptions,
 }

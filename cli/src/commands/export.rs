@@ -59,11 +59,11 @@ fn refuse_own_file(output: &Path, model: &Path, folder: Option<&Path>) -> Result
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
     refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
-    let mut opened = scene::open(&args.model, args.showing.profile)?;
+    let mut opened = scene::open(&args.model, args.scene_options.profile)?;
     args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
     note_oddities(&opened);
     if let Some(env) = &args.env {
-        let up = orientation::up(&opened.orientation(args.showing.scene_up.map(Into::into))?);
+        let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
         relight(&mut opened.scene, env, &args.env_options, up)?;
     }
     for path in &args.output {
@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
 /// Orientation of the scene, and its first camera, which is in front of it.
 fn stance(args: &Export, opened: &OpenedModel) -> Result<Stance, Failure> {
     let first = opened.cameras()?.first().map(|(_, camera)| *camera);
-    Ok((opened.orientation(args.showing.scene_up.map(Into::into))?, first))
+    Ok((opened.orientation(args.scene_options.scene_up.map(Into::into))?, first))
 }
 
 /// Content of a file, from its extension.
@@ -265,7 +265,7 @@ impl Exporter<'_> {
 
     /// Colours of a scene over the background, camera by camera.
     fn pictures(&self, scene: Scene, cameras: &[Camera]) -> Result<Vec<Vec<f32>>, Failure> {
-        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&self.args.showing.machine).into())?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&self.args.scene_options.machine).into())?;
         let work = progress::work("comparing", cameras.len() as u64);
         let mut pictures = Vec::new();
         for camera in cameras {
@@ -363,7 +363,7 @@ impl Exporter<'_> {
             )));
         }
         let gaussians = scene.gaussians.clone();
-        let mut renderer = SceneRenderer::new(scene, Channels::Training, &(&self.args.showing.machine).into())?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Training, &(&self.args.scene_options.machine).into())?;
         let work = progress::work("fusing", cameras.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
         let mesh = fusion::fuse(&mut renderer, &gaussians, &cameras, self.args.voxels, progress)?;

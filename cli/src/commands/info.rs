@@ -99,9 +99,9 @@ fn of_scene(path: &Path, opened: &OpenedModel) -> Result<Report, Failure> {
     }
     add_ranges(&mut report, &scene.gaussians);
     add_light(&mut report, scene);
-    let census = CullStats::of(&scene.gaussians, None);
-    let words = nonfinite_reasons(&census).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
-    report.add("not finite", words, census.nonfinite().into());
+    let stats = CullStats::of(&scene.gaussians, None);
+    let words = nonfinite_reasons(&stats).map_or("none".into(), |of_which| format!("{of_which}; they are not drawn"));
+    report.add("not finite", words, stats.nonfinite().into());
     add_plan(&mut report, scene);
     Ok(report)
 }

@@ -30,13 +30,13 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
             "true pictures are compared over a colour; use --truth without --background env".into(),
         ));
     }
-    let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
+    let mut opened = scene::open(&args.scene, args.look.scene_options.profile)?;
     let set = CameraSet::choose(&args.look, &opened)?;
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
-    let up = orientation::up(&opened.orientation(args.look.showing.scene_up.map(Into::into))?);
+    let up = orientation::up(&opened.orientation(args.look.scene_options.scene_up.map(Into::into))?);
     let map = relight(&mut opened.scene, &args.env, &args.env_options, up)?;
-    let Look { background, showing, .. } = &args.look;
-    let mut words = differences(&opened, &showing.machine, *background, showing.profile);
+    let Look { background, scene_options, .. } = &args.look;
+    let mut words = differences(&opened, &scene_options.machine, *background, scene_options.profile);
     words.extend(light_differences(&args.env_options));
     let folder = PictureFolder::of(
         &opened,

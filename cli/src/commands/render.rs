@@ -4,6 +4,7 @@ use crate::{
     args::{Look, MachineOptions, Render},
     background::{Backdrop, Behind},
     camera_set::CameraSet,
+    certified::certify,
     commands::relight::write_light,
     dataset,
     failure::Failure,
@@ -11,7 +12,6 @@ use crate::{
     picture_folder::{PictureFolder, differences, light_differences, refuse_options_without_light},
     progress,
     scene::{self, background_of, note_oddities, relight},
-    within::within,
 };
 use core::ops::RangeInclusive;
 use rayon::prelude::*;
@@ -37,10 +37,10 @@ const FRAME_MS: u16 = 60;
 /// Renders what was asked for.
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
-    let mut opened = scene::open(&args.scene, args.look.showing.profile)?;
+    let mut opened = scene::open(&args.scene, args.look.scene_options.profile)?;
     let set = CameraSet::choose(&args.look, &opened)?;
     note_oddities(&opened);
-    let up = orientation::up(&opened.orientation(args.look.showing.scene_up.map(Into::into))?);
+    let up = orientation::up(&opened.orientation(args.look.scene_options.scene_up.map(Into::into))?);
     let mut map = None;
     if let Some(env) = &args.env {
         map = Some(relight(&mut opened.scene, env, &args.env_options, up)?);
@@ -60,7 +60,9 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let truths = if args.env.is_none() { true_views(&opened, &set) } else { Vec::new() };
     job.write_truths(&truths)?;
     let mut verification = match args.verify_omissions {
-        true => Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.showing.machine)?),
+        true => {
+            Some(Verification::new(opened.scene.clone(), Layer::channels(&layers), &args.look.scene_options.machine)?)
+        }
         false => None,
     };
     if let Some(error) = args.max_error {
@@ -85,8 +87,8 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
 
 /// Words for everything in which the pictures differ from those of `specula render MODEL`.
 fn words_of(args: &Render, opened: &OpenedModel) -> Vec<String> {
-    let Look { background, showing, .. } = &args.look;
-    let mut words = differences(opened, &showing.machine, *background, showing.profile);
+    let Look { background, scene_options, .. } = &args.look;
+    let mut words = differences(opened, &scene_options.machine, *background, scene_options.profile);
     words.extend(args.env.as_deref().map(|env| format!("env-{}", output::stem(env))));
     words.extend(light_differences(&args.env_options));
     words.extend(args.max_error.map(|error| format!("error-{error}")));
@@ -122,19 +124,19 @@ fn finest(map: &LatLong, stand: MapOrientation, set: &CameraSet) -> Environment<
 
 /// Renders what was asked for within an error.
 fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) -> Result<(), Failure> {
-    if let ExecutorChoice::Gpu(_) = args.look.showing.machine.executor {
+    if let ExecutorChoice::Gpu(_) = args.look.scene_options.machine.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
     let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
         tracing::info!("only colours are verified; other layers have the same setting");
     }
-    let within = within(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
-    let renderer = within.renderer(&opened.scene, Layer::channels(job.layers));
+    let certified = certify(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
+    let renderer = certified.renderer(&opened.scene, Layer::channels(job.layers));
     job.run_with(renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
     output::say(&job.folder.path.display().to_string())?;
-    output::say(within.certificate())?;
-    output::say(&within.report())
+    output::say(certified.certificate())?;
+    output::say(&certified.report())
 }
 
 /// Whether what the plan leaves out is missed anywhere.
@@ -199,7 +201,7 @@ impl Job<'_> {
         each: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
     ) -> Result<(), Failure> {
         let form = opened.scene.shading_model.shading.form;
-        let options = RenderOptions::from(&self.look.showing.machine);
+        let options = RenderOptions::from(&self.look.scene_options.machine);
         let renderer = SceneRenderer::new(opened.scene, Layer::channels(self.layers), &options)?;
         self.run_with(renderer, form, each)
     }

@@ -3,6 +3,7 @@
 use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
     background::Background,
+    certified::{CertifiedScene, certify},
     checkpoint::{self, Checkpoints},
     commands::view::{self, Watching},
     config,
@@ -14,7 +15,6 @@ use crate::{
     scene::{Renderer, measure_views},
     settings,
     training::{Outcome, Start, Training},
-    within::{Within, within},
 };
 use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
@@ -66,7 +66,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
     let info = info_of(args, &settings.profile, background, &data)?;
     let facts = checkpoint::describe(&settings, config::text_of(args)?, &data.train);
-    let saved = if args.again.resume { Some(read_checkpoint(args, &settings, &facts)?) } else { None };
+    let saved = if args.resuming.resume { Some(read_checkpoint(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
     output::make_folder(&args.model_path)?;
     let _lock = lock.map_or_else(|| self::lock(args), Ok)?;
@@ -118,7 +118,7 @@ fn refuse_data_set(args: &Train) -> Result<(), Failure> {
 /// Refuses a folder that contains another training.
 fn refuse_other_training(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
-    if args.again.resume || args.again.overwrite || !model_folder::holds_training(folder) {
+    if args.resuming.resume || args.resuming.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
     }
     let remedy = match io::checkpoint::path_in(folder).is_file() {
@@ -217,7 +217,7 @@ fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<R
 fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
-    if args.again.ignore_lock { Lock::take_or_warn(folder) } else { Lock::take(folder, REMEDY) }
+    if args.resuming.ignore_lock { Lock::take_or_warn(folder) } else { Lock::take(folder, REMEDY) }
 }
 
 /// Writes settings, cameras and points to the model folder before the first step.
@@ -230,16 +230,16 @@ fn prepare_folder(
     saved: Option<&Resumed>,
 ) -> Result<Checkpoints, Failure> {
     let folder = &args.model_path;
-    if args.again.overwrite {
+    if args.resuming.overwrite {
         model_folder::remove_training(folder)?;
     }
     config::save(folder, &facts.config)?;
-    let checkpoints = Checkpoints::new(folder, args.again.checkpoint_every, facts);
+    let checkpoints = Checkpoints::new(folder, args.resuming.checkpoint_every, facts);
     if let Some(Resumed { state, .. }) = saved {
         let (taken, all) = (state.iteration, args.iterations);
         match taken == all {
             true => tracing::info!("all {all} iterations are done already; to train longer, set more --iterations"),
-            false => tracing::info!("going on from iteration {taken} of {all}"),
+            false => tracing::info!("continuing from iteration {taken} of {all}"),
         }
         return Ok(checkpoints.resumed_at(taken));
     }
@@ -440,16 +440,16 @@ fn finish(
     let place = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
         let model = shell_word(&args.model_path);
-        let goes_on = format!("; specula train -m {model} --resume goes on");
+        let resumption = format!("; specula train -m {model} --resume continues");
         return Err(Failure::Interrupted(format!(
             "interrupted after iteration {iteration}, which is saved in {place:?}{}",
-            if training.has_checkpoint() { &goes_on } else { "" }
+            if training.has_checkpoint() { &resumption } else { "" }
         )));
     }
     tracing::info!("saved {place:?}");
-    let within = certified(args, &scene, views)?;
-    if let Some(within) = &within {
-        save_certificate(args, &mut info, within.certificate().to_owned())?;
+    let certified = certify_trained(args, &scene, views)?;
+    if let Some(certified) = &certified {
+        save_certificate(args, &mut info, certified.certificate().to_owned())?;
     }
 
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
@@ -459,8 +459,8 @@ fn finish(
         return Ok(());
     }
     let is_lit = scene.light.is_some();
-    let mut renderer = match &within {
-        Some(within) => within.renderer(&scene, Channels::Training),
+    let mut renderer = match &certified {
+        Some(certified) => certified.renderer(&scene, Channels::Training),
         None => {
             SceneRenderer::new(scene, Channels::Training, &RenderOptions::full_precision(training.choice().clone()))?
         }
@@ -469,10 +469,10 @@ fn finish(
     let work = progress::work("measuring", test.len() as u64);
     let measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
-    if let Some(within) = &within {
-        let report = within.report();
+    if let Some(certified) = &certified {
+        let report = certified.report();
         output::say(&report)?;
-        save_certificate(args, &mut info, format!("{}; {report}", within.certificate()))?;
+        save_certificate(args, &mut info, format!("{}; {report}", certified.certificate()))?;
     }
     save_quality(&args.model_path, iteration, seconds, count, &measured)?;
     output::say(&format!("{}  ({} test views; {facts})", measure::summary(&measure::means(&measured)), test.len()))?;
@@ -495,12 +495,12 @@ fn shell_word(path: &Path) -> String {
 }
 
 /// Render settings within `--max-error`; a bound that cannot be met is only a warning.
-fn certified(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<Within>, Failure> {
+fn certify_trained(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<CertifiedScene>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    match within(scene, views.cameras.clone(), views.background, error, true) {
-        Ok(within) => {
-            output::say(within.certificate())?;
-            Ok(Some(within))
+    match certify(scene, views.cameras.clone(), views.background, error, true) {
+        Ok(certified) => {
+            output::say(certified.certificate())?;
+            Ok(Some(certified))
         }
         Err(Failure::Input(why)) => {
             tracing::warn!("{why}");

@@ -20,14 +20,14 @@ use std::{
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
-    let opened = scene::open(&args.scene, args.showing.profile)?;
+    let opened = scene::open(&args.scene, args.scene_options.profile)?;
     note_oddities(&opened);
     let background = background_of(&opened, args.background).0;
-    let orientation = opened.orientation(args.showing.scene_up.map(Into::into))?;
+    let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     let photographs = photographs_of(&opened);
     let scene = ViewedScene::of_model(name_of(&args.scene), opened)?;
     let scene = ViewedScene { orientation, photographs, background, ..scene };
-    let render = (&args.showing.machine).into();
+    let render = (&args.scene_options.machine).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, None)?;
     for file in &args.env {

@@ -276,7 +276,7 @@ fn an_executor_that_there_is_not() {
     let tiny = Tiny::new();
     let model = trained(&tiny);
     let mut command = renders(&model, &tiny.path("out"));
-    // Where there is no such folder, Mesa says so.
+    // Mesa reports a folder that does not exist.
     command.args(["--executor", "gpu:abacus"]).env("XDG_RUNTIME_DIR", tiny.path("."));
     refuses(command, &["abacus", "adapter", "--executor cpu"]);
     // Before anything is read.

@@ -144,15 +144,15 @@ fn a_finished_training_goes_on_for_longer() {
     assert!(resumed(&tiny, "model").output().unwrap().status.success(), "there is nothing left to do, which is fine");
     let output = resumed(&tiny, "model").args(["--iterations", "40"]).output().unwrap();
     let talk = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && talk.contains("going on from iteration 30 of 40"), "{talk}");
+    assert!(output.status.success() && talk.contains("continuing from iteration 30 of 40"), "{talk}");
 
     let timeline = json(&model.join("timeline.json"));
     let seconds = ["ours_10", "ours_30", "ours_40"].map(|key| timeline[key]["seconds"].as_f64().unwrap());
-    assert!(seconds.is_sorted(), "time goes on: {seconds:?}");
+    assert!(seconds.is_sorted(), "time increases: {seconds:?}");
     assert_eq!(json(&model.join("specula.json"))["iterations"], 40);
     assert_eq!(checkpoint::read(&model).unwrap().state.iteration, 40);
 
-    // And once more, as it was told the last time.
+    // Once more, with the settings of the last run.
     resumed(&tiny, "model").assert().success();
     let fewer = refusal(resumed(&tiny, "model").args(["--iterations", "39"]));
     assert!(fewer.contains("iteration 40") && fewer.contains("--iterations 39"), "{fewer}");
@@ -302,7 +302,7 @@ fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_befo
     shell.arg("train").arg("-m").arg(tiny.path("model")).args(["--resume", "--iterations", "40"]);
     let sentence = refusal(&mut shell);
     assert!(sentence.contains("checkpoint.safetensors") && sentence.contains("File too large"), "{sentence}");
-    assert!(sentence.contains("goes on without this checkpoint"), "{sentence}");
+    assert!(sentence.contains("continues without this checkpoint"), "{sentence}");
     assert!(fs::read(&place).unwrap() == before, "the earlier checkpoint is another");
     let names =
         fs::read_dir(tiny.path("model")).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());

@@ -130,7 +130,7 @@ fn bad_requests_are_refused_in_a_sentence() {
         let answer = site.post(path, body);
         assert!(answer.status == 400 && answer.text().contains(word), "{path}: {}", answer.text());
     }
-    // Who sends too much may find the connection closed before it has read why.
+    // A client that sends too much may find the connection closed before it has read the reason.
     let status = site.post("/light?name=sky.hdr", &vec![0; (64 << 20) + 1]).status;
     assert!(status == 413 || status == 0, "{status}");
     assert_eq!(site.get(&format!("/frame?{POSE}")).status, 200, "it still answers");
@@ -635,7 +635,7 @@ fn layers_are_chosen_by_key(page: &Page<'_>, tiny: &Tiny, model: &Path) {
 }
 
 fn a_path_is_saved(page: &Page<'_>) {
-    // What would be saved is kept instead.
+    // Files to be saved are kept in the page instead.
     page.eval(
         "(() => {
           window.saved = {};

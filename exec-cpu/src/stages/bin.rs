@@ -202,7 +202,7 @@ fn spread_block<S: Simd>(
         rows_max = rows_max.max(rows.count);
     }
     let [first_row, row_count] = [Lanes::load(simd, &row_lanes[0]), Lanes::load(simd, &row_lanes[1])];
-    // What lies in one row or one column of tiles needs no outline.
+    // Splats in a single row or column of tiles need no outline.
     let is_box = row_count.less_or_equal(row_count.constant(1.0)) | whole[1].less_or_equal(whole[0] + 1.0);
     counts.fill(0);
     for row in 0..rows_max {

@@ -178,7 +178,7 @@ impl<S: Simd> SplatGradLanes<S> {
         let planes = grads.block(block);
         let zero = Lanes::splat(simd, 0.0);
         let load = |plane: usize| Lanes::load(simd, &planes[plane * BLOCK..]);
-        // What is not a number is not zero.
+        // NaN is not zero.
         let is_zero = |lanes: Lanes<S>| zero.less_or_equal(lanes) & lanes.less_or_equal(zero);
         let mut are_zero = is_zero(load(0));
         for plane in 1..planes.len() / BLOCK {

@@ -7,7 +7,8 @@
 //! ```no_run
 //! # use specula_gpu::{Composer, Frame, Gpu, GpuError, GpuExecutor};
 //! # fn frame(_: &mut GpuExecutor) -> Result<Frame, GpuError> { unimplemented!() }
-//! # fn draw(device: wgpu::Device, queue: wgpu::Queue, pass: &mut wgpu::RenderPass<'_>) -> Result<(), GpuError> {
+//! # use wgpu::{Device, Queue, RenderPass};
+//! # fn draw(device: Device, queue: Queue, pass: &mut RenderPass<'_>) -> Result<(), GpuError> {
 //! let mut exec = GpuExecutor::new(Gpu::shared(device, queue)?);
 //! let composer = Composer::new(&exec, wgpu::TextureFormat::Bgra8Unorm);
 //! let picture = frame(&mut exec)?; // `specula_core::pipeline::render`

@@ -34,8 +34,8 @@ pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
         opacity_logit,
     };
     let splat = project(&shape, &camera().lift(0.0));
-    let stamp = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());
-    let falloff = blend::falloff(&stamp, 32.0 - splat.mean2d[0], 32.0 - splat.mean2d[1]);
+    let footprint = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());
+    let falloff = blend::falloff(&footprint, 32.0 - splat.mean2d[0], 32.0 - splat.mean2d[1]);
     blend::alpha(falloff.log2_strength)
 }
 

@@ -852,8 +852,8 @@ fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
     let pixel = |[px, py]: [f32; 2]| {
         let (mut color, mut passage) = (Vec3::zero(x[0]), blend::PixelState::open(x[0]));
         for k in 0..STACK {
-            let (mean2d, stamp, _, splat_color) = stack_entry(x, k);
-            let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
+            let (mean2d, footprint, _, splat_color) = stack_entry(x, k);
+            let falloff = blend::falloff(&footprint, -mean2d[0] + px, -mean2d[1] + py);
             let step = blend::step(blend::alpha(falloff.log2_strength), passage);
             color = color.add_scaled(step.weight, splat_color);
             passage = step.behind;
@@ -887,8 +887,8 @@ fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
         let total = grad_color.dot(take3(&image[4 * p..])) + image[4 * p + 3] * grad_transmittance;
         let mut replay = blend::Replay { transmittance: zero.constant(1.0), remaining: total };
         for k in 0..STACK {
-            let (mean2d, stamp, _, color) = stack_entry(x, k);
-            let falloff = blend::falloff(&stamp, -mean2d[0] + px, -mean2d[1] + py);
+            let (mean2d, footprint, _, color) = stack_entry(x, k);
+            let falloff = blend::falloff(&footprint, -mean2d[0] + px, -mean2d[1] + py);
             let step = blend::step_vjp(falloff.log2_strength, replay, color.dot(grad_color));
             grad_colors[k] = grad_colors[k].add_scaled(step.weight, grad_color);
             moments[k] = moments[k].with(step.log_strength, falloff.offset);
@@ -896,8 +896,8 @@ fn blend_stack_vjp<R: Number>(x: &[R], grad: &[R]) -> Vec<R> {
         }
     }
     let splat_grad = |k: usize| {
-        let (_, stamp, opacity, _) = stack_entry(x, k);
-        let grad = blend::moments_vjp(&stamp, opacity, &moments[k]);
+        let (_, footprint, opacity, _) = stack_entry(x, k);
+        let grad = blend::moments_vjp(&footprint, opacity, &moments[k]);
         join(&[&grad.mean2d, &grad.root_conic, &[grad.opacity]])
     };
     let splats: Vec<R> = (0..STACK).flat_map(splat_grad).collect();

@@ -1,5 +1,6 @@
-//! Links of the documentation: each relative link, image and anchor of README, ARCHITECTURE,
-//! CHANGELOG and `docs` resolves, and the book's table of contents lists each page.
+//! Form of the documentation. Each relative link, image and anchor of README, ARCHITECTURE,
+//! CHANGELOG and `docs` resolves, and the book's table of contents lists each page. Comments of
+//! sources begin with a noun or a verb, and end at [`COLUMNS_MAX`].
 
 use std::{
     collections::BTreeSet,
@@ -133,4 +134,74 @@ fn a_broken_link_is_found() {
         ["no-page.md", "no-picture.png", "#three", "guide.md#no-heading", "../README.md", "#one-2", "gone.png"],
         "links that lead nowhere"
     );
+}
+
+/// Largest width of a comment line, in characters.
+const COLUMNS_MAX: usize = 100;
+
+/// Words that open a clause instead of naming a thing or an action.
+const CLAUSE_WORDS: [&str; 8] = ["What", "Who", "Whose", "How", "Where", "When", "Which", "And"];
+
+/// Sources of the workspace in Rust and WGSL, below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let is_foreign = |name: &str| name.starts_with('.') || ["target", "shared", "node_modules"].contains(&name);
+    let entries = fs::read_dir(folder).expect("a folder of sources").map(|entry| entry.expect("an entry").path());
+    entries
+        .filter(|path| path.file_name().and_then(|name| name.to_str()).is_some_and(|name| !is_foreign(name)))
+        .flat_map(|path| match path.is_dir() {
+            true => sources(&path),
+            false => vec![path],
+        })
+        .filter(|path| path.extension().is_some_and(|extension| extension == "rs" || extension == "wgsl"))
+        .collect()
+}
+
+/// Text of a line of a doc comment.
+fn doc_text(line: &str) -> Option<&str> {
+    let line = line.trim_start();
+    line.strip_prefix("///").or_else(|| line.strip_prefix("//!")).map(str::trim)
+}
+
+/// Faults of a source's comments, each with its line: width beyond [`COLUMNS_MAX`], and doc
+/// comments that begin with one of [`CLAUSE_WORDS`].
+fn comment_faults(text: &str) -> Vec<(usize, String)> {
+    let mut faults = Vec::new();
+    let mut is_inside = false;
+    for (number, line) in (1..).zip(text.lines()) {
+        if line.trim_start().starts_with("//") && line.chars().count() > COLUMNS_MAX {
+            faults.push((number, format!("more than {COLUMNS_MAX} columns")));
+        }
+        let doc = doc_text(line);
+        let first = doc.and_then(|doc| doc.split(|c: char| !c.is_alphanumeric()).next());
+        if let Some(word) = first.filter(|word| !is_inside && CLAUSE_WORDS.contains(word)) {
+            faults.push((number, format!("begins with {word:?}")));
+        }
+        is_inside = doc.is_some();
+    }
+    faults
+}
+
+#[test]
+fn comments_begin_with_a_noun_or_a_verb_and_end_at_a_hundred_columns() {
+    let sources = sources(&root());
+    assert!(sources.len() > 300, "{} sources were found", sources.len());
+    let faults: Vec<String> = sources
+        .iter()
+        .flat_map(|path| {
+            let text = fs::read_to_string(path).expect("a source in UTF-8");
+            comment_faults(&text).into_iter().map(move |(line, fault)| format!("{}:{line}: {fault}", path.display()))
+        })
+        .collect();
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn a_faulty_comment_is_found() {
+    let wide = "é".repeat(COLUMNS_MAX - 3);
+    let text = format!(
+        "//! How it works.\n\nfn f() {{}}\n// {wide}\n    // {wide}\n/// Width.\n/// Where it is used.\n#[inline]\n/// And more.\n/// \
+         Whatever.\n"
+    );
+    let lines: Vec<usize> = comment_faults(&text).into_iter().map(|(line, _)| line).collect();
+    assert_eq!(lines, [1, 5, 9]);
 }

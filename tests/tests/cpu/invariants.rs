@@ -39,10 +39,10 @@ mod sums {
 
     #[test]
     fn a_box_that_a_splat_does_not_reach_is_told_from_one_that_it_does() {
-        let stamp = Splat2d::new([0.0_f32; 2], [1.0, 0.0, 1.0], 0.0);
-        assert!(blend::may_overlap(&stamp, [2.0, 5.0], [-1.5, 1.5]));
-        assert!(!blend::may_overlap(&stamp, [4.0, 7.0], [-1.5, 1.5]));
-        assert!(!blend::may_overlap(&stamp, [-7.0, -4.0], [3.0, 6.0]));
+        let footprint = Splat2d::new([0.0_f32; 2], [1.0, 0.0, 1.0], 0.0);
+        assert!(blend::may_overlap(&footprint, [2.0, 5.0], [-1.5, 1.5]));
+        assert!(!blend::may_overlap(&footprint, [4.0, 7.0], [-1.5, 1.5]));
+        assert!(!blend::may_overlap(&footprint, [-7.0, -4.0], [3.0, 6.0]));
     }
 
     #[test]
@@ -79,14 +79,14 @@ mod sums {
             root in [0.01..2.0_f32, -2.0..2.0_f32, 0.01..2.0_f32],
             opacity in 0.004..1.0_f32,
         ) {
-            let stamp = Splat2d::new([0.0; 2], root, opacity.log2());
+            let footprint = Splat2d::new([0.0; 2], root, opacity.log2());
             let [dx, dy] = corner.map(|first| [first, first + 3.0]);
             let strength_at = |pixel: u8| {
                 let [column, row] = [pixel % 4, pixel / 4].map(f32::from);
-                blend::falloff(&stamp, corner[0] + column, corner[1] + row).log2_strength
+                blend::falloff(&footprint, corner[0] + column, corner[1] + row).log2_strength
             };
             let strongest = (0..16).map(strength_at).fold(f32::NEG_INFINITY, f32::max);
-            prop_assert!(strongest < LOG2_ALPHA_MIN || blend::may_overlap(&stamp, dx, dy));
+            prop_assert!(strongest < LOG2_ALPHA_MIN || blend::may_overlap(&footprint, dx, dy));
         }
         #[test]
         fn footprint_weights_sum_to_one_and_lie_inside_the_padded_map(d in any_vector(), log_resolution in 0..9_u32) {

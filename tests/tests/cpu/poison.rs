@@ -259,7 +259,7 @@ fn a_census_counts_what_the_executor_draws() {
         if !case.is_on_edge {
             assert_eq!(counted, drawn, "{}: {cull:?}", case.name);
         }
-        let all: usize = CullReason::ALL.into_iter().map(|fate| cull.count(fate)).sum();
-        assert_eq!(all, case.cloud.count, "{}: every Gaussian has one fate", case.name);
+        let all: usize = CullReason::ALL.into_iter().map(|reason| cull.count(reason)).sum();
+        assert_eq!(all, case.cloud.count, "{}: every Gaussian has one reason", case.name);
     }
 }

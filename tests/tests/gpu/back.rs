@@ -325,7 +325,7 @@ fn exact_splat_grads(scene: &Scene) -> Vec<f64> {
     let mut values = vec![0.0; scene.cloud.count.next_multiple_of(BLOCK) * planes];
     for (gaussian, (SplatGrad { mean2d, root_conic, opacity, .. }, channels)) in iter::zip(grads, channels).enumerate()
     {
-        // What is not drawn may divide by a pivot that is zero.
+        // Gaussians that are not drawn may divide by a pivot of zero.
         let is_drawn = order.contains(&gaussian);
         let numbers = mean2d.into_iter().chain(root_conic).chain([opacity]).chain(channels);
         for (plane, number) in numbers.enumerate().filter(|_| is_drawn) {

@@ -142,8 +142,8 @@ fn gather<S: Simd>(
     let [left, right, above, below] = &windows;
     let (coverage, depth) = (planes.plane(place, plane::COVERAGE), planes.plane(place, plane::DEPTH));
     for row in 0..SIZE {
-        // What a pixel left for its left neighbour lies one to the right of that neighbour, and so
-        // on.
+        // The contribution of a pixel to its left neighbour is stored one to the right of that
+        // neighbour; likewise in the other directions.
         let grad_depth = (cross(simd, left, row).right + cross(simd, right, row).left)
             + (cross(simd, above, row).below + cross(simd, below, row).above);
         let (depth, coverage) = (Lanes::load(simd, &depth[row]), Lanes::load(simd, &coverage[row]));

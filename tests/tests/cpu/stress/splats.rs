@@ -80,9 +80,9 @@ fn stamp_of<R: Number>(splat: &Splat<R>) -> Splat2d<R> {
     Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2())
 }
 
-fn alpha_at<R: Number>(stamp: &Splat2d<R>, pixel: [f64; 2]) -> f64 {
-    let [dx, dy] = [0, 1].map(|axis| R::of(pixel[axis]) - stamp.mean2d[axis]);
-    blend::alpha(blend::falloff(stamp, dx, dy).log2_strength).value()
+fn alpha_at<R: Number>(footprint: &Splat2d<R>, pixel: [f64; 2]) -> f64 {
+    let [dx, dy] = [0, 1].map(|axis| R::of(pixel[axis]) - footprint.mean2d[axis]);
+    blend::alpha(blend::falloff(footprint, dx, dy).log2_strength).value()
 }
 
 /// One Gaussian of a colour that needs no light.
@@ -119,7 +119,7 @@ fn needles_stay_within_a_thousandth_of_f64_from_a_thousand_cameras() {
             stamp_of(&splat(&shape::<Double>(mean, scales, quat, 3.0), &camera)),
         );
         let pixels = (0..12 * 8).map(|k| [4.0 * f64::from(k % 12) + 0.5, 4.0 * f64::from(k / 12) + 0.5]);
-        // Where an alpha is near the least one, rounding decides whether it is drawn.
+        // Rounding decides whether an alpha near the smallest is drawn.
         let apart = |pixel: [f64; 2]| {
             let [own, exact] = [alpha_at(&own, pixel), alpha_at(&exact, pixel)];
             assert!(own <= f64::from(blend::MAX_ALPHA), "an alpha of {own}");
@@ -153,8 +153,8 @@ pub(crate) fn point_beside(length: f32) -> [f32; 2] {
 pub(crate) fn exponent<R: Number>(length: f32, camera: &Camera) -> f64 {
     let Splat { mean2d, root_conic, .. } = needle::<R>(length, camera);
     let [dx, dy] = point_beside(length).map(|x| R::of(f64::from(x)));
-    let stamp = Splat2d::new(mean2d, root_conic, dx.zero());
-    blend::falloff(&stamp, dx, dy).log2_strength.value() * core::f64::consts::LN_2
+    let footprint = Splat2d::new(mean2d, root_conic, dx.zero());
+    blend::falloff(&footprint, dx, dy).log2_strength.value() * core::f64::consts::LN_2
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn depths_are_in_total_order_and_others_are_counted() {
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     assert_eq!(exec.depth_order(&splats), [(0.5, 9), (1.0, 6), (1e30, 5)]);
     let cull = CullStats::of(&cloud, Some(&camera));
-    let counts = [CullReason::Near, CullReason::NonfiniteMean, CullReason::Drawn].map(|fate| cull.count(fate));
+    let counts = [CullReason::Near, CullReason::NonfiniteMean, CullReason::Drawn].map(|reason| cull.count(reason));
     assert_eq!(counts, [5, 2, 3], "{cull:?}");
 }
 

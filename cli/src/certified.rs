@@ -17,23 +17,23 @@ use specula_core::{
 use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A scene whose pictures are within an error, and by what right.
+/// Scene rendered with a setting whose error is certified.
 #[derive(Clone, Debug)]
-pub(crate) struct Within {
+pub(crate) struct CertifiedScene {
     verified: Arc<Mutex<Verified>>,
     certificate: String,
     asked: f64,
 }
 
-/// Looks for the cheapest setting. Where it `is_verified`, each picture is compared with the most
-/// exact one.
-pub(crate) fn within(
+/// Searches the cheapest setting within an error. With `is_verified`, each picture is compared with
+/// the most exact one.
+pub(crate) fn certify(
     scene: &Scene,
     cameras: Vec<Camera>,
     background: Background,
     error: f64,
     is_verified: bool,
-) -> Result<Within, Failure> {
+) -> Result<CertifiedScene, Failure> {
     let subject = into_subject(scene.clone(), cameras, background.0);
     check(&subject)?;
     tracing::info!("looking for the cheapest setting within {error}");
@@ -42,10 +42,10 @@ pub(crate) fn within(
     let words = words(&certificate, &subject);
     let verified =
         Verified::new(subject, &reference, &certificate, is_verified).map_err(|_| refused(Refusal::Failed, error))?;
-    Ok(Within { verified: Arc::new(Mutex::new(verified)), certificate: words, asked: error })
+    Ok(CertifiedScene { verified: Arc::new(Mutex::new(verified)), certificate: words, asked: error })
 }
 
-impl Within {
+impl CertifiedScene {
     /// Certificate of the setting.
     pub(crate) fn certificate(&self) -> &str {
         &self.certificate
@@ -73,7 +73,7 @@ impl Within {
 }
 
 /// The certificate holds for one scene under one light.
-impl RenderBackend for Within {
+impl RenderBackend for CertifiedScene {
     fn render(&mut self, _: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
         Ok(self.verified().view(camera, rules.channels)?)
     }

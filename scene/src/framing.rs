@@ -1,0 +1,29 @@
+//! Viewing distance of Gaussians.
+
+use glam::Vec3;
+use specula_core::scene::{Gaussians, MEAN};
+
+/// Horizontal field of view of cameras in an orbit, in radians: that of NeRF Synthetic.
+pub(crate) const FIELD_OF_VIEW_RAD: f32 = 0.691_111_2;
+
+/// Centre of Gaussians, and the distance from which a camera sees all of them.
+pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    let (centre, radius) = extent(gaussians);
+    (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
+}
+
+/// Median of the means, and the 0.9 quantile of their distances from it; 1 where that is 0.
+fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    const SHARE: f32 = 0.9;
+    let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);
+    let centre = Vec3::new(median(MEAN), median(MEAN + 1), median(MEAN + 2));
+    let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
+    let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
+    (centre, if radius > 0.0 { radius } else { 1.0 })
+}
+
+fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {
+    let Some(last) = numbers.len().checked_sub(1) else { return 0.0 };
+    let index = (share * last as f32) as usize;
+    *numbers.select_nth_unstable_by(index, f32::total_cmp).1
+}
