@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_training_ends_with_the_same_bits_wherever_it_was_put_aside() {
+    fn a_training_ends_with_the_same_bits_wherever_it_was_saved() {
         for name in ["specula", "paper", "3dgs"] {
             let settings = settings(name);
             let mut whole =
@@ -168,18 +168,18 @@ mod tests {
             let mut places: Vec<u32> =
                 (0..PLACES).map(|k| (random::bits(7, 0, k) % u64::from(ITERATIONS)) as u32).collect();
             places.sort_unstable();
-            let mut aside = Vec::new();
+            let mut saved = Vec::new();
             for place in places {
                 train(&mut whole, place);
-                aside.push(bytes(&mut whole, &settings));
+                saved.push(bytes(&mut whole, &settings));
             }
             train(&mut whole, ITERATIONS);
             assert_ne!(whole.gaussians().count as u64, POINTS, "densification took part in {name}");
             let expected = bytes(&mut whole, &settings);
-            for aside in aside {
-                let mut again = resumed(&aside, &settings);
+            for saved in saved {
+                let mut again = resumed(&saved, &settings);
                 let place = again.iteration();
-                assert!(bytes(&mut again, &settings) == aside, "{name} at {place} is not what was read");
+                assert!(bytes(&mut again, &settings) == saved, "{name} at {place} is not what was read");
                 train(&mut again, ITERATIONS);
                 assert!(bytes(&mut again, &settings) == expected, "{name} from {place} on ends otherwise");
             }

@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn the_processor_goes_on_where_a_device_gave_up() {
+    fn the_cpu_continues_where_a_device_failed() {
         let mut whole = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
         for _ in 0..6 {
             whole.step().expect("the processor trains");
@@ -360,7 +360,7 @@ mod tests {
 
     #[cfg(feature = "gpu")]
     #[test]
-    fn the_processor_goes_on_where_a_real_device_went_away() {
+    fn the_cpu_continues_where_a_real_device_was_lost() {
         use specula_gpu::{Gpu, GpuExecutor};
         let gpu = match Gpu::new("") {
             Ok(gpu) => gpu,

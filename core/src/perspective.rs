@@ -229,8 +229,8 @@ pub fn log2_strength<R: Real>(log2_opacity: R, squared: R, ray_scale: R, scaled_
     log2_opacity - squared / scaled_curvature.mul_add(squared, scale * scale)
 }
 
-/// Whether a splat in perspective may be seen somewhere in a box of offsets from its mean; it is
-/// for sure where this says no.
+/// Returns whether a splat in perspective may overlap a box of offsets from its mean; false only if
+/// it certainly does not.
 #[inline(always)]
 pub fn may_overlap<R: Real>(
     cutoffs: &Cutoffs,

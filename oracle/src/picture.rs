@@ -49,7 +49,7 @@ fn splats2d<R: Number>(splats: &[Splat<R>]) -> Vec<Splat2d<R>> {
     splats.iter().map(|splat| Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2())).collect()
 }
 
-/// First row of pixels that a splat may be seen in, and one past the last.
+/// First row of pixels that a splat may overlap, and one past the last.
 fn rows_of<R: Number>(
     splat: &Splat<R>,
     perspective: Option<&Perspective<R>>,

@@ -254,8 +254,8 @@ impl Operator {
     pub fn forget_rows(&mut self) {
         self.stored = None;
     }
-    /// The rows piece by piece, each with the number of its first: for whoever cannot keep them
-    /// all. A piece has about this many weights, and is computed on demand.
+    /// Rows piece by piece, each with the number of its first, to limit memory. A piece has about
+    /// `weights_at_once` weights, and is computed on demand.
     pub fn pieces(&self, weights_at_once: usize) -> impl Iterator<Item = (usize, Sparse)> + '_ {
         const ROWS_AT_ONCE: usize = 512;
         const ROWS_OF_A_TASK: usize = 16;

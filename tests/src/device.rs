@@ -9,17 +9,17 @@ pub fn executor() -> Option<GpuExecutor> {
     executor_with_arrays_of(u64::MAX)
 }
 
-/// An executor whose arrays have no more than so many bytes.
+/// Executor whose arrays have at most a number of bytes.
 pub fn executor_with_arrays_of(bytes: u64) -> Option<GpuExecutor> {
     device().map(|gpu| GpuExecutor::new(gpu.limited(bytes)))
 }
 
-/// An executor that divides Gaussians into chunks of so many bytes.
+/// Executor that divides Gaussians into chunks of a number of bytes.
 pub fn executor_in_chunks_of(bytes: u64) -> Option<GpuExecutor> {
     device().map(|gpu| GpuExecutor::new(gpu.with_chunks_of(bytes)))
 }
 
-/// An executor on a device of its own, which may be ended.
+/// Executor on a separate device, which may be destroyed.
 pub fn executor_of_its_own() -> Option<GpuExecutor> {
     or_skipped(Gpu::new("")).map(GpuExecutor::new)
 }

@@ -27,7 +27,7 @@ use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{sync::Arc, thread, time::Instant};
 use tokio::sync::oneshot;
 
-/// Filtered lights in memory: several clients may each use one of their own.
+/// Filtered lights in memory: several clients may each use another.
 const SLOTS: usize = 6;
 /// Error that is shown in the brightest colour, of a range of 1.
 const ERROR_SHOWN_MAX: f32 = 0.25;

@@ -52,7 +52,7 @@ impl Browser {
         Some(Self { child, socket: RefCell::new((socket, 0)), _profile: profile })
     }
 
-    /// A page of this size, in a profile of its own.
+    /// Page of this size, in a separate profile.
     pub(crate) fn open(&self, url: &str, [width, height]: [u32; 2]) -> Page<'_> {
         let context = self.call(None, "Target.createBrowserContext", json!({}))["browserContextId"].clone();
         let about = json!({"url": "about:blank", "browserContextId": context});

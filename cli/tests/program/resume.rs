@@ -125,19 +125,19 @@ mod killed {
     }
 
     #[test]
-    fn a_training_that_is_killed_goes_on_to_the_same_bits() {
+    fn a_training_that_is_killed_continues_to_the_same_bits() {
         ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)]);
     }
 
     #[test]
-    fn a_training_that_is_interrupted_goes_on_to_the_same_bits() {
+    fn a_training_that_is_interrupted_continues_to_the_same_bits() {
         // Before it watches for signals, one ends it as it ends any program.
         ends_as_if_nothing_had_happened("-INT", &[None, Some(130), Some(0)]);
     }
 }
 
 #[test]
-fn a_finished_training_goes_on_for_longer() {
+fn a_finished_training_continues_for_longer() {
     let tiny = Tiny::new();
     let model = tiny.path("model");
     train(&tiny, "model").args(["--eval", "--test-iterations", "10"]).assert().success();
@@ -159,7 +159,7 @@ fn a_finished_training_goes_on_for_longer() {
 }
 
 #[test]
-fn only_the_same_training_goes_on() {
+fn only_the_same_training_continues() {
     let tiny = Tiny::new();
     let nothing = refusal(&mut resumed(&tiny, "model"));
     assert!(nothing.contains("no checkpoint.safetensors") && !tiny.path("model").exists(), "{nothing}");
@@ -210,7 +210,7 @@ fn settings_of_one_training_are_those_of_another() {
 }
 
 #[test]
-fn another_executor_goes_on() {
+fn another_executor_continues() {
     let report = specula().args(["doctor", "--json"]).output().unwrap();
     let report: Value = serde_json::from_slice(&report.stdout).unwrap();
     if report["adapters"].as_array().unwrap().is_empty() {

@@ -142,7 +142,7 @@ impl Gpu {
         self
     }
 
-    /// The device with Gaussians in chunks of at most so many bytes, and at least one block.
+    /// Device with Gaussians in chunks of at most a number of bytes, and at least one block.
     /// Results do not depend on it.
     #[must_use]
     pub fn with_chunks_of(mut self, bytes: u64) -> Self {

@@ -1,4 +1,4 @@
-// Colours added to texels, for whoever wants to know whether the sums are right: one invocation a
+// Colours added to texels, to test the sums: one invocation a
 // colour.
 
 struct Added {

@@ -376,12 +376,12 @@ fn settings(name: &str) -> Settings {
     Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 }
 }
 
-/// A short training on so many threads.
+/// Short training on a number of threads.
 fn train(threads: usize, name: &str) -> (HostScene, Option<ExposureState>) {
     train_with_pause(threads, &settings(name), None)
 }
 
-/// A training that, if asked to, is given up after some steps and goes on from what it had learned.
+/// Training, optionally interrupted after some steps and resumed from its state.
 fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> (HostScene, Option<ExposureState>) {
     let views: Vec<View> = (0..4)
         .map(|k| {
@@ -414,7 +414,7 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
 }
 
 #[test]
-fn a_training_goes_on_to_the_last_bit_from_what_it_had_learned() {
+fn a_resumed_training_continues_to_the_last_bit() {
     for name in ["specula", "3dgs"] {
         assert_eq!(
             train(2, name),

@@ -334,7 +334,7 @@ mod light {
         {
             let (found, u, v) = cubemap::face_of(cubemap::texel_direction(face, column, row, RESOLUTION));
             let index = |u: f64| ((u + 1.0) * 0.5 * RESOLUTION as f64) as usize;
-            assert_eq!((found, index(u), index(v)), (face, column, row), "the way back");
+            assert_eq!((found, index(u), index(v)), (face, column, row), "the inverse");
         }
     }
 

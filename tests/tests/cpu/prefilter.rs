@@ -1,4 +1,4 @@
-//! Light filtered by the CPU executor against its integral, and levels of one's own.
+//! Light filtered by the CPU executor against its integral, and custom levels.
 
 use rayon::prelude::*;
 use specula_core::{

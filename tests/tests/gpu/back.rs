@@ -1,5 +1,5 @@
-//! The GPU executor's way back from pictures to Gaussians, and its optimiser, against core and the
-//! CPU executor.
+//! The GPU executor's backward pass from pictures to Gaussians, and its optimiser, against core and
+//! the CPU executor.
 
 use core::iter;
 use specula_core::{

@@ -224,7 +224,7 @@ const RULES: DensifyRules = DensifyRules {
     scale_max: f32::INFINITY,
 };
 
-/// Rules, and how many Gaussians there may be of so many.
+/// Rules, and the largest number of Gaussians for a number of them.
 fn cases(count: usize) -> Vec<(&'static str, DensifyRules, usize)> {
     vec![
         ("everything happens", RULES, UNLIMITED),
@@ -288,7 +288,7 @@ fn densified_clouds_are_those_of_the_cpu_twice() {
 }
 
 #[test]
-fn every_kind_of_fate_occurs() {
+fn every_action_occurs() {
     let scene = || HostScene::new(5000, Layout::radiance(0), 3);
     let mut cpu = CpuExecutor::new();
     let all = scene().densify(&mut cpu, &RULES, UNLIMITED);
@@ -299,7 +299,7 @@ fn every_kind_of_fate_occurs() {
 }
 
 #[test]
-fn densification_goes_on_from_what_it_left() {
+fn densification_continues_from_its_result() {
     let Some(mut gpu) = executor() else { return };
     let mut first = HostScene::new(3000, Layout::shaded(Some(0)), 5).upload(&mut gpu);
     first.densify(&mut gpu, &RULES, UNLIMITED);

@@ -550,8 +550,8 @@ fn pictures_of_another_size_are_refused() {
 /// Some exposure that mixes all channels.
 const EXPOSURE: Exposure<f32> = [[0.8, 0.1, -0.05, 0.03], [0.02, 1.1, 0.07, -0.06], [-0.04, 0.05, 0.9, 0.1]];
 
-/// A picture before and after its exposure, the gradient of the photograph, and what the way back
-/// makes of it.
+/// A picture before and after its exposure, the gradient of the photograph, and what the backward
+/// pass makes of it.
 struct Exposed {
     before: Vec<f32>,
     after: Vec<f32>,

@@ -85,7 +85,7 @@ fn the_comparison_can_fail() {
 /// Bytes of a splat, of which blending reads any.
 const SPLAT_BYTES: usize = 48;
 
-/// A case of so many Gaussians with as many planes as there can be.
+/// Case of a number of Gaussians with the largest number of planes.
 fn case_of(count: usize) -> Case {
     Case::new("many planes", camera(30, 20), small_cloud(count, Layout::shaded(Some(3)), 1.5))
 }

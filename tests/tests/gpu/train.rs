@@ -89,12 +89,12 @@ fn points(way: u64) -> Vec<Point> {
     (0..POINTS).map(|k| Point { position: [place(k, 0), place(k, 1), place(k, 2)], color: [0.5; 3] }).collect()
 }
 
-/// A training of so many steps.
+/// Training of a number of steps.
 fn train<E: Executor<Error: core::fmt::Debug>>(exec: E, settings: Settings, steps: u32) -> (HostScene, usize) {
     train_with(exec, settings, &points(0), steps, |_, _| ())
 }
 
-/// A training of so many steps, before each of which something is done to the executor.
+/// Training of a number of steps; a hook runs on the executor before each of them.
 fn train_with<E: Executor<Error: core::fmt::Debug>>(
     exec: E,
     settings: Settings,
@@ -196,7 +196,7 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     assert!(first == again, "a second run with room for fewer splats at once differs");
 }
 
-/// A training of so many steps that is interrupted after some of them, and goes on from its
+/// Training of a number of steps that is interrupted after some of them, and resumes from its
 /// snapshot on the other executor.
 fn train_in_turns([first, second]: [GpuExecutor; 2], settings: &Settings, turns: [u32; 2]) -> (HostScene, usize) {
     let views: Vec<View> = (1..=VIEWS).map(view).collect();

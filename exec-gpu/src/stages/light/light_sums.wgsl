@@ -1,6 +1,6 @@
-// Sums of colours that many invocations add to at once. A number is so many whole steps; three
-// words are its digits, each of either sign, and the fourth counts what was no number. Whoever
-// comes first, the sum ends up the same. Powers of two are multiplied with, which is exact
+// Sums of colours that many invocations add to at once. A number is an integer of steps; three
+// words are its digits, each of either sign, and the fourth counts what was no number. The
+// order of additions does not change the sum. Powers of two are multiplied with, which is exact
 // everywhere; a division need not be.
 
 fn add_number(first: u32, number: f32) {

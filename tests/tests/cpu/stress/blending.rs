@@ -78,7 +78,7 @@ fn gradients_of_opaque_layers_are_those_of_f64_and_zero_where_alpha_is_limited()
 fn what_a_stack_lets_through_is_that_of_f64() {
     let off = |seed: u64| {
         let count = 1 + (random::bits(seed, 2, 0) % 5000) as usize;
-        // Together they let as much through as a pixel does that goes on.
+        // Their joint transmittance is that of a pixel that is not terminated.
         let mean = 8.0 / count as f64;
         let alphas: Vec<f64> =
             (0..count).map(|k| (2.0 * mean * f64::from(random::uniform(seed, 3, k as u64))).min(0.9)).collect();

@@ -63,7 +63,7 @@ pub(crate) fn splat<R: Number>(shape: &Shape<R>, camera: &Camera) -> Splat<R> {
     project(shape, &camera.lift(R::of(0.0)))
 }
 
-/// A needle through the middle of the picture, at 37°, that is so many pixels long.
+/// Needle through the middle of the picture, at 37°, of a length in pixels.
 pub(crate) fn needle<R: Number>(length: f32, camera: &Camera) -> Splat<R> {
     let along = (length * 4.0 / camera.focal_px[0]).ln();
     let half = (37.0_f32 / 2.0).to_radians();
@@ -333,9 +333,9 @@ fn tiles_reach_as_far_as_a_splat_is_seen() {
     assert!(reach > 3.3, "an opaque splat is seen beyond three standard deviations");
 }
 
-/// Nowhere in the extreme cases is a Gaussian left out without a reason of its own.
+/// No Gaussian of the extreme cases is culled without a reason.
 #[test]
-fn every_gaussian_of_the_hard_scenes_has_a_fate_and_none_is_not_finite_but_where_it_is() {
+fn every_gaussian_of_the_hard_scenes_has_a_reason_and_none_is_not_finite_but_where_it_is() {
     for Case { name, cloud, camera, .. } in every_case() {
         let nonfinite = (0..cloud.count)
             .filter(|k| (0..LAYOUT.plane_count()).any(|plane| !cloud.get::<1>(*k, plane)[0].is_finite()))
