@@ -182,7 +182,7 @@ mod tests {
     }
 
     /// Takes minutes:
-    /// `cargo test --release -p specula-accuracy --lib every_stress_scene -- --ignored --nocapture`.
+    /// `cargo test --release -p specula-accuracy --lib every_stress -- --ignored --nocapture`.
     #[test]
     #[ignore = "takes minutes"]
     fn pictures_of_every_stress_scene_are_within_their_error() {
