@@ -60,7 +60,7 @@ impl CutoffPolicy for Cutoffs {
 
 /// Executor on the threads of rayon's current pool.
 ///
-/// With [`DefaultCutoffs`] it trains as well; with [`Cutoffs`] of one's choice it only renders.
+/// With `DefaultCutoffs` it trains as well; with other [`Cutoffs`] it only renders.
 #[derive(Debug)]
 pub struct CpuExecutor<C = DefaultCutoffs> {
     context: Context,

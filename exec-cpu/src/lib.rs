@@ -1,7 +1,7 @@
 //! specula's stages on rayon, with SIMD lanes: how the core's formulas are scheduled on a CPU.
 //!
-//! Files are named for stages, as in the core. Gaussians go through [`project`] and [`shade`]
-//! sixteen at a time, tiles through [`mod@bin`] and [`blend`] a quad of four by four pixels at a
+//! Files are named for stages, as in the core. Gaussians go through `project` and `shade`
+//! sixteen at a time, tiles through `bin` and `blend` a quad of four by four pixels at a
 //! time. Pictures are kept tile by tile, and only tiles that a splat touches ([`frame`]). Stages
 //! take their memory from pools, and their results give it back. Nothing depends on the number of
 //! threads: work is divided into parts of fixed size, and sums run over the parts in order.

@@ -4,8 +4,8 @@
 //! The colours of a Gaussian towards cameras are fitted by weighted least squares
 //! ([`specula_core::sh_fit`]). A camera's weight is the contribution of the Gaussian to its
 //! picture, Σ αT over the pixels, so that hidden Gaussians do not count and harmonics describe the
-//! directions of the cameras. [`UNIFORM_COUNT`] directions around, the same for all Gaussians, have
-//! [`UNIFORM_WEIGHT`] of the cameras' weight together, which keeps other views plausible. In models
+//! directions of the cameras. `UNIFORM_COUNT` directions around, the same for all Gaussians, have
+//! `UNIFORM_WEIGHT` of the cameras' weight together, which keeps other views plausible. In models
 //! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it,
 //! whose mean normals are smoother than its own.
 

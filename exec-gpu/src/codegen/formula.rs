@@ -40,7 +40,7 @@ pub fn call(name: &str, len: usize) -> Field {
     Field { name: name.to_owned(), len, binding: FieldBinding::Call }
 }
 
-/// Formula of core with flat parameters and results; implemented through [`formula!`].
+/// Formula of core with flat parameters and results; implemented through `formula!`.
 pub trait Formula {
     /// Name of the function in WGSL.
     fn name(&self) -> String;
