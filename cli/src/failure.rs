@@ -4,7 +4,6 @@ use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
 use specula_scene::SceneError;
-use specula_train::trainer::TrainError;
 use std::io;
 
 /// Failure that ends the program. Its text is one sentence with the file and the remedy.
@@ -38,6 +37,14 @@ impl Failure {
             Self::Internal(_) => 1,
             Self::Interrupted(_) => 130,
             Self::BrokenPipe => 0,
+        }
+    }
+
+    /// Refusal of a folder that another program trains in, with a remedy.
+    pub(crate) fn locked(error: SceneError, remedy: &str) -> Self {
+        match error {
+            SceneError::Locked(sentence) => Self::Input(format!("{sentence}; {remedy}")),
+            other => other.into(),
         }
     }
 
@@ -105,6 +112,7 @@ impl From<SceneError> for Failure {
             SceneError::Cpu(error) => error.into(),
             #[cfg(feature = "gpu")]
             SceneError::Gpu(error) => error.into(),
+            SceneError::Training(sentence) | SceneError::Locked(sentence) => Self::Input(sentence),
             SceneError::CubeMap(_) => Self::Input(format!("{error}, or what specula export MODEL -o light.exr writes")),
             SceneError::GpuUnsupported => {
                 Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())
@@ -122,18 +130,6 @@ impl From<SceneError> for Failure {
 fn with_option(sentence: &str) -> String {
     let sentence = sentence.replace("fewer Gaussians", "fewer Gaussians (--max-gaussians)");
     if sentence.ends_with(" the CPU") { format!("{sentence} with --executor cpu") } else { sentence }
-}
-
-impl<E> From<TrainError<E>> for Failure
-where
-    E: Into<Self> + core::error::Error,
-{
-    fn from(error: TrainError<E>) -> Self {
-        match error {
-            TrainError::Executor(error) => error.into(),
-            other => Self::Input(other.to_string()),
-        }
-    }
 }
 
 impl From<clap::Error> for Failure {

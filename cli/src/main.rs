@@ -4,7 +4,6 @@ mod args;
 mod background;
 mod camera_set;
 mod certified;
-mod checkpoint;
 mod commands;
 mod config;
 mod dataset;
@@ -12,7 +11,6 @@ mod failure;
 mod foreground;
 mod help;
 mod interrupt;
-mod lock;
 mod orientation;
 mod output;
 mod picture_folder;
@@ -25,6 +23,7 @@ mod typed;
 use args::{Arguments, Command};
 use clap::error::ErrorKind;
 use failure::Failure;
+use specula_scene::ExecutorChoice;
 use std::{ffi::OsString, process::ExitCode};
 
 /// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
@@ -67,7 +66,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
-    arguments.command.executor().map_or(Ok(()), training::check)?;
+    arguments.command.executor().map_or(Ok(()), ExecutorChoice::check)?;
     match &arguments.command {
         Command::Demo(args) => commands::demo::run(args),
         Command::Train(args) => commands::train::run(args),

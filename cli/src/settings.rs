@@ -5,7 +5,6 @@ use crate::{
     failure::Failure,
 };
 use specula_core::{scene::Layout, shade::ShadingForm};
-use specula_scene::ShadingModel;
 use specula_train::profile::{self, Ablation, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations`.
@@ -25,11 +24,6 @@ pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failu
         no_residual: args.no_residual,
         no_axis: args.no_axis,
     }))
-}
-
-/// Shading model of a profile.
-pub(crate) fn shading_model_of(profile: &Profile) -> ShadingModel {
-    ShadingModel { shading: profile.shading, scheme: profile.scheme }
 }
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {

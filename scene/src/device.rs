@@ -74,6 +74,19 @@ impl ExecutorChoice {
             Self::Auto => Ok(Device::Cpu),
         }
     }
+
+    /// Opens and closes a GPU that is asked for by name, so that its absence is an error before
+    /// anything is loaded.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`ExecutorChoice::open`].
+    pub fn check(&self) -> Result<(), SceneError> {
+        match self {
+            Self::Gpu(_) => self.open().map(drop),
+            Self::Auto | Self::Cpu => Ok(()),
+        }
+    }
 }
 
 /// Device of an executor.

@@ -3,6 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
+use specula_train::trainer::TrainError;
 use std::path::PathBuf;
 
 /// Error of a scene that is opened, rendered or exported.
@@ -31,7 +32,43 @@ pub enum SceneError {
     /// read.
     #[error("{0:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr")]
     CubeMap(PathBuf),
+    /// Views, points or a training state that no training can start from.
+    #[error("{0}")]
+    Training(String),
+    /// Another program trains in the folder of a model; the sentence names it.
+    #[error("{0}")]
+    Locked(String),
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,
+}
+
+impl SceneError {
+    /// Returns whether an executor failed on valid input, such as a device that was lost, so that
+    /// another executor may succeed.
+    pub const fn is_device_failure(&self) -> bool {
+        match self {
+            Self::Executor(_) | Self::Immutable => true,
+            Self::Cpu(error) => !matches!(error, CpuError::LightResolution { .. } | CpuError::TooManySplats),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(error) => matches!(
+                error,
+                GpuError::Refused { .. }
+                    | GpuError::TargetSize { .. }
+                    | GpuError::OutOfMemory
+                    | GpuError::Lost { .. }
+                    | GpuError::TooLarge { .. }
+            ),
+            _ => false,
+        }
+    }
+}
+
+impl<E: Into<Self> + core::error::Error> From<TrainError<E>> for SceneError {
+    fn from(error: TrainError<E>) -> Self {
+        match error {
+            TrainError::Executor(error) => error.into(),
+            other => Self::Training(other.to_string()),
+        }
+    }
 }

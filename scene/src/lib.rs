@@ -22,9 +22,10 @@
 //! ```
 //!
 //! [`SceneRenderer::new`] renders on an executor chosen at run time ([`ExecutorChoice`]); GPUs need
-//! the feature `gpu`. Cameras without a data set come from [`orbit`], other lights from
-//! [`light_file`] by [`Scene::relight`]; [`export`] writes Gaussians for other programs, [`fusion`]
-//! makes meshes, and [`upright`] places either in the axes of their readers.
+//! the feature `gpu`. [`training`] makes models, with checkpoints. Cameras without a data set come
+//! from [`orbit`], other lights from [`light_file`] by [`Scene::relight`]; [`export`] writes
+//! Gaussians for other programs, [`fusion`] makes meshes, and [`upright`] places either in the axes
+//! of their readers.
 
 pub mod backdrop;
 pub mod bake;
@@ -43,6 +44,7 @@ pub mod overlap;
 mod renderer;
 mod scene;
 mod shading_model;
+pub mod training;
 pub mod upright;
 
 pub use device::{Device, ExecutorChoice, RenderOptions};

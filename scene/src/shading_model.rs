@@ -16,6 +16,7 @@ use specula_core::{
     shade::{ShadingForm, ShadingRules},
 };
 use specula_io::model_folder::Model;
+use specula_train::profile::Profile;
 
 /// First word of a PLY comment that names a shading model.
 const COMMENT: &str = "specula";
@@ -42,6 +43,11 @@ impl ShadingModel {
     pub fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
         let full = RenderRules::full(self.shading, self.scheme, channels);
         Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })
+    }
+
+    /// Shading model that a profile trains.
+    pub const fn of_profile(profile: &Profile) -> Self {
+        Self { shading: profile.shading, scheme: profile.scheme }
     }
 
     /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file;

@@ -7,11 +7,9 @@ use crate::{
     background::Background,
     dataset::{self, Dataset},
     failure::Failure,
-    interrupt,
-    lock::Lock,
-    output, progress,
+    interrupt, output, progress,
     scene::Renderer,
-    training::{Start, Training},
+    training::Session,
 };
 use serde_json::{Map, Value, json};
 use specula_core::{camera::Camera, rules::Channels};
@@ -25,7 +23,12 @@ use specula_report::{
     measure::{self, MAE, MEASURES, PSNR, SSIM, Values},
     number::group_digits,
 };
-use specula_scene::{ExecutorChoice, Scene, orbit::turntable, orientation};
+use specula_scene::{
+    ExecutorChoice, Scene,
+    orbit::turntable,
+    orientation,
+    training::{Lock, Start, Training},
+};
 use specula_train::{
     profile,
     start::{Point, random_points},
@@ -110,7 +113,8 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
 /// Creates the demo's folder and locks it against other trainings.
 fn lock(args: &Demo) -> Result<Lock, Failure> {
     output::make_folder(&args.output)?;
-    Lock::take(&args.output, "wait until it ends, or name another folder with -o")
+    const REMEDY: &str = "wait until it ends, or name another folder with -o";
+    Lock::take(&args.output).map_err(|error| Failure::locked(error, REMEDY))
 }
 
 /// Unpacks the data and draws random points.
@@ -132,8 +136,10 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
         random_points: 0,
     };
     let reload = || Ok((data.train.clone(), points.to_vec()));
-    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, &Start::Points(points), &reload)?;
-    let outcome = training.run(name, &[], |_| Ok(()))?;
+    let mut session = Session::new(&reload);
+    let start = Start::Points(points);
+    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, &start, &mut session)?;
+    let outcome = session.run(&mut training, name, args.iterations, &[])?;
     if outcome.is_interrupted {
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
     }

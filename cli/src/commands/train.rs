@@ -4,17 +4,14 @@ use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
     background::Background,
     certified::{CertifiedScene, certify},
-    checkpoint::{self, Checkpoints},
     commands::view::{self, Watching},
     config,
     dataset::{self, Dataset},
     failure::Failure,
-    foreground, interrupt,
-    lock::Lock,
-    orientation, output, progress,
+    foreground, interrupt, orientation, output, progress,
     scene::{Renderer, measure_views},
     settings,
-    training::{Outcome, Start, Training},
+    training::Session,
 };
 use core::net::SocketAddr;
 use serde_json::{Map, Value, json};
@@ -32,8 +29,9 @@ use specula_report::{
     number::group_digits,
 };
 use specula_scene::{
-    RenderOptions, Scene, SceneRenderer,
+    RenderOptions, Scene, SceneRenderer, ShadingModel,
     orientation::{of_gaussians, with_up},
+    training::{self, Checkpoints, Lock, Outcome, Start, Training},
 };
 use specula_train::{
     profile::Profile,
@@ -65,7 +63,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     let settings =
         Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
     let info = info_of(args, &settings.profile, background, &data)?;
-    let facts = checkpoint::describe(&settings, config::text_of(args)?, &data.train);
+    let facts = training::describe(&settings, config::text_of(args)?, &data.train);
     let saved = if args.resuming.resume { Some(read_checkpoint(args, &settings, &facts)?) } else { None };
     let points = if saved.is_some() { Vec::new() } else { points_of(args, &mut data) };
     output::make_folder(&args.model_path)?;
@@ -79,7 +77,8 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     };
     let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Checkpoint(&saved.state));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
-    let training = Training::new(&args.executor, settings, &data.train, &start, &reload)?;
+    let mut session = Session::new(&reload);
+    let training = Training::new(&args.executor, settings, &data.train, &start, &mut session)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     let cameras = cameras_of(&data);
     let watching = match args.watch.view {
@@ -92,7 +91,9 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
     let views = Views { names, test: &data.test, cameras, background };
-    let outcome = training.run("training", &pauses, |training| pause(args, training, &info, &views))?;
+    let live = watching.as_ref().map(Watching::live);
+    let session = session.with(|training| pause(args, training, &info, &views), live);
+    let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
     finish(args, &mut training, info, outcome, &views)?;
     let result = || Ok((training.scene()?, training.iteration()));
     watching.map_or(Ok(()), |watching| watching.stay(result))
@@ -207,7 +208,7 @@ fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<R
     }
     let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
     let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
-    if checkpoint::settings_text(&same) != then.settings {
+    if training::settings_text(&same) != then.settings {
         return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
     }
     Ok(Resumed { seconds: then.seconds, state: saved.state })
@@ -217,7 +218,10 @@ fn read_checkpoint(args: &Train, settings: &Settings, facts: &Facts) -> Result<R
 fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
-    if args.resuming.ignore_lock { Lock::take_or_warn(folder) } else { Lock::take(folder, REMEDY) }
+    match args.resuming.ignore_lock {
+        true => Ok(Lock::take_or_warn(folder)?),
+        false => Lock::take(folder).map_err(|error| Failure::locked(error, REMEDY)),
+    }
 }
 
 /// Writes settings, cameras and points to the model folder before the first step.
@@ -293,7 +297,7 @@ fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
 }
 
 fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> Result<ModelInfo, Failure> {
-    let [shading, axis, prefilter] = settings::shading_model_of(profile).words();
+    let [shading, axis, prefilter] = ShadingModel::of_profile(profile).words();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
     if is_shaded {
@@ -347,7 +351,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
 fn watch(
     args: &Train,
     address: SocketAddr,
-    training: &mut Training<'_>,
+    training: &mut Training,
     data: &Dataset,
     background: Background,
 ) -> Result<Watching, Failure> {
@@ -363,13 +367,11 @@ fn watch(
         photographs: Some(photographs),
         background: background.0,
     };
-    let watching = view::watch(args, address, viewed, live.clone())?;
-    training.watch(live);
-    Ok(watching)
+    view::watch(args, address, viewed, live)
 }
 
 /// Saves and measures during the run, at the iterations that the options name.
-fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
+fn pause(args: &Train, training: &mut Training, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
     let iteration = training.iteration();
     let scene = training.scene()?;
     if args.save_iterations.contains(&iteration) {
@@ -394,13 +396,7 @@ fn pause(args: &Train, training: &mut Training<'_>, info: &ModelInfo, views: &Vi
 }
 
 /// Writes the scene, and the exposures of the pictures if they are learned.
-fn save(
-    args: &Train,
-    training: &Training<'_>,
-    scene: &Scene,
-    info: &ModelInfo,
-    views: &Views<'_>,
-) -> Result<(), Failure> {
+fn save(args: &Train, training: &Training, scene: &Scene, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
     if let Some(exposures) = training.exposures() {
         exposure::write(&args.model_path, &views.names, exposures)?;
     }
@@ -426,12 +422,12 @@ fn cameras_of(data: &Dataset) -> Vec<Camera> {
 /// Saves and measures the result, and prints its measures.
 fn finish(
     args: &Train,
-    training: &mut Training<'_>,
+    training: &mut Training,
     mut info: ModelInfo,
     outcome: Outcome,
     views: &Views<'_>,
 ) -> Result<(), Failure> {
-    let Outcome { iteration, seconds, is_interrupted } = outcome;
+    let Outcome { iteration, seconds, is_interrupted, .. } = outcome;
     let scene = training.scene()?;
     let count = scene.gaussians.count;
     info.rest.insert("gaussians".into(), count.into());

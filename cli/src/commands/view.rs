@@ -79,6 +79,11 @@ pub(crate) struct Watching {
 }
 
 impl Watching {
+    /// Feed of the page.
+    pub(crate) fn live(&self) -> Arc<LiveTraining> {
+        self.live.clone()
+    }
+
     /// Shows the result of the training until Ctrl-C, unless the page ends with the training.
     pub(crate) fn stay(self, result: impl FnOnce() -> Result<(Scene, u32), Failure>) -> Result<(), Failure> {
         if self.until == ViewUntil::Done {

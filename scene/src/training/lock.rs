@@ -1,9 +1,9 @@
 //! Lock of a model folder, which keeps other trainings from writing to it.
 
-use crate::failure::Failure;
+use crate::SceneError;
 use core::time::Duration;
 use serde::{Deserialize, Serialize};
-use specula_io::{Error, model_folder};
+use specula_io::{Error, Result, model_folder};
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
     io::{self, Write},
@@ -17,7 +17,7 @@ const NAME: &str = "training.lock";
 /// Lock of a folder, released when dropped. The operating system releases it however the program
 /// ends.
 #[derive(Debug)]
-pub(crate) struct Lock {
+pub struct Lock {
     folder: PathBuf,
     /// Locked file; `None` if the folder is written to without a lock.
     file: Option<File>,
@@ -37,12 +37,13 @@ impl Lock {
     /// Locks an existing folder.
     ///
     /// # Errors
-    /// [`Failure::Input`] with the holder and `remedy` if another program holds the lock,
-    /// [`Failure::File`] if the folder cannot be written to.
-    pub(crate) fn take(folder: &Path, remedy: &str) -> Result<Self, Failure> {
+    ///
+    /// [`SceneError::Locked`] if another program holds the lock, [`SceneError::File`] if the folder
+    /// cannot be written to.
+    pub fn take(folder: &Path) -> core::result::Result<Self, SceneError> {
         match locked(folder)? {
             Ok(file) => Ok(Self::held(folder, file)),
-            Err(TryLockError::WouldBlock) => Err(Failure::Input(format!("{}; {remedy}", words(folder)))),
+            Err(TryLockError::WouldBlock) => Err(SceneError::Locked(holder_message(folder))),
             Err(TryLockError::Error(cause)) => {
                 tracing::warn!(
                     "the file system of {folder:?} has no locks ({cause}), so nothing keeps a second training out of it"
@@ -55,12 +56,13 @@ impl Lock {
     /// Locks an existing folder, or only warns if another program holds the lock.
     ///
     /// # Errors
-    /// [`Failure::File`] if the folder cannot be written to.
-    pub(crate) fn take_or_warn(folder: &Path) -> Result<Self, Failure> {
+    ///
+    /// A folder that cannot be written to.
+    pub fn take_or_warn(folder: &Path) -> Result<Self> {
         if let Ok(file) = locked(folder)? {
             return Ok(Self::held(folder, file));
         }
-        tracing::warn!("{}; it is written to all the same", words(folder));
+        tracing::warn!("{}; it is written to all the same", holder_message(folder));
         Ok(Self { folder: folder.to_owned(), file: None })
     }
 
@@ -82,7 +84,7 @@ impl Drop for Lock {
 }
 
 /// Locks the file of a folder.
-fn locked(folder: &Path) -> Result<Result<File, TryLockError>, Failure> {
+fn locked(folder: &Path) -> Result<core::result::Result<File, TryLockError>> {
     let path = folder.join(NAME);
     let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
     let file = opened.map_err(|cause| Error::Write { path, cause })?;
@@ -111,7 +113,7 @@ fn host() -> String {
 }
 
 /// Sentence that names the holder of a folder's lock.
-fn words(folder: &Path) -> String {
+fn holder_message(folder: &Path) -> String {
     let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
     let who = match serde_json::from_str(&text) {
         Ok(Holder { pid, host, started, command }) => {
@@ -136,12 +138,12 @@ mod tests {
         let folder = tempfile::tempdir().expect("there is room");
         let unfinished = folder.path().join(".unfinished-x");
         fs::write(&unfinished, "half").expect("there is room");
-        let lock = Lock::take(folder.path(), "wait").expect("nobody holds it");
+        let lock = Lock::take(folder.path()).expect("nobody holds it");
         assert!(!unfinished.exists(), "what is not finished is swept when a training starts");
-        let refused = Lock::take(folder.path(), "wait").expect_err("it is held");
+        let refused = Lock::take(folder.path()).expect_err("it is held");
         let sentence = refused.to_string();
         let pid = format!("process {} on ", std::process::id());
-        assert!(sentence.contains(&pid) && sentence.ends_with("; wait") && refused.exit_code() == 2, "{sentence}");
+        assert!(sentence.contains(&pid) && matches!(refused, SceneError::Locked(_)), "{sentence}");
         fs::write(&unfinished, "half").expect("there is room");
         drop(Lock::take_or_warn(folder.path()).expect("it is taken anyway"));
         assert!(unfinished.exists(), "another training may be writing it");
@@ -149,6 +151,6 @@ mod tests {
         drop(lock);
         assert!(!unfinished.exists(), "and when it ends");
         assert_eq!(fs::read_to_string(folder.path().join(NAME)).expect("it stays"), "", "nobody holds it");
-        drop(Lock::take(folder.path(), "wait").expect("nobody holds it any more"));
+        drop(Lock::take(folder.path()).expect("nobody holds it any more"));
     }
 }

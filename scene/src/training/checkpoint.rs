@@ -1,15 +1,16 @@
-//! Checkpoints of a training: when they are written, and the description by which a run recognises
-//! its own.
+//! Checkpoints of a training: their interval, and the description that identifies the training.
 
-use crate::failure::Failure;
 use specula_core::{camera::Camera, state::TrainingState};
-use specula_io::checkpoint::{self, Checkpoint, Facts};
+use specula_io::{
+    Result,
+    checkpoint::{self, Checkpoint, Facts},
+};
 use specula_train::{trainer::Settings, view::View};
 use std::path::{Path, PathBuf};
 
 /// Checkpoints of a training: their folder, interval and description.
 #[derive(Debug)]
-pub(crate) struct Checkpoints {
+pub struct Checkpoints {
     folder: PathBuf,
     /// Steps between checkpoints; 0 for none before the end.
     every: u32,
@@ -19,33 +20,38 @@ pub(crate) struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Checkpoints of a new training.
-    pub(crate) fn new(folder: &Path, every: u32, facts: Facts) -> Self {
+    /// Checkpoints of a new training in a folder, one every `every` steps; none before the end if
+    /// 0.
+    pub fn new(folder: &Path, every: u32, facts: Facts) -> Self {
         Self { folder: folder.to_owned(), every, facts, last: None }
     }
 
     /// Checkpoints of a training that is resumed from iteration `last`.
-    pub(crate) fn resumed_at(self, last: u32) -> Self {
+    pub fn resumed_at(self, last: u32) -> Self {
         Self { last: Some(last), ..self }
     }
 
     /// Path of the checkpoint.
-    pub(crate) fn path(&self) -> PathBuf {
+    pub fn path(&self) -> PathBuf {
         checkpoint::path_in(&self.folder)
     }
 
     /// Iteration of the last checkpoint, if there is one.
-    pub(crate) fn last(&self) -> Option<u32> {
+    pub fn last(&self) -> Option<u32> {
         self.last
     }
 
     /// Returns whether a checkpoint is due at an iteration.
-    pub(crate) fn is_due(&self, iteration: u32) -> bool {
+    pub fn is_due(&self, iteration: u32) -> bool {
         self.every > 0 && iteration.is_multiple_of(self.every) && self.last != Some(iteration)
     }
 
-    /// Writes a checkpoint.
-    pub(crate) fn write(&mut self, state: TrainingState<Vec<f32>>, seconds: f64) -> Result<(), Failure> {
+    /// Writes a checkpoint; `seconds` is the time of all steps.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be written.
+    pub fn write(&mut self, state: TrainingState<Vec<f32>>, seconds: f64) -> Result<()> {
         let iteration = state.iteration;
         checkpoint::write(&self.folder, &Checkpoint { state, facts: Facts { seconds, ..self.facts.clone() } })?;
         self.last = Some(iteration);
@@ -53,13 +59,18 @@ impl Checkpoints {
     }
 
     /// Reads the last checkpoint.
-    pub(crate) fn read(&self) -> Result<TrainingState<Vec<f32>>, Failure> {
+    ///
+    /// # Errors
+    ///
+    /// A file that is missing, damaged or of another format.
+    pub fn read(&self) -> Result<TrainingState<Vec<f32>>> {
         Ok(checkpoint::read(&self.folder)?.state)
     }
 }
 
-/// Description of a training before its first step.
-pub(crate) fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
+/// Description of a training before its first step; `config` is its settings as the program's user
+/// gave them.
+pub fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
     Facts {
         program: env!("CARGO_PKG_VERSION").into(),
         iterations: settings.iterations,
@@ -73,7 +84,7 @@ pub(crate) fn describe(settings: &Settings, config: String, views: &[View]) -> F
 }
 
 /// Settings as text, every number of them.
-pub(crate) fn settings_text(settings: &Settings) -> String {
+pub fn settings_text(settings: &Settings) -> String {
     format!("{settings:?}")
 }
 

@@ -1,10 +1,10 @@
 //! Training on an executor that is selected at run time.
 
-use crate::failure::Failure;
+use super::{Note, Observer};
+use crate::{Device, ExecutorChoice, SceneError};
 use core::fmt;
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
-use specula_scene::ExecutorChoice;
 use specula_train::{
     start::Point,
     trainer::{HostScene, Settings, TrainError, Trainer},
@@ -12,9 +12,9 @@ use specula_train::{
 };
 
 /// Training on some executor.
-pub(crate) trait Run {
+pub(super) trait Run {
     /// Takes one step.
-    fn step(&mut self) -> Result<(), Failure>;
+    fn step(&mut self) -> Result<(), SceneError>;
     /// Number of steps taken.
     fn iteration(&self) -> u32;
     /// Running mean of the PSNR of training pictures, in dB.
@@ -26,9 +26,9 @@ pub(crate) trait Run {
     /// Exposure of each picture, if exposures are learned.
     fn exposures(&self) -> Option<&[Exposure<f32>]>;
     /// Copies the scene to the host.
-    fn download(&mut self) -> Result<HostScene, Failure>;
+    fn download(&mut self) -> Result<HostScene, SceneError>;
     /// Copies the whole state of the training to the host.
-    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure>;
+    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError>;
 }
 
 impl fmt::Debug for dyn Run {
@@ -40,10 +40,10 @@ impl fmt::Debug for dyn Run {
 impl<E> Run for Trainer<E>
 where
     E: Executor,
-    E::Error: Into<Failure> + core::error::Error,
+    E::Error: Into<SceneError> + core::error::Error,
 {
-    fn step(&mut self) -> Result<(), Failure> {
-        self.step().map(drop).map_err(Failure::from)
+    fn step(&mut self) -> Result<(), SceneError> {
+        self.step().map(drop).map_err(SceneError::from)
     }
     fn iteration(&self) -> u32 {
         self.iteration()
@@ -60,17 +60,17 @@ where
     fn exposures(&self) -> Option<&[Exposure<f32>]> {
         self.exposures().map(|exposures| exposures.maps.as_slice())
     }
-    fn download(&mut self) -> Result<HostScene, Failure> {
-        self.download().map_err(Failure::from)
+    fn download(&mut self) -> Result<HostScene, SceneError> {
+        self.download().map_err(SceneError::from)
     }
-    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, Failure> {
-        self.snapshot().map_err(Failure::from)
+    fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
+        self.snapshot().map_err(SceneError::from)
     }
 }
 
 /// Initial state of a training.
 #[derive(Debug)]
-pub(crate) enum Start<'a> {
+pub enum Start<'a> {
     /// Points.
     Points(&'a [Point]),
     /// State of a checkpoint.
@@ -81,46 +81,31 @@ pub(crate) enum Start<'a> {
 /// device fails at the start, the training runs on the CPU.
 ///
 /// # Errors
+///
 /// Those of [`ExecutorChoice::open`] and of [`Trainer::new`].
-pub(super) fn start_on(
+pub(super) fn start_on<O: Observer>(
     choice: &ExecutorChoice,
     settings: Settings,
     views: &[View],
     from: &Start<'_>,
-) -> Result<(Box<dyn Run>, bool), Failure> {
+    observer: &mut O,
+) -> Result<(Box<dyn Run>, bool), O::Error> {
     match choice.open()? {
+        Device::Cpu => {}
         #[cfg(feature = "gpu")]
-        specula_scene::Device::Gpu(gpu) => {
-            tracing::info!("training on {}", description(&gpu));
-            match start(specula_gpu::GpuExecutor::new(*gpu), settings.clone(), views, from).map_err(Failure::from) {
+        Device::Gpu(gpu) => {
+            let (name, is_software) = (gpu.info().name.clone(), gpu.is_software());
+            observer.note(Note::StartsOnGpu { name, is_software });
+            match start(specula_gpu::GpuExecutor::new(*gpu), settings.clone(), views, from).map_err(SceneError::from) {
                 Ok(trainer) => return Ok((Box::new(trainer), true)),
-                Err(failure) if failure.is_of_device() => tracing::warn!("{failure}; the CPU takes over"),
-                Err(failure) => return Err(failure),
+                Err(error) if error.is_device_failure() => observer.note(Note::GpuRefused { error: error.into() }),
+                Err(error) => return Err(error.into()),
             }
         }
-        _ => {}
     }
-    tracing::info!("training on the CPU, {} threads", rayon::current_num_threads());
-    Ok((Box::new(start(CpuExecutor::new(), settings, views, from)?), false))
-}
-
-/// Adapter of a device, for a note.
-#[cfg(feature = "gpu")]
-fn description(gpu: &specula_gpu::Gpu) -> String {
-    let name = &gpu.info().name;
-    match gpu.is_software() {
-        true => format!("{name}, a driver that computes on the CPU; --executor cpu is faster"),
-        false => format!("the GPU {name}"),
-    }
-}
-
-/// Opens a GPU that is asked for by name, so that its absence is an error before anything is
-/// loaded.
-pub(crate) fn check(choice: &ExecutorChoice) -> Result<(), Failure> {
-    match choice {
-        ExecutorChoice::Gpu(_) => Ok(choice.open().map(drop)?),
-        ExecutorChoice::Auto | ExecutorChoice::Cpu => Ok(()),
-    }
+    observer.note(Note::StartsOnCpu { threads: rayon::current_num_threads() });
+    let trainer = start(CpuExecutor::new(), settings, views, from).map_err(SceneError::from)?;
+    Ok((Box::new(trainer), false))
 }
 
 /// Starts or resumes a training on an executor.

@@ -1,0 +1,18 @@
+//! Training with checkpoints: started from points or resumed, on an executor chosen at run time,
+//! with the CPU as a fallback for devices that fail.
+//!
+//! [`Training`] takes the steps. An [`Observer`] follows them: it shows progress, saves at pauses,
+//! ends the run, and reads the pictures again for the fallback. [`Checkpoints`] are written at an
+//! interval and at the end, and a [`Lock`] keeps other trainings out of the folder.
+
+mod checkpoint;
+mod lock;
+mod observer;
+mod run;
+mod session;
+
+pub use checkpoint::{Checkpoints, describe, settings_text};
+pub use lock::Lock;
+pub use observer::{Note, Observer};
+pub use run::Start;
+pub use session::{Outcome, Training};

@@ -1,0 +1,112 @@
+//! Observers of a training.
+
+use super::Training;
+use crate::SceneError;
+use core::fmt::{self, Display, Formatter};
+use specula_train::{start::Point, view::View};
+use std::path::PathBuf;
+
+/// Program around a training, which is notified of its progress and may interrupt it.
+pub trait Observer {
+    /// Error of the program.
+    type Error: From<SceneError> + Display;
+
+    /// Returns whether an executor failed on valid input ([`SceneError::is_device_failure`]).
+    fn is_device_failure(error: &Self::Error) -> bool;
+
+    /// Reads pictures and points again, after a device fails.
+    ///
+    /// # Errors
+    ///
+    /// A data set that cannot be read any more.
+    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), Self::Error>;
+
+    /// Returns whether the training ends before its next step.
+    fn is_interrupted(&self) -> bool {
+        false
+    }
+
+    /// Called before each step.
+    ///
+    /// # Errors
+    ///
+    /// Any failure that ends the training.
+    fn before_step(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Called after each step.
+    fn after_step(&mut self, _training: &Training) {}
+
+    /// Called after the steps at which the training pauses.
+    ///
+    /// # Errors
+    ///
+    /// Any failure that ends the training; one of the device is followed by the fallback.
+    fn pause(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Reports an event; by default to the log.
+    fn note(&mut self, note: Note<Self::Error>) {
+        match note {
+            Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
+            _ => tracing::warn!("{note}"),
+        }
+    }
+}
+
+/// Event of a training that its user should know of.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum Note<E> {
+    /// The training runs on a GPU.
+    StartsOnGpu {
+        /// Name of the adapter.
+        name: String,
+        /// Whether its driver computes on the CPU.
+        is_software: bool,
+    },
+    /// The training runs on the CPU.
+    StartsOnCpu {
+        /// Number of threads.
+        threads: usize,
+    },
+    /// The GPU failed before the first step; the CPU takes over.
+    GpuRefused {
+        /// Failure of the GPU.
+        error: E,
+    },
+    /// The GPU failed; the CPU takes over.
+    GpuFailed {
+        /// Failure of the GPU.
+        error: E,
+        /// Path and iteration of the checkpoint that the CPU continues from; none for the start.
+        checkpoint: Option<(PathBuf, u32)>,
+    },
+    /// A checkpoint could not be written; the training continues.
+    CheckpointFailed {
+        /// Failure of the file.
+        error: E,
+    },
+}
+
+impl<E: Display> Display for Note<E> {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StartsOnGpu { name, is_software: true } => {
+                write!(out, "training on {name}, a driver that computes on the CPU")
+            }
+            Self::StartsOnGpu { name, is_software: false } => write!(out, "training on the GPU {name}"),
+            Self::StartsOnCpu { threads } => write!(out, "training on the CPU, {threads} threads"),
+            Self::GpuRefused { error } => write!(out, "{error}; the CPU takes over"),
+            Self::GpuFailed { error, checkpoint: Some((path, last)) } => {
+                write!(out, "{error}; the CPU continues from iteration {last} in {path:?}")
+            }
+            Self::GpuFailed { error, checkpoint: None } => {
+                write!(out, "{error}; there is no checkpoint yet, so the CPU begins again")
+            }
+            Self::CheckpointFailed { error } => write!(out, "{error}; the training continues without this checkpoint"),
+        }
+    }
+}
