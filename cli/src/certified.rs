@@ -1,7 +1,7 @@
 //! `--max-error`: the cheapest setting for an error, its certificate, and pictures that are
 //! verified one by one.
 
-use crate::{background::Background, failure::Failure, scene::into_subject};
+use crate::{failure::Failure, scene::into_subject};
 use specula_accuracy::{
     budget::{Bounds, Certificate, Refusal, cheapest_within},
     reference::Reference,
@@ -14,7 +14,7 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
-use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer};
+use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer, backdrop::BackgroundColor};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Scene rendered with a setting whose error is certified.
@@ -30,7 +30,7 @@ pub(crate) struct CertifiedScene {
 pub(crate) fn certify(
     scene: &Scene,
     cameras: Vec<Camera>,
-    background: Background,
+    background: BackgroundColor,
     error: f64,
     is_verified: bool,
 ) -> Result<CertifiedScene, Failure> {

@@ -185,9 +185,9 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::background::Background;
     use clap::ValueEnum;
     use core::str::FromStr;
+    use specula_scene::backdrop::BackgroundColor;
     use std::fs;
 
     fn words(line: &str) -> Vec<OsString> {
@@ -259,10 +259,10 @@ mod tests {
         };
         let told = |train: &Train| (train.resolution, train.iterations, train.start.background_points);
         let bare = of("", "specula train data -m out --preset photos");
-        assert_eq!((told(&bare), bare.background), ((4, 7000, 5000), Some(Background::BLACK)));
+        assert_eq!((told(&bare), bare.background), ((4, 7000, 5000), Some(BackgroundColor::BLACK)));
         let file = "resolution = 2\niterations = 100\nwhite-background = false";
         let one = of(file, "specula train data -m out --preset photos -r 8 --config x");
-        assert_eq!((told(&one), one.background), ((8, 100, 5000), Some(Background::BLACK)));
+        assert_eq!((told(&one), one.background), ((8, 100, 5000), Some(BackgroundColor::BLACK)));
         let other = of("white-background = true", "specula train data -m out --preset photos --iterations 9");
         assert_eq!((told(&other), other.background, other.white_background), ((4, 9, 5000), None, true));
         let third = of("", "specula train data -m out --preset photos -w --random-points 5");
@@ -280,7 +280,7 @@ mod tests {
             let text = text_of(&train).expect("paths are UTF-8");
             let table: Table = text.parse().expect("it is a table");
             for (key, value) in preset.settings() {
-                let background = Background::from_str(value).map(|background| background.to_string());
+                let background = BackgroundColor::from_str(value).map(|background| background.to_string());
                 let said = table.get(*key).and_then(plain).expect("config.toml says what it came to");
                 assert!(said == *value || background == Ok(said.clone()), "{preset:?}: {key} is {said}");
             }

@@ -1,24 +1,20 @@
 //! specula fits, renders and relights scenes of 3D Gaussians that carry a shading function.
 
 mod args;
-mod background;
 mod camera_set;
 mod certified;
 mod commands;
 mod config;
 mod dataset;
 mod failure;
-mod foreground;
 mod help;
 mod interrupt;
-mod orientation;
 mod output;
 mod picture_folder;
 mod progress;
 mod scene;
 mod settings;
 mod training;
-mod typed;
 
 use args::{Arguments, Command};
 use clap::error::ErrorKind;

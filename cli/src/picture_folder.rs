@@ -3,7 +3,6 @@
 
 use crate::{
     args::{EnvOptions, EnvUp, MachineOptions, ProfileName},
-    background::Backdrop,
     camera_set::CameraSet,
     failure::Failure,
     output::stem,
@@ -11,7 +10,7 @@ use crate::{
 };
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::{cameras, model_folder::method_of};
-use specula_scene::{Layer, OpenedModel};
+use specula_scene::{Layer, OpenedModel, backdrop::BackgroundChoice};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -26,7 +25,7 @@ const OTHERS: [&str; 2] = ["renders", "gt"];
 pub(crate) fn differences(
     opened: &OpenedModel,
     machine: &MachineOptions,
-    background: Option<Backdrop>,
+    background: Option<BackgroundChoice>,
     profile: Option<ProfileName>,
 ) -> Vec<String> {
     let storage = (machine.storage() != Storage::F32).then(|| "f16".to_owned());
@@ -37,8 +36,8 @@ pub(crate) fn differences(
         ProjectionModel::Within(alpha) => Some(format!("within-{alpha}")),
     };
     let background = background.and_then(|asked| match asked {
-        Backdrop::Environment => Some("on-env".to_owned()),
-        Backdrop::Color(color) => (color != background_of(opened, None)).then(|| format!("on-{color}")),
+        BackgroundChoice::Environment => Some("on-env".to_owned()),
+        BackgroundChoice::Color(color) => (color != background_of(opened, None)).then(|| format!("on-{color}")),
     });
     let read = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{}", profile.name()));
     [storage, projection, background, read].into_iter().flatten().collect()

@@ -2,7 +2,6 @@
 
 use crate::{
     args::{EnvOptions, MachineOptions, ProfileName},
-    background::Background,
     failure::Failure,
     output,
     progress::Work,
@@ -21,7 +20,9 @@ use specula_io::{
     model_folder::{self, Model},
 };
 use specula_report::measure::{PSNR_FITTED, ViewMeasures};
-use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, environment::fitting, light_file};
+use specula_scene::{
+    OpenedModel, Scene, SceneRenderer, ShadingModel, backdrop::BackgroundColor, environment::fitting, light_file,
+};
 use specula_train::{
     evaluate::{fitted_psnr, measure_view},
     view::View,
@@ -63,8 +64,8 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
 }
 
 /// Background `asked` for, else that of the training, else black.
-pub(crate) fn background_of(opened: &OpenedModel, asked: Option<Background>) -> Background {
-    asked.unwrap_or(Background(opened.background()))
+pub(crate) fn background_of(opened: &OpenedModel, asked: Option<BackgroundColor>) -> BackgroundColor {
+    asked.unwrap_or(BackgroundColor(opened.background()))
 }
 
 /// Opens a model. The error for another file or folder names what to open instead, if it is known.
@@ -146,7 +147,7 @@ impl Renderer {
     pub(crate) fn measure(
         &mut self,
         views: &[View],
-        background: Background,
+        background: BackgroundColor,
         is_exposed: bool,
         work: &Work,
     ) -> Result<Vec<ViewMeasures>, Failure> {
@@ -168,7 +169,7 @@ impl Renderer {
 pub(crate) fn measure_views(
     renderer: &mut SceneRenderer,
     views: &[View],
-    background: Background,
+    background: BackgroundColor,
     is_exposed: bool,
     work: &Work,
 ) -> Result<Vec<ViewMeasures>, Failure> {

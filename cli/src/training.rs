@@ -7,8 +7,10 @@ use crate::{
     progress::{self, Work},
 };
 use core::fmt;
-use specula_report::number::group_digits;
-use specula_scene::training::{Note, Observer, Outcome, Training};
+use specula_scene::{
+    number::group_digits,
+    training::{Note, Observer, Outcome, Training},
+};
 use specula_train::{start::Point, view::View};
 use specula_viewer::{LiveTraining, Request};
 use std::sync::Arc;

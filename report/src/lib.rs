@@ -29,7 +29,6 @@ pub mod evaluation;
 mod html;
 pub mod lpips;
 pub mod measure;
-pub mod number;
 pub mod relighting;
 pub mod tradeoff;
 

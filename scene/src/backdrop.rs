@@ -1,12 +1,169 @@
-//! Environment as the background of a view: its unfiltered radiance behind each pixel.
+//! Background of pictures: a colour, or the unfiltered radiance of an environment behind each
+//! pixel.
 
-use crate::environment::radiance;
+use crate::{
+    environment::radiance,
+    text::{numbers, serialize_as_text},
+};
+use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
-    color::{composite, srgb_from_linear},
-    scene::{Environment, Image},
+    color::{composite, over, srgb_from_linear},
+    scene::{Environment, Image, RadianceActivation},
 };
-use specula_io::latlong;
+use specula_io::{
+    latlong::{self, LatLong, MapOrientation},
+    picture::{self, RgbImage},
+};
+use specula_train::{evaluate::over_background, view::View};
+
+/// Resolutions of an environment behind pictures, in texels along a face's edge.
+const RESOLUTIONS: [usize; 2] = [64, 1024];
+
+/// Colour in sRGB, each channel from 0 to 1; `black`, `white` or three numbers as text.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BackgroundColor(pub [f32; 3]);
+
+/// Text that names no [`BackgroundColor`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("use black, white, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
+pub struct InvalidColor;
+
+impl BackgroundColor {
+    /// Black.
+    pub const BLACK: Self = Self([0.0; 3]);
+    /// White.
+    pub const WHITE: Self = Self([1.0; 3]);
+
+    /// Background of data sets without a given one: white if any picture is transparent, else
+    /// black.
+    pub fn default_for(views: &[View]) -> Self {
+        if views.iter().any(View::has_alpha) { Self::WHITE } else { Self::BLACK }
+    }
+}
+
+impl FromStr for BackgroundColor {
+    type Err = InvalidColor;
+
+    fn from_str(text: &str) -> Result<Self, InvalidColor> {
+        match text {
+            "black" => return Ok(Self::BLACK),
+            "white" => return Ok(Self::WHITE),
+            _ => {}
+        }
+        match numbers::<f32>(text).as_deref() {
+            Some([r, g, b]) if [r, g, b].iter().all(|channel| (0.0..=1.0).contains(*channel)) => Ok(Self([*r, *g, *b])),
+            _ => Err(InvalidColor),
+        }
+    }
+}
+
+impl fmt::Display for BackgroundColor {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [r, g, b] = self.0;
+        write!(out, "{r},{g},{b}")
+    }
+}
+
+serialize_as_text!(BackgroundColor);
+
+/// Background that is asked for: a colour, or `env` for the environment light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BackgroundChoice {
+    /// A colour.
+    Color(BackgroundColor),
+    /// Light that the scene reflects.
+    Environment,
+}
+
+/// Text that names no [`BackgroundChoice`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("use black, white, env, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
+pub struct InvalidBackground;
+
+impl BackgroundChoice {
+    /// Colour of the background, if it is one.
+    pub const fn color(self) -> Option<BackgroundColor> {
+        match self {
+            Self::Color(color) => Some(color),
+            Self::Environment => None,
+        }
+    }
+}
+
+impl FromStr for BackgroundChoice {
+    type Err = InvalidBackground;
+
+    fn from_str(text: &str) -> Result<Self, InvalidBackground> {
+        if text == "env" {
+            return Ok(Self::Environment);
+        }
+        text.parse().map(Self::Color).map_err(|_: InvalidColor| InvalidBackground)
+    }
+}
+
+/// Background of pictures.
+#[derive(Clone, Debug)]
+pub enum Backdrop {
+    /// A colour.
+    Color(BackgroundColor),
+    /// Light at infinite distance.
+    Environment(Environment<Vec<f32>>),
+}
+
+impl Backdrop {
+    /// Lat-long map behind the views of some cameras: a cube whose texels are about as wide as a
+    /// pixel, unless those of the map are wider.
+    pub fn from_map<'a>(
+        map: &LatLong,
+        orientation: MapOrientation,
+        cameras: impl IntoIterator<Item = &'a Camera>,
+    ) -> Self {
+        let [min, max] = RESOLUTIONS;
+        let sharpest = cameras.into_iter().map(|camera| camera.focal_px[0]).fold(0.0, f32::max);
+        let needed = (2.0 * sharpest) as usize;
+        let resolution = needed.min(map.width / 2).clamp(min, max).next_power_of_two();
+        let values = latlong::to_cube(map, resolution, orientation);
+        Self::Environment(Environment { resolution, activation: RadianceActivation::Identity, values })
+    }
+
+    /// Rendered view over the background, with 8 bits a channel.
+    pub fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> RgbImage {
+        let planes = match self {
+            Self::Color(BackgroundColor(color)) => over_background(image, *color),
+            Self::Environment(light) => over_environment(image, light, camera),
+        };
+        picture::rgb(image.width, image.height, &planes)
+    }
+
+    /// Photograph over the background, with 8 bits a channel.
+    pub fn photograph(&self, view: &View) -> RgbImage {
+        let planes = match self {
+            Self::Color(BackgroundColor(color)) => view.over(*color),
+            Self::Environment(light) => photograph_over_environment(view, light),
+        };
+        picture::rgb(view.camera.width as usize, view.camera.height as usize, &planes)
+    }
+
+    /// Colour of the background; black for an environment.
+    pub const fn color(&self) -> BackgroundColor {
+        match self {
+            Self::Color(color) => *color,
+            Self::Environment(_) => BackgroundColor::BLACK,
+        }
+    }
+}
+
+/// Colours of a photograph over a light, as three planes in sRGB.
+fn photograph_over_environment(view: &View, light: &Environment<Vec<f32>>) -> Vec<f32> {
+    let colors = environment_colors(light, &view.camera);
+    let channel = |(pixel, color): (&[u8], &[f32; 3]), c: usize| {
+        let [value, alpha] = [pixel[c], pixel[3]].map(|byte| f32::from(byte) / 255.0);
+        over(value, alpha, color[c])
+    };
+    let plane = |c: usize| view.rgba.chunks_exact(4).zip(&colors).map(move |pair| channel(pair, c));
+    (0..3).flat_map(plane).collect()
+}
 
 /// Colours of a rendered view over a light, as three planes in sRGB.
 pub fn over_environment(image: &Image<Vec<f32>>, light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<f32> {
@@ -69,5 +226,22 @@ mod tests {
         assert!(environment_colors(&learned, &camera).iter().zip(&seen).all(is_same), "exponents are not radiance");
         let bright = light.with_values(light.values.iter().map(|radiance| radiance * 1000.0).collect());
         assert!(environment_colors(&bright, &camera).iter().all(|color| *color == [1.0; 3]), "white is the most");
+    }
+
+    #[test]
+    fn names_and_numbers_are_colours_and_nothing_else_is() {
+        assert_eq!("white".parse(), Ok(BackgroundColor::WHITE));
+        assert_eq!("0.25, 0.5,1".parse(), Ok(BackgroundColor([0.25, 0.5, 1.0])));
+        assert_eq!(BackgroundColor([0.1, 0.5, 1.0]).to_string().parse(), Ok(BackgroundColor([0.1, 0.5, 1.0])));
+        for wrong in ["", "grey", "1,2,3", "0,0", "0,0,0,0", "NaN,0,0"] {
+            assert!(wrong.parse::<BackgroundColor>().is_err(), "{wrong:?} passed for a colour");
+        }
+    }
+
+    #[test]
+    fn a_background_is_a_colour_or_the_light() {
+        assert_eq!("env".parse(), Ok(BackgroundChoice::Environment));
+        assert_eq!("white".parse(), Ok(BackgroundChoice::Color(BackgroundColor::WHITE)));
+        assert!("sky".parse::<BackgroundChoice>().is_err_and(|error| error.to_string().contains("env")));
     }
 }

@@ -29,14 +29,17 @@
 
 pub mod backdrop;
 pub mod bake;
+pub mod dataset;
 pub mod device;
 pub mod environment;
 mod error;
 pub mod export;
+pub mod foreground;
 mod framing;
 pub mod fusion;
 pub mod layer;
 pub mod light_file;
+pub mod number;
 mod opened;
 pub mod orbit;
 pub mod orientation;
@@ -44,6 +47,7 @@ pub mod overlap;
 mod renderer;
 mod scene;
 mod shading_model;
+mod text;
 pub mod training;
 pub mod upright;
 

@@ -20,6 +20,10 @@
 //! replaces an up direction that the cameras do not determine, and an axis within rounding error
 //! replaces the estimate.
 
+mod direction;
+
+pub use direction::{InvalidUpDirection, UpDirection, description};
+
 use crate::framing::framing;
 use core::f64::consts::FRAC_PI_4;
 use glam::{DMat3, DVec3, Vec3};

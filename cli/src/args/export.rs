@@ -4,8 +4,8 @@ use super::{
     parse::share,
     scene::{EnvOptions, SceneOptions, Up},
 };
-use crate::background::Background;
 use clap::{Args, ValueEnum};
+use specula_scene::backdrop::BackgroundColor;
 use std::path::PathBuf;
 
 /// Export a scene for other programs: Gaussians, light or mesh.
@@ -76,7 +76,7 @@ pub(crate) struct Export {
     pub(crate) no_error: bool,
     /// Background of the pictures that are compared; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
-    pub(crate) background: Option<Background>,
+    pub(crate) background: Option<BackgroundColor>,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

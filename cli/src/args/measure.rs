@@ -5,8 +5,8 @@ use super::{
     render::Split,
     scene::{MachineOptions, ProfileName},
 };
-use crate::background::Background;
 use clap::{Args, ValueEnum};
+use specula_scene::backdrop::BackgroundColor;
 use std::path::PathBuf;
 
 /// Measure a model on held-out views: PSNR, SSIM, FLIP, and the error of normals.
@@ -41,7 +41,7 @@ pub(crate) struct Eval {
     pub(crate) resolution: Option<u32>,
     /// Background behind transparent pictures; by default that of the training.
     #[arg(long, value_name = "black|white|R,G,B")]
-    pub(crate) background: Option<Background>,
+    pub(crate) background: Option<BackgroundColor>,
     /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,

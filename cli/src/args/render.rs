@@ -4,12 +4,11 @@ use super::{
     parse::{error_bound, size},
     scene::{EnvOptions, SceneOptions},
 };
-use crate::background::Backdrop;
 use clap::{
     Args, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
 };
-use specula_scene::Layer;
+use specula_scene::{Layer, backdrop::BackgroundChoice};
 use std::path::PathBuf;
 
 /// Render a scene: its colours, normals, depth and other layers.
@@ -126,7 +125,7 @@ pub(crate) struct Look {
     /// Background: a colour, or env for the environment light; by default that of the training,
     /// else black.
     #[arg(long, value_name = "black|white|R,G,B|env")]
-    pub(crate) background: Option<Backdrop>,
+    pub(crate) background: Option<BackgroundChoice>,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

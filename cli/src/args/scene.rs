@@ -1,13 +1,12 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
 use super::parse::{executor, finite, projection};
-use crate::orientation::UpChoice;
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use serde::Serialize;
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
 use specula_io::latlong::{MapOrientation, UpAxis};
-use specula_scene::{ExecutorChoice, RenderOptions};
+use specula_scene::{ExecutorChoice, RenderOptions, orientation::UpDirection};
 
 /// Interpretation of a scene, and its executor.
 #[derive(Args, Debug)]
@@ -18,7 +17,7 @@ pub(crate) struct SceneOptions {
     /// Up direction of the scene, instead of that of the model: an axis such as z or -y, or a
     /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
-    pub(crate) scene_up: Option<UpChoice>,
+    pub(crate) scene_up: Option<UpDirection>,
     #[command(flatten)]
     pub(crate) machine: MachineOptions,
 }

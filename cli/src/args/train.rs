@@ -7,11 +7,10 @@ use super::{
     scene::ProfileName,
     view,
 };
-use crate::{background::Background, foreground::Foreground, orientation::UpChoice};
 use clap::{Args, ValueEnum};
 use core::net::SocketAddr;
 use serde::{Serialize, Serializer};
-use specula_scene::ExecutorChoice;
+use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -84,7 +83,7 @@ pub(crate) struct Train {
     /// Background behind transparent pictures; by default white if any picture is transparent, else
     /// black.
     #[arg(long, value_name = "black|white|R,G,B", conflicts_with = "white_background")]
-    pub(crate) background: Option<Background>,
+    pub(crate) background: Option<BackgroundColor>,
     /// Same as --background white.
     #[arg(long, short)]
     pub(crate) white_background: bool,
@@ -154,7 +153,7 @@ pub(crate) struct Photographs {
     /// or
     /// -y, or a vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
-    pub(crate) scene_up: Option<UpChoice>,
+    pub(crate) scene_up: Option<UpDirection>,
     /// Learn the exposure of each photograph, an affine colour map, and write it to
     /// MODEL/exposure.json.
     #[arg(long)]

@@ -4,9 +4,9 @@ use super::{
     parse::{address, token},
     scene::{EnvUp, SceneOptions},
 };
-use crate::background::Background;
 use clap::Args;
 use core::net::SocketAddr;
+use specula_scene::backdrop::BackgroundColor;
 use std::path::PathBuf;
 
 /// Default address of the page.
@@ -50,7 +50,7 @@ pub(crate) struct View {
     pub(crate) env_up: EnvUp,
     /// Background; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
-    pub(crate) background: Option<Background>,
+    pub(crate) background: Option<BackgroundColor>,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

@@ -4,8 +4,7 @@ mod data;
 
 use crate::{
     args::{Demo, MachineOptions},
-    background::Background,
-    dataset::{self, Dataset},
+    dataset,
     failure::Failure,
     interrupt, output, progress,
     scene::Renderer,
@@ -21,10 +20,12 @@ use specula_io::{
 use specula_report::{
     demo::{self, Pictures},
     measure::{self, MAE, MEASURES, PSNR, SSIM, Values},
-    number::group_digits,
 };
 use specula_scene::{
     ExecutorChoice, Scene,
+    backdrop::BackgroundColor,
+    dataset::{Dataset, cloud_of},
+    number::group_digits,
     orbit::turntable,
     orientation,
     training::{Lock, Start, Training},
@@ -132,7 +133,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
         profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
         iterations: args.iterations,
         seed: SEED,
-        background: Background::WHITE.0,
+        background: BackgroundColor::WHITE.0,
         random_points: 0,
     };
     let reload = || Ok((data.train.clone(), points.to_vec()));
@@ -149,13 +150,13 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
         views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>()
     };
     model_folder::remove_training(&folder)?;
-    model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &dataset::cloud_of(points), &[])?;
+    model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &cloud_of(points), &[])?;
     scene.save(&folder, args.iterations, &info(name, args, data, &scene.shading_model.words()))?;
 
     let mut renderer =
         Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu))?;
     let work = progress::work("measuring", data.test.len() as u64);
-    let measured = renderer.measure(&data.test, Background::WHITE, false, &work)?;
+    let measured = renderer.measure(&data.test, BackgroundColor::WHITE, false, &work)?;
     work.finish();
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &measure::quality(&measured))?;
     Ok(Trained { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
@@ -167,7 +168,7 @@ fn info(name: &str, args: &Demo, data: &Dataset, shading_model: &[&str; 3]) -> M
     let mut rest = Map::new();
     rest.insert("axis".into(), axis.into());
     rest.insert("prefilter".into(), prefilter.into());
-    rest.insert("background".into(), json!(Background::WHITE.0));
+    rest.insert("background".into(), json!(BackgroundColor::WHITE.0));
     rest.insert("train_views".into(), data.train.len().into());
     rest.insert("test_views".into(), data.test.len().into());
     ModelInfo {

@@ -4,7 +4,6 @@ pub(crate) mod trial;
 
 use crate::{
     args::{EnvOptions, EnvUp, Eval, Split},
-    background::{Backdrop, Background},
     dataset,
     failure::Failure,
     output,
@@ -21,7 +20,12 @@ use specula_report::{
     measure::{self, LPIPS, PSNR_FITTED},
     relighting::{GroundTruth, RelightingQuality},
 };
-use specula_scene::{OpenedModel, orientation};
+use specula_scene::{
+    OpenedModel,
+    backdrop::{BackgroundChoice, BackgroundColor},
+    dataset::options_of,
+    orientation,
+};
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::{
     fs,
@@ -108,7 +112,7 @@ fn measure_lpips(
     network: &LpipsNetwork,
     renderer: &mut Renderer,
     views: &[View],
-    background: Background,
+    background: BackgroundColor,
     evaluated: &mut [EvaluatedView],
 ) -> Result<(), Failure> {
     let work = progress::work("LPIPS", views.len() as u64);
@@ -156,7 +160,7 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     let default = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
     parts
         .extend(args.resolution.filter(|resolution| *resolution != default).map(|resolution| format!("r{resolution}")));
-    parts.extend(differences(opened, &args.machine, args.background.map(Backdrop::Color), args.profile));
+    parts.extend(differences(opened, &args.machine, args.background.map(BackgroundChoice::Color), args.profile));
     parts.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
         let name = fs::canonicalize(source).unwrap_or_else(|_| source.to_owned());
         format!("of-{}", name.file_name().unwrap_or_default().to_string_lossy())
@@ -186,7 +190,7 @@ fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {
 
 fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<Vec<View>, Failure> {
     let info = opened.info.as_ref();
-    let options = LoadOptions { with_test: true, ..info.map(dataset::options_of).unwrap_or_default() };
+    let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
     let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
     let views: Vec<View> = match args.split {

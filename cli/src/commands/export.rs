@@ -2,7 +2,6 @@
 
 use crate::{
     args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName, Up},
-    background::Background,
     commands::prefilter,
     failure::Failure,
     output,
@@ -13,12 +12,13 @@ use crate::{
 use specula_core::{camera::Camera, metrics::psnr, rules::Channels, scene::Gaussians};
 use specula_cpu::CpuExecutor;
 use specula_io::{Error, latlong, mesh, orientation::Orientation};
-use specula_report::number::group_digits;
 use specula_scene::{
     OpenedModel, Scene, SceneRenderer, ShadingModel,
+    backdrop::BackgroundColor,
     environment::radiance,
     export::{BakeMethod, GaussianFormat, PlainGaussians, visible},
     fusion,
+    number::group_digits,
     orbit::{self, evenly_spaced},
     orientation,
     upright::{AxisConvention, Upright},
@@ -143,7 +143,7 @@ type Stance = (Orientation, Option<Camera>);
 struct Exporter<'a> {
     args: &'a Export,
     opened: OpenedModel,
-    background: Background,
+    background: BackgroundColor,
     /// Orientation, if the scene is placed upright.
     stance: Option<Stance>,
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     args::Info,
-    dataset::{self, Dataset},
+    dataset,
     failure::Failure,
     output,
     scene::{self, nonfinite_reasons},
@@ -24,8 +24,7 @@ use specula_io::{
     model_folder::ModelInfo,
     points_ply::{self, PointCloud},
 };
-use specula_report::number::group_digits;
-use specula_scene::{OpenedModel, Scene};
+use specula_scene::{OpenedModel, Scene, dataset::Dataset, number::group_digits};
 use specula_train::view::View;
 use std::path::Path;
 

@@ -2,7 +2,6 @@
 
 use crate::{
     args::{Look, Relight},
-    background::Backdrop,
     camera_set::CameraSet,
     commands::render::{Job, behind},
     failure::Failure,
@@ -17,7 +16,7 @@ use specula_io::{
     picture,
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
-use specula_scene::{Layer, orientation};
+use specula_scene::{Layer, backdrop::BackgroundChoice, orientation};
 use std::path::Path;
 
 /// Pixels of a preview of light.
@@ -25,7 +24,7 @@ const PREVIEW: [usize; 2] = [512, 256];
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
-    if args.truth.is_some() && args.look.background == Some(Backdrop::Environment) {
+    if args.truth.is_some() && args.look.background == Some(BackgroundChoice::Environment) {
         return Err(Failure::Input(
             "true pictures are compared over a colour; use --truth without --background env".into(),
         ));

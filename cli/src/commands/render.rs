@@ -2,7 +2,6 @@
 
 use crate::{
     args::{Look, MachineOptions, Render},
-    background::{Backdrop, Behind},
     camera_set::CameraSet,
     certified::certify,
     commands::relight::write_light,
@@ -13,21 +12,20 @@ use crate::{
     progress,
     scene::{self, background_of, note_oddities, relight},
 };
-use core::ops::RangeInclusive;
 use rayon::prelude::*;
-use specula_core::{
-    camera::Camera,
-    rules::Channels,
-    scene::{Environment, Image, RadianceActivation},
-    shade::ShadingForm,
-};
+use specula_core::{camera::Camera, rules::Channels, scene::Image, shade::ShadingForm};
 use specula_io::{
-    latlong::{self, LatLong, MapOrientation},
+    latlong::{LatLong, MapOrientation},
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
 use specula_report::measure::picture_name;
-use specula_scene::{ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer, orientation, overlap};
+use specula_scene::{
+    ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer,
+    backdrop::{Backdrop, BackgroundChoice},
+    dataset::options_of,
+    orientation, overlap,
+};
 use specula_train::{evaluate::largest_difference, view::View};
 use std::path::Path;
 
@@ -101,25 +99,17 @@ pub(crate) fn behind(
     set: &CameraSet,
     opened: &OpenedModel,
     map: Option<(LatLong, MapOrientation)>,
-) -> Result<Behind, Failure> {
+) -> Result<Backdrop, Failure> {
     let own = || opened.scene.light.clone().filter(|_| opened.scene.gaussians.layout.is_shaded());
     match (look.background, map) {
-        (Some(Backdrop::Environment), Some((map, stand))) => Ok(Behind::Light(finest(&map, stand, set))),
-        (Some(Backdrop::Environment), None) => own().map(Behind::Light).ok_or_else(|| {
+        (Some(BackgroundChoice::Environment), Some((map, stand))) => {
+            Ok(Backdrop::from_map(&map, stand, set.cameras.iter().map(|(_, camera)| camera)))
+        }
+        (Some(BackgroundChoice::Environment), None) => own().map(Backdrop::Environment).ok_or_else(|| {
             Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
         }),
-        (asked, _) => Ok(Behind::Color(background_of(opened, asked.and_then(Backdrop::color)))),
+        (asked, _) => Ok(Backdrop::Color(background_of(opened, asked.and_then(BackgroundChoice::color)))),
     }
-}
-
-/// Map as a cube, its texels about as wide as a pixel of the cameras unless the map's are wider.
-fn finest(map: &LatLong, stand: MapOrientation, set: &CameraSet) -> Environment<Vec<f32>> {
-    const RESOLUTIONS: RangeInclusive<usize> = 64..=1024;
-    let sharpest = set.cameras.iter().map(|(_, camera)| camera.focal_px[0]).fold(0.0, f32::max);
-    let needed = (2.0 * sharpest) as usize;
-    let resolution = needed.min(map.width / 2).clamp(*RESOLUTIONS.start(), *RESOLUTIONS.end()).next_power_of_two();
-    let values = latlong::to_cube(map, resolution, stand);
-    Environment { resolution, activation: RadianceActivation::Identity, values }
 }
 
 /// Renders what was asked for within an error.
@@ -189,7 +179,7 @@ pub(crate) struct Job<'a> {
     pub(crate) cameras: &'a CameraSet,
     pub(crate) layers: &'a [Layer],
     pub(crate) folder: &'a PictureFolder,
-    pub(crate) behind: &'a Behind,
+    pub(crate) behind: &'a Backdrop,
 }
 
 impl Job<'_> {
@@ -259,7 +249,7 @@ impl Job<'_> {
                 return Ok(());
             }
             let path = self.folder.path.join("gt").join(picture_name(index));
-            Ok(picture::write(&path, &self.behind.truth(view))?)
+            Ok(picture::write(&path, &self.behind.photograph(view))?)
         })
     }
 }
@@ -274,7 +264,7 @@ fn true_views(opened: &OpenedModel, set: &CameraSet) -> Vec<View> {
 }
 
 fn views_of(info: &ModelInfo, test: bool, train: bool) -> Result<Vec<View>, Failure> {
-    let data = dataset::load(Path::new(&info.source_path), &dataset::options_of(info))?;
+    let data = dataset::load(Path::new(&info.source_path), &options_of(info))?;
     let tests = data.test.into_iter().filter(|_| test);
     Ok(tests.chain(data.train.into_iter().filter(|_| train)).collect())
 }

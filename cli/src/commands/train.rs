@@ -2,13 +2,11 @@
 
 use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
-    background::Background,
     certified::{CertifiedScene, certify},
     commands::view::{self, Watching},
-    config,
-    dataset::{self, Dataset},
+    config, dataset,
     failure::Failure,
-    foreground, interrupt, orientation, output, progress,
+    interrupt, output, progress,
     scene::{Renderer, measure_views},
     settings,
     training::Session,
@@ -24,12 +22,13 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
-use specula_report::{
-    measure::{self, ViewMeasures},
-    number::group_digits,
-};
+use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
     RenderOptions, Scene, SceneRenderer, ShadingModel,
+    backdrop::BackgroundColor,
+    dataset::{Dataset, cloud_of},
+    foreground,
+    number::group_digits,
     orientation::{of_gaussians, with_up},
     training::{self, Checkpoints, Lock, Outcome, Start, Training},
 };
@@ -57,7 +56,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     let mut data = load(args)?;
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
-        profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::words(ball)));
+        profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
     }
     let background = background_of(args, &data);
     let settings =
@@ -267,7 +266,7 @@ fn load(args: &Train) -> Result<Dataset, Failure> {
             Some(up) => with_up(found, up.into(), cameras()),
             None => found,
         });
-        data.orientation.iter().for_each(|found| tracing::info!("{}", orientation::words(found)));
+        data.orientation.iter().for_each(dataset::note_orientation);
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
@@ -278,9 +277,9 @@ fn load(args: &Train) -> Result<Dataset, Failure> {
     Ok(data)
 }
 
-fn background_of(args: &Train, data: &Dataset) -> Background {
-    let white = args.white_background.then_some(Background::WHITE);
-    args.background.or(white).unwrap_or_else(|| Background::fitting(&data.train))
+fn background_of(args: &Train, data: &Dataset) -> BackgroundColor {
+    let white = args.white_background.then_some(BackgroundColor::WHITE);
+    args.background.or(white).unwrap_or_else(|| BackgroundColor::default_for(&data.train))
 }
 
 fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
@@ -296,7 +295,7 @@ fn points_of(args: &Train, data: &mut Dataset) -> Vec<Point> {
     }
 }
 
-fn info_of(args: &Train, profile: &Profile, background: Background, data: &Dataset) -> Result<ModelInfo, Failure> {
+fn info_of(args: &Train, profile: &Profile, background: BackgroundColor, data: &Dataset) -> Result<ModelInfo, Failure> {
     let [shading, axis, prefilter] = ShadingModel::of_profile(profile).words();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
@@ -315,7 +314,7 @@ fn info_of(args: &Train, profile: &Profile, background: Background, data: &Datas
         profile: profile.name.into(),
         shading: if is_shaded { shading } else { "radiance" }.into(),
         iterations: args.iterations,
-        white_background: background == Background::WHITE,
+        white_background: background == BackgroundColor::WHITE,
         eval: args.eval,
         downscale: args.resolution,
         source_path: output::absolute(source_of(args)?),
@@ -332,7 +331,7 @@ fn named(view: &View) -> NamedCamera {
 
 fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
     let named = |views: &[View]| views.iter().map(named).collect::<Vec<NamedCamera>>();
-    let is_white = background_of(args, data) == Background::WHITE;
+    let is_white = background_of(args, data) == BackgroundColor::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
         ("source_path", output::absolute(source_of(args)?).into()),
@@ -343,7 +342,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]
         ("data_device", "cpu".into()),
         ("eval", args.eval.into()),
     ];
-    let cloud = dataset::cloud_of(points);
+    let cloud = cloud_of(points);
     Ok(model_folder::save_inputs(&args.model_path, &named(&data.train), &named(&data.test), &cloud, &cfg_args)?)
 }
 
@@ -353,7 +352,7 @@ fn watch(
     address: SocketAddr,
     training: &mut Training,
     data: &Dataset,
-    background: Background,
+    background: BackgroundColor,
 ) -> Result<Watching, Failure> {
     let live = Arc::new(LiveTraining::new(args.iterations, training.iteration()));
     let photographs = PhotographSource { folder: source_of(args)?.to_owned(), options: options_of(args) };
@@ -410,7 +409,7 @@ struct Views<'a> {
     names: Vec<String>,
     test: &'a [View],
     cameras: Vec<Camera>,
-    background: Background,
+    background: BackgroundColor,
 }
 
 /// Cameras of the test views, or else of the training views.

@@ -2,13 +2,12 @@
 
 use crate::{
     args::{EnvUp, Train, View, ViewUntil},
-    dataset,
     failure::Failure,
     interrupt, output,
     scene::{self, background_of, note_oddities},
 };
 use core::net::SocketAddr;
-use specula_scene::{OpenedModel, RenderOptions, Scene};
+use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
 use specula_viewer::{
     LiveTraining, MapUp, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };

@@ -3,8 +3,8 @@
 use crate::{
     comparison::run::{CONDITIONS, Run},
     measure::{LPIPS, MAE, MEASURES, Measure, PSNR, PSNR_FITTED},
-    number::group_digits,
 };
+use specula_scene::number::group_digits;
 
 /// Quantity of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

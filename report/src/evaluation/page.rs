@@ -9,10 +9,10 @@ use crate::{
     },
     html::Table,
     measure::{MEASURES, PSNR, means},
-    number::group_digits,
 };
 use askama::Template;
 use core::cmp::Ordering;
+use specula_scene::number::group_digits;
 
 /// Most views on the page: those with the least PSNR.
 const VIEWS_MAX: usize = 200;

@@ -3,7 +3,6 @@
 use crate::{
     error::Result,
     html::Table,
-    number::group_digits,
     tradeoff::{
         findings::{Findings, MeasuredSetting},
         plot::{Point, Series, log_log},
@@ -20,6 +19,7 @@ use specula_accuracy::{
     sort::Sort,
     stability::{PROMISES, Row},
 };
+use specula_scene::number::group_digits;
 
 /// Colour of settings beaten by others.
 const BEATEN: RGBColor = RGBColor(190, 190, 190);

@@ -1,10 +1,8 @@
 //! Table of the cheapest settings for given errors.
 
-use crate::{
-    number::group_digits,
-    tradeoff::findings::{Findings, MeasuredSetting},
-};
+use crate::tradeoff::findings::{Findings, MeasuredSetting};
 use specula_accuracy::{front::cheapest, setting::Difference};
+use specula_scene::number::group_digits;
 
 /// Required PSNR in dB.
 const REQUIRED: [f64; 4] = [30.0, 40.0, 50.0, 60.0];

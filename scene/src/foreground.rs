@@ -1,17 +1,20 @@
-//! Foreground of a scene, whose Gaussians reflect the light.
+//! Foreground of a scene, whose Gaussians reflect the light: `all`, `auto`, a share of the cameras'
+//! distance, or a ball as text.
 
-use crate::typed::{kept_as_typed, numbers};
+use crate::{
+    orientation::centre,
+    text::{numbers, serialize_as_text},
+};
 use core::{fmt, str::FromStr};
 use specula_core::region::Ball;
 use specula_io::orientation::Orientation;
-use specula_scene::orientation::centre;
 
 /// Default radius of the foreground, relative to the cameras' distance from the centre.
 const SHARE: f32 = 0.5;
 
 /// Region of the Gaussians that reflect the light; others have a view-dependent colour alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Foreground {
+pub enum Foreground {
     /// All Gaussians.
     All,
     /// Ball around the scene's centre, with half the cameras' distance as its radius.
@@ -24,7 +27,7 @@ pub(crate) enum Foreground {
 
 impl Foreground {
     /// Ball in a scene with this orientation; none for all Gaussians.
-    pub(crate) fn ball(self, orientation: Option<&Orientation>) -> Option<Ball> {
+    pub fn ball(self, orientation: Option<&Orientation>) -> Option<Ball> {
         match self {
             Self::All => None,
             Self::Auto => Self::Share(SHARE).ball(orientation),
@@ -35,10 +38,15 @@ impl Foreground {
     }
 }
 
-impl FromStr for Foreground {
-    type Err = String;
+/// Text that names no [`Foreground`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("use all, auto, a share of the cameras' distance such as 0.5, or a ball as x,y,z,radius")]
+pub struct InvalidForeground;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl FromStr for Foreground {
+    type Err = InvalidForeground;
+
+    fn from_str(text: &str) -> Result<Self, InvalidForeground> {
         match text {
             "all" => return Ok(Self::All),
             "auto" => return Ok(Self::Auto),
@@ -48,7 +56,7 @@ impl FromStr for Foreground {
         match finite.as_deref() {
             Some([share]) if *share > 0.0 => Ok(Self::Share(*share)),
             Some([x, y, z, radius]) if *radius > 0.0 => Ok(Self::Ball(Ball { center: [*x, *y, *z], radius: *radius })),
-            _ => Err("use all, auto, a share of the cameras' distance such as 0.5, or a ball as x,y,z,radius".into()),
+            _ => Err(InvalidForeground),
         }
     }
 }
@@ -64,10 +72,10 @@ impl fmt::Display for Foreground {
     }
 }
 
-kept_as_typed!(Foreground);
+serialize_as_text!(Foreground);
 
-/// Sentence on the foreground.
-pub(crate) fn words(ball: &Ball) -> String {
+/// Sentence on a foreground.
+pub fn description(ball: &Ball) -> String {
     let [x, y, z] = ball.center;
     format!(
         "Gaussians within {:.3} of ({x:.3}, {y:.3}, {z:.3}) reflect the light; the background does not",
@@ -89,7 +97,7 @@ mod tests {
             ("1, -2,0.5,3", ball),
         ] {
             assert_eq!(text.parse(), Ok(expected), "{text:?}");
-            assert_eq!(expected.to_string().parse(), Ok(expected), "{text:?} as it is typed");
+            assert_eq!(expected.to_string().parse(), Ok(expected), "{text:?} as it is written");
         }
         for wrong in ["", "some", "0", "-1", "1,2,3", "0,0,0,0", "0,0,0,-1", "NaN", "inf", "0,0,NaN,1", "1,2,3,4,5"] {
             assert!(wrong.parse::<Foreground>().is_err(), "{wrong:?} passed for a foreground");

@@ -1,0 +1,144 @@
+//! Data sets as trainings take them: views with a common near plane, initial points, and the
+//! orientation that the cameras tell.
+
+use crate::{number::group_digits, orientation::estimate};
+use specula_core::camera::near_of;
+use specula_io::{
+    Result,
+    dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
+    model_folder::ModelInfo,
+    orientation::Orientation,
+    points_ply::PointCloud,
+};
+use specula_train::{
+    start::Point,
+    view::{Normals, View, extent_of},
+};
+use std::path::{Path, PathBuf};
+
+/// Views to train on and to measure, and initial points.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// Views to train on.
+    pub train: Vec<View>,
+    /// Views held out.
+    pub test: Vec<View>,
+    /// Initial points.
+    pub points: Option<Vec<Point>>,
+    /// Orientation estimated from the cameras; none without cameras.
+    pub orientation: Option<Orientation>,
+    /// Short description of the source of the cameras.
+    pub source: String,
+    /// Notes on skipped, changed or assumed data, one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Dataset {
+    /// Reads a data set on all cores. `progress` is called with the number of decoded images and of
+    /// all images, from any thread.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`specula_io::dataset::load`].
+    pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Self> {
+        let dataset::Dataset { train, test, points, source, notes } = dataset::load(folder, options, progress)?;
+        let positions = points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
+        let orientation = estimate(train.iter().chain(&test).map(|view| &view.camera), positions);
+        let mut train: Vec<View> = train.into_iter().map(view_of).collect();
+        let mut test: Vec<View> = test.into_iter().map(view_of).collect();
+        let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
+        train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
+        Ok(Self { train, test, points: points.map(|cloud| points_of(&cloud)), orientation, source, notes })
+    }
+
+    /// Source, number of views, their sizes, and number of points on one line.
+    pub fn summary(&self) -> String {
+        let Self { train, test, points, source, .. } = self;
+        let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
+        let points = points.as_ref().map_or(0, Vec::len);
+        let points = if points == 0 { "no points".to_owned() } else { format!("{} points", group_digits(points)) };
+        let sizes = sizes(train.iter().chain(test));
+        format!("{source}: {} training pictures{held_out}, {sizes} pixels, {points}", train.len())
+    }
+
+    /// Width of the widest training picture in pixels; 0 without any.
+    pub fn width_max(&self) -> u32 {
+        self.train.iter().map(|view| view.camera.width).max().unwrap_or(0)
+    }
+}
+
+/// Size of the pictures, or the smallest and the largest.
+fn sizes<'a>(views: impl Iterator<Item = &'a View>) -> String {
+    let mut sizes: Vec<[u32; 2]> = views.map(|view| [view.camera.width, view.camera.height]).collect();
+    sizes.sort_unstable_by_key(|[width, height]| (u64::from(*width) * u64::from(*height), *width));
+    let text = |[width, height]: &[u32; 2]| format!("{width} × {height}");
+    match (sizes.first(), sizes.last()) {
+        (Some(first), Some(last)) if first != last => format!("{} to {}", text(first), text(last)),
+        (first, _) => first.map_or_else(String::new, text),
+    }
+}
+
+fn view_of(view: dataset::View) -> View {
+    let normals = view.normal.map(|normal| Normals { values: normal.values, mask: normal.mask });
+    View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }
+}
+
+/// Points of a point cloud.
+pub fn points_of(cloud: &PointCloud) -> Vec<Point> {
+    let pairs = cloud.positions.iter().zip(&cloud.colors);
+    pairs.map(|(position, color)| Point { position: *position, color: *color }).collect()
+}
+
+/// Point cloud of points.
+pub fn cloud_of(points: &[Point]) -> PointCloud {
+    PointCloud {
+        positions: points.iter().map(|point| point.position).collect(),
+        colors: points.iter().map(|point| point.color).collect(),
+    }
+}
+
+/// Options that the training of a model read its data set with.
+pub fn options_of(info: &ModelInfo) -> LoadOptions {
+    let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
+    let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
+    LoadOptions {
+        downscale: info.downscale.max(1),
+        with_test: info.eval,
+        points: None,
+        images,
+        test_every: every.unwrap_or(TEST_EVERY),
+    }
+}
+
+/// Folder that is no data set, but close to one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Misplaced {
+    /// A part of this data set.
+    PartOf(PathBuf),
+    /// A model.
+    Model,
+    /// Parent of this data set, the first by name.
+    ParentOf(PathBuf),
+}
+
+impl Misplaced {
+    /// Relation of a folder without a data set to one nearby; none if there is none.
+    pub fn find(folder: &Path) -> Option<Self> {
+        let whole = std::path::absolute(folder).ok()?;
+        if let Some(meant) = whole.ancestors().skip(1).take(2).find(|above| has_files(above)) {
+            return Some(Self::PartOf(meant.to_owned()));
+        }
+        if folder.join("specula.json").is_file() {
+            return Some(Self::Model);
+        }
+        let entries = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
+        entries.filter(|path| has_files(path)).min().map(Self::ParentOf)
+    }
+}
+
+/// Returns whether a folder has files of a data set.
+fn has_files(folder: &Path) -> bool {
+    const FILES: [&str; 5] =
+        ["transforms_train.json", "transforms.json", "sparse/0", "sparse/cameras.bin", "sparse/cameras.txt"];
+    FILES.iter().any(|name| folder.join(name).exists())
+}
