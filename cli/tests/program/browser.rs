@@ -130,6 +130,13 @@ impl Page<'_> {
         self.call("Emulation.setTouchEmulationEnabled", json!({"enabled": is_phone}));
     }
 
+    /// Emulates a link of this latency, in milliseconds, and this rate, in bytes per second.
+    pub(crate) fn slow_down(&self, latency: u32, rate: u32) {
+        self.call("Network.enable", json!({}));
+        let link = json!({"offline": false, "latency": latency, "downloadThroughput": rate, "uploadThroughput": rate});
+        self.call("Network.emulateNetworkConditions", link);
+    }
+
     /// Value of an expression; promises are awaited.
     pub(crate) fn eval(&self, expression: &str) -> Value {
         self.try_eval(expression).unwrap_or_else(|error| panic!("{expression}: {error}"))

@@ -544,6 +544,7 @@ fn a_browser_shows_turns_and_relights_the_scene() {
     nothing_is_asked_for_from_outside(&page, &site);
     the_address_says_what_is_shown(&browser, &page, &first);
     a_change_while_a_picture_is_unpacked_is_waited_for(&page, &first);
+    a_slow_link_ends_with_the_same(&browser, &site, &first);
     the_token_is_needed_and_found(&browser, &model);
 }
 
@@ -736,6 +737,20 @@ fn the_address_says_what_is_shown(browser: &Browser, page: &Page<'_>, first: &Rg
     page.press("1");
     page.press("u");
     assert!(is_same(&shown(page), first), "a drag is taken back");
+}
+
+fn a_slow_link_ends_with_the_same(browser: &Browser, site: &Site, first: &RgbImage) {
+    let page = browser.open("about:blank", [WINDOW; 2]);
+    page.slow_down(150, 100_000);
+    page.go(&site.url);
+    page.wait(STILL);
+    page.drag([120.0, 160.0], [180.0, 200.0]);
+    shown(&page);
+    page.press("u");
+    assert!(is_same(&shown(&page), first), "at rest the picture is lossless");
+    let drafts = "performance.getEntriesByType('resource').some((entry) => entry.name.includes('quality=92'))";
+    assert_eq!(page.eval(drafts), true, "a compressed draft came before it");
+    page.close();
 }
 
 fn a_change_while_a_picture_is_unpacked_is_waited_for(page: &Page<'_>, first: &RgbImage) {

@@ -25,6 +25,11 @@ const HISTORY_MAX = 50;
 const POLE_ANGLE = 0.03;
 const degrees = (radians) => (radians * 180) / Math.PI;
 const radians = (degrees) => (degrees * Math.PI) / 180;
+/** Eight significant digits: the precision of the URL fragment, of requests and of saved paths. */
+const rounded = (x) => +x.toPrecision(8);
+export const list = (v) => v.map(rounded).join(",");
+/** Unit vector; one of length 1 within rounding is kept, so that a restored pose has the same digits. */
+const direction = (v) => (Math.abs(length(v) - 1) < 1e-6 ? [...v] : unit(v));
 
 /** Horizontal field of view in degrees, from that of the shorter edge. */
 export function horizontalAngle(angle, [width, height]) {
@@ -69,7 +74,7 @@ export class Camera {
 
   /** Sets position, direction, up vector and field of view of the shorter edge in degrees. */
   setPose(eye, look, up, angle) {
-    [this.eye, this.look, this.up, this.angle] = [[...eye], unit(look), unit(up), angle];
+    [this.eye, this.look, this.up, this.angle] = [[...eye], direction(look), direction(up), angle];
     this.view = null;
   }
 
@@ -110,10 +115,9 @@ export class Camera {
   /** Parameters of the URL fragment. */
   state() {
     if (this.view !== null) return { view: this.view };
-    const list = (v) => v.map((x) => +x.toPrecision(6)).join(",");
     const { eye, look, up, angle, distance, mode } = this;
-    const pose = { eye: list(eye), look: list(look), up: list(up), angle: +angle.toPrecision(5) };
-    return { ...pose, distance: +distance.toPrecision(6), ...(mode === "fly" ? { mode } : {}) };
+    const pose = { eye: list(eye), look: list(look), up: list(up), angle: rounded(angle) };
+    return { ...pose, distance: rounded(distance), ...(mode === "fly" ? { mode } : {}) };
   }
 
   /** Restores the pose from parameters of the URL fragment; invalid ones change nothing. */
@@ -175,7 +179,7 @@ export class Camera {
   /** Translates along the camera's axes, in units of the distance to the target. */
   fly(forwards, across, upwards) {
     const steps = [[this.look, forwards], [this.right, across], [this.up, upwards]];
-    for (const [direction, step] of steps) this.eye = add(this.eye, scale(direction, step * this.distance));
+    for (const [axis, step] of steps) this.eye = add(this.eye, scale(axis, step * this.distance));
     this.view = null;
   }
 
@@ -187,8 +191,7 @@ export class Camera {
   /** Query parameters for a picture of this size. */
   query(size) {
     if (this.view !== null) return { view: this.view };
-    const list = (v) => v.map((x) => +x.toPrecision(8)).join(",");
-    const angle = horizontalAngle(this.angle, size).toFixed(5);
+    const angle = horizontalAngle(rounded(this.angle), size).toFixed(5);
     return { eye: list(this.eye), look: list(this.look), up: list(this.up), angle };
   }
 }

@@ -1,6 +1,6 @@
 // Camera path: stops, interpolation, and export of its frames and cameras.
 
-import { horizontalAngle, cross, unit } from "./camera.js";
+import { horizontalAngle, cross, list, unit } from "./camera.js";
 
 /** Time between two stops when the path is played, in seconds. */
 const SECONDS_PER_STOP = 2;
@@ -121,7 +121,6 @@ export class Path {
     try {
       for (const [index, camera] of cameras.entries()) {
         if (!this.saving) break;
-        const list = (v) => v.map((x) => +x.toPrecision(8)).join(",");
         const { eye, look, up, angle } = camera;
         const pose = { eye: list(eye), look: list(look), up: list(up), angle: horizontalAngle(angle, size).toFixed(5) };
         // Client 0: other requests of this page do not cancel the frame.

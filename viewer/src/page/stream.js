@@ -1,5 +1,6 @@
 // Picture stream: requests one picture at a time, at reduced resolution during movement and at full
-// resolution at rest. With one request in flight at most, the rate adapts to the link.
+// resolution at rest. With one request in flight at most, the rate adapts to the link. The last
+// picture at rest is lossless; on a slow link a compressed draft comes before it.
 
 /** Longest time of a picture during movement, from request to display, in milliseconds. */
 const FRAME_TIME = 80;
@@ -7,7 +8,7 @@ const FRAME_TIME = 80;
 const REST_TIME = 160;
 /** Bounds of the resolution during movement, relative to the canvas. */
 const SCALES = [0.12, 1];
-/** Rate in bytes per millisecond from which on pictures at rest are lossless. */
+/** Rate in bytes per millisecond below which a compressed draft precedes a lossless picture. */
 const FAST_LINK = 1500;
 /** Delay between attempts while the server does not answer, in milliseconds. */
 const RETRY_DELAY = 1000;
@@ -21,6 +22,7 @@ export class Stream {
     this.isSlow = /2g|3g/.test(navigator.connection?.effectiveType ?? "");
     this.changedAt = 0;
     this.isOutdated = false;
+    this.hasDraft = false;
     this.hasBackground = () => true;
     this.request = null;
     this.shown = 0;
@@ -33,6 +35,7 @@ export class Stream {
   change(isMoving = true) {
     this.changedAt = isMoving ? performance.now() : -REST_TIME;
     this.isOutdated = true;
+    this.hasDraft = false;
     this.canvas.dataset.still = "false";
     // A picture at full resolution takes long and would delay the movement.
     if (this.request?.isStill) this.request.abort.abort();
@@ -59,11 +62,12 @@ export class Stream {
   async next() {
     if (this.request || !this.isOutdated) return;
     const isStill = this.isResting;
-    this.isOutdated = !isStill;
-    this.request = { isStill, abort: new AbortController() };
+    const isDraft = isStill && this.isSlow && !this.hasDraft;
+    this.isOutdated = !isStill || isDraft;
+    this.request = { isStill, isDraft, abort: new AbortController() };
     let wait = 0;
     try {
-      await this.fetch(isStill);
+      await this.fetch(this.request);
     } catch (error) {
       if (error.name !== "AbortError") {
         this.onerror(error);
@@ -82,15 +86,15 @@ export class Stream {
     return performance.now() - this.changedAt < 0.5 * REST_TIME;
   }
 
-  async fetch(isStill) {
+  async fetch({ isStill, isDraft, abort }) {
     const full = this.fullSize();
     const size = isStill ? full : full.map((edge) => Math.max(16, Math.round(edge * this.scale)));
-    const encoding = isStill && !this.isSlow
+    const encoding = isStill && !isDraft
       ? { format: "png" }
-      : { format: "jpeg", quality: isStill ? 92 : this.isSlow ? 45 : 75 };
+      : { format: "jpeg", quality: isDraft ? 92 : this.isSlow ? 45 : 75 };
     const start = performance.now();
     const query = { ...this.query(size), size: size.join(","), ...encoding };
-    const response = await this.server.get("frame", query, { signal: this.request.abort.signal });
+    const response = await this.server.get("frame", query, { signal: abort.signal });
     const blob = await response.blob();
     const picture = await createImageBitmap(blob);
     const time = performance.now() - start;
@@ -98,7 +102,9 @@ export class Stream {
     const render = [...timing.matchAll(/dur=([\d.]+)/g)].reduce((sum, [, time]) => sum + Number(time), 0);
     this.isSlow = blob.size / Math.max(time - render, 1) < FAST_LINK && time - render > FRAME_TIME;
     if (!isStill) this.adapt(time);
-    const frame = { isStill, time, render, size: [picture.width, picture.height] };
+    // A change during decoding comes too late to abort the request.
+    this.hasDraft = isDraft && !abort.signal.aborted;
+    const frame = { isStill, isFinal: isStill && !isDraft, time, render, size: [picture.width, picture.height] };
     this.draw(picture, full);
     picture.close();
     this.report(response, frame);
@@ -145,8 +151,8 @@ export class Stream {
     for (const name of ["view", "psnr", "iteration"]) frame[name] = response.headers.get(`x-${name}`);
     this.iteration = frame.iteration;
     this.shown += 1;
-    // A change during decoding makes the picture outdated: it could no longer abort the request.
-    const still = frame.isStill && !this.isOutdated;
+    // A change during decoding makes the picture outdated.
+    const still = frame.isFinal && !this.isOutdated;
     Object.assign(this.canvas.dataset, { shown: this.shown, still, scale: this.scale.toFixed(2) });
     this.onshown(frame);
   }
