@@ -8,12 +8,7 @@ use crate::{
 };
 use glam::Vec3;
 use specula_accuracy::subject::Subject;
-use specula_core::{
-    camera::Camera,
-    cull::{CullReason, CullStats},
-    rules::Channels,
-    scene::Image,
-};
+use specula_core::{camera::Camera, rules::Channels, scene::Image};
 use specula_io::{
     Error,
     latlong::LatLong,
@@ -58,7 +53,7 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
         tracing::warn!("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
     }
-    if let Some(reasons) = nonfinite_reasons(&CullStats::of(&opened.scene.gaussians, None)) {
+    if let Some(reasons) = opened.scene.nonfinite_reasons() {
         tracing::warn!("Gaussians with numbers that are not finite are left out: {reasons}");
     }
 }
@@ -92,13 +87,6 @@ fn models_in(folder: &Path) -> Vec<PathBuf> {
     let mut models: Vec<PathBuf> = entries.filter(|path| model_folder::latest_iteration(path).is_ok()).collect();
     models.sort();
     models
-}
-
-/// Number of Gaussians that are not finite, by reason; none if all are finite.
-pub(crate) fn nonfinite_reasons(stats: &CullStats) -> Option<String> {
-    let reasons = CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite() && stats.count(*reason) > 0);
-    let reasons: Vec<String> = reasons.map(|reason| format!("{} by {}", stats.count(reason), reason.words())).collect();
-    (!reasons.is_empty()).then(|| reasons.join(", "))
 }
 
 /// Replaces the light of a scene by that of a file. `up` is the scene's up direction.

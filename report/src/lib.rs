@@ -7,6 +7,7 @@
 //! | [`lpips`] | LPIPS by a network from a file |
 //! | [`relighting`] | PSNR under other lights, with and without the best factors |
 //! | [`evaluation`] | page with each view beside its ground truth and error |
+//! | [`contents`] | contents of a model or a data set |
 //! | [`comparison`] | table of several runs in Markdown, CSV or LaTeX |
 //! | [`tradeoff`] | error against run time, for each parameter of rendering |
 //! | [`demo`] | pictures and page of the demo scene |
@@ -23,6 +24,7 @@
 //! they request nothing from outside their folder.
 
 pub mod comparison;
+pub mod contents;
 pub mod demo;
 mod error;
 pub mod evaluation;

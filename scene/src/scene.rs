@@ -6,6 +6,7 @@ use crate::{
     renderer::SceneRenderer,
 };
 use specula_core::{
+    cull::{CullReason, CullStats},
     executor::Renderer,
     pack::Storage,
     plan::{Needs, Plan},
@@ -94,6 +95,16 @@ impl Scene {
     pub fn resolution_of_others(&self) -> usize {
         let [least, usual] = LIGHT_RESOLUTION;
         self.light.as_ref().map_or(usual, |light| light.resolution.max(least))
+    }
+
+    /// Number of Gaussians with numbers that are not finite, by reason, as text; none if all are
+    /// finite.
+    pub fn nonfinite_reasons(&self) -> Option<String> {
+        let stats = CullStats::of(&self.gaussians, None);
+        let reasons = CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite() && stats.count(*reason) > 0);
+        let reasons: Vec<String> =
+            reasons.map(|reason| format!("{} by {}", stats.count(reason), reason.words())).collect();
+        (!reasons.is_empty()).then(|| reasons.join(", "))
     }
 
     /// Writes the scene into the folder of a model as its newest iteration.
