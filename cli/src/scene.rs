@@ -7,7 +7,6 @@ use crate::{
     progress::Work,
 };
 use glam::Vec3;
-use specula_accuracy::subject::Subject;
 use specula_core::{camera::Camera, rules::Channels, scene::Image};
 use specula_io::{
     Error,
@@ -15,9 +14,7 @@ use specula_io::{
     model_folder::{self, Model},
 };
 use specula_report::measure::{PSNR_FITTED, ViewMeasures};
-use specula_scene::{
-    OpenedModel, Scene, SceneRenderer, ShadingModel, backdrop::BackgroundColor, environment::fitting, light_file,
-};
+use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, backdrop::BackgroundColor, light_file};
 use specula_train::{
     evaluate::{fitted_psnr, measure_view},
     view::View,
@@ -107,13 +104,6 @@ pub(crate) fn refuse_plain(scene: &Scene) -> Result<(), Failure> {
          specula to put it under another light"
             .into(),
     ))
-}
-
-/// Scene, cameras and background that a certificate holds for.
-pub(crate) fn into_subject(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
-    let Scene { gaussians, light, shading_model: ShadingModel { shading, scheme } } = scene;
-    let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
-    Subject { gaussians, light, shading, scheme, cameras, background }
 }
 
 /// Renderer of a scene for commands that measure views.

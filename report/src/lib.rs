@@ -7,6 +7,7 @@
 //! | [`lpips`] | LPIPS by a network from a file |
 //! | [`relighting`] | PSNR under other lights, with and without the best factors |
 //! | [`evaluation`] | page with each view beside its ground truth and error |
+//! | [`certificate`] | pictures within an error, verified one by one |
 //! | [`contents`] | contents of a model or a data set |
 //! | [`comparison`] | table of several runs in Markdown, CSV or LaTeX |
 //! | [`tradeoff`] | error against run time, for each parameter of rendering |
@@ -23,6 +24,7 @@
 //! Pages share one template and one style sheet (`templates/base.html`, `templates/style.css`);
 //! they request nothing from outside their folder.
 
+pub mod certificate;
 pub mod comparison;
 pub mod contents;
 pub mod demo;

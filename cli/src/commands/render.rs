@@ -3,7 +3,7 @@
 use crate::{
     args::{Look, MachineOptions, Render},
     camera_set::CameraSet,
-    certified::certify,
+    certified,
     commands::relight::write_light,
     dataset,
     failure::Failure,
@@ -19,7 +19,7 @@ use specula_io::{
     model_folder::ModelInfo,
     picture::{self, RgbImage},
 };
-use specula_report::measure::picture_name;
+use specula_report::{certificate::CertifiedScene, measure::picture_name};
 use specula_scene::{
     ExecutorChoice, Layer, OpenedModel, RenderOptions, Scene, SceneRenderer,
     backdrop::{Backdrop, BackgroundChoice},
@@ -121,12 +121,13 @@ fn render_within(error: f64, args: &Render, opened: OpenedModel, job: &Job<'_>) 
     if job.layers.len() > 1 {
         tracing::info!("only colours are verified; other layers have the same setting");
     }
-    let certified = certify(&opened.scene, cameras, job.behind.color(), error, !args.no_verify)?;
+    let background = job.behind.color().0;
+    let certified = CertifiedScene::new(&opened.scene, cameras, background, error, !args.no_verify)?;
     let renderer = certified.renderer(&opened.scene, Layer::channels(job.layers));
     job.run_with(renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
     output::say(&job.folder.path.display().to_string())?;
     output::say(certified.certificate())?;
-    output::say(&certified.report())
+    output::say(&certified::report(&certified))
 }
 
 /// Whether what the plan leaves out is missed anywhere.

@@ -8,11 +8,14 @@ use crate::{
     commands::demo,
     failure::Failure,
     output, progress,
-    scene::{self, background_of, into_subject},
+    scene::{self, background_of},
 };
 use specula_accuracy::subject::Subject;
 use specula_core::camera::Camera;
-use specula_report::tradeoff::{self, Options, spread_cameras};
+use specula_report::{
+    certificate::subject_of,
+    tradeoff::{self, Options, spread_cameras},
+};
 use std::path::{Path, PathBuf};
 
 /// Measures a scene, prints the table and writes records and page.
@@ -50,7 +53,7 @@ fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
     let cameras: Vec<Camera> = opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
     let cameras = spread_cameras(&cameras, args.views.into(), args.size);
     let background = background_of(&opened, None).0;
-    let subject = into_subject(opened.scene, cameras, background);
+    let subject = subject_of(opened.scene, cameras, background);
     if !subject.has_reference() {
         return Err(Failure::Input(format!(
             "there are no exact pictures of {model:?}, because the authors' shading is what their code does; report on a \

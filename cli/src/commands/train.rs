@@ -2,7 +2,7 @@
 
 use crate::{
     args::{AT_MOST_1600, MachineOptions, Photographs, Train},
-    certified::{CertifiedScene, certify},
+    certified,
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -22,7 +22,10 @@ use specula_io::{
     exposure,
     model_folder::{self, ModelInfo, method_of},
 };
-use specula_report::measure::{self, ViewMeasures};
+use specula_report::{
+    certificate::CertifiedScene,
+    measure::{self, ViewMeasures},
+};
 use specula_scene::{
     RenderOptions, Scene, SceneRenderer, ShadingModel,
     backdrop::BackgroundColor,
@@ -465,7 +468,7 @@ fn finish(
     let measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some(), &work)?;
     work.finish();
     if let Some(certified) = &certified {
-        let report = certified.report();
+        let report = certified::report(certified);
         output::say(&report)?;
         save_certificate(args, &mut info, format!("{}; {report}", certified.certificate()))?;
     }
@@ -492,16 +495,15 @@ fn shell_word(path: &Path) -> String {
 /// Render settings within `--max-error`; a bound that cannot be met is only a warning.
 fn certify_trained(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<CertifiedScene>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    match certify(scene, views.cameras.clone(), views.background, error, true) {
+    match CertifiedScene::new(scene, views.cameras.clone(), views.background.0, error, true) {
         Ok(certified) => {
             output::say(certified.certificate())?;
             Ok(Some(certified))
         }
-        Err(Failure::Input(why)) => {
-            tracing::warn!("{why}");
+        Err(error) => {
+            tracing::warn!("{}", Failure::from(error));
             Ok(None)
         }
-        Err(failure) => Err(failure),
     }
 }
 

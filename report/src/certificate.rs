@@ -1,0 +1,244 @@
+//! Scenes rendered within an error: the cheapest setting, its certificate, and pictures that are
+//! verified one by one.
+
+use specula_accuracy::{
+    budget::{Bounds, Certificate, Refusal, cheapest_within},
+    reference::Reference,
+    setting::{Difference, Setting},
+    subject::Subject,
+    verify::{Tally, Verified},
+};
+use specula_core::{
+    camera::Camera,
+    rules::{Channels, RenderRules},
+    scene::{Environment, Gaussians, Image},
+};
+use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer, ShadingModel, environment::fitting};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Reason for which an error cannot be certified.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum CertificateError {
+    /// The shading of the authors' code, of which there are no exact pictures.
+    #[error("an error cannot be kept where there are no exact pictures: the authors' shading is what their code does")]
+    NoReference,
+    /// Rounding to `f32` alone may exceed the error.
+    #[error("an error of {asked} cannot be kept, because rounding to f32 alone may make {rounding:.1e}")]
+    Rounding {
+        /// Error that was asked for.
+        asked: f64,
+        /// Error by rounding, at most.
+        rounding: f64,
+    },
+    /// Numbers in the most exact pictures that are not finite.
+    #[error(
+        "an error of {asked} cannot be kept, because the scene's most exact pictures hold numbers that are not finite"
+    )]
+    NotFinite {
+        /// Error that was asked for.
+        asked: f64,
+    },
+    /// Scene that the CPU executor cannot render.
+    #[error("the processor cannot render the scene")]
+    Failed,
+}
+
+impl CertificateError {
+    fn new(refusal: Refusal, asked: f64) -> Self {
+        match refusal {
+            Refusal::TooClose(rounding) if rounding.is_finite() => Self::Rounding { asked, rounding },
+            Refusal::TooClose(_) => Self::NotFinite { asked },
+            Refusal::Failed => Self::Failed,
+        }
+    }
+
+    /// Error with one digit that may be kept in place of one below the rounding, as text.
+    pub fn error_min(&self) -> Option<String> {
+        match self {
+            Self::Rounding { rounding, .. } => Some(rounded_up(*rounding)),
+            _ => None,
+        }
+    }
+}
+
+/// Scene, cameras and background as the subject of measurements.
+pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
+    let Scene { gaussians, light, shading_model: ShadingModel { shading, scheme } } = scene;
+    let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
+    Subject { gaussians, light, shading, scheme, cameras, background }
+}
+
+/// Scene rendered with a setting whose error is certified.
+#[derive(Clone, Debug)]
+pub struct CertifiedScene {
+    verified: Arc<Mutex<Verified>>,
+    certificate: String,
+    asked: f64,
+}
+
+impl CertifiedScene {
+    /// Searches the cheapest setting whose pictures, over a background in sRGB, are within an error:
+    /// the root mean square of sRGB colours in \[0, 1\]. With `is_verified`, each picture is
+    /// compared with the most exact one, which replaces it beyond the error.
+    ///
+    /// # Errors
+    ///
+    /// [`CertificateError`]: a scene or an error without a certificate.
+    pub fn new(
+        scene: &Scene,
+        cameras: Vec<Camera>,
+        background: [f32; 3],
+        error: f64,
+        is_verified: bool,
+    ) -> Result<Self, CertificateError> {
+        let subject = subject_of(scene.clone(), cameras, background);
+        if !subject.has_reference() {
+            return Err(CertificateError::NoReference);
+        }
+        tracing::info!("looking for the cheapest setting within {error}");
+        let reference = Reference::new(&subject);
+        let certificate =
+            cheapest_within(&subject, &reference, error).map_err(|refusal| CertificateError::new(refusal, error))?;
+        let text = certificate_text(&certificate, &subject);
+        let verified =
+            Verified::new(subject, &reference, &certificate, is_verified).map_err(|_| CertificateError::Failed)?;
+        Ok(Self { verified: Arc::new(Mutex::new(verified)), certificate: text, asked: error })
+    }
+
+    /// Certificate of the setting: a sentence.
+    pub fn certificate(&self) -> &str {
+        &self.certificate
+    }
+
+    /// Renderer of its pictures, which are those of `scene`.
+    pub fn renderer(&self, scene: &Scene, channels: Channels) -> SceneRenderer {
+        SceneRenderer::with_backend(Box::new(self.clone()), scene, channels)
+    }
+
+    /// Sentence on the outcome of verifying the pictures that were rendered; the time it took is
+    /// logged.
+    pub fn report(&self) -> String {
+        let verified = self.verified();
+        let tally = verified.tally();
+        if verified.compares() {
+            let [alone, all] = tally.milliseconds.map(|time| 1e-3 * time);
+            tracing::info!("pictures took {all:.1} s, {:.1} s of which to verify them", all - alone);
+        }
+        report_text(&tally, verified.compares(), verified.is_exact(), self.asked)
+    }
+
+    fn verified(&self) -> MutexGuard<'_, Verified> {
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Backend of one scene under one light, for which the certificate holds.
+impl RenderBackend for CertifiedScene {
+    fn render(&mut self, _: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
+        Ok(self.verified().view(camera, rules.channels)?)
+    }
+
+    fn set_light(&mut self, _: usize, _: &Environment<Vec<f32>>, _: &RenderRules) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
+    }
+
+    fn set_gaussians(&mut self, _: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
+    }
+}
+
+/// Least number with one digit that is not below a number.
+fn rounded_up(number: f64) -> String {
+    let digit = 10_f64.powf(number.log10().floor());
+    format!("{:.0e}", (number / digit).ceil() * digit)
+}
+
+fn certificate_text(certificate: &Certificate, subject: &Subject) -> String {
+    let Certificate { setting, asked, rounding, chosen_by, tried_on, work: [chosen, default, _] } = certificate;
+    let difference = Difference(setting, &Setting::default_for(subject)).to_string();
+    let share = chosen.cost() / default.cost();
+    let views = |bounds: &Bounds| format!("{} view{}", bounds.views, if bounds.views == 1 { "" } else { "s" });
+    let others = match tried_on.views {
+        0 => String::new(),
+        _ => format!("; {:.2e} (worst {:.2e}) on {} that it was not", tried_on.rms, tried_on.worst, views(tried_on)),
+    };
+    format!(
+        "error {:.2e} (worst view {:.2e}) on {} that it was chosen by, where {asked:e} was allowed{others}; {rounding:.0e} of \
+         that for rounding; {share:.2} of the usual work; changed from the default: {difference}",
+        chosen_by.rms,
+        chosen_by.worst,
+        views(chosen_by)
+    )
+}
+
+fn report_text(tally: &Tally, compares: bool, is_exact: bool, asked: f64) -> String {
+    let Tally { pictures, replaced, kept, beyond, cost: [alone, all], .. } = tally;
+    if is_exact {
+        return "every picture is the most exact one".into();
+    }
+    if !compares {
+        return format!("not verified: of {pictures} pictures, those of other views may be further off than {asked:e}");
+    }
+    let others = match replaced {
+        0 => String::new(),
+        _ => format!("; {replaced} were up to {beyond:.2e} off and are the most exact ones instead"),
+    };
+    format!(
+        "verified {pictures} pictures: none is further off than {asked:e}, those of this setting {kept:.2e} from the most \
+         exact ones{others}; {:.2} times the work of unverified pictures",
+        all / alone
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_accuracy::verify::shares;
+    use specula_scene::OpenedModel;
+    use std::{env, path::Path};
+
+    /// Models are named by `MODELS`, with colons: `MODELS=a:b cargo test --release -p
+    /// specula-report --lib pictures_of_models -- --ignored --nocapture`. Ground truth is the
+    /// independent renderer.
+    #[test]
+    #[ignore = "takes minutes, and models"]
+    fn pictures_of_models_are_within_their_error() {
+        const VIEWS: usize = 6;
+        let models = env::var("MODELS").expect("MODELS names folders of models");
+        for model in models.split(':') {
+            let opened = OpenedModel::open(Path::new(model)).expect("a model");
+            let cameras = opened.evaluation_cameras().expect("the model has cameras");
+            let cameras: Vec<Camera> = (0..VIEWS).map(|k| cameras[k * cameras.len() / VIEWS].1).collect();
+            let background = opened.background();
+            let subject = subject_of(opened.scene, cameras, background);
+            let reference = Reference::new(&subject);
+            let truth = |camera: &Camera| (*camera, reference.independent_view(&subject, camera));
+            let views: Vec<_> = subject.cameras.iter().map(truth).collect();
+            for error in [1e-1, 3e-2, 1e-2, 3e-3, 1e-3] {
+                let shares = shares(&subject, &reference, &views, error).expect("f32 is close enough");
+                let [alone, verified] = shares.map(|shares| shares.into_iter().fold(0.0, f64::max));
+                println!("{model}: {error:e}: at most {alone:.3} of it unverified, {verified:.3} verified");
+                assert!(verified <= 1.0, "{model}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_advised_can_be_kept() {
+        assert_eq!([2.31e-4, 1e-3, 0.97].map(rounded_up), ["3e-4", "1e-3", "1e0"]);
+        let refused = CertificateError::new(Refusal::TooClose(2.31e-4), 1e-4);
+        assert_eq!(refused.error_min().as_deref(), Some("3e-4"));
+    }
+
+    #[test]
+    fn the_report_counts_the_pictures_that_were_replaced() {
+        let tally = Tally { pictures: 9, replaced: 2, kept: 8e-3, beyond: 2e-2, cost: [1.0, 3.5], ..Tally::default() };
+        let said = report_text(&tally, true, false, 1e-2);
+        assert!(said.starts_with("verified 9 pictures: none is further off than 1e-2"), "{said}");
+        assert!(
+            said.contains("2 were up to 2.00e-2 off") && said.ends_with("3.50 times the work of unverified pictures"),
+            "{said}"
+        );
+        assert!(report_text(&tally, false, false, 1e-2).starts_with("not verified"), "nothing is promised");
+    }
+}
