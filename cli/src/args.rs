@@ -22,8 +22,8 @@ pub(crate) use info::{Doctor, Info, TryNetwork};
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
-pub(crate) use render::{Look, Relight, Render, Split};
-pub(crate) use scene::{EnvOptions, EnvUp, MachineOptions, ProfileName, Up};
+pub(crate) use render::{Relight, Render, ViewOptions};
+pub(crate) use scene::{EnvOptions, MachineOptions, ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{AT_MOST_1600, Densify, LightPer, Losses, Photographs, Start, Train, ViewUntil};
@@ -113,8 +113,8 @@ impl Command {
     pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
         match self {
             Self::Train(args) => Some(&args.executor),
-            Self::Render(args) => Some(&args.look.scene_options.machine.executor),
-            Self::Relight(args) => Some(&args.look.scene_options.machine.executor),
+            Self::Render(args) => Some(&args.views.scene_options.machine.executor),
+            Self::Relight(args) => Some(&args.views.scene_options.machine.executor),
             Self::Eval(args) => Some(&args.machine.executor),
             Self::View(args) => Some(&args.scene_options.machine.executor),
             Self::Export(args) => Some(&args.scene_options.machine.executor),

@@ -113,6 +113,13 @@ impl From<SceneError> for Failure {
             #[cfg(feature = "gpu")]
             SceneError::Gpu(error) => error.into(),
             SceneError::Training(sentence) | SceneError::Locked(sentence) => Self::Input(sentence),
+            SceneError::NoCameras => {
+                Self::Input(format!("{error} for --split; name some with --cameras, or use --turntable"))
+            }
+            SceneError::UnknownSplit | SceneError::NoViews(_) => {
+                Self::Input(format!("{error}; use --split all or --cameras"))
+            }
+            SceneError::NoFolder => Self::Input(format!("{error}; name one with -o")),
             SceneError::CubeMap(_) => Self::Input(format!("{error}, or what specula export MODEL -o light.exr writes")),
             SceneError::GpuUnsupported => {
                 Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())

@@ -1,7 +1,6 @@
 //! specula fits, renders and relights scenes of 3D Gaussians that carry a shading function.
 
 mod args;
-mod camera_set;
 mod certified;
 mod commands;
 mod config;
@@ -10,7 +9,6 @@ mod failure;
 mod help;
 mod interrupt;
 mod output;
-mod picture_folder;
 mod progress;
 mod scene;
 mod settings;

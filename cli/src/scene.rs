@@ -1,20 +1,27 @@
 //! Scenes of the program: opened as its options say, relit from files, rendered and measured.
 
 use crate::{
-    args::{EnvOptions, MachineOptions, ProfileName},
+    args::{MachineOptions, ProfileName, ViewOptions},
     failure::Failure,
     output,
-    progress::Work,
+    progress::{self, Work},
 };
 use glam::Vec3;
-use specula_core::{camera::Camera, rules::Channels, scene::Image};
+use specula_core::{camera::Camera, rules::Channels, scene::Image, shade::ShadingForm};
 use specula_io::{
     Error,
-    latlong::LatLong,
+    latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
 use specula_report::measure::{PSNR_FITTED, ViewMeasures};
-use specula_scene::{OpenedModel, Scene, SceneRenderer, ShadingModel, backdrop::BackgroundColor, light_file};
+use specula_scene::{
+    OpenedModel, Scene, SceneRenderer, ShadingModel,
+    backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
+    camera_set::CameraSet,
+    light_file::{self, LightOptions},
+    picture_folder::light_differences,
+    rendering::PictureJob,
+};
 use specula_train::{
     evaluate::{fitted_psnr, measure_view},
     view::View,
@@ -60,6 +67,33 @@ pub(crate) fn background_of(opened: &OpenedModel, asked: Option<BackgroundColor>
     asked.unwrap_or(BackgroundColor(opened.background()))
 }
 
+/// Background of pictures: a colour, the light of a file, or the scene's own.
+pub(crate) fn backdrop_of(
+    options: &ViewOptions,
+    set: &CameraSet,
+    opened: &OpenedModel,
+    map: Option<(LatLong, MapOrientation)>,
+) -> Result<Backdrop, Failure> {
+    let scene_light = || opened.scene.light.clone().filter(|_| opened.scene.gaussians.layout.is_shaded());
+    match (options.background, map) {
+        (Some(BackgroundChoice::Environment), Some((map, orientation))) => {
+            Ok(Backdrop::from_map(&map, orientation, set.cameras.iter().map(|(_, camera)| camera)))
+        }
+        (Some(BackgroundChoice::Environment), None) => scene_light().map(Backdrop::Environment).ok_or_else(|| {
+            Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
+        }),
+        (asked, _) => Ok(Backdrop::Color(background_of(opened, asked.and_then(BackgroundChoice::color)))),
+    }
+}
+
+/// Refuses options of a light without a light, which would change nothing.
+pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: LightOptions) -> Result<(), Failure> {
+    if light.is_some() || light_differences(options).is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()))
+}
+
 /// Opens a model. The error for another file or folder names what to open instead, if it is known.
 fn open_model(path: &Path) -> Result<Model, Failure> {
     const EXPORTS: [&str; 4] = ["splat", "spz", "glb", "obj"];
@@ -87,10 +121,10 @@ fn models_in(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Replaces the light of a scene by that of a file. `up` is the scene's up direction.
-pub(crate) fn relight(scene: &mut Scene, path: &Path, options: &EnvOptions, up: Vec3) -> Result<LatLong, Failure> {
+pub(crate) fn relight(scene: &mut Scene, path: &Path, options: LightOptions, up: Vec3) -> Result<LatLong, Failure> {
     refuse_plain(scene)?;
     let map = read_env(path, options.exposure)?;
-    scene.relight(&map, options.env_up.stand(up));
+    scene.relight(&map, options.up.orientation(up));
     Ok(map)
 }
 
@@ -104,6 +138,19 @@ pub(crate) fn refuse_plain(scene: &Scene) -> Result<(), Failure> {
          specula to put it under another light"
             .into(),
     ))
+}
+
+/// Renders and writes the pictures of a job; `inspect` is given each rendered view.
+pub(crate) fn render_pictures(
+    job: &PictureJob<'_>,
+    renderer: &mut SceneRenderer,
+    form: ShadingForm,
+    inspect: impl FnMut(usize, &Image<Vec<f32>>) -> Result<(), Failure> + Send,
+) -> Result<(), Failure> {
+    let work = progress::work("rendering", job.cameras.cameras.len() as u64);
+    job.run(renderer, form, |done| work.done(done as u64, String::new), inspect)?;
+    work.finish();
+    Ok(())
 }
 
 /// Renderer of a scene for commands that measure views.

@@ -7,6 +7,7 @@
 
 use serde_json::{Map, Value, json};
 use specula_io::model_folder;
+use specula_scene::picture_folder::picture_name;
 use specula_train::evaluate::ViewQuality;
 
 /// Measure of a view's quality.
@@ -109,11 +110,6 @@ pub fn quality(views: &[ViewMeasures]) -> model_folder::Quality {
     };
     let measured = means(views).into_iter().enumerate();
     measured.filter_map(|(measure, mean)| Some((MEASURES[measure].name.to_owned(), mean?, per_view(measure)))).collect()
-}
-
-/// File name of a view's picture, and its key in `per_view.json`.
-pub fn picture_name(index: usize) -> String {
-    format!("{index:05}.png")
 }
 
 /// Means and the measures of each view as JSON.

@@ -38,6 +38,18 @@ pub enum SceneError {
     /// Another program trains in the folder of a model; the sentence names it.
     #[error("{0}")]
     Locked(String),
+    /// A split was asked for of a scene without cameras.
+    #[error("the scene has no cameras")]
+    NoCameras,
+    /// Test views were asked for of a model that does not record them.
+    #[error("the model does not say which of its cameras are test views")]
+    UnknownSplit,
+    /// A split without views, by its name.
+    #[error("the model has no {0} views")]
+    NoViews(&'static str),
+    /// A PLY file on its own, which has no folder for pictures.
+    #[error("a PLY file has no folder for pictures")]
+    NoFolder,
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,

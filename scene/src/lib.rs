@@ -29,6 +29,7 @@
 
 pub mod backdrop;
 pub mod bake;
+pub mod camera_set;
 pub mod dataset;
 pub mod device;
 pub mod environment;
@@ -44,7 +45,10 @@ mod opened;
 pub mod orbit;
 pub mod orientation;
 pub mod overlap;
+pub mod picture_folder;
+pub mod prefiltered;
 mod renderer;
+pub mod rendering;
 mod scene;
 mod shading_model;
 mod text;

@@ -1,8 +1,63 @@
 //! Environment maps from files of other programs.
 
 use crate::SceneError;
-use specula_io::latlong::{self, LatLong};
+use glam::Vec3;
+use serde::Deserialize;
+use specula_core::scene::Environment;
+use specula_io::{
+    latlong::{self, LatLong, MapOrientation, UpAxis},
+    picture,
+};
 use std::path::Path;
+
+/// Width and height of a preview, in pixels.
+const PREVIEW_SIZE: [usize; 2] = [512, 256];
+
+/// Direction of a scene that the upper edge of a lat-long map shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum MapUp {
+    /// Up direction of the scene.
+    #[default]
+    Scene,
+    /// +y of the scene's world, as in GaussianShader and nvdiffrec.
+    Y,
+    /// +z of the scene's world, as in Blender.
+    Z,
+}
+
+impl TryFrom<String> for MapUp {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<Self, &'static str> {
+        match text.as_str() {
+            "scene" => Ok(Self::Scene),
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            _ => Err("use scene, y or z"),
+        }
+    }
+}
+
+impl MapUp {
+    /// Orientation of the map in a scene with this up direction.
+    pub fn orientation(self, up: Vec3) -> MapOrientation {
+        match self {
+            Self::Scene => MapOrientation::with_up(up.as_dvec3().to_array()),
+            Self::Y => UpAxis::Y.into(),
+            Self::Z => UpAxis::Z.into(),
+        }
+    }
+}
+
+/// Interpretation of an environment map.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LightOptions {
+    /// Direction of the scene that the upper edge of the map shows.
+    pub up: MapUp,
+    /// Exposure in stops; 1 doubles the radiance.
+    pub exposure: f32,
+}
 
 /// Reads a lat-long map of linear radiance. Numbers that are no radiance are replaced. Returns the
 /// map, and a warning for each property that a light rarely has.
@@ -37,4 +92,30 @@ pub fn read(path: &Path) -> Result<(LatLong, Vec<String>), SceneError> {
         ));
     }
     Ok((map, warnings))
+}
+
+/// Writes a lat-long preview of a cube map of linear radiance, tone-mapped.
+///
+/// # Errors
+///
+/// A file that cannot be written.
+pub fn write_preview(
+    path: &Path,
+    values: &[f32],
+    resolution: usize,
+    orientation: MapOrientation,
+) -> specula_io::Result<()> {
+    let [width, height] = PREVIEW_SIZE;
+    let map = latlong::from_cube(values, resolution, width, height, orientation);
+    picture::write(path, &picture::tone_map_latlong(&map))
+}
+
+/// Writes a lat-long preview of the light of a scene, with the scene's up direction at its upper
+/// edge.
+///
+/// # Errors
+///
+/// A file that cannot be written.
+pub fn write_light_preview(path: &Path, light: &Environment<Vec<f32>>, up: Vec3) -> specula_io::Result<()> {
+    write_preview(path, &light.values, light.resolution, MapUp::Scene.orientation(up))
 }

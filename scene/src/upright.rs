@@ -113,7 +113,7 @@ impl Upright {
     }
 
     /// Orientation in the scene's world of a lat-long map of the upright world.
-    pub fn map_stand(&self, map: UpAxis) -> MapOrientation {
+    pub fn map_orientation(&self, map: UpAxis) -> MapOrientation {
         MapOrientation::rotated(map, DQuat::from_mat3(&self.rotation.transpose()))
     }
 

@@ -43,7 +43,7 @@ mod views;
 mod worker;
 
 pub use error::ViewerError;
-pub use lights::MapUp;
 pub use live::{LiveTraining, Request};
+pub use specula_scene::light_file::MapUp;
 pub use viewer::{ViewedScene, Viewer, ViewerOptions, ViewerThread};
 pub use views::PhotographSource;

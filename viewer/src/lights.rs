@@ -2,10 +2,12 @@
 
 use crate::{ViewerError, request::LightSetting};
 use glam::Vec3;
-use serde::Deserialize;
 use specula_core::scene::{Environment, RadianceActivation};
-use specula_io::latlong::{self, LatLong, MapOrientation, UpAxis};
-use specula_scene::{environment::radiance, light_file};
+use specula_io::latlong::{self, LatLong};
+use specula_scene::{
+    environment::radiance,
+    light_file::{self, MapUp},
+};
 use std::{
     path::Path,
     sync::{Arc, Mutex, MutexGuard},
@@ -24,43 +26,6 @@ const NO_POISON: &str = "nothing panics under the lock of the lights";
 
 /// Environment map as a cube.
 pub(crate) type Cube = Environment<Vec<f32>>;
-
-/// Direction of a scene that the upper edge of a lat-long map shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
-pub enum MapUp {
-    /// Up direction of the scene.
-    #[default]
-    Scene,
-    /// +y of the scene's world, as in GaussianShader and nvdiffrec.
-    Y,
-    /// +z of the scene's world, as in Blender.
-    Z,
-}
-
-impl TryFrom<String> for MapUp {
-    type Error = &'static str;
-
-    fn try_from(text: String) -> Result<Self, &'static str> {
-        match text.as_str() {
-            "scene" => Ok(Self::Scene),
-            "y" => Ok(Self::Y),
-            "z" => Ok(Self::Z),
-            _ => Err("use scene, y or z"),
-        }
-    }
-}
-
-impl MapUp {
-    /// Orientation of the map in a scene with this up direction.
-    fn stand(self, up: Vec3) -> MapOrientation {
-        match self {
-            Self::Scene => MapOrientation::with_up(up.as_dvec3().to_array()),
-            Self::Y => UpAxis::Y.into(),
-            Self::Z => UpAxis::Z.into(),
-        }
-    }
-}
 
 /// Identifier and name of a light.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -102,7 +67,7 @@ impl Lights {
     /// Reads and adds a lat-long map. Returns its label, and warnings about its contents.
     pub(crate) fn add(&self, file: &Path, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
         let (map, warnings) = light_file::read(file)?;
-        let values = latlong::to_cube(&map, self.resolution, up.stand(self.up));
+        let values = latlong::to_cube(&map, self.resolution, up.orientation(self.up));
         let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
         let mut table = self.lock();
         table.count += 1;
@@ -138,8 +103,8 @@ impl Lights {
         let cube = self.get(setting)??;
         let values = radiance(cube.activation, &cube.values);
         let [width, height] = PREVIEW_SIZE;
-        let stand = MapOrientation::with_up(self.up.as_dvec3().to_array());
-        Some(latlong::from_cube(&values, cube.resolution, width, height, stand))
+        let orientation = MapUp::Scene.orientation(self.up);
+        Some(latlong::from_cube(&values, cube.resolution, width, height, orientation))
     }
 
     /// Cube with a rotation and an exposure; unchanged to the last bit without either.
@@ -162,6 +127,7 @@ impl Lights {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_io::latlong::UpAxis;
 
     const UNCHANGED: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
 

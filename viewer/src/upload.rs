@@ -3,7 +3,6 @@
 use crate::{
     ViewerError,
     http::{HttpError, json_response},
-    lights::MapUp,
     request::query,
     state::ServerState,
 };
@@ -18,6 +17,7 @@ use http_body_util::BodyExt;
 use serde::Deserialize;
 use serde_json::json;
 use specula_io::latlong;
+use specula_scene::light_file::MapUp;
 use std::{io::Write, path::Path, sync::Arc};
 use tempfile::NamedTempFile;
 use tokio::{

@@ -3,7 +3,7 @@
 use crate::{
     ViewerError,
     guard::Guard,
-    lights::{Lights, MapUp},
+    lights::Lights,
     live::LiveTraining,
     queue::Queue,
     request,
@@ -17,7 +17,9 @@ use core::net::{Ipv4Addr, SocketAddr};
 use serde_json::{Value, json};
 use specula_core::rules::Channels;
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit::StartView};
+use specula_scene::{
+    Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp, orbit::StartView,
+};
 use std::{
     path::Path,
     sync::Arc,

@@ -2,7 +2,7 @@
 
 use super::{
     parse::downscale,
-    render::Split,
+    render::SplitName,
     scene::{MachineOptions, ProfileName},
 };
 use clap::{Args, ValueEnum};
@@ -34,8 +34,8 @@ pub(crate) struct Eval {
     #[arg(long, short, value_name = "DATASET")]
     pub(crate) source_path: Option<PathBuf>,
     /// Views to measure.
-    #[arg(long, value_enum, default_value_t = Split::Test)]
-    pub(crate) split: Split,
+    #[arg(long, value_enum, default_value_t = SplitName::Test)]
+    pub(crate) split: SplitName,
     /// Downscale the pictures by this factor; by default as in training.
     #[arg(long, short, value_name = "1|2|4|8", value_parser = downscale)]
     pub(crate) resolution: Option<u32>,

@@ -8,7 +8,11 @@ use clap::{
     Args, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
 };
-use specula_scene::{Layer, backdrop::BackgroundChoice};
+use specula_scene::{
+    Layer,
+    backdrop::BackgroundChoice,
+    camera_set::{CameraChoice, Split},
+};
 use std::path::PathBuf;
 
 /// Render a scene: its colours, normals, depth and other layers.
@@ -36,7 +40,7 @@ pub(crate) struct Render {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     #[command(flatten)]
-    pub(crate) look: Look,
+    pub(crate) views: ViewOptions,
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
@@ -93,7 +97,7 @@ pub(crate) struct Relight {
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
     #[command(flatten)]
-    pub(crate) look: Look,
+    pub(crate) views: ViewOptions,
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
@@ -107,13 +111,13 @@ pub(crate) struct Relight {
 
 /// Cameras, size and background of pictures.
 #[derive(Args, Debug)]
-pub(crate) struct Look {
+pub(crate) struct ViewOptions {
     /// Camera file: transforms.json, or cameras.json in INRIA's format.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["split", "turntable"])]
     pub(crate) cameras: Option<PathBuf>,
     /// Views of the model to render.
     #[arg(long, value_enum, conflicts_with = "turntable")]
-    pub(crate) split: Option<Split>,
+    pub(crate) split: Option<SplitName>,
     /// Render N cameras on a circle around the scene, and an animation; back and forth if the
     /// cameras of the model cover less than three quarters of the circle.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
@@ -132,7 +136,7 @@ pub(crate) struct Look {
 
 /// Views of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Split {
+pub(crate) enum SplitName {
     /// Training views.
     Train,
     /// Held-out views.
@@ -141,24 +145,24 @@ pub(crate) enum Split {
     All,
 }
 
-impl Split {
-    /// Name on the command line.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Test => "test",
-            Self::All => "all",
+impl From<SplitName> for Split {
+    fn from(name: SplitName) -> Self {
+        match name {
+            SplitName::Train => Self::Train,
+            SplitName::Test => Self::Test,
+            SplitName::All => Self::All,
         }
     }
 }
 
-impl Split {
-    /// True if it includes test views.
-    pub(crate) fn has_test(self) -> bool {
-        self != Self::Train
-    }
-    /// True if it includes training views.
-    pub(crate) fn has_train(self) -> bool {
-        self != Self::Test
+impl From<&ViewOptions> for CameraChoice {
+    fn from(options: &ViewOptions) -> Self {
+        Self {
+            file: options.cameras.clone(),
+            split: options.split.map(Into::into),
+            turntable: options.turntable,
+            size: options.size,
+            up: options.scene_options.scene_up.map(Into::into),
+        }
     }
 }

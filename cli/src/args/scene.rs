@@ -2,11 +2,14 @@
 
 use super::parse::{executor, finite, projection};
 use clap::{Args, ValueEnum};
-use glam::Vec3;
 use serde::Serialize;
 use specula_core::{cutoffs::ProjectionModel, pack::Storage};
-use specula_io::latlong::{MapOrientation, UpAxis};
-use specula_scene::{ExecutorChoice, RenderOptions, orientation::UpDirection};
+use specula_io::latlong::UpAxis;
+use specula_scene::{
+    ExecutorChoice, RenderOptions,
+    light_file::{LightOptions, MapUp},
+    orientation::UpDirection,
+};
 
 /// Interpretation of a scene, and its executor.
 #[derive(Args, Debug)]
@@ -113,14 +116,19 @@ pub(crate) enum EnvUp {
     Z,
 }
 
-impl EnvUp {
-    /// Orientation of the file in a scene with this up direction.
-    pub(crate) fn stand(self, above: Vec3) -> MapOrientation {
-        match self {
-            Self::Scene => MapOrientation::with_up(above.as_dvec3().to_array()),
-            Self::Y => Up::Y.stand(),
-            Self::Z => Up::Z.stand(),
+impl From<EnvUp> for MapUp {
+    fn from(up: EnvUp) -> Self {
+        match up {
+            EnvUp::Scene => Self::Scene,
+            EnvUp::Y => Self::Y,
+            EnvUp::Z => Self::Z,
         }
+    }
+}
+
+impl From<&EnvOptions> for LightOptions {
+    fn from(options: &EnvOptions) -> Self {
+        Self { up: options.env_up.into(), exposure: options.exposure }
     }
 }
 
@@ -140,11 +148,6 @@ impl Up {
             Self::Y => UpAxis::Y,
             Self::Z => UpAxis::Z,
         }
-    }
-
-    /// Orientation of the file in the world.
-    pub(crate) fn stand(self) -> MapOrientation {
-        self.axis().into()
     }
 }
 

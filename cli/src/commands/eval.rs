@@ -3,12 +3,10 @@
 pub(crate) mod trial;
 
 use crate::{
-    args::{EnvOptions, EnvUp, Eval, Split},
+    args::{Eval, ProfileName},
     dataset,
     failure::Failure,
-    output,
-    picture_folder::differences,
-    progress,
+    output, progress,
     scene::{self, Renderer, background_of, note_oddities, relight},
 };
 use glam::Vec3;
@@ -23,8 +21,11 @@ use specula_report::{
 use specula_scene::{
     OpenedModel,
     backdrop::{BackgroundChoice, BackgroundColor},
+    camera_set::Split,
     dataset::options_of,
+    light_file::LightOptions,
     orientation,
+    picture_folder::differences,
 };
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::{
@@ -47,11 +48,12 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
         output::make_folder(folder)?;
     }
 
-    let is_relit = args.split == Split::Test && opened.scene.gaussians.layout.is_shaded();
+    let split = Split::from(args.split);
+    let is_relit = split == Split::Test && opened.scene.gaussians.layout.is_shaded();
     let mut evaluation = Evaluation {
         scene: args.scene.clone(),
         method,
-        split: args.split.name(),
+        split: split.name(),
         background: background.0,
         gaussians: opened.scene.gaussians.count,
         lpips_network: network.as_ref().map(|network| network.name.clone()),
@@ -72,7 +74,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     if let Some(network) = &network {
         measure_lpips(network, &mut renderer, &views, background, &mut evaluation.views)?;
     }
-    if let (Some((folder, method)), Split::Test) = (results, args.split) {
+    if let (Some((folder, method)), Split::Test) = (results, split) {
         let quality = measure::quality(&evaluation.measures());
         model_folder::add_quality(&folder, &method, &quality, evaluation.facts())?;
     }
@@ -139,7 +141,7 @@ fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truth = GroundTruth::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
-        relight(&mut scene, &light, &EnvOptions { env_up: EnvUp::Scene, exposure: 0.0 }, up)?;
+        relight(&mut scene, &light, LightOptions::default(), up)?;
         let mut renderer = Renderer::new(scene, Channels::Color, &args.machine)?;
         let work = progress::work("relighting", views.len() as u64);
         let mut pairs = Vec::new();
@@ -160,7 +162,12 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     let default = opened.info.as_ref().map_or(1, |info| info.downscale.max(1));
     parts
         .extend(args.resolution.filter(|resolution| *resolution != default).map(|resolution| format!("r{resolution}")));
-    parts.extend(differences(opened, &args.machine, args.background.map(BackgroundChoice::Color), args.profile));
+    parts.extend(differences(
+        opened,
+        &(&args.machine).into(),
+        args.background.map(BackgroundChoice::Color),
+        args.profile.map(ProfileName::name),
+    ));
     parts.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
         let name = fs::canonicalize(source).unwrap_or_else(|_| source.to_owned());
         format!("of-{}", name.file_name().unwrap_or_default().to_string_lossy())
@@ -176,7 +183,7 @@ fn is_other_source(source: &Path, opened: &OpenedModel) -> bool {
 
 /// Folder of the page: the requested one, else that of the pictures of `specula render`.
 fn page_folder(args: &Eval, results: Option<&(PathBuf, String)>) -> Option<PathBuf> {
-    let default = || results.map(|(folder, method)| folder.join(args.split.name()).join(method));
+    let default = || results.map(|(folder, method)| folder.join(Split::from(args.split).name()).join(method));
     args.output.clone().or_else(default)
 }
 
@@ -193,13 +200,16 @@ fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<Vec<View
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
     let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
-    let views: Vec<View> = match args.split {
+    let views: Vec<View> = match Split::from(args.split) {
         Split::Test => data.test,
         Split::Train => data.train,
         Split::All => data.test.into_iter().chain(data.train).collect(),
     };
     if views.is_empty() {
-        return Err(Failure::Input(format!("no {} views in {source:?}; use --split train", args.split.name())));
+        return Err(Failure::Input(format!(
+            "no {} views in {source:?}; use --split train",
+            Split::from(args.split).name()
+        )));
     }
     Ok(views)
 }

@@ -4,10 +4,8 @@ use crate::{
     args::{BakeName, EnvOptions, Export, MipName, Prefilter, SchemeName, Up},
     commands::prefilter,
     failure::Failure,
-    output,
-    picture_folder::refuse_options_without_light,
-    progress,
-    scene::{self, background_of, note_oddities, relight},
+    output, progress,
+    scene::{self, background_of, note_oddities, refuse_options_without_light, relight},
 };
 use specula_core::{camera::Camera, metrics::psnr, rules::Channels, scene::Gaussians};
 use specula_cpu::CpuExecutor;
@@ -58,13 +56,13 @@ fn refuse_own_file(output: &Path, model: &Path, folder: Option<&Path>) -> Result
 /// Writes the files that are asked for.
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| Format::of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
-    refuse_options_without_light(args.env.as_deref(), &args.env_options)?;
+    refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     let mut opened = scene::open(&args.model, args.scene_options.profile)?;
     args.output.iter().try_for_each(|path| refuse_own_file(path, &args.model, opened.folder.as_deref()))?;
     note_oddities(&opened);
     if let Some(env) = &args.env {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
-        relight(&mut opened.scene, env, &args.env_options, up)?;
+        relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
     }
     for path in &args.output {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -325,8 +323,8 @@ impl Exporter<'_> {
             };
         }
         let height = ROWS * light.resolution;
-        let stand = upright.map_or(up.stand(), |upright| upright.map_stand(up.axis()));
-        let map = latlong::from_cube(&values(), light.resolution, 2 * height, height, stand);
+        let orientation = upright.map_or(up.axis().into(), |upright| upright.map_orientation(up.axis()));
+        let map = latlong::from_cube(&values(), light.resolution, 2 * height, height, orientation);
         latlong::write(path, &map)?;
         self.say(
             path,

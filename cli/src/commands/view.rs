@@ -1,16 +1,14 @@
 //! `specula view`, and the viewer of a training: arguments become options of [`specula_viewer`].
 
 use crate::{
-    args::{EnvUp, Train, View, ViewUntil},
+    args::{Train, View, ViewUntil},
     failure::Failure,
     interrupt, output,
     scene::{self, background_of, note_oddities},
 };
 use core::net::SocketAddr;
 use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
-use specula_viewer::{
-    LiveTraining, MapUp, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
-};
+use specula_viewer::{LiveTraining, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -37,16 +35,6 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     print_urls(&viewer)?;
     tracing::info!("open it in a browser; Ctrl-C ends it");
     Ok(viewer.serve(interrupt::is_requested)?)
-}
-
-impl From<EnvUp> for MapUp {
-    fn from(up: EnvUp) -> Self {
-        match up {
-            EnvUp::Scene => Self::Scene,
-            EnvUp::Y => Self::Y,
-            EnvUp::Z => Self::Z,
-        }
-    }
 }
 
 impl From<ViewerError> for Failure {

@@ -1,0 +1,165 @@
+//! Folders of pictures and names of results: one for each way of rendering, so that none overwrites
+//! another's.
+
+use crate::{
+    Layer, OpenedModel, RenderOptions, SceneError,
+    backdrop::{BackgroundChoice, BackgroundColor},
+    camera_set::CameraSet,
+    light_file::{LightOptions, MapUp},
+};
+use specula_core::{cutoffs::ProjectionModel, pack::Storage};
+use specula_io::{Result, cameras, model_folder::method_of};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// Cameras of a folder's pictures.
+const CAMERAS: &str = "views.json";
+/// Folders beside those of layers.
+const OTHERS: [&str; 2] = ["renders", "gt"];
+/// Animation of a turntable.
+const ANIMATION: &str = "turntable.png";
+
+/// File name of a view's picture.
+pub fn picture_name(index: usize) -> String {
+    format!("{index:05}.png")
+}
+
+/// Parts of a name, one for each difference of pictures from those of the model by default: storage,
+/// projection, background, and the profile that the attributes were read with.
+pub fn differences(
+    opened: &OpenedModel,
+    options: &RenderOptions,
+    background: Option<BackgroundChoice>,
+    profile: Option<&str>,
+) -> Vec<String> {
+    let storage = (options.storage != Storage::F32).then(|| "f16".to_owned());
+    let projection = match options.projection {
+        ProjectionModel::Affine => None,
+        ProjectionModel::Tangent => Some("tangent".to_owned()),
+        ProjectionModel::Ray => Some("ray".to_owned()),
+        ProjectionModel::Within(alpha) => Some(format!("within-{alpha}")),
+    };
+    let background = background.and_then(|requested| match requested {
+        BackgroundChoice::Environment => Some("on-env".to_owned()),
+        BackgroundChoice::Color(color) => {
+            (color != BackgroundColor(opened.background())).then(|| format!("on-{color}"))
+        }
+    });
+    let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
+    [storage, projection, background, profile].into_iter().flatten().collect()
+}
+
+/// Parts of a name, one for each change to the light of a file.
+pub fn light_differences(options: LightOptions) -> Vec<String> {
+    let up = match options.up {
+        MapUp::Scene => None,
+        MapUp::Y => Some("up-y".to_owned()),
+        MapUp::Z => Some("up-z".to_owned()),
+    };
+    let exposure = (options.exposure != 0.0).then(|| format!("exposure{:+}", options.exposure));
+    [up, exposure].into_iter().flatten().collect()
+}
+
+/// Folder of pictures.
+#[derive(Clone, Debug)]
+pub struct PictureFolder {
+    /// Path of the folder.
+    pub path: PathBuf,
+    /// Folder of colours: `renders` as in other tools, `rgb` in a folder that the user named.
+    rgb: &'static str,
+}
+
+impl PictureFolder {
+    /// Requested folder, or `MODEL/GROUP/ours_N`, its name followed by `differences` and by a size
+    /// other than that of the views.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::NoFolder`] for a PLY file on its own, without a requested folder.
+    pub fn of(
+        opened: &OpenedModel,
+        requested: Option<&Path>,
+        group: &str,
+        set: &CameraSet,
+        differences: &[String],
+    ) -> core::result::Result<Self, SceneError> {
+        match (requested, &opened.folder, opened.iteration) {
+            (Some(folder), _, _) => Ok(Self { path: folder.to_owned(), rgb: "rgb" }),
+            (None, Some(model), Some(iteration)) => {
+                let size = set.other_size.map(|[width, height]| format!("{width}x{height}"));
+                let name = [&[method_of(iteration)], differences, &Vec::from_iter(size)].concat().join("_");
+                Ok(Self { path: model.join(group).join(name), rgb: "renders" })
+            }
+            _ => Err(SceneError::NoFolder),
+        }
+    }
+
+    /// Path of a layer's picture of a view.
+    pub fn picture(&self, layer: Layer, index: usize) -> PathBuf {
+        let folder = if layer == Layer::Rgb { self.rgb } else { layer.name() };
+        self.path.join(folder).join(picture_name(index))
+    }
+
+    /// Path of the true picture of a view.
+    pub fn true_picture(&self, index: usize) -> PathBuf {
+        self.path.join("gt").join(picture_name(index))
+    }
+
+    /// Path of the animation of a turntable.
+    pub fn animation(&self) -> PathBuf {
+        self.path.join(ANIMATION)
+    }
+
+    /// Lists the cameras beside the pictures, and removes an earlier rendering's pictures if its
+    /// cameras differ, or if its light may differ.
+    ///
+    /// # Errors
+    ///
+    /// A list that cannot be written.
+    pub fn claim(&self, set: &CameraSet, may_be_relit: bool) -> Result<()> {
+        let path = self.path.join(CAMERAS);
+        let before = fs::read(&path).ok();
+        cameras::write(&path, &set.cameras)?;
+        let now = fs::read(&path).ok();
+        if before.is_some() && (may_be_relit || before != now) {
+            self.remove_pictures();
+        }
+        Ok(())
+    }
+
+    /// Removes numbered pictures of all layers. Failures show when the pictures are written.
+    fn remove_pictures(&self) {
+        let layers = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS);
+        for folder in layers.map(|name| self.path.join(name)) {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+            entries.filter(|path| is_numbered(path)).for_each(|path| drop(fs::remove_file(path)));
+        }
+        let _ = fs::remove_file(self.animation());
+    }
+}
+
+/// Returns whether a file has a name of [`picture_name`].
+fn is_numbered(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.extension().is_some_and(|extension| extension == "png")
+        && stem.len() >= 5
+        && stem.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_pictures_are_numbers() {
+        for name in ["00000.png", "123456.png"] {
+            assert!(is_numbered(Path::new(name)), "{name}");
+        }
+        assert!(is_numbered(Path::new(&picture_name(7))));
+        for name in ["0000.png", "00000.jpg", "a0000.png", "00000"] {
+            assert!(!is_numbered(Path::new(name)), "{name}");
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Pictures of a scene as files, layer by layer, and the comparison of planned pictures with those
+//! of all stages.
+
+use crate::{
+    Layer, RenderOptions, Scene, SceneError, SceneRenderer, backdrop::Backdrop, camera_set::CameraSet,
+    overlap::overlap, picture_folder::PictureFolder,
+};
+use rayon::prelude::*;
+use specula_core::{camera::Camera, rules::Channels, scene::Image, shade::ShadingForm};
+use specula_io::{
+    Result,
+    picture::{self, RgbImage},
+};
+use specula_train::{evaluate::largest_difference, view::View};
+
+/// Duration of a frame of an animation, in milliseconds.
+const FRAME_MS: u16 = 60;
+
+/// Pictures to be rendered and written.
+#[derive(Clone, Copy, Debug)]
+pub struct PictureJob<'a> {
+    /// Cameras.
+    pub cameras: &'a CameraSet,
+    /// Layers, each once.
+    pub layers: &'a [Layer],
+    /// Background of the colours.
+    pub backdrop: &'a Backdrop,
+    /// Folder.
+    pub folder: &'a PictureFolder,
+}
+
+impl PictureJob<'_> {
+    /// Renders and writes every view, and the animation of a turntable. `form` is that of the
+    /// scene's shading; `inspect` is given each rendered view with its index, `progress` the number
+    /// of finished views.
+    ///
+    /// # Errors
+    ///
+    /// Those of the renderer and of `inspect`; files that cannot be written.
+    pub fn run<E: From<SceneError> + Send>(
+        &self,
+        renderer: &mut SceneRenderer,
+        form: ShadingForm,
+        progress: impl FnMut(usize) + Send,
+        mut inspect: impl FnMut(usize, &Image<Vec<f32>>) -> core::result::Result<(), E> + Send,
+    ) -> core::result::Result<(), E> {
+        let Self { cameras: CameraSet { cameras, is_turntable, .. }, folder, .. } = self;
+        let render = |index: usize| {
+            let image = renderer.render(&cameras[index].1)?;
+            inspect(index, &image)?;
+            Ok(image)
+        };
+        let finish = |index, image: Image<Vec<f32>>| -> core::result::Result<_, E> {
+            let colors = self.write(index, &image, form).map_err(SceneError::from)?;
+            Ok(colors.filter(|_| *is_turntable))
+        };
+        let frames = overlap(cameras.len(), progress, render, finish)?;
+        let frames: Vec<RgbImage> = frames.into_iter().flatten().collect();
+        if frames.len() > 1 {
+            picture::write_animation(&folder.animation(), &frames, FRAME_MS).map_err(SceneError::from)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the layers of a view; returns its colours, if they are among them.
+    fn write(&self, index: usize, image: &Image<Vec<f32>>, form: ShadingForm) -> Result<Option<RgbImage>> {
+        let mut colors = None;
+        for layer in self.layers {
+            let picture = match layer {
+                Layer::Rgb => self.backdrop.picture(image, &self.cameras.cameras[index].1),
+                other => other.picture(image, form, self.backdrop.color().0),
+            };
+            picture::write(&self.folder.picture(*layer, index), &picture)?;
+            if *layer == Layer::Rgb {
+                colors = Some(picture);
+            }
+        }
+        Ok(colors)
+    }
+
+    /// Writes the true pictures of the first views, where they have the name and the size of their
+    /// camera.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be written.
+    pub fn write_true_pictures(&self, views: &[View]) -> Result<()> {
+        let pairs = self.cameras.cameras.par_iter().zip(views).enumerate();
+        pairs.try_for_each(|(index, ((name, camera), view))| {
+            let size = [camera.width, camera.height];
+            if *name != view.name || size != [view.camera.width, view.camera.height] {
+                return Ok(());
+            }
+            picture::write(&self.folder.true_picture(index), &self.backdrop.photograph(view))
+        })
+    }
+}
+
+/// Comparison of pictures of a plan, which omits stages without effect, with those of all stages.
+#[derive(Debug)]
+pub struct OmissionCheck {
+    unplanned: SceneRenderer,
+    channels: Channels,
+    largest: f32,
+}
+
+impl OmissionCheck {
+    /// Prepares pictures of a scene with these channels and all stages.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::unplanned`].
+    pub fn new(scene: Scene, channels: Channels, options: &RenderOptions) -> core::result::Result<Self, SceneError> {
+        let unplanned = SceneRenderer::unplanned(scene, channels, options)?;
+        Ok(Self { unplanned, channels, largest: 0.0 })
+    }
+
+    /// Renders a view with all stages, and compares the planned one.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::render`].
+    pub fn compare(&mut self, camera: &Camera, planned: &Image<Vec<f32>>) -> core::result::Result<(), SceneError> {
+        let full = self.unplanned.render(camera)?;
+        self.largest = self.largest.max(largest_difference(planned, &full, self.channels));
+        Ok(())
+    }
+
+    /// Largest difference so far; 0 where the plan omits nothing that has an effect.
+    pub fn largest(&self) -> f32 {
+        self.largest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ExecutorChoice, ShadingModel};
+    use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
+
+    /// A Gaussian in front of the camera, grey from everywhere.
+    fn scene() -> Scene {
+        let layout = Layout::radiance(0);
+        let values = vec![0.0; len_of_values(1, layout)];
+        let mut gaussians = Gaussians { count: 1, layout, values };
+        gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        Scene { gaussians, light: None, shading_model: ShadingModel::PAPER }
+    }
+
+    #[test]
+    fn a_picture_that_lacks_something_differs_by_it() {
+        let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
+        let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+        let mut renderer = SceneRenderer::new(scene(), Channels::Color, &options).expect("the CPU renders");
+        let mut planned = renderer.render(&camera).expect("the CPU renders");
+        let mut check = OmissionCheck::new(scene(), Channels::Color, &options).expect("the CPU renders");
+        check.compare(&camera, &planned).expect("the CPU renders");
+        assert_eq!(check.largest(), 0.0);
+
+        let number = &mut planned.plane_mut(1)[70];
+        let added = (*number + 0.25) - *number;
+        *number += added;
+        check.compare(&camera, &planned).expect("the CPU renders");
+        assert_eq!(check.largest(), added);
+    }
+}
