@@ -77,9 +77,9 @@ pub struct CertifiedScene {
 }
 
 impl CertifiedScene {
-    /// Searches the cheapest setting whose pictures, over a background in sRGB, are within an error:
-    /// the root mean square of sRGB colours in \[0, 1\]. With `is_verified`, each picture is
-    /// compared with the most exact one, which replaces it beyond the error.
+    /// Searches the cheapest setting whose pictures, over a background in sRGB, are within an
+    /// error: the root mean square of sRGB colours in \[0, 1\]. With `is_verified`, each picture
+    /// is compared with the most exact one, which replaces it beyond the error.
     ///
     /// # Errors
     ///

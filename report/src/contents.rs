@@ -1,5 +1,5 @@
-//! Contents of a model, a PLY file or a data set, as text and as JSON: counts, ranges of attributes,
-//! light, and the data that rendering colours skips.
+//! Contents of a model, a PLY file or a data set, as text and as JSON: counts, ranges of
+//! attributes, light, and the data that rendering colours skips.
 
 use crate::error::Result;
 use serde_json::{Map, Value, json};

@@ -75,8 +75,9 @@ impl CameraSet {
     ///
     /// # Errors
     ///
-    /// A file of cameras that cannot be read; [`SceneError::NoCameras`], [`SceneError::UnknownSplit`]
-    /// or [`SceneError::NoViews`] for a split that the model does not have.
+    /// A file of cameras that cannot be read; [`SceneError::NoCameras`],
+    /// [`SceneError::UnknownSplit`] or [`SceneError::NoViews`] for a split that the model does not
+    /// have.
     pub fn choose(choice: &CameraChoice, opened: &OpenedModel) -> Result<Self, SceneError> {
         let known = opened.cameras()?;
         let mut set = Self::unsized_set(choice, opened, &known)?;

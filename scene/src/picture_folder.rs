@@ -26,8 +26,8 @@ pub fn picture_name(index: usize) -> String {
     format!("{index:05}.png")
 }
 
-/// Parts of a name, one for each difference of pictures from those of the model by default: storage,
-/// projection, background, and the profile that the attributes were read with.
+/// Parts of a name, one for each difference of pictures from those of the model by default:
+/// storage, projection, background, and the profile that the attributes were read with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,

@@ -74,8 +74,8 @@ impl LevelChain {
         (resolution.ilog2() as usize + 1).min(MAX_LEVELS)
     }
 
-    /// Levels from a resolution, a power of two of at least [`LevelChain::resolution_min`]; none for
-    /// a chain of that many levels that does not exist.
+    /// Levels from a resolution, a power of two of at least [`LevelChain::resolution_min`]; none
+    /// where no chain has that many levels.
     pub fn levels(self, resolution: usize) -> Option<Levels> {
         match self {
             Self::Mips { roughness, .. } => Levels::mips(roughness, resolution, self.count(resolution)),
@@ -138,7 +138,8 @@ fn level_path(path: &Path, level: usize, extension: &str) -> PathBuf {
     path.with_extension(format!("level{level}.{extension}"))
 }
 
-/// Cube map of a lat-long map, in a world with this up axis; by default of 256 texels along an edge.
+/// Cube map of a lat-long map, in a world with this up axis; by default of 256 texels along an
+/// edge.
 pub fn light_of_map(map: &LatLong, resolution: Option<usize>, up: UpAxis) -> Environment<Vec<f32>> {
     let resolution = resolution.unwrap_or(MAP_RESOLUTION);
     let values = latlong::to_cube(map, resolution, up);

@@ -134,6 +134,24 @@ fn rounded(mut light: Light, storage: Storage) -> Light {
     light
 }
 
+impl Scene {
+    /// Scene on an executor, ready for pictures with these channels. Stages that the scene does not
+    /// need are left out, which changes no bit of its pictures.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor: a scene larger than its arrays may be.
+    pub fn renderer<E>(&self, exec: E, channels: Channels) -> Result<SceneRenderer, SceneError>
+    where
+        E: Renderer + Send + 'static,
+        E::Array: Send,
+        E::Light: Send,
+        E::Error: Into<SceneError>,
+    {
+        SceneRenderer::with_executor(exec, self, channels)
+    }
+}
+
 /// Scene on an executor, its light filtered, with the rules of its pictures.
 ///
 /// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own

@@ -1,13 +1,11 @@
 //! Gaussians, their light and their shading model.
 
 use crate::{
-    SceneError, ShadingModel,
+    ShadingModel,
     environment::{fitting, levels_of},
-    renderer::SceneRenderer,
 };
 use specula_core::{
     cull::{CullReason, CullStats},
-    executor::Renderer,
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
@@ -40,22 +38,6 @@ impl Scene {
     /// Result of a training.
     pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
         Self { gaussians: host.gaussians, light: host.environment, shading_model }
-    }
-
-    /// Scene on an executor, ready for pictures with these channels. Stages that the scene does not
-    /// need are left out, which changes no bit of its pictures.
-    ///
-    /// # Errors
-    ///
-    /// Those of the executor: a scene larger than its arrays may be.
-    pub fn renderer<E>(&self, exec: E, channels: Channels) -> core::result::Result<SceneRenderer, SceneError>
-    where
-        E: Renderer + Send + 'static,
-        E::Array: Send,
-        E::Light: Send,
-        E::Error: Into<SceneError>,
-    {
-        SceneRenderer::with_executor(exec, self, channels)
     }
 
     /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.

@@ -7,12 +7,12 @@
 
 mod checkpoint;
 mod lock;
-mod observer;
+mod note;
 mod run;
 mod session;
 
 pub use checkpoint::{Checkpoints, describe, settings_text};
 pub use lock::Lock;
-pub use observer::{Note, Observer};
+pub use note::Note;
 pub use run::Start;
-pub use session::{Outcome, Training};
+pub use session::{Observer, Outcome, Training};

@@ -1,6 +1,6 @@
 //! Training on an executor that is selected at run time.
 
-use super::{Note, Observer};
+use super::note::Note;
 use crate::{Device, ExecutorChoice, SceneError};
 use core::fmt;
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
@@ -78,32 +78,32 @@ pub enum Start<'a> {
 }
 
 /// Starts a training on the selected executor; true if that is a device, which may fail. If a
-/// device fails at the start, the training runs on the CPU.
+/// device fails at the start, the training runs on the CPU. `note` is given each event.
 ///
 /// # Errors
 ///
 /// Those of [`ExecutorChoice::open`] and of [`Trainer::new`].
-pub(super) fn start_on<O: Observer>(
+pub(super) fn start_on<E: From<SceneError>>(
     choice: &ExecutorChoice,
     settings: Settings,
     views: &[View],
     from: &Start<'_>,
-    observer: &mut O,
-) -> Result<(Box<dyn Run>, bool), O::Error> {
+    mut note: impl FnMut(Note<E>),
+) -> Result<(Box<dyn Run>, bool), E> {
     match choice.open()? {
         Device::Cpu => {}
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
             let (name, is_software) = (gpu.info().name.clone(), gpu.is_software());
-            observer.note(Note::StartsOnGpu { name, is_software });
+            note(Note::StartsOnGpu { name, is_software });
             match start(specula_gpu::GpuExecutor::new(*gpu), settings.clone(), views, from).map_err(SceneError::from) {
                 Ok(trainer) => return Ok((Box::new(trainer), true)),
-                Err(error) if error.is_device_failure() => observer.note(Note::GpuRefused { error: error.into() }),
+                Err(error) if error.is_device_failure() => note(Note::GpuRefused { error: error.into() }),
                 Err(error) => return Err(error.into()),
             }
         }
     }
-    observer.note(Note::StartsOnCpu { threads: rayon::current_num_threads() });
+    note(Note::StartsOnCpu { threads: rayon::current_num_threads() });
     let trainer = start(CpuExecutor::new(), settings, views, from).map_err(SceneError::from)?;
     Ok((Box::new(trainer), false))
 }

@@ -1,15 +1,67 @@
-//! Training loop: steps, pauses at given iterations, checkpoints, and the CPU as a fallback for
-//! devices that fail.
+//! Training loop and its observer: steps, pauses at given iterations, checkpoints, and the CPU as a
+//! fallback for devices that fail.
 
 use super::{
-    Checkpoints, Note, Observer,
+    checkpoint::Checkpoints,
+    note::Note,
     run::{self, Run, Start, start_on},
 };
 use crate::{ExecutorChoice, Scene, SceneError, ShadingModel};
+use core::fmt::Display;
 use specula_core::expose::Exposure;
 use specula_cpu::CpuExecutor;
-use specula_train::{trainer::Settings, view::View};
+use specula_train::{start::Point, trainer::Settings, view::View};
 use std::time::Instant;
+
+/// Program around a training, which is notified of its progress and may interrupt it.
+pub trait Observer {
+    /// Error of the program.
+    type Error: From<SceneError> + Display;
+
+    /// Returns whether an executor failed on valid input ([`SceneError::is_device_failure`]).
+    fn is_device_failure(error: &Self::Error) -> bool;
+
+    /// Reads pictures and points again, after a device fails.
+    ///
+    /// # Errors
+    ///
+    /// A data set that cannot be read any more.
+    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), Self::Error>;
+
+    /// Returns whether the training ends before its next step.
+    fn is_interrupted(&self) -> bool {
+        false
+    }
+
+    /// Called before each step.
+    ///
+    /// # Errors
+    ///
+    /// Any failure that ends the training.
+    fn before_step(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Called after each step.
+    fn after_step(&mut self, _training: &Training) {}
+
+    /// Called after the steps at which the training pauses.
+    ///
+    /// # Errors
+    ///
+    /// Any failure that ends the training; one of the device is followed by the fallback.
+    fn pause(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Reports an event; by default to the log.
+    fn note(&mut self, note: Note<Self::Error>) {
+        match note {
+            Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
+            _ => tracing::warn!("{note}"),
+        }
+    }
+}
 
 /// Training on the selected executor.
 #[derive(Debug)]
@@ -54,7 +106,7 @@ impl Training {
         observer: &mut O,
     ) -> Result<Self, O::Error> {
         let (shading_model, iterations) = (ShadingModel::of_profile(&settings.profile), settings.iterations);
-        let (trainer, is_on_device) = start_on(choice, settings.clone(), views, start, observer)?;
+        let (trainer, is_on_device) = start_on(choice, settings.clone(), views, start, |note| observer.note(note))?;
         let choice = if is_on_device { choice.clone() } else { ExecutorChoice::Cpu };
         let fallback = is_on_device.then_some(settings);
         Ok(Self { trainer, choice, fallback, checkpoints: None, shading_model, iterations, seconds: 0.0 })
@@ -197,7 +249,6 @@ mod tests {
     use specula_core::{camera::Camera, state::TrainingState};
     use specula_train::{
         profile::by_name,
-        start::Point,
         trainer::{HostScene, Trainer},
     };
     use std::path::Path;

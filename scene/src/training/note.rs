@@ -1,60 +1,7 @@
-//! Observers of a training.
+//! Events of a training that its user should know of.
 
-use super::Training;
-use crate::SceneError;
 use core::fmt::{self, Display, Formatter};
-use specula_train::{start::Point, view::View};
 use std::path::PathBuf;
-
-/// Program around a training, which is notified of its progress and may interrupt it.
-pub trait Observer {
-    /// Error of the program.
-    type Error: From<SceneError> + Display;
-
-    /// Returns whether an executor failed on valid input ([`SceneError::is_device_failure`]).
-    fn is_device_failure(error: &Self::Error) -> bool;
-
-    /// Reads pictures and points again, after a device fails.
-    ///
-    /// # Errors
-    ///
-    /// A data set that cannot be read any more.
-    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), Self::Error>;
-
-    /// Returns whether the training ends before its next step.
-    fn is_interrupted(&self) -> bool {
-        false
-    }
-
-    /// Called before each step.
-    ///
-    /// # Errors
-    ///
-    /// Any failure that ends the training.
-    fn before_step(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
-        Ok(())
-    }
-
-    /// Called after each step.
-    fn after_step(&mut self, _training: &Training) {}
-
-    /// Called after the steps at which the training pauses.
-    ///
-    /// # Errors
-    ///
-    /// Any failure that ends the training; one of the device is followed by the fallback.
-    fn pause(&mut self, _training: &mut Training) -> Result<(), Self::Error> {
-        Ok(())
-    }
-
-    /// Reports an event; by default to the log.
-    fn note(&mut self, note: Note<Self::Error>) {
-        match note {
-            Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
-            _ => tracing::warn!("{note}"),
-        }
-    }
-}
 
 /// Event of a training that its user should know of.
 #[derive(Clone, Debug)]
