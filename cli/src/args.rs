@@ -23,7 +23,7 @@ pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
 pub(crate) use render::{Relight, Render, ViewOptions};
-pub(crate) use scene::{EnvOptions, MachineOptions, ProfileName, Up};
+pub(crate) use scene::{EnvOptions, ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{AT_MOST_1600, Densify, LightPer, Losses, Photographs, Start, Train, ViewUntil};
@@ -113,11 +113,11 @@ impl Command {
     pub(crate) fn executor(&self) -> Option<&ExecutorChoice> {
         match self {
             Self::Train(args) => Some(&args.executor),
-            Self::Render(args) => Some(&args.views.scene_options.machine.executor),
-            Self::Relight(args) => Some(&args.views.scene_options.machine.executor),
-            Self::Eval(args) => Some(&args.machine.executor),
-            Self::View(args) => Some(&args.scene_options.machine.executor),
-            Self::Export(args) => Some(&args.scene_options.machine.executor),
+            Self::Render(args) => Some(&args.views.scene_options.renderer.executor),
+            Self::Relight(args) => Some(&args.views.scene_options.renderer.executor),
+            Self::Eval(args) => Some(&args.renderer.executor),
+            Self::View(args) => Some(&args.scene_options.renderer.executor),
+            Self::Export(args) => Some(&args.scene_options.renderer.executor),
             Self::Demo(_)
             | Self::Compare(_)
             | Self::Prefilter(_)

@@ -1,19 +1,18 @@
 //! Scenes of the program: opened as its options say, relit from files, rendered and measured.
 
 use crate::{
-    args::{MachineOptions, ProfileName, ViewOptions},
+    args::{ProfileName, ViewOptions},
     failure::Failure,
-    output,
-    progress::{self, Work},
+    output, progress,
 };
 use glam::Vec3;
-use specula_core::{camera::Camera, rules::Channels, scene::Image, shade::ShadingForm};
+use specula_core::{scene::Image, shade::ShadingForm};
 use specula_io::{
     Error,
     latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
-use specula_report::measure::{PSNR_FITTED, ViewMeasures};
+use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
     OpenedModel, Scene, SceneRenderer, ShadingModel,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
@@ -22,10 +21,7 @@ use specula_scene::{
     picture_folder::light_differences,
     rendering::PictureJob,
 };
-use specula_train::{
-    evaluate::{fitted_psnr, measure_view},
-    view::View,
-};
+use specula_train::view::View;
 use std::path::{Path, PathBuf};
 
 /// Opens the folder of a model, or a PLY file, under the shading model that it names, or that of a
@@ -153,57 +149,18 @@ pub(crate) fn render_pictures(
     Ok(())
 }
 
-/// Renderer of a scene for commands that measure views.
-#[derive(Debug)]
-pub(crate) struct Renderer(SceneRenderer);
-
-impl Renderer {
-    /// Renderer of views with these channels ([`SceneRenderer::new`]).
-    pub(crate) fn new(scene: Scene, channels: Channels, options: &MachineOptions) -> Result<Self, Failure> {
-        Ok(Self(SceneRenderer::new(scene, channels, &options.into())?))
-    }
-
-    /// View of the scene: its channels, then transmittance.
-    pub(crate) fn view(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, Failure> {
-        Ok(self.0.render(camera)?)
-    }
-
-    /// Measures every view ([`measure_views`]).
-    pub(crate) fn measure(
-        &mut self,
-        views: &[View],
-        background: BackgroundColor,
-        is_exposed: bool,
-        work: &Work,
-    ) -> Result<Vec<ViewMeasures>, Failure> {
-        measure_views(&mut self.0, views, background, is_exposed, work)
-    }
-
-    /// Applies `make` to every view and its picture ([`SceneRenderer::render_views`]).
-    pub(crate) fn for_each_view<T: Send>(
-        &mut self,
-        views: &[View],
-        work: &Work,
-        make: impl Fn(&View, &Image<Vec<f32>>) -> Result<T, Failure> + Sync,
-    ) -> Result<Vec<T>, Failure> {
-        self.0.render_views(views, |done| work.done(done as u64, String::new), make)
-    }
-}
-
-/// Measures every view; once more after the exposure that fits it best, if `is_exposed`.
+/// Measures every view ([`measure::measure_views`]), with progress.
 pub(crate) fn measure_views(
     renderer: &mut SceneRenderer,
     views: &[View],
     background: BackgroundColor,
     is_exposed: bool,
-    work: &Work,
 ) -> Result<Vec<ViewMeasures>, Failure> {
+    let work = progress::work("measuring", views.len() as u64);
     let progress = |done| work.done(done as u64, String::new);
-    renderer.render_views(views, progress, |view, image| {
-        let mut measured: ViewMeasures = measure_view(image, view, background.0).into();
-        measured.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
-        Ok(measured)
-    })
+    let measured = measure::measure_views(renderer, views, background.0, is_exposed, progress)?;
+    work.finish();
+    Ok(measured)
 }
 
 /// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance

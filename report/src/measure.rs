@@ -7,8 +7,12 @@
 
 use serde_json::{Map, Value, json};
 use specula_io::model_folder;
-use specula_scene::picture_folder::picture_name;
-use specula_train::evaluate::ViewQuality;
+use specula_scene::{SceneError, SceneRenderer, picture_folder::picture_name};
+use specula_train::{
+    evaluate::{ViewQuality, fitted_psnr, measure_view},
+    view::View,
+};
+use std::path::Path;
 
 /// Measure of a view's quality.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +88,44 @@ impl From<ViewQuality> for ViewMeasures {
         (values[PSNR], values[SSIM], values[MAE]) = (Some(psnr), Some(ssim), normal_mae);
         Self { name, values }
     }
+}
+
+/// Measures every view over a background in sRGB; once more after the exposure that fits it best,
+/// if `is_exposed`. `progress` is given the number of measured views.
+///
+/// # Errors
+///
+/// Those of [`SceneRenderer::render`].
+pub fn measure_views(
+    renderer: &mut SceneRenderer,
+    views: &[View],
+    background: [f32; 3],
+    is_exposed: bool,
+    progress: impl FnMut(usize) + Send,
+) -> Result<Vec<ViewMeasures>, SceneError> {
+    renderer.render_views(views, progress, |view, image| {
+        let mut measured: ViewMeasures = measure_view(image, view, background).into();
+        measured.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background));
+        Ok(measured)
+    })
+}
+
+/// Writes the measures of an iteration, and its progress, to the folder of a model: seconds of
+/// training, number of Gaussians.
+///
+/// # Errors
+///
+/// Files that cannot be read, parsed or written.
+pub fn save(
+    folder: &Path,
+    iteration: u32,
+    seconds: f64,
+    gaussians: usize,
+    measured: &[ViewMeasures],
+) -> specula_io::Result<()> {
+    let quality = quality(measured);
+    model_folder::save_quality(folder, &model_folder::method_of(iteration), &quality)?;
+    model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)
 }
 
 /// Mean of each measure over the views that have it.

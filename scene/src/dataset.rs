@@ -2,19 +2,33 @@
 //! orientation that the cameras tell.
 
 use crate::{number::group_digits, orientation::estimate};
-use specula_core::camera::near_of;
+use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
+    cameras::NamedCamera,
     dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
     model_folder::ModelInfo,
     orientation::Orientation,
     points_ply::PointCloud,
 };
 use specula_train::{
-    start::Point,
+    start::{Point, points_behind, random_points},
     view::{Normals, View, extent_of},
 };
 use std::path::{Path, PathBuf};
+
+/// Number of random points by default, where a data set has none.
+const RANDOM_POINTS: u32 = 20_000;
+
+/// Initial points of a training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InitialPoints {
+    /// Number of random points in place of those of the data set; by default 20 000 where it has
+    /// none.
+    pub random: Option<u32>,
+    /// Number of random points behind those of the data set.
+    pub background: u32,
+}
 
 /// Views to train on and to measure, and initial points.
 #[derive(Clone, Debug)]
@@ -61,6 +75,27 @@ impl Dataset {
         format!("{source}: {} training pictures{held_out}, {sizes} pixels, {points}", train.len())
     }
 
+    /// Takes the points of the data set out of it, with random points behind them, or draws random
+    /// points.
+    pub fn take_points(&mut self, points: InitialPoints, seed: u64) -> Vec<Point> {
+        let random = |count: u32| random_points(count as usize, &self.train, seed);
+        let with_background = |mut known: Vec<Point>| {
+            known.extend(points_behind(&known, points.background as usize, &self.train, seed));
+            known
+        };
+        match (points.random, self.points.take()) {
+            (Some(count), _) => random(count),
+            (None, Some(known)) if !known.is_empty() => with_background(known),
+            (None, _) => random(RANDOM_POINTS),
+        }
+    }
+
+    /// Cameras of the test views, or else of the training views.
+    pub fn evaluation_cameras(&self) -> Vec<Camera> {
+        let views = if self.test.is_empty() { &self.train } else { &self.test };
+        views.iter().map(|view| view.camera).collect()
+    }
+
     /// Width of the widest training picture in pixels; 0 without any.
     pub fn width_max(&self) -> u32 {
         self.train.iter().map(|view| view.camera.width).max().unwrap_or(0)
@@ -81,6 +116,11 @@ fn sizes<'a>(views: impl Iterator<Item = &'a View>) -> String {
 fn view_of(view: dataset::View) -> View {
     let normals = view.normal.map(|normal| Normals { values: normal.values, mask: normal.mask });
     View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }
+}
+
+/// Cameras of views, with the names of the views.
+pub fn named_cameras<'a>(views: impl IntoIterator<Item = &'a View>) -> Vec<NamedCamera> {
+    views.into_iter().map(|view| (view.name.clone(), view.camera)).collect()
 }
 
 /// Points of a point cloud.

@@ -6,12 +6,14 @@
 //! interval and at the end, and a [`Lock`] keeps other trainings out of the folder.
 
 mod checkpoint;
+mod info;
 mod lock;
 mod note;
 mod run;
 mod session;
 
 pub use checkpoint::{Checkpoints, describe, settings_text};
+pub use info::model_info;
 pub use lock::Lock;
 pub use note::Note;
 pub use run::Start;

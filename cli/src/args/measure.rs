@@ -3,7 +3,7 @@
 use super::{
     parse::downscale,
     render::SplitName,
-    scene::{MachineOptions, ProfileName},
+    scene::{ProfileName, RendererOptions},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -46,7 +46,7 @@ pub(crate) struct Eval {
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
-    pub(crate) machine: MachineOptions,
+    pub(crate) renderer: RendererOptions,
     /// Also measure PSNR after the affine colour map that best fits each ground-truth picture, as
     /// is done for models trained with --exposure. The map is fitted to the ground truth, so this
     /// does not measure a prediction.

@@ -22,12 +22,12 @@ pub(crate) struct SceneOptions {
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
     #[command(flatten)]
-    pub(crate) machine: MachineOptions,
+    pub(crate) renderer: RendererOptions,
 }
 
 /// Executor of renderings.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct MachineOptions {
+pub(crate) struct RendererOptions {
     /// Executor: a GPU if there is one (auto), the CPU, or the GPU with NAME in its name; specula
     /// doctor lists them.
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]", default_value = "auto", value_parser = executor)]
@@ -42,11 +42,7 @@ pub(crate) struct MachineOptions {
     pub(crate) projection: ProjectionModel,
 }
 
-impl MachineOptions {
-    /// Executor with 32-bit numbers and affine projection.
-    pub(crate) fn in_full(executor: &ExecutorChoice) -> Self {
-        Self { executor: executor.clone(), storage: StorageName::F32, projection: ProjectionModel::Affine }
-    }
+impl RendererOptions {
     /// Precision of numbers in memory.
     pub(crate) fn storage(&self) -> Storage {
         match self.storage {
@@ -151,8 +147,8 @@ impl Up {
     }
 }
 
-impl From<&MachineOptions> for RenderOptions {
-    fn from(options: &MachineOptions) -> Self {
+impl From<&RendererOptions> for RenderOptions {
+    fn from(options: &RendererOptions) -> Self {
         Self { executor: options.executor.clone(), storage: options.storage(), projection: options.projection }
     }
 }

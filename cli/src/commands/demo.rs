@@ -3,32 +3,22 @@
 mod data;
 
 use crate::{
-    args::{Demo, MachineOptions},
-    dataset,
-    failure::Failure,
-    interrupt, output, progress,
-    scene::Renderer,
-    training::Session,
+    args::Demo, dataset, failure::Failure, interrupt, output, progress, scene::measure_views, training::Session,
 };
-use serde_json::{Map, Value, json};
-use specula_core::{camera::Camera, rules::Channels};
+use specula_core::rules::Channels;
 use specula_io::{
-    cameras::NamedCamera,
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
 };
 use specula_report::{
-    demo::{self, Pictures},
-    measure::{self, MAE, MEASURES, PSNR, SSIM, Values},
+    demo::{self, Pictures, TrainedScene},
+    measure,
 };
 use specula_scene::{
-    ExecutorChoice, Scene,
+    ExecutorChoice, RenderOptions, SceneRenderer, ShadingModel,
     backdrop::BackgroundColor,
-    dataset::{Dataset, cloud_of},
-    number::group_digits,
-    orbit::turntable,
-    orientation,
-    training::{Lock, Start, Training},
+    dataset::{Dataset, cloud_of, named_cameras},
+    training::{Lock, Start, Training, model_info},
 };
 use specula_train::{
     profile,
@@ -43,19 +33,6 @@ const POINTS: usize = 10_000;
 const SEED: u64 = 0;
 /// Profiles of the trainings: plain, then shaded.
 const PROFILES: [&str; 2] = ["3dgs", "specula"];
-/// Frames of the animation.
-const FRAMES: u32 = 36;
-/// Width and height of a frame in pixels.
-const FRAME_SIZE: [u32; 2] = [240, 240];
-
-/// One of the two trainings, measured.
-#[derive(Debug)]
-struct Trained {
-    name: &'static str,
-    measures: Values,
-    seconds: f64,
-    scene: Scene,
-}
 
 /// Unpacks the data, trains twice, measures, and writes pictures and page.
 pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
@@ -64,11 +41,11 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     let (data, points) = prepare(args)?;
     let train = |name| train(name, args, &data, &points);
     let [plain, shaded] = [train(PROFILES[0])?, train(PROFILES[1])?];
-    let rows = table([&plain, &shaded]);
-    output::write_json(&args.output.join("results.json"), &results([&plain, &shaded]))?;
+    let rows = demo::table([&plain, &shaded]);
+    output::write_json(&args.output.join("results.json"), &demo::results([&plain, &shaded]))?;
 
     let work = progress::work("pictures", Pictures::STEPS);
-    let orbit = orbit(&data, &shaded.scene);
+    let orbit = demo::orbit(&data.test, &shaded.scene);
     let pictures = Pictures::write(&args.output, &data.test, &plain.scene, &shaded.scene, &orbit, &|done| {
         work.done(done, String::new);
     })?;
@@ -86,18 +63,8 @@ pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
     let _lock = lock(args)?;
     refuse_to_hide(args, PROFILES[1])?;
     let (data, points) = prepare(args)?;
-    let Trained { name, .. } = train(PROFILES[1], args, &data, &points)?;
+    let TrainedScene { name, .. } = train(PROFILES[1], args, &data, &points)?;
     Ok(args.output.join(name))
-}
-
-/// Cameras of the animation.
-fn orbit(data: &Dataset, scene: &Scene) -> Vec<Camera> {
-    let [width, height] = FRAME_SIZE;
-    let known = data.test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height)));
-    let known: Vec<NamedCamera> = known.collect();
-    let found = orientation::estimate(known.iter().map(|(_, camera)| camera), &[]);
-    let orientation = found.unwrap_or_else(|| orientation::of_gaussians(&scene.gaussians));
-    turntable(&orientation, &known, FRAMES, None).into_iter().map(|(_, camera)| camera).collect()
 }
 
 /// Refuses a folder with a training that is not of an earlier demo; one of a demo is replaced.
@@ -128,7 +95,7 @@ fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
     Ok((data, points))
 }
 
-fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<Trained, Failure> {
+fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<TrainedScene, Failure> {
     let settings = Settings {
         profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
         iterations: args.iterations,
@@ -136,6 +103,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
         background: BackgroundColor::WHITE.0,
         random_points: 0,
     };
+    let info = info(args, &settings, data);
     let reload = || Ok((data.train.clone(), points.to_vec()));
     let mut session = Session::new(&reload);
     let start = Start::Points(points);
@@ -146,71 +114,24 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
     }
     let scene = training.scene()?;
     let folder = args.output.join(name);
-    let named = |views: &[specula_train::view::View]| {
-        views.iter().map(|view| (view.name.clone(), view.camera)).collect::<Vec<NamedCamera>>()
-    };
     model_folder::remove_training(&folder)?;
-    model_folder::save_inputs(&folder, &named(&data.train), &named(&data.test), &cloud_of(points), &[])?;
-    scene.save(&folder, args.iterations, &info(name, args, data, &scene.shading_model.words()))?;
+    let [train, test] = [&data.train, &data.test].map(named_cameras);
+    model_folder::save_inputs(&folder, &train, &test, &cloud_of(points), &[])?;
+    scene.save(&folder, args.iterations, &info)?;
 
-    let mut renderer =
-        Renderer::new(scene.clone(), Channels::Training, &MachineOptions::in_full(&ExecutorChoice::Cpu))?;
-    let work = progress::work("measuring", data.test.len() as u64);
-    let measured = renderer.measure(&data.test, BackgroundColor::WHITE, false, &work)?;
-    work.finish();
+    let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+    let mut renderer = SceneRenderer::new(scene.clone(), Channels::Training, &options)?;
+    let measured = measure_views(&mut renderer, &data.test, BackgroundColor::WHITE, false)?;
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &measure::quality(&measured))?;
-    Ok(Trained { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
+    Ok(TrainedScene { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
 }
 
-fn info(name: &str, args: &Demo, data: &Dataset, shading_model: &[&str; 3]) -> ModelInfo {
-    let [shading, axis, prefilter] = *shading_model;
-    let is_plain = name == "3dgs";
-    let mut rest = Map::new();
-    rest.insert("axis".into(), axis.into());
-    rest.insert("prefilter".into(), prefilter.into());
-    rest.insert("background".into(), json!(BackgroundColor::WHITE.0));
-    rest.insert("train_views".into(), data.train.len().into());
-    rest.insert("test_views".into(), data.test.len().into());
-    ModelInfo {
-        version: env!("CARGO_PKG_VERSION").into(),
-        profile: name.into(),
-        shading: if is_plain { "radiance" } else { shading }.into(),
-        iterations: args.iterations,
-        white_background: true,
-        eval: true,
-        downscale: 1,
-        source_path: output::absolute(&args.output.join("data")),
-        seed: SEED,
-        orientation: data.orientation,
-        rest,
-        ..ModelInfo::default()
-    }
-}
-
-fn results(trained: [&Trained; 2]) -> Value {
-    let entry = |trained: &Trained| {
-        let mut measures = measure::json_of_values(&trained.measures);
-        measures["seconds"] = ((trained.seconds * 10.0).round() / 10.0).into();
-        measures["gaussians"] = trained.scene.gaussians.count.into();
-        (trained.name.to_owned(), measures)
-    };
-    Value::Object(trained.into_iter().map(entry).collect())
-}
-
-/// Both trainings as rows of a table, heads first.
-fn table([plain, shaded]: [&Trained; 2]) -> [[String; 6]; 3] {
-    let heads = ["profile", "PSNR dB", "SSIM", "normals °", "seconds", "Gaussians"].map(str::to_owned);
-    let row = |trained: &Trained| {
-        let value =
-            |measure: usize| trained.measures[measure].map_or(String::new(), |value| MEASURES[measure].format(value));
-        [
-            trained.name.to_owned(),
-            value(PSNR),
-            value(SSIM),
-            value(MAE),
-            format!("{:.0}", trained.seconds),
-            group_digits(trained.scene.gaussians.count),
-        ]
-    };
-    [heads, row(plain), row(shaded)]
+fn info(args: &Demo, settings: &Settings, data: &Dataset) -> ModelInfo {
+    let mut info = model_info(settings, data);
+    let [_, axis, prefilter] = ShadingModel::of_profile(&settings.profile).words();
+    info.rest.insert("axis".into(), axis.into());
+    info.rest.insert("prefilter".into(), prefilter.into());
+    info.eval = true;
+    info.source_path = output::absolute(&args.output.join("data"));
+    info
 }

@@ -7,22 +7,22 @@ use crate::{
     dataset,
     failure::Failure,
     output, progress,
-    scene::{self, Renderer, background_of, note_oddities, relight},
+    scene::{self, background_of, note_oddities, relight},
 };
 use glam::Vec3;
 use specula_core::rules::Channels;
-use specula_io::{cameras::NamedCamera, dataset::LoadOptions, model_folder};
+use specula_io::{dataset::LoadOptions, model_folder};
 use specula_report::{
     evaluation::{self, EvaluatedView, Evaluation, RelitScene},
     lpips::LpipsNetwork,
     measure::{self, LPIPS, PSNR_FITTED},
-    relighting::{GroundTruth, RelightingQuality},
+    relighting::GroundTruth,
 };
 use specula_scene::{
-    OpenedModel,
+    OpenedModel, SceneRenderer,
     backdrop::{BackgroundChoice, BackgroundColor},
     camera_set::Split,
-    dataset::options_of,
+    dataset::{named_cameras, options_of},
     light_file::LightOptions,
     orientation,
     picture_folder::differences,
@@ -62,10 +62,11 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     };
 
     let is_exposed = args.exposure || opened.exposures()?.is_some();
-    let mut renderer = Renderer::new(opened.scene, Channels::Training, &args.machine)?;
+    let mut renderer = SceneRenderer::new(opened.scene, Channels::Training, &(&args.renderer).into())?;
     let work = progress::work("measuring", views.len() as u64);
     let with_pictures = folder.is_some();
-    evaluation.views = renderer.for_each_view(&views, &work, |view, image| {
+    let progress = |done| work.done(done as u64, String::new);
+    evaluation.views = renderer.render_views(&views, progress, |view, image| -> Result<_, Failure> {
         let mut evaluated = EvaluatedView::new(view, image, background.0, with_pictures);
         evaluated.measures.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
         Ok(evaluated)
@@ -112,14 +113,14 @@ fn trusted_network(path: &Path, views: &[View]) -> Result<LpipsNetwork, Failure>
 /// one at a time are held.
 fn measure_lpips(
     network: &LpipsNetwork,
-    renderer: &mut Renderer,
+    renderer: &mut SceneRenderer,
     views: &[View],
     background: BackgroundColor,
     evaluated: &mut [EvaluatedView],
 ) -> Result<(), Failure> {
     let work = progress::work("LPIPS", views.len() as u64);
     for (index, (view, evaluated)) in views.iter().zip(evaluated).enumerate() {
-        let distance = network.distance(view, &renderer.view(&view.camera)?, background.0).map_err(|error| {
+        let distance = network.distance(view, &renderer.render(&view.camera)?, background.0).map_err(|error| {
             Failure::Input(format!(
                 "{error}; leave --lpips out, or measure larger pictures with -r 1 if nothing of these reaches the last \
                  layer"
@@ -134,7 +135,7 @@ fn measure_lpips(
 
 /// Measures a scene under every light of its data set with ground truth of these views.
 fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View]) -> Result<Vec<RelitScene>, Failure> {
-    let cameras: Vec<NamedCamera> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
+    let cameras = named_cameras(views);
     let background = background_of(opened, args.background);
     let found = orientation::recorded_or_estimated(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
     let up = found.map_or(Vec3::Z, |found| orientation::up(&found));
@@ -142,16 +143,13 @@ fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View
         let truth = GroundTruth::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
         relight(&mut scene, &light, LightOptions::default(), up)?;
-        let mut renderer = Renderer::new(scene, Channels::Color, &args.machine)?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&args.renderer).into())?;
         let work = progress::work("relighting", views.len() as u64);
-        let mut pairs = Vec::new();
-        for (index, (_, camera)) in cameras.iter().enumerate().filter(|(index, _)| truth.has(*index)) {
-            pairs.extend(truth.pair(index, &renderer.view(camera)?));
-            work.done(index as u64 + 1, String::new);
-        }
+        let progress = |done| work.done(done as u64, String::new);
+        let name = output::stem(&light);
+        let relit = RelitScene::measure(name, &mut renderer, &cameras, &truth, background.0, progress)?;
         work.finish();
-        let quality = RelightingQuality::of(&pairs, background.0);
-        Ok(RelitScene { light: output::stem(&light), views: pairs.len(), quality })
+        Ok(relit)
     };
     evaluation::lights(source).into_iter().map(measured).collect()
 }
@@ -164,7 +162,7 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
         .extend(args.resolution.filter(|resolution| *resolution != default).map(|resolution| format!("r{resolution}")));
     parts.extend(differences(
         opened,
-        &(&args.machine).into(),
+        &(&args.renderer).into(),
         args.background.map(BackgroundChoice::Color),
         args.profile.map(ProfileName::name),
     ));

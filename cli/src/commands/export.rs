@@ -263,7 +263,7 @@ impl Exporter<'_> {
 
     /// Colours of a scene over the background, camera by camera.
     fn pictures(&self, scene: Scene, cameras: &[Camera]) -> Result<Vec<Vec<f32>>, Failure> {
-        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&self.args.scene_options.machine).into())?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&self.args.scene_options.renderer).into())?;
         let work = progress::work("comparing", cameras.len() as u64);
         let mut pictures = Vec::new();
         for camera in cameras {
@@ -361,7 +361,7 @@ impl Exporter<'_> {
             )));
         }
         let gaussians = scene.gaussians.clone();
-        let mut renderer = SceneRenderer::new(scene, Channels::Training, &(&self.args.scene_options.machine).into())?;
+        let mut renderer = SceneRenderer::new(scene, Channels::Training, &(&self.args.scene_options.renderer).into())?;
         let work = progress::work("fusing", cameras.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
         let mesh = fusion::fuse(&mut renderer, &gaussians, &cameras, self.args.voxels, progress)?;

@@ -31,7 +31,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);
     let light_options = LightOptions::from(&args.env_options);
     let map = relight(&mut opened.scene, &args.env, light_options, up)?;
-    let options = RenderOptions::from(&scene_options.machine);
+    let options = RenderOptions::from(&scene_options.renderer);
     let mut parts = differences(&opened, &options, *background, scene_options.profile.map(ProfileName::name));
     parts.extend(light_differences(light_options));
     let group = format!("relight/{}", output::stem(&args.env));

@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
     }
     let layers = layers_of(&args.layers, &opened);
-    let options = RenderOptions::from(&scene_options.machine);
+    let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &parts)?;
     output::make_folder(&folder.path)?;
@@ -92,7 +92,7 @@ fn parts_of(args: &Render, opened: &OpenedModel, options: &RenderOptions) -> Vec
 
 /// Renders what was asked for within an error.
 fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJob<'_>) -> Result<(), Failure> {
-    if let ExecutorChoice::Gpu(_) = args.views.scene_options.machine.executor {
+    if let ExecutorChoice::Gpu(_) = args.views.scene_options.renderer.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
     let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();

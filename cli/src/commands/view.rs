@@ -24,7 +24,7 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let photographs = photographs_of(&opened);
     let scene = ViewedScene::of_model(name_of(&args.scene), opened)?;
     let scene = ViewedScene { orientation, photographs, background, ..scene };
-    let render = (&args.scene_options.machine).into();
+    let render = (&args.scene_options.renderer).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, None)?;
     for file in &args.env {

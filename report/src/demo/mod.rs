@@ -2,6 +2,8 @@
 
 mod page;
 mod pictures;
+mod trainings;
 
 pub use page::page;
 pub use pictures::{LIGHTS, Pictures};
+pub use trainings::{TrainedScene, orbit, results, table};

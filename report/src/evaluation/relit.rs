@@ -1,7 +1,12 @@
 //! Results under other lights, where a data set has pictures under them.
 
-use crate::relighting::RelightingQuality;
+use crate::{
+    error::Result,
+    relighting::{GroundTruth, RelightingQuality},
+};
 use serde_json::{Map, Value};
+use specula_io::cameras::NamedCamera;
+use specula_scene::SceneRenderer;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -22,6 +27,28 @@ pub struct RelitScene {
 }
 
 impl RelitScene {
+    /// Measures the views that have ground truth over a background in sRGB. `renderer` renders
+    /// the scene under the light; `progress` is given the number of views so far.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::render`].
+    pub fn measure(
+        light: String,
+        renderer: &mut SceneRenderer,
+        cameras: &[NamedCamera],
+        truth: &GroundTruth,
+        background: [f32; 3],
+        mut progress: impl FnMut(usize),
+    ) -> Result<Self> {
+        let mut pairs = Vec::new();
+        for (index, (_, camera)) in cameras.iter().enumerate().filter(|(index, _)| truth.has(*index)) {
+            pairs.extend(truth.pair(index, &renderer.render(camera)?));
+            progress(index + 1);
+        }
+        Ok(Self { light, views: pairs.len(), quality: RelightingQuality::of(&pairs, background) })
+    }
+
     /// One line of text.
     pub(super) fn summary(&self) -> String {
         let Self { light, views, quality } = self;

@@ -1,0 +1,88 @@
+//! Model folder of a training: its lock, an earlier training in it, and the checkpoint to resume
+//! from.
+
+use crate::{args::Train, config, failure::Failure, settings};
+use specula_core::state::TrainingState;
+use specula_io::{self as io, checkpoint::Facts, model_folder};
+use specula_scene::training::{self, Lock};
+use specula_train::{profile::Profile, trainer::Settings};
+use std::path::Path;
+
+/// Locks the model folder.
+pub(super) fn lock(args: &Train) -> Result<Lock, Failure> {
+    const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
+    let folder = &args.model_path;
+    match args.resuming.ignore_lock {
+        true => Ok(Lock::take_or_warn(folder)?),
+        false => Lock::take(folder).map_err(|error| Failure::locked(error, REMEDY)),
+    }
+}
+
+/// Refuses a folder that contains another training.
+pub(super) fn refuse_other_training(args: &Train) -> Result<(), Failure> {
+    let folder = &args.model_path;
+    if args.resuming.resume || args.resuming.overwrite || !model_folder::holds_training(folder) {
+        return Ok(());
+    }
+    let remedy = match io::checkpoint::path_in(folder).is_file() {
+        true => "go on with it (--resume), replace it (--overwrite), or name another folder with -m",
+        false => "replace it (--overwrite), or name another folder with -m",
+    };
+    Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", description_of(folder)?)))
+}
+
+/// Description of the training in a folder.
+fn description_of(folder: &Path) -> Result<String, Failure> {
+    let profile = model_folder::read_info(folder)?.map(|info| format!(" with profile {}", info.profile));
+    let iteration = model_folder::latest_iteration(folder).map(|iteration| format!(" of {iteration} iterations"));
+    Ok(match (iteration, profile) {
+        (Ok(iteration), profile) => format!("a model{iteration}{}", profile.unwrap_or_default()),
+        (Err(_), _) => "a training that was interrupted".to_owned(),
+    })
+}
+
+/// Checkpoint that a training resumes from.
+#[derive(Debug)]
+pub(super) struct Resumed {
+    pub(super) state: TrainingState<Vec<f32>>,
+    pub(super) seconds: f64,
+}
+
+/// Reads the checkpoint in the model folder, and refuses one of a training with other settings or
+/// other pictures than those of the data set `source`.
+pub(super) fn read_checkpoint(
+    args: &Train,
+    source: &Path,
+    settings: &Settings,
+    facts: &Facts,
+) -> Result<Resumed, Failure> {
+    let saved = io::checkpoint::read(&args.model_path)?;
+    let then = &saved.facts;
+    let refuse = |what: String| {
+        let place = io::checkpoint::path_in(&args.model_path);
+        Err(Failure::Input(format!(
+            "the checkpoint {place:?} {what}, or start anew with --overwrite in place of --resume"
+        )))
+    };
+    if let Some(what) = config::contradiction(&facts.config, &then.config) {
+        return refuse(format!("is of a training with {what}; leave the option as it was"));
+    }
+    if (facts.views, &facts.pictures) != (then.views, &then.pictures) {
+        return refuse(format!(
+            "is of a training on {} pictures, and the {} in {source:?} are not the same; name the folder of those",
+            then.views, facts.views
+        ));
+    }
+    if saved.state.iteration > args.iterations {
+        return refuse(format!(
+            "is of iteration {}, and --iterations {} is less; ask for as many at least",
+            saved.state.iteration, args.iterations
+        ));
+    }
+    let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
+    let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
+    if training::settings_text(&same) != then.settings {
+        return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
+    }
+    Ok(Resumed { seconds: then.seconds, state: saved.state })
+}

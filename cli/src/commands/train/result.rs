@@ -1,0 +1,155 @@
+//! Results of a training: saved and measured during the run and at its end.
+
+use crate::{args::Train, certified, failure::Failure, output, progress, scene::measure_views};
+use specula_core::{camera::Camera, rules::Channels};
+use specula_io::{
+    exposure,
+    model_folder::{self, ModelInfo},
+};
+use specula_report::{certificate::CertifiedScene, measure};
+use specula_scene::{
+    RenderOptions, Scene, SceneRenderer,
+    backdrop::BackgroundColor,
+    number::group_digits,
+    training::{Outcome, Training},
+};
+use specula_train::view::View;
+use std::path::Path;
+
+/// Views that a result was trained on and is measured with.
+#[derive(Debug)]
+pub(super) struct Views<'a> {
+    /// Names of the training pictures.
+    pub(super) names: Vec<String>,
+    pub(super) test: &'a [View],
+    pub(super) cameras: Vec<Camera>,
+    pub(super) background: BackgroundColor,
+}
+
+/// Saves and measures during the run, at the iterations that the options name.
+pub(super) fn pause(args: &Train, training: &mut Training, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
+    let iteration = training.iteration();
+    let scene = training.scene()?;
+    if args.save_iterations.contains(&iteration) {
+        save(args, training, &scene, info, views)?;
+        tracing::info!("saved iteration {iteration}");
+    }
+    if args.test_iterations.contains(&iteration) {
+        let count = scene.gaussians.count;
+        let options = RenderOptions::full_precision(training.choice().clone());
+        let is_exposed = training.exposures().is_some();
+        let measured = progress::silently(|| {
+            let mut renderer = SceneRenderer::new(scene, Channels::Training, &options)?;
+            measure_views(&mut renderer, views.test, views.background, is_exposed)
+        })?;
+        measure::save(&args.model_path, iteration, training.seconds(), count, &measured)?;
+        tracing::info!("iteration {iteration}: {}", measure::summary(&measure::means(&measured)));
+    }
+    Ok(())
+}
+
+/// Writes the scene, and the exposures of the pictures if they are learned.
+fn save(args: &Train, training: &Training, scene: &Scene, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
+    if let Some(exposures) = training.exposures() {
+        exposure::write(&args.model_path, &views.names, exposures)?;
+    }
+    Ok(scene.save(&args.model_path, training.iteration(), info)?)
+}
+
+/// Saves and measures the result, and prints its measures.
+pub(super) fn finish(
+    args: &Train,
+    training: &mut Training,
+    mut info: ModelInfo,
+    outcome: Outcome,
+    views: &Views<'_>,
+) -> Result<(), Failure> {
+    let Outcome { iteration, seconds, is_interrupted, .. } = outcome;
+    let scene = training.scene()?;
+    let count = scene.gaussians.count;
+    info.rest.insert("gaussians".into(), count.into());
+    info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
+    save(args, training, &scene, &info, views)?;
+    let place = model_folder::gaussians_at(&args.model_path, iteration);
+    if is_interrupted {
+        let model = shell_word(&args.model_path);
+        let resumption = format!("; specula train -m {model} --resume continues");
+        return Err(Failure::Interrupted(format!(
+            "interrupted after iteration {iteration}, which is saved in {place:?}{}",
+            if training.has_checkpoint() { &resumption } else { "" }
+        )));
+    }
+    tracing::info!("saved {place:?}");
+    let certified = certify_trained(args, &scene, views)?;
+    if let Some(certified) = &certified {
+        save_certificate(args, &mut info, certified.certificate().to_owned())?;
+    }
+
+    let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
+    if !args.eval {
+        output::say(&facts)?;
+        tracing::info!("{}", next_commands(args, scene.light.is_some()));
+        return Ok(());
+    }
+    let is_lit = scene.light.is_some();
+    let mut renderer = match &certified {
+        Some(certified) => certified.renderer(&scene, Channels::Training),
+        None => {
+            SceneRenderer::new(scene, Channels::Training, &RenderOptions::full_precision(training.choice().clone()))?
+        }
+    };
+    let test = views.test;
+    let measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some())?;
+    if let Some(certified) = &certified {
+        let report = certified::report(certified);
+        output::say(&report)?;
+        save_certificate(args, &mut info, format!("{}; {report}", certified.certificate()))?;
+    }
+    measure::save(&args.model_path, iteration, seconds, count, &measured)?;
+    output::say(&format!("{}  ({} test views; {facts})", measure::summary(&measure::means(&measured)), test.len()))?;
+    tracing::info!("{}", next_commands(args, is_lit));
+    Ok(())
+}
+
+/// Note with commands for a trained model.
+fn next_commands(args: &Train, is_lit: bool) -> String {
+    let model = shell_word(&args.model_path);
+    let relight = if is_lit { format!(", specula relight {model} --env LIGHT.hdr") } else { String::new() };
+    format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
+}
+
+/// Path as a word of a shell.
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./\\:".contains(letter);
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
+/// Render settings within `--max-error`; a bound that cannot be met is only a warning.
+fn certify_trained(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<CertifiedScene>, Failure> {
+    let Some(error) = args.max_error else { return Ok(None) };
+    match CertifiedScene::new(scene, views.cameras.clone(), views.background.0, error, true) {
+        Ok(certified) => {
+            output::say(certified.certificate())?;
+            Ok(Some(certified))
+        }
+        Err(error) => {
+            tracing::warn!("{}", Failure::from(error));
+            Ok(None)
+        }
+    }
+}
+
+/// Writes the certificate to the model folder.
+fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> Result<(), Failure> {
+    info.rest.insert("certificate".into(), certificate.into());
+    Ok(model_folder::save_info(&args.model_path, info)?)
+}
+
+/// Peak memory of the program, on systems with `/proc`.
+fn peak_memory() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kibibytes: Option<f64> = line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok());
+    kibibytes.map_or(String::new(), |size| format!(", {:.2} GiB at most", size / (1024.0 * 1024.0)))
+}

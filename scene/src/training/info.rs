@@ -1,0 +1,35 @@
+//! Facts of a training that its model folder records.
+
+use crate::{ShadingModel, dataset::Dataset};
+use serde_json::{Map, json};
+use specula_io::model_folder::ModelInfo;
+use specula_train::trainer::Settings;
+
+/// Settings of a training on a data set as `specula.json` records them: version, profile, shading
+/// model, background, number of views and orientation. The rest is the caller's, such as the path
+/// of the data set.
+pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
+    let Settings { profile, iterations, seed, background, .. } = settings;
+    let [shading, axis, prefilter] = ShadingModel::of_profile(profile).words();
+    let is_shaded = profile.layout.is_shaded();
+    let mut rest = Map::new();
+    if is_shaded {
+        rest.insert("axis".into(), axis.into());
+        rest.insert("prefilter".into(), prefilter.into());
+    }
+    rest.insert("background".into(), json!(background));
+    rest.insert("train_views".into(), data.train.len().into());
+    rest.insert("test_views".into(), data.test.len().into());
+    ModelInfo {
+        version: env!("CARGO_PKG_VERSION").into(),
+        profile: profile.name.into(),
+        shading: if is_shaded { shading } else { "radiance" }.into(),
+        iterations: *iterations,
+        white_background: *background == [1.0; 3],
+        downscale: 1,
+        seed: *seed,
+        orientation: data.orientation,
+        rest,
+        ..ModelInfo::default()
+    }
+}
