@@ -23,7 +23,7 @@ pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
 pub(crate) use render::{Relight, Render, ViewOptions};
-pub(crate) use scene::{EnvOptions, ProfileName, Up};
+pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{AT_MOST_1600, Densify, LightPer, Losses, Photographs, Start, Train, ViewUntil};

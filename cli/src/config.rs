@@ -202,9 +202,9 @@ mod tests {
     }
 
     fn config(text: &str) -> (tempfile::TempDir, PathBuf) {
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         let path = folder.path().join(NAME);
-        fs::write(&path, text).expect("there is room");
+        fs::write(&path, text).expect("a writable folder");
         (folder, path)
     }
 
@@ -257,14 +257,14 @@ mod tests {
             let (_folder, path) = config(text);
             train_of(over(Some(&path), Some(Preset::Photos), &words(line)).expect("all are valid"))
         };
-        let told = |train: &Train| (train.resolution, train.iterations, train.start.background_points);
+        let shape = |train: &Train| (train.resolution, train.iterations, train.start.background_points);
         let bare = of("", "specula train data -m out --preset photos");
-        assert_eq!((told(&bare), bare.background), ((4, 7000, 5000), Some(BackgroundColor::BLACK)));
+        assert_eq!((shape(&bare), bare.background), ((4, 7000, 5000), Some(BackgroundColor::BLACK)));
         let file = "resolution = 2\niterations = 100\nwhite-background = false";
         let one = of(file, "specula train data -m out --preset photos -r 8 --config x");
-        assert_eq!((told(&one), one.background), ((8, 100, 5000), Some(BackgroundColor::BLACK)));
+        assert_eq!((shape(&one), one.background), ((8, 100, 5000), Some(BackgroundColor::BLACK)));
         let other = of("white-background = true", "specula train data -m out --preset photos --iterations 9");
-        assert_eq!((told(&other), other.background, other.white_background), ((4, 9, 5000), None, true));
+        assert_eq!((shape(&other), other.background, other.white_background), ((4, 9, 5000), None, true));
         let third = of("", "specula train data -m out --preset photos -w --random-points 5");
         assert_eq!((third.background, third.white_background, third.start.random_points), (None, true, Some(5)));
     }

@@ -23,14 +23,14 @@ const DEBOUNCE: Duration = Duration::from_secs(1);
 /// [`Failure::Internal`] if the handler cannot be installed.
 pub(crate) fn watch() -> Result<(), Failure> {
     let mut first = None;
-    let asked = move || {
+    let on_signal = move || {
         let now = Instant::now();
         if is_insisting(*first.get_or_insert(now), now) {
             std::process::exit(EXIT_CODE);
         }
         REQUESTED.store(true, Ordering::Relaxed);
     };
-    ctrlc::set_handler(asked).map_err(|error| Failure::Internal(format!("cannot listen for Ctrl-C: {error}")))
+    ctrlc::set_handler(on_signal).map_err(|error| Failure::Internal(format!("cannot listen for Ctrl-C: {error}")))
 }
 
 /// True if a signal at `now` ends the program at once, given the time of the first one.

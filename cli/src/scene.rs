@@ -32,7 +32,7 @@ pub(crate) fn open(path: &Path, profile: Option<ProfileName>) -> Result<OpenedMo
     Ok(OpenedModel::under(path, model, shading_model))
 }
 
-/// Shading model of a profile, if one was asked for; else that of the model itself.
+/// Shading model of a profile, if one is requested; else that of the model itself.
 fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<ShadingModel, Failure> {
     match profile {
         None => Ok(ShadingModel::of_model(model)),
@@ -58,9 +58,9 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
     }
 }
 
-/// Background `asked` for, else that of the training, else black.
-pub(crate) fn background_of(opened: &OpenedModel, asked: Option<BackgroundColor>) -> BackgroundColor {
-    asked.unwrap_or(BackgroundColor(opened.background()))
+/// Requested background, else that of the training, else black.
+pub(crate) fn background_of(opened: &OpenedModel, requested: Option<BackgroundColor>) -> BackgroundColor {
+    requested.unwrap_or(BackgroundColor(opened.background()))
 }
 
 /// Background of pictures: a colour, the light of a file, or the scene's own.
@@ -78,7 +78,7 @@ pub(crate) fn backdrop_of(
         (Some(BackgroundChoice::Environment), None) => scene_light().map(Backdrop::Environment).ok_or_else(|| {
             Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
         }),
-        (asked, _) => Ok(Backdrop::Color(background_of(opened, asked.and_then(BackgroundChoice::color)))),
+        (requested, _) => Ok(Backdrop::Color(background_of(opened, requested.and_then(BackgroundChoice::color)))),
     }
 }
 

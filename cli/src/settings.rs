@@ -27,7 +27,7 @@ pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failu
 }
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
-    put(&mut profile.coarse_until, args.coarse_until);
+    set(&mut profile.coarse_until, args.coarse_until);
     // -1 stands for the degree of the profile.
     if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
         let is_shaded = profile.layout.is_shaded();
@@ -67,29 +67,29 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
         weights.dssim = dssim;
         weights.absolute = (1.0 - dssim).max(0.0);
     }
-    put(&mut weights.absolute, args.lambda_absolute);
-    put(&mut weights.squared, args.lambda_squared);
-    put(&mut weights.normal, args.lambda_normal);
-    put(&mut weights.coverage, args.lambda_coverage);
-    put(profile.sparse_weight_mut(), args.lambda_sparse);
-    put(profile.residual_weight_mut(), args.lambda_reg);
-    put(&mut profile.normal_from, args.normal_from);
-    put(&mut profile.normal_last, args.normal_last);
-    put(&mut profile.harmonics_from, args.residual_from);
+    set(&mut weights.absolute, args.lambda_absolute);
+    set(&mut weights.squared, args.lambda_squared);
+    set(&mut weights.normal, args.lambda_normal);
+    set(&mut weights.coverage, args.lambda_coverage);
+    set(profile.sparse_weight_mut(), args.lambda_sparse);
+    set(profile.residual_weight_mut(), args.lambda_reg);
+    set(&mut profile.normal_from, args.normal_from);
+    set(&mut profile.normal_last, args.normal_last);
+    set(&mut profile.harmonics_from, args.residual_from);
 }
 
 fn set_densification(profile: &mut Profile, args: &Densify) {
     let densification = &mut profile.densification;
-    put(&mut densification.from, args.densify_from_iter);
-    put(&mut densification.until, args.densify_until_iter);
-    put(&mut densification.every, args.densification_interval);
-    put(&mut densification.reset_every, args.opacity_reset_interval);
-    put(&mut densification.grad_min, args.densify_grad_threshold);
-    put(&mut densification.split_share, args.percent_dense);
-    put(&mut densification.count_max, args.max_gaussians);
+    set(&mut densification.from, args.densify_from_iter);
+    set(&mut densification.until, args.densify_until_iter);
+    set(&mut densification.every, args.densification_interval);
+    set(&mut densification.reset_every, args.opacity_reset_interval);
+    set(&mut densification.grad_min, args.densify_grad_threshold);
+    set(&mut densification.split_share, args.percent_dense);
+    set(&mut densification.count_max, args.max_gaussians);
 }
 
-fn put<T>(slot: &mut T, given: Option<T>) {
+fn set<T>(slot: &mut T, given: Option<T>) {
     if let Some(value) = given {
         *slot = value;
     }

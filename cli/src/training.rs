@@ -125,7 +125,7 @@ impl Observer for Session<'_> {
             Note::StartsOnGpu { is_software: true, .. } => tracing::info!("{note}; --executor cpu is faster"),
             Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
             Note::GpuFailed { checkpoint: Some(_), .. } => {
-                tracing::warn!("{note}; to do that later press Ctrl-C, and start again with --resume --executor cpu")
+                tracing::warn!("{note}; to do that later press Ctrl-C, and start again with --resume --executor cpu");
             }
             _ => tracing::warn!("{note}"),
         }

@@ -54,7 +54,7 @@ impl Contents {
         let degree = layout.sh_degree;
         contents.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
         if layout.is_shaded() {
-            let [shading, axis, prefilter] = scene.shading_model.words();
+            let [shading, axis, prefilter] = scene.shading_model.names();
             let text = format!("{shading}; normals from axis: {axis}; light filtered: {prefilter}");
             contents.add("shading", text, json!({"form": shading, "axis": axis, "prefilter": prefilter}));
         }
@@ -284,7 +284,7 @@ fn left_out(plan: &Plan, layout: Layout) -> Vec<String> {
     let Plan { rules, full, unlit } = plan;
     let mut names = Vec::new();
     if let Some(unlit) = unlit.filter(|_| layout.is_shaded()) {
-        names.push(format!("light, as {}", because(unlit)));
+        names.push(format!("light, as {}", unlit_reason(unlit)));
     }
     match rules.sh_degree {
         None if full.sh_degree.is_some() => names.push("harmonics, which are zero".into()),
@@ -300,7 +300,7 @@ fn left_out(plan: &Plan, layout: Layout) -> Vec<String> {
     names
 }
 
-fn because(unlit: Unlit) -> &'static str {
+fn unlit_reason(unlit: Unlit) -> &'static str {
     match unlit {
         Unlit::NothingShaded => "no shaded Gaussian is drawn",
         Unlit::Dark => "there is none",

@@ -28,10 +28,15 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod comparison;
+
+pub use comparison::{PictureError, ReferencePictures};
+
 use crate::{
     Scene,
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
+    number::group_digits,
     upright::{AxisConvention, Upright},
 };
 use serde_json::json;
@@ -89,6 +94,43 @@ impl GaussianFormat {
             Self::Spz | Self::Glb => AxisConvention::YUp,
         }
     }
+}
+
+/// Content of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// Gaussians.
+    Gaussians(GaussianFormat),
+    /// Light as a lat-long map.
+    LatLong,
+    /// Light, prefiltered for each roughness.
+    PrefilteredLight,
+    /// Mesh of triangles.
+    Mesh,
+}
+
+impl ExportFormat {
+    /// Format of an extension in lower case, without a dot; `.ply` holds a mesh if `is_mesh`.
+    pub fn from_extension(extension: &str, is_mesh: bool) -> Option<Self> {
+        match (extension, is_mesh) {
+            ("obj", _) | ("ply", true) => Some(Self::Mesh),
+            ("hdr" | "exr", _) => Some(Self::LatLong),
+            ("ktx2", _) => Some(Self::PrefilteredLight),
+            _ => GaussianFormat::from_extension(extension).map(Self::Gaussians),
+        }
+    }
+}
+
+/// Returns whether a file is one that a model is read from: the model itself, or a file in its
+/// folder.
+pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
+    let Ok(file) = file.canonicalize() else { return false };
+    let is_within = |name: &str| {
+        let path = folder.and_then(|folder| folder.join(name).canonicalize().ok());
+        path.is_some_and(|path| file.starts_with(path))
+    };
+    let is_read = model.canonicalize().is_ok_and(|model| model == file);
+    is_read || ["point_cloud", "light", "brdf_mlp", "input.ply"].into_iter().any(is_within)
 }
 
 /// Method by which a shading function becomes colours.
@@ -194,6 +236,43 @@ impl PlainGaussians {
         })
     }
 
+    /// Provenance of Gaussians that are baked from a scene by a method, as a comment of a file.
+    pub fn provenance(scene: &Scene, method: BakeMethod, is_upright: bool) -> String {
+        let content = match (scene.gaussians.layout.is_shaded(), method) {
+            (false, _) => "plain Gaussians",
+            (true, BakeMethod::Harmonics) => "a shading function, baked into spherical harmonics",
+            (true, BakeMethod::Diffuse) => "the diffuse colour of a shading function",
+        };
+        let upright = if is_upright { ", upright: y is down" } else { "" };
+        format!("exported by specula {}: {content}{upright}", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Sentence on the differences of a file from the scene that the Gaussians are baked from.
+    pub fn losses(&self, scene: &Scene, format: GaussianFormat, method: BakeMethod) -> String {
+        let is_shaded = scene.gaussians.layout.is_shaded();
+        let baked = match (is_shaded, method, self.gaussians.layout.sh_degree.unwrap_or(0)) {
+            (false, ..) => String::new(),
+            (true, BakeMethod::Harmonics, 0) => "light and shading became a colour".to_owned(),
+            (true, BakeMethod::Harmonics, degree) => format!("light and shading became harmonics of degree {degree}"),
+            (true, BakeMethod::Diffuse, _) => "the light and its reflections are omitted".to_owned(),
+        };
+        let of_format = match format {
+            GaussianFormat::Ply => "",
+            GaussianFormat::Splat => {
+                "colours are the same from everywhere; they, opacities and quats are rounded to 8 bits"
+            }
+            GaussianFormat::Spz => "numbers are rounded to 8 bits, places to a 65536th of the scene",
+            GaussianFormat::Glb if is_shaded => "and are beside them as SPECULA_shading",
+            GaussianFormat::Glb => "",
+        };
+        let omitted = match scene.gaussians.count - self.kept.len() {
+            0 => String::new(),
+            count => format!("{} invisible Gaussians are omitted", group_digits(count)),
+        };
+        let parts: Vec<&str> = [&baked, of_format, &omitted].into_iter().filter(|part| !part.is_empty()).collect();
+        if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
+    }
+
     /// Attributes, light and names of the shading function; none for a scene without one.
     fn shading(&self, scene: &Scene) -> Option<Shading> {
         let Scene { gaussians, light, shading_model } = scene;
@@ -210,7 +289,7 @@ impl PlainGaussians {
             let residual = self.kept.iter().map(|index| gaussians.get::<3>(*index, start + 3 * k));
             Attribute::of(glb::harmonic("RESIDUAL", k), residual)
         }));
-        let [form, axis, filter] = shading_model.words();
+        let [form, axis, filter] = shading_model.names();
         let properties = json!({"form": form, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
         let light = light.as_ref().map(|light| (radiance(light.activation, &light.values), light.resolution));

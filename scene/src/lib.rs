@@ -22,10 +22,16 @@
 //! ```
 //!
 //! [`SceneRenderer::new`] renders on an executor chosen at run time ([`ExecutorChoice`]); GPUs need
-//! the feature `gpu`. [`training`] makes models, with checkpoints. Cameras without a data set come
-//! from [`orbit`], other lights from [`light_file`] by [`Scene::relight`]; [`export`] writes
-//! Gaussians for other programs, [`fusion`] makes meshes, and [`upright`] places either in the axes
-//! of their readers.
+//! the feature `gpu`. Beyond that:
+//!
+//! | module | content |
+//! |---|---|
+//! | [`training`] | trainings with checkpoints, resuming, and the CPU as a fallback |
+//! | [`dataset`], [`orientation`], [`foreground`] | inputs of trainings |
+//! | [`camera_set`], [`orbit`] | cameras of a model, of a file, or around a scene |
+//! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
+//! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
+//! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
 
 pub mod backdrop;
 pub mod bake;

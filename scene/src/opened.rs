@@ -6,7 +6,7 @@ use crate::{
     orientation::{of_gaussians, recorded_or_estimated, with_up},
 };
 use serde_json::Value;
-use specula_core::camera::near_of;
+use specula_core::camera::{Camera, near_of};
 use specula_cpu::morton::sort_in_space;
 use specula_io::{
     Result,
@@ -105,6 +105,19 @@ impl OpenedModel {
         let mut cameras = self.cameras()?;
         let held_out = self.test_views().filter(|count| *count < cameras.len()).unwrap_or(0);
         Ok(cameras.split_off(held_out))
+    }
+
+    /// Cameras of the training, else `count` of them on a sphere around the Gaussians.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn surrounding_cameras(&self, count: u32) -> Result<Vec<Camera>> {
+        let known = self.training_cameras()?;
+        if known.is_empty() {
+            return Ok(orbit::sphere(&self.scene.gaussians, count));
+        }
+        Ok(known.into_iter().map(|(_, camera)| camera).collect())
     }
 
     /// Cameras of the held-out views, else all cameras, else an orbit around the scene: views that

@@ -3,8 +3,8 @@
 use core::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
 
-/// Results that may wait for each thread. With more than one, a producer that waits for room finds
-/// a result to finish.
+/// Results that may wait for each thread. With more than one, a producer that waits for capacity
+/// finds a result to finish.
 const WAITING_PER_THREAD: usize = 2;
 /// Most results that wait, which bounds the memory they take.
 const WAITING_MAX: usize = 16;
@@ -31,7 +31,7 @@ pub fn overlap<T: Send, R: Send, E: Send>(
     rayon::scope(|scope| -> Result<(), E> {
         let mut produce = produce;
         for index in 0..count {
-            finished.wait_for_room();
+            finished.wait_for_capacity();
             let item = produce(index)?;
             finished.waiting.fetch_add(1, Ordering::Relaxed);
             let (finished, finish) = (&finished, &finish);
@@ -55,9 +55,9 @@ struct Finished<R, E> {
 
 impl<R, E> Finished<R, E> {
     /// Finishes items while too many wait.
-    fn wait_for_room(&self) {
-        let room = (WAITING_PER_THREAD * rayon::current_num_threads()).min(WAITING_MAX);
-        while self.waiting.load(Ordering::Relaxed) >= room {
+    fn wait_for_capacity(&self) {
+        let capacity = (WAITING_PER_THREAD * rayon::current_num_threads()).min(WAITING_MAX);
+        while self.waiting.load(Ordering::Relaxed) >= capacity {
             if rayon::yield_now() != Some(rayon::Yield::Executed) {
                 std::thread::yield_now();
             }

@@ -20,7 +20,8 @@ use specula_io::{
 use specula_train::trainer::HostScene;
 use std::path::Path;
 
-/// Least and usual resolution of a light that is put into a scene, in texels along a face's edge.
+/// Least and default resolution of a light that replaces that of a scene, in texels along a face's
+/// edge.
 const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
 
 /// Gaussians, their light, and the shading model that turns their attributes into colours.
@@ -73,10 +74,10 @@ impl Scene {
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
     }
 
-    /// Resolution of lights that are put into the scene, in texels along a face's edge.
+    /// Resolution of lights that replace that of the scene, in texels along a face's edge.
     pub fn resolution_of_others(&self) -> usize {
-        let [least, usual] = LIGHT_RESOLUTION;
-        self.light.as_ref().map_or(usual, |light| light.resolution.max(least))
+        let [min, default] = LIGHT_RESOLUTION;
+        self.light.as_ref().map_or(default, |light| light.resolution.max(min))
     }
 
     /// Number of Gaussians with numbers that are not finite, by reason, as text; none if all are

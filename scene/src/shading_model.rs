@@ -3,7 +3,7 @@
 //! Files follow GaussianShader's code, whatever trained them: the diffuse colour is σ(f_dc − ln 3),
 //! and a normal that was flipped towards the viewer is −v + Δn₂. In the paper's form they are
 //! σ(diffuse) and −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. The
-//! rest of a model is named in words beside the numbers: the equation that combines the terms, the
+//! rest of a model is named beside the numbers: the equation that combines the terms, the
 //! base axis of normals, the prefilter of the light.
 
 use serde_json::{Map, Value};
@@ -55,13 +55,13 @@ impl ShadingModel {
     pub fn of_model(model: &Model) -> Self {
         let from_info = model.info.as_ref().and_then(|info| {
             let word = |key: &str| info.rest.get(key).and_then(Value::as_str);
-            Self::from_words(&info.shading, word("axis"), word("prefilter"))
+            Self::from_names(&info.shading, word("axis"), word("prefilter"))
         });
         let from_comments = || model.comments.iter().find_map(|comment| Self::from_comment(comment));
         from_info.or_else(from_comments).unwrap_or(Self::OFFICIAL)
     }
 
-    fn from_words(shading: &str, axis: Option<&str>, prefilter: Option<&str>) -> Option<Self> {
+    fn from_names(shading: &str, axis: Option<&str>, prefilter: Option<&str>) -> Option<Self> {
         let mut model = match shading {
             "paper" => Self::PAPER,
             "deferred" => Self::DEFERRED,
@@ -90,12 +90,12 @@ impl ShadingModel {
         let pairs: Map<String, Value> =
             words.filter_map(|word| word.split_once('=')).map(|(key, word)| (key.to_owned(), word.into())).collect();
         let word = |key: &str| pairs.get(key).and_then(Value::as_str);
-        Self::from_words(word("shading")?, word("axis"), word("prefilter"))
+        Self::from_names(word("shading")?, word("axis"), word("prefilter"))
     }
 
     /// Comment of a PLY file, as [`ShadingModel::of_model`] reads it.
     pub fn comment(self) -> String {
-        let [shading, axis, prefilter] = self.words();
+        let [shading, axis, prefilter] = self.names();
         format!("{COMMENT} shading={shading} axis={axis} prefilter={prefilter}")
     }
 
@@ -110,7 +110,7 @@ impl ShadingModel {
     }
 
     /// Names of the equation, the axis and the prefilter.
-    pub fn words(self) -> [&'static str; 3] {
+    pub fn names(self) -> [&'static str; 3] {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",

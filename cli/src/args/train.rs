@@ -187,7 +187,7 @@ pub(crate) enum ViewUntil {
 
 impl ViewUntil {
     /// Default: Ctrl-C if stdout is a terminal.
-    pub(crate) fn usual() -> Self {
+    pub(crate) fn default_of_stdout() -> Self {
         if std::io::stdout().is_terminal() { Self::CtrlC } else { Self::Done }
     }
 }

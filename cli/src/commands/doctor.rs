@@ -17,7 +17,7 @@ pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     }
     output::say(&format!("CPU       {threads} threads, {vectors}"))?;
     for gpu in &gpus {
-        output::say(&gpu.words)?;
+        output::say(&gpu.text)?;
     }
     output::say(&verdict(&gpus))
 }
@@ -26,7 +26,7 @@ pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
 #[derive(Debug)]
 struct GpuReport {
     name: String,
-    words: String,
+    text: String,
     json: Value,
     is_used: bool,
 }
@@ -55,7 +55,7 @@ fn gpus() -> Vec<GpuReport> {
             let mib = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) >> 20;
             let [low, high] = [info.subgroup_min_size, info.subgroup_max_size];
             GpuReport {
-                words: format!(
+                text: format!(
                     "adapter   {report}\n          arrays up to {mib} MiB, {} KiB shared by a workgroup, subgroups of {low} to {high}",
                     limits.max_compute_workgroup_storage_size >> 10
                 ),

@@ -173,7 +173,7 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     Some(parts.join("_"))
 }
 
-/// Whether a data set differs from that of the training. One that was moved cannot be told apart.
+/// Whether a data set differs from that of the training. One that was moved counts as the same.
 fn is_other_source(source: &Path, opened: &OpenedModel) -> bool {
     let trained_on = opened.info.as_ref().and_then(|info| fs::canonicalize(&info.source_path).ok());
     trained_on.is_some_and(|trained_on| fs::canonicalize(source).is_ok_and(|source| source != trained_on))

@@ -21,7 +21,7 @@ use specula_scene::{
 use specula_train::view::View;
 use std::path::Path;
 
-/// Renders what was asked for.
+/// Renders the requested pictures.
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
     let ViewOptions { scene_options, .. } = &args.views;
@@ -90,7 +90,7 @@ fn parts_of(args: &Render, opened: &OpenedModel, options: &RenderOptions) -> Vec
     parts
 }
 
-/// Renders what was asked for within an error.
+/// Renders the requested pictures within an error.
 fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJob<'_>) -> Result<(), Failure> {
     if let ExecutorChoice::Gpu(_) = args.views.scene_options.renderer.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
@@ -116,9 +116,9 @@ fn refuse_difference(largest: f32) -> Result<(), Failure> {
     Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {largest}")))
 }
 
-/// The layers that the scene has, of those that were asked for.
-fn layers_of(asked: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
-    let mut layers = Layer::expanded(asked);
+/// Requested layers that the scene has.
+fn layers_of(requested: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
+    let mut layers = Layer::expanded(requested);
     if !opened.scene.gaussians.layout.is_shaded() {
         let names: Vec<&str> = layers.iter().filter(|layer| layer.is_of_shading()).map(|layer| layer.name()).collect();
         if !names.is_empty() {

@@ -95,7 +95,7 @@ pub(crate) fn watch(
     let options = ViewerOptions { address, token: args.watch.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, Some(live.clone()))?;
     print_urls(&viewer)?;
-    let until = args.watch.view_until.unwrap_or_else(ViewUntil::usual);
+    let until = args.watch.view_until.unwrap_or_else(ViewUntil::default_of_stdout);
     Ok(Watching { live, viewer: viewer.spawn(interrupt::is_requested), until })
 }
 

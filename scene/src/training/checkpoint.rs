@@ -120,7 +120,7 @@ mod tests {
     const POINTS: u64 = 150;
     const ITERATIONS: u32 = 24;
     /// Number of iterations at which a training is interrupted, for each profile.
-    const PLACES: u64 = 20;
+    const SAVE_COUNT: u64 = 20;
 
     fn views() -> Vec<View> {
         let view = |k: u64| {
@@ -134,8 +134,10 @@ mod tests {
     }
 
     fn points() -> Vec<Point> {
-        let place = |axis: u64, k: u64| random::uniform(1, axis, k) - 0.5;
-        (0..POINTS).map(|k| Point { position: [0, 1, 2].map(|axis| place(axis, k)), color: [0.5, 0.4, 0.3] }).collect()
+        let coordinate = |axis: u64, k: u64| random::uniform(1, axis, k) - 0.5;
+        (0..POINTS)
+            .map(|k| Point { position: [0, 1, 2].map(|axis| coordinate(axis, k)), color: [0.5, 0.4, 0.3] })
+            .collect()
     }
 
     fn settings(name: &str) -> Settings {
@@ -156,16 +158,16 @@ mod tests {
 
     /// The bytes of the checkpoint that a training would write now.
     fn bytes(trainer: &mut Trainer<CpuExecutor>, settings: &Settings) -> Vec<u8> {
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         let mut checkpoints = Checkpoints::new(folder.path(), 1, describe(settings, String::new(), &views()));
-        checkpoints.write(trainer.snapshot().expect("the CPU gives back"), 0.0).expect("there is room");
+        checkpoints.write(trainer.snapshot().expect("the CPU gives back"), 0.0).expect("a writable folder");
         fs::read(checkpoints.path()).expect("it was written")
     }
 
     /// A training resumed from the bytes of a checkpoint.
     fn resumed(bytes: &[u8], settings: &Settings) -> Trainer<CpuExecutor> {
-        let folder = tempfile::tempdir().expect("there is room");
-        fs::write(checkpoint::path_in(folder.path()), bytes).expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
+        fs::write(checkpoint::path_in(folder.path()), bytes).expect("a writable folder");
         let saved = checkpoint::read(folder.path()).expect("it was written");
         Trainer::resume(CpuExecutor::new(), settings.clone(), &views(), &saved.state).expect("it is the same")
     }
@@ -176,23 +178,23 @@ mod tests {
             let settings = settings(name);
             let mut whole =
                 Trainer::new(CpuExecutor::new(), settings.clone(), &views(), &points()).expect("there are views");
-            let mut places: Vec<u32> =
-                (0..PLACES).map(|k| (random::bits(7, 0, k) % u64::from(ITERATIONS)) as u32).collect();
-            places.sort_unstable();
+            let mut iterations: Vec<u32> =
+                (0..SAVE_COUNT).map(|k| (random::bits(7, 0, k) % u64::from(ITERATIONS)) as u32).collect();
+            iterations.sort_unstable();
             let mut saved = Vec::new();
-            for place in places {
-                train(&mut whole, place);
+            for iteration in iterations {
+                train(&mut whole, iteration);
                 saved.push(bytes(&mut whole, &settings));
             }
             train(&mut whole, ITERATIONS);
             assert_ne!(whole.gaussians().count as u64, POINTS, "densification took part in {name}");
             let expected = bytes(&mut whole, &settings);
             for saved in saved {
-                let mut again = resumed(&saved, &settings);
-                let place = again.iteration();
-                assert!(bytes(&mut again, &settings) == saved, "{name} at {place} is not what was read");
-                train(&mut again, ITERATIONS);
-                assert!(bytes(&mut again, &settings) == expected, "{name} from {place} on ends otherwise");
+                let mut resumed_run = resumed(&saved, &settings);
+                let iteration = resumed_run.iteration();
+                assert!(bytes(&mut resumed_run, &settings) == saved, "{name} at {iteration} is not what was read");
+                train(&mut resumed_run, ITERATIONS);
+                assert!(bytes(&mut resumed_run, &settings) == expected, "{name} from {iteration} on ends otherwise");
             }
         }
     }

@@ -10,7 +10,7 @@ use specula_train::trainer::Settings;
 /// of the data set.
 pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
     let Settings { profile, iterations, seed, background, .. } = settings;
-    let [shading, axis, prefilter] = ShadingModel::of_profile(profile).words();
+    let [shading, axis, prefilter] = ShadingModel::of_profile(profile).names();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
     if is_shaded {

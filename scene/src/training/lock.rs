@@ -115,7 +115,7 @@ fn host() -> String {
 /// Sentence that names the holder of a folder's lock.
 fn holder_message(folder: &Path) -> String {
     let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
-    let who = match serde_json::from_str(&text) {
+    let holder = match serde_json::from_str(&text) {
         Ok(Holder { pid, host, started, command }) => {
             let since = humantime::parse_rfc3339(&started).ok().and_then(|start| start.elapsed().ok());
             let since = since.map_or(String::new(), |since| {
@@ -126,7 +126,7 @@ fn holder_message(folder: &Path) -> String {
         }
         Err(_) => "unknown which".to_owned(),
     };
-    format!("another training is writing to {folder:?} ({who})")
+    format!("another training is writing to {folder:?} ({holder})")
 }
 
 #[cfg(test)]
@@ -135,16 +135,16 @@ mod tests {
 
     #[test]
     fn a_folder_has_one_lock_and_says_who_holds_it() {
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         let unfinished = folder.path().join(".unfinished-x");
-        fs::write(&unfinished, "half").expect("there is room");
+        fs::write(&unfinished, "half").expect("a writable folder");
         let lock = Lock::take(folder.path()).expect("nobody holds it");
         assert!(!unfinished.exists(), "what is not finished is swept when a training starts");
         let refused = Lock::take(folder.path()).expect_err("it is held");
         let sentence = refused.to_string();
         let pid = format!("process {} on ", std::process::id());
         assert!(sentence.contains(&pid) && matches!(refused, SceneError::Locked(_)), "{sentence}");
-        fs::write(&unfinished, "half").expect("there is room");
+        fs::write(&unfinished, "half").expect("a writable folder");
         drop(Lock::take_or_warn(folder.path()).expect("it is taken anyway"));
         assert!(unfinished.exists(), "another training may be writing it");
 

@@ -344,7 +344,7 @@ mod tests {
         let expected = whole.download().expect("the processor gives back");
         // From the second step, or from the start where there is no checkpoint.
         for every in [2, 0] {
-            let folder = tempfile::tempdir().expect("there is room");
+            let folder = tempfile::tempdir().expect("a writable folder");
             let mut fallen_back = training(true, folder.path(), every);
             assert_eq!(
                 run(&mut fallen_back).expect("the processor takes over"),
@@ -393,7 +393,7 @@ mod tests {
             }
         };
         let fuse = gpu.fuse();
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         let mut training = training(true, folder.path(), 2);
         training.trainer =
             Box::new(Trainer::new(GpuExecutor::new(gpu), settings(), &views(), &POINTS).expect("the device is there"));
@@ -414,7 +414,7 @@ mod tests {
 
     #[test]
     fn a_failure_of_the_processor_itself_is_one() {
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         assert!(run(&mut training(false, folder.path(), 2)).is_err(), "nothing can go on");
         assert_eq!(checkpoint_of(folder.path()), 2, "what was saved stays");
     }
@@ -425,9 +425,9 @@ mod tests {
 
     #[test]
     fn a_full_disk_is_no_reason_to_stop() {
-        let folder = tempfile::tempdir().expect("there is room");
+        let folder = tempfile::tempdir().expect("a writable folder");
         let file = folder.path().join("file");
-        std::fs::write(&file, "mine").expect("there is room");
+        std::fs::write(&file, "mine").expect("a writable folder");
         let mut training = training(true, &file, 1);
         training.trainer =
             Box::new(Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view"));

@@ -57,20 +57,20 @@ pub(super) fn read_checkpoint(
     facts: &Facts,
 ) -> Result<Resumed, Failure> {
     let saved = io::checkpoint::read(&args.model_path)?;
-    let then = &saved.facts;
-    let refuse = |what: String| {
-        let place = io::checkpoint::path_in(&args.model_path);
+    let earlier = &saved.facts;
+    let refuse = |reason: String| {
+        let path = io::checkpoint::path_in(&args.model_path);
         Err(Failure::Input(format!(
-            "the checkpoint {place:?} {what}, or start anew with --overwrite in place of --resume"
+            "the checkpoint {path:?} {reason}, or start anew with --overwrite in path of --resume"
         )))
     };
-    if let Some(what) = config::contradiction(&facts.config, &then.config) {
-        return refuse(format!("is of a training with {what}; leave the option as it was"));
+    if let Some(difference) = config::contradiction(&facts.config, &earlier.config) {
+        return refuse(format!("is of a training with {difference}; leave the option as it was"));
     }
-    if (facts.views, &facts.pictures) != (then.views, &then.pictures) {
+    if (facts.views, &facts.pictures) != (earlier.views, &earlier.pictures) {
         return refuse(format!(
             "is of a training on {} pictures, and the {} in {source:?} are not the same; name the folder of those",
-            then.views, facts.views
+            earlier.views, facts.views
         ));
     }
     if saved.state.iteration > args.iterations {
@@ -79,10 +79,11 @@ pub(super) fn read_checkpoint(
             saved.state.iteration, args.iterations
         ));
     }
-    let profile = Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, then.iterations)? };
-    let same = Settings { profile, iterations: then.iterations, ..settings.clone() };
-    if training::settings_text(&same) != then.settings {
-        return refuse(format!("is of specula {}, which trained otherwise; go on with that one", then.program));
+    let profile =
+        Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, earlier.iterations)? };
+    let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
+    if training::settings_text(&same) != earlier.settings {
+        return refuse(format!("is of specula {}, which trained otherwise; go on with that one", earlier.program));
     }
-    Ok(Resumed { seconds: then.seconds, state: saved.state })
+    Ok(Resumed { seconds: earlier.seconds, state: saved.state })
 }

@@ -70,16 +70,16 @@ pub(super) fn finish(
     info.rest.insert("gaussians".into(), count.into());
     info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
     save(args, training, &scene, &info, views)?;
-    let place = model_folder::gaussians_at(&args.model_path, iteration);
+    let path = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
         let model = shell_word(&args.model_path);
         let resumption = format!("; specula train -m {model} --resume continues");
         return Err(Failure::Interrupted(format!(
-            "interrupted after iteration {iteration}, which is saved in {place:?}{}",
+            "interrupted after iteration {iteration}, which is saved in {path:?}{}",
             if training.has_checkpoint() { &resumption } else { "" }
         )));
     }
-    tracing::info!("saved {place:?}");
+    tracing::info!("saved {path:?}");
     let certified = certify_trained(args, &scene, views)?;
     if let Some(certified) = &certified {
         save_certificate(args, &mut info, certified.certificate().to_owned())?;

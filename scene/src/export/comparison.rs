@@ -1,0 +1,105 @@
+//! Error of exported Gaussians: their pictures against those of the scene that they come from.
+
+use crate::{RenderOptions, Scene, SceneError, SceneRenderer, ShadingModel, upright::Upright};
+use core::fmt;
+use specula_core::{camera::Camera, metrics::psnr, rules::Channels, scene::Gaussians};
+use specula_train::evaluate::{mean_squared_error, over_background};
+
+/// Mean squared error of a picture without any: that of a wrong 8-bit step in a pixel of a
+/// thousand.
+const SQUARED_ERROR_MIN: f64 = 1e-3 / (255.0 * 255.0);
+
+/// Pictures of a scene that those of its exported Gaussians are compared with.
+#[derive(Clone, Debug)]
+pub struct ReferencePictures {
+    cameras: Vec<Camera>,
+    background: [f32; 3],
+    options: RenderOptions,
+    /// Colours over the background, camera by camera.
+    pictures: Vec<Vec<f32>>,
+}
+
+impl ReferencePictures {
+    /// Renders a scene over a background in sRGB. `progress` is given the number of pictures so
+    /// far.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneRenderer::new`] and of [`SceneRenderer::render`].
+    pub fn render(
+        scene: Scene,
+        cameras: Vec<Camera>,
+        background: [f32; 3],
+        options: RenderOptions,
+        progress: impl FnMut(usize),
+    ) -> Result<Self, SceneError> {
+        let pictures = pictures(scene, &cameras, background, &options, progress)?;
+        Ok(Self { cameras, background, options, pictures })
+    }
+
+    /// Number of pictures.
+    pub fn count(&self) -> usize {
+        self.pictures.len()
+    }
+
+    /// Compares the pictures of exported Gaussians, which may be placed upright.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`ReferencePictures::render`].
+    pub fn compare(
+        &self,
+        gaussians: Gaussians<Vec<f32>>,
+        placed: Option<&Upright>,
+        progress: impl FnMut(usize),
+    ) -> Result<PictureError, SceneError> {
+        let camera = |camera: &Camera| placed.map_or(*camera, |upright| upright.camera(camera));
+        let cameras: Vec<Camera> = self.cameras.iter().map(camera).collect();
+        let scene = Scene { gaussians, light: None, shading_model: ShadingModel::PAPER };
+        let pictures = pictures(scene, &cameras, self.background, &self.options, progress)?;
+        let pairs = self.pictures.iter().zip(&pictures);
+        let errors: Vec<f64> = pairs.map(|(reference, exported)| mean_squared_error(reference, exported)).collect();
+        let views = errors.len();
+        if errors.iter().all(|error| *error == 0.0) {
+            return Ok(PictureError { views, psnr: None });
+        }
+        let sum: f64 = errors.iter().map(|error| psnr(error.max(SQUARED_ERROR_MIN))).sum();
+        Ok(PictureError { views, psnr: Some(sum / views as f64) })
+    }
+}
+
+/// Difference of exported Gaussians from their scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureError {
+    /// Number of pictures.
+    pub views: usize,
+    /// Mean PSNR in dB; none where no picture differs.
+    pub psnr: Option<f64>,
+}
+
+impl fmt::Display for PictureError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { views, psnr } = self;
+        match psnr {
+            None => write!(out, "{views} pictures of it are specula's own"),
+            Some(psnr) => write!(out, "PSNR {psnr:.2} dB against specula's own pictures ({views} views)"),
+        }
+    }
+}
+
+/// Colours of a scene over a background, camera by camera.
+fn pictures(
+    scene: Scene,
+    cameras: &[Camera],
+    background: [f32; 3],
+    options: &RenderOptions,
+    mut progress: impl FnMut(usize),
+) -> Result<Vec<Vec<f32>>, SceneError> {
+    let mut renderer = SceneRenderer::new(scene, Channels::Color, options)?;
+    let mut pictures = Vec::new();
+    for camera in cameras {
+        pictures.push(over_background(&renderer.render(camera)?, background));
+        progress(pictures.len());
+    }
+    Ok(pictures)
+}
