@@ -91,9 +91,21 @@ pub fn render_pass<E: Renderer>(
     rules: &RenderRules,
     observer: &mut impl StageObserver<E>,
 ) -> Result<Pass<E>, E::Error> {
-    let light = light.filter(|_| rules.is_lit);
-    let (splats, colors) = shade_gaussians(exec, gaussians, light, camera, rules, observer)?;
-    let tiles = exec.bin(&splats, camera)?;
+    forward_pass(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, E::bin, observer)
+}
+
+/// Stages of a picture under a light that is looked up, binned by `bin`.
+fn forward_pass<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    bin: impl FnOnce(&mut E, &E::Splats, &Camera) -> Result<E::Tiles, E::Error>,
+    observer: &mut impl StageObserver<E>,
+) -> Result<Pass<E>, E::Error> {
+    let (splats, colors) = project_and_shade(exec, gaussians, light, camera, rules, observer)?;
+    let tiles = bin(exec, &splats, camera)?;
     observer.on_stage(Stage::Bin(&tiles));
     let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
     observer.on_stage(Stage::Blend(&splats, &frame));
@@ -117,7 +129,18 @@ pub fn shade_gaussians<E: Renderer>(
     rules: &RenderRules,
     observer: &mut impl StageObserver<E>,
 ) -> Result<(E::Splats, E::Colors), E::Error> {
-    let light = light.filter(|_| rules.is_lit);
+    project_and_shade(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, observer)
+}
+
+/// Splats and their channels, under a light that is looked up.
+fn project_and_shade<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    observer: &mut impl StageObserver<E>,
+) -> Result<(E::Splats, E::Colors), E::Error> {
     let mut splats = exec.project(gaussians, camera)?;
     observer.on_stage(Stage::Project(&splats));
     let colors = exec.shade(gaussians, camera, &mut splats, light, rules)?;
@@ -154,14 +177,8 @@ fn take_step<E: Executor>(
         Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
         _ => None,
     };
-    let mut splats = exec.project(gaussians, step.camera)?;
-    let colors = exec.shade(gaussians, step.camera, &mut splats, light.as_ref(), step.rules)?;
-    let tiles = exec.bin_for_step(&splats, step.camera)?;
-    let mut frame = exec.blend(&splats, &colors, &tiles, step.camera)?;
-    let is_deferred = step.rules.is_deferred(gaussians.layout);
-    if is_deferred {
-        frame = exec.shade_pixels(frame, light.as_ref(), step.camera)?;
-    }
+    let Pass { splats, colors, tiles, mut frame } =
+        forward_pass(exec, gaussians, light.as_ref(), step.camera, step.rules, E::bin_for_step, &mut ())?;
     if let Some(exposure) = step.exposure {
         frame = exec.expose(frame, exposure)?;
     }
@@ -170,7 +187,7 @@ fn take_step<E: Executor>(
         frame_grad = exec.expose_vjp(&frame, exposure, frame_grad)?;
     }
     let mut light_grad = None;
-    if is_deferred {
+    if step.rules.is_deferred(gaussians.layout) {
         (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, frame_grad)?;
     }
 
