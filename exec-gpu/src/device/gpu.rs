@@ -135,21 +135,6 @@ impl Gpu {
         self.info.device_type == DeviceType::Cpu
     }
 
-    /// The device with a lower limit of the size of an array, in bytes, as a smaller device has.
-    #[must_use]
-    pub fn limited(mut self, bytes: u64) -> Self {
-        self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
-        self
-    }
-
-    /// Device with Gaussians in chunks of at most a number of bytes, and at least one block.
-    /// Results do not depend on it.
-    #[must_use]
-    pub fn with_chunks_of(mut self, bytes: u64) -> Self {
-        self.chunk_max = bytes;
-        self
-    }
-
     /// Largest chunk of Gaussians, in bytes.
     pub(crate) fn chunk_max(&self) -> u64 {
         self.chunk_max.min(self.binding_max())
@@ -181,11 +166,6 @@ impl Gpu {
         self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
-    /// Number of times that the host has waited for the device.
-    pub fn waits(&self) -> usize {
-        self.waits.load(Relaxed)
-    }
-
     /// Blocks until all submissions are done.
     ///
     /// # Errors
@@ -203,8 +183,32 @@ impl Gpu {
             Err(_) => Err(GpuError::Lost { reason: "the driver gave it up".to_owned() }),
         }
     }
+}
 
-    /// A function that destroys the device, as a driver may at any time: all later calls fail.
+/// Smaller, observed and lost devices, for tests.
+#[cfg(feature = "testing")]
+impl Gpu {
+    /// Device with a lower limit of the size of an array, in bytes, as a smaller device has.
+    #[must_use]
+    pub fn limited(mut self, bytes: u64) -> Self {
+        self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
+        self
+    }
+
+    /// Device with Gaussians in chunks of at most a number of bytes, and at least one block.
+    /// Results do not depend on it.
+    #[must_use]
+    pub fn with_chunks_of(mut self, bytes: u64) -> Self {
+        self.chunk_max = bytes;
+        self
+    }
+
+    /// Number of times that the host has waited for the device.
+    pub fn waits(&self) -> usize {
+        self.waits.load(Relaxed)
+    }
+
+    /// Function that destroys the device, as a driver may at any time: all later calls fail.
     pub fn fuse(&self) -> impl Fn() + Send + 'static {
         let device = self.device.clone();
         move || device.destroy()
