@@ -144,7 +144,7 @@ impl Trial<'static> {
             let start = Instant::now();
             let mut light = trial.exec.prefilter(&light, setting.scheme, LevelRange::ALL)?;
             for (level, texels) in levels.enumerate() {
-                light.put_level(level, texels);
+                light.set_level(level, texels);
             }
             let of = (setting.scheme, setting.light, LevelRange::ALL, setting.storage);
             trial.lights.push(Filtered { of, light, is_of_reference: true, milliseconds: milliseconds(start) });

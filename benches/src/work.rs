@@ -128,7 +128,7 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
                     break;
                 }
             }
-            for (channel, value) in pixel.iter().chain([&state.left]).enumerate() {
+            for (channel, value) in pixel.iter().chain([&state.final_transmittance]).enumerate() {
                 values[(channel * height + y) * width + x] = *value;
             }
         }

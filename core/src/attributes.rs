@@ -67,14 +67,14 @@ pub trait AttributePlanes<R: Real> {
 /// Destination of the gradients of a Gaussian's numbers. Each plane is written once.
 pub trait AttributeGrads<R: Real> {
     /// Takes the gradient of one plane.
-    fn put(&mut self, plane: usize, grad: R);
+    fn set(&mut self, plane: usize, grad: R);
 
     /// Takes the gradients of three neighbouring planes.
     #[inline(always)]
     fn put3(&mut self, first: usize, grad: Vec3<R>) {
-        self.put(first, grad.x);
-        self.put(first + 1, grad.y);
-        self.put(first + 2, grad.z);
+        self.set(first, grad.x);
+        self.set(first + 1, grad.y);
+        self.set(first + 2, grad.z);
     }
 }
 
@@ -236,9 +236,9 @@ pub fn shape_vjp<R: Real>(
     out.put3(MEAN, grad.mean + shading.mean);
     out.put3(LOG_SCALE, grad.log_scales);
     for k in 0..4 {
-        out.put(QUAT + k, grad.quat[k] + shading.quat[k]);
+        out.set(QUAT + k, grad.quat[k] + shading.quat[k]);
     }
-    out.put(OPACITY, grad.opacity_logit);
+    out.set(OPACITY, grad.opacity_logit);
 }
 
 /// Shading of a cloud: its planes, and the rules by which they become colours.
@@ -431,7 +431,7 @@ impl GaussianShading {
         let grad = surface_vjp(&shaded.material, eye, self.rules.shading, &shaded.surface, &grad);
         out.put3(DIFFUSE, grad.diffuse);
         out.put3(TINT, grad.tint);
-        out.put(ROUGHNESS, grad.roughness);
+        out.set(ROUGHNESS, grad.roughness);
         out.put3(NORMAL_RESIDUAL_1, grad.normal_residuals[0]);
         out.put3(NORMAL_RESIDUAL_2, grad.normal_residuals[1]);
         PoseGrad { mean: grad.mean, quat: grad.quat }

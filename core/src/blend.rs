@@ -127,14 +127,14 @@ pub struct PixelState<R> {
     pub transmittance: R,
     /// Transmittance of the picture: that of an active pixel, and the last one of a pixel that has
     /// ended.
-    pub left: R,
+    pub final_transmittance: R,
 }
 
 impl<R: Real> PixelState<R> {
     /// Before the first splat.
     #[inline(always)]
     pub fn open(like: R) -> Self {
-        Self { transmittance: like.constant(1.0), left: like.constant(1.0) }
+        Self { transmittance: like.constant(1.0), final_transmittance: like.constant(1.0) }
     }
 }
 
@@ -182,7 +182,10 @@ impl Cutoffs {
         let is_active = self.is_active(transmittance);
         Composite {
             weight: (alpha * front.transmittance).keep(is_active),
-            behind: PixelState { transmittance, left: R::select(is_active, transmittance, front.left) },
+            behind: PixelState {
+                transmittance,
+                final_transmittance: R::select(is_active, transmittance, front.final_transmittance),
+            },
         }
     }
 }

@@ -81,22 +81,22 @@ pub fn largest_scale<R: Real>(log_scales: Vec3<R>) -> R {
     scales.x.max(scales.y).max(scales.z)
 }
 
-/// Three numbers from the normal distribution, by which one part of a split Gaussian moves.
-pub fn part_noise(seed: u64, stream: u64, draw: u64) -> [f32; 3] {
+/// Three numbers from the normal distribution, by which one child of a split Gaussian moves.
+pub fn split_noise(seed: u64, stream: u64, draw: u64) -> [f32; 3] {
     let noise = |axis: u64| random::normal(seed, stream, 3 * draw + axis);
     [noise(0), noise(1), noise(2)]
 }
 
-/// Centre of one part of a split Gaussian: drawn from the Gaussian itself, μ + R (s ⊙ ξ), with
-/// [`part_noise`] for ξ.
+/// Centre of one child of a split Gaussian: drawn from the Gaussian itself, μ + R (s ⊙ ξ), with
+/// [`split_noise`] for ξ.
 #[inline(always)]
-pub fn part_mean<R: Real>(mean: Vec3<R>, log_scales: Vec3<R>, quat: Quat<R>, noise: Vec3<R>) -> Vec3<R> {
+pub fn split_mean<R: Real>(mean: Vec3<R>, log_scales: Vec3<R>, quat: Quat<R>, noise: Vec3<R>) -> Vec3<R> {
     mean + rotation(quat).transform(noise.times(scales(log_scales)))
 }
 
-/// Logarithms of a part's scales: those of the whole, divided by [`SPLIT_SHRINK`].
+/// Logarithms of a split child's scales: those of the parent, divided by [`SPLIT_SHRINK`].
 #[inline(always)]
-pub fn part_log_scales<R: Real>(log_scales: Vec3<R>) -> Vec3<R> {
+pub fn split_log_scales<R: Real>(log_scales: Vec3<R>) -> Vec3<R> {
     let log_shrink = crate::math::ln(SPLIT_SHRINK);
     each!(log_scales, x => x - log_shrink)
 }

@@ -34,7 +34,7 @@ pub(crate) struct BlockGrads<'a, S: Simd> {
 
 impl<S: Simd> AttributeGrads<Lanes<S>> for BlockGrads<'_, S> {
     #[inline(always)]
-    fn put(&mut self, plane: usize, grad: Lanes<S>) {
+    fn set(&mut self, plane: usize, grad: Lanes<S>) {
         grad.keep(self.is_touched).store(&mut self.values[plane * BLOCK..]);
     }
 }

@@ -112,7 +112,7 @@ pub(crate) const fn place_in_row(columns: usize, plane: usize, column: usize) ->
 
 /// A quad into a plane of a tile.
 #[inline(always)]
-pub(crate) fn put_quad(plane: &mut [Row], quad: usize, values: &Quad) {
+pub(crate) fn store_quad(plane: &mut [Row], quad: usize, values: &Quad) {
     let [x, y] = quad_origin(quad);
     for k in 0..QUAD {
         plane[y + k][x..x + QUAD].copy_from_slice(&values[k * QUAD..(k + 1) * QUAD]);

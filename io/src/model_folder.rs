@@ -298,8 +298,8 @@ fn file_quality(
     means.extend(means_of(quality));
     means.extend(facts);
     per_view.extend(quality.iter().map(|(measure, _, views)| (measure.clone(), object(views))));
-    put(&folder.join(RESULTS), method, means)?;
-    put(&folder.join(PER_VIEW), method, per_view)
+    write(&folder.join(RESULTS), method, means)?;
+    write(&folder.join(PER_VIEW), method, per_view)
 }
 
 fn means_of(quality: &Quality) -> Map<String, Value> {
@@ -325,14 +325,14 @@ pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usi
     let mut facts = means_of(quality);
     facts.insert("seconds".into(), seconds.into());
     facts.insert("gaussians".into(), gaussians.into());
-    put(&folder.join(TIMELINE), &method_of(iteration), facts)
+    write(&folder.join(TIMELINE), &method_of(iteration), facts)
 }
 
 fn object(views: &[(String, f64)]) -> Value {
     Value::Object(views.iter().map(|(view, value)| (view.clone(), (*value).into())).collect())
 }
 
-fn put(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
+fn write(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
     let mut all = read_all(path)?;
     all.insert(method.to_owned(), value.into());
     json::write(path, &all)

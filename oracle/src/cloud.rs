@@ -37,7 +37,7 @@ pub(crate) struct AddedGrads<'a, R> {
 }
 
 impl<R: Number> AttributeGrads<R> for AddedGrads<'_, R> {
-    fn put(&mut self, plane: usize, grad: R) {
+    fn set(&mut self, plane: usize, grad: R) {
         let index = self.gaussians.index_of(self.index, plane);
         self.gaussians.values[index] = self.gaussians.values[index] + grad;
     }

@@ -173,7 +173,7 @@ pub fn shade_vjp<R: Number>(
         };
         out.put3(MEAN, pose.mean);
         for k in 0..4 {
-            out.put(QUAT + k, pose.quat[k]);
+            out.set(QUAT + k, pose.quat[k]);
         }
     }
 }

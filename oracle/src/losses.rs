@@ -318,10 +318,10 @@ pub fn attribute_loss_vjp<R: Number>(
     for index in 0..gaussians.count {
         let planes = gaussian(gaussians, index);
         let mut out = AddedGrads { gaussians: out, index };
-        out.put(OPACITY, loss::sparse_vjp(planes.number(OPACITY), share(weights.sparse)));
+        out.set(OPACITY, loss::sparse_vjp(planes.number(OPACITY), share(weights.sparse)));
         if gaussians.layout.is_shaded() {
             for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
-                out.put(plane, loss::residual_vjp(planes.number(plane), share(weights.residual) * 2.0));
+                out.set(plane, loss::residual_vjp(planes.number(plane), share(weights.residual) * 2.0));
             }
         }
     }

@@ -109,7 +109,7 @@ pub fn blend_within<R: Number>(
                 }
                 state = behind;
             }
-            values[channels * size + pixel] = state.left;
+            values[channels * size + pixel] = state.final_transmittance;
         }
     }
     Image { width, height, channels: channels + 1, values }

@@ -40,7 +40,7 @@ impl<R: Number> Lit<R> {
     }
 }
 
-fn put<R: Number>(frame: &mut Frame<R>, plane: usize, index: usize, v: Vec3<R>) {
+fn store<R: Number>(frame: &mut Frame<R>, plane: usize, index: usize, v: Vec3<R>) {
     let size = frame.pixel_count();
     for (k, number) in v.to_array().into_iter().enumerate() {
         frame.values[(plane + k) * size + index] = number;
@@ -52,10 +52,10 @@ pub fn shade_pixels<R: Number>(surface: &Frame<R>, light: Option<&Light<R>>, cam
     let mut picture = surface.clone();
     for index in 0..surface.pixel_count() {
         let lit = Lit::new(surface, index, light, camera);
-        put(&mut picture, channel::COLOR, index, pixel_color(&lit.surface, lit.light, lit.pixel.coverage));
+        store(&mut picture, channel::COLOR, index, pixel_color(&lit.surface, lit.light, lit.pixel.coverage));
         if surface.channels > Channels::Layers.count() {
-            put(&mut picture, channel::SPECULAR, index, lit.pixel.tint.times(lit.light));
-            put(&mut picture, channel::LIGHT, index, lit.light * lit.pixel.coverage);
+            store(&mut picture, channel::SPECULAR, index, lit.pixel.tint.times(lit.light));
+            store(&mut picture, channel::LIGHT, index, lit.light * lit.pixel.coverage);
         }
     }
     picture
@@ -83,10 +83,10 @@ pub fn shade_pixels_vjp<R: Number>(
             grad_surface.roughness = roughness;
         }
         let own = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
-        put(grad, channel::COLOR, index, own.base);
+        store(grad, channel::COLOR, index, own.base);
         for (plane, own) in [(channel::NORMAL, own.normal), (channel::TINT, own.tint)] {
             let sum = vector_at(grad, plane, index) + own;
-            put(grad, plane, index, sum);
+            store(grad, plane, index, sum);
         }
         let roughness = &mut grad.values[channel::ROUGHNESS * size + index];
         *roughness = *roughness + own.roughness;

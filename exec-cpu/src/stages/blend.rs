@@ -108,10 +108,10 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
     pixels: &mut [Quad],
     seen: &mut [u16],
 ) {
-    let (channels, left) = pixels.split_at_mut(QUADS * C);
+    let (channels, last) = pixels.split_at_mut(QUADS * C);
     channels.as_flattened_mut().fill(0.0);
-    left.as_flattened_mut().fill(1.0);
-    let (channels, left) = (channels.as_chunks_mut::<C>().0, &mut left[..QUADS]);
+    last.as_flattened_mut().fill(1.0);
+    let (channels, last) = (channels.as_chunks_mut::<C>().0, &mut last[..QUADS]);
     let mut transmittance = [[1.0; BLOCK]; QUADS];
     let (mut batch, mut near) = (T::Batch::EMPTY, [[0.0; C]; SPLATS_AT_ONCE]);
     for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
@@ -122,7 +122,7 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
         read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
         for (quad, splats) in batch.read(simd, splats, origin, list, cutoffs).into_iter().enumerate() {
-            let state = [&mut transmittance[quad], &mut left[quad]];
+            let state = [&mut transmittance[quad], &mut last[quad]];
             seen_by_quad[quad] = blend_quad(simd, &batch, &near, quad, splats, cutoffs, &mut channels[quad], state);
         }
         transpose_back(simd, &seen_by_quad, seen);
@@ -140,7 +140,7 @@ fn blend_quad<S: Simd, const C: usize>(
     mut splats: u64,
     cutoffs: &Cutoffs,
     channels: &mut [Quad; C],
-    [transmittance, left]: [&mut Quad; 2],
+    [transmittance, last]: [&mut Quad; 2],
 ) -> u64 {
     let front = Lanes::load(simd, transmittance);
     let mut alive = cutoffs.is_active(front);
@@ -149,7 +149,7 @@ fn blend_quad<S: Simd, const C: usize>(
     }
     // Pixels that have ended let nothing through: a product that is never looked at would become
     // denormal, and slow.
-    let mut state = PixelState { transmittance: front.keep(alive), left: Lanes::load(simd, left) };
+    let mut state = PixelState { transmittance: front.keep(alive), final_transmittance: Lanes::load(simd, last) };
     let mut sums = [front; C];
     for c in 0..C {
         sums[c] = Lanes::load(simd, &channels[c]);
@@ -170,7 +170,7 @@ fn blend_quad<S: Simd, const C: usize>(
         }
     }
     state.transmittance.store(transmittance);
-    state.left.store(left);
+    state.final_transmittance.store(last);
     for c in 0..C {
         sums[c].store(&mut channels[c]);
     }

@@ -15,7 +15,7 @@ use specula_core::{
     activation::sigmoid,
     camera::Camera,
     densify::{
-        Action, DensifyRules, action, grad_length, largest_scale, mean_grad, part_log_scales, part_mean, part_noise,
+        Action, DensifyRules, action, grad_length, largest_scale, mean_grad, split_log_scales, split_mean, split_noise,
     },
     executor::{DensifyReport, RandomKey},
     region::Ball,
@@ -65,8 +65,9 @@ struct Child {
 #[derive(Clone, Copy, PartialEq)]
 enum Origin {
     Kept,
-    Copied,
-    Part(u64),
+    Cloned,
+    /// First or second child of a split Gaussian.
+    Split(u64),
 }
 
 pub(crate) fn densify(
@@ -82,8 +83,8 @@ pub(crate) fn densify(
     let codes = codes(gaussians);
     children.sort_by_key(|child| codes[child.parent]);
     let from_parent = |old: &[f32], keep_new: bool| {
-        let source = |place: usize| {
-            let child: &Child = &children[place];
+        let source = |index: usize| {
+            let child: &Child = &children[index];
             (keep_new || child.origin == Origin::Kept).then_some(child.parent)
         };
         gather(gaussians, old, children.len(), source)
@@ -93,8 +94,8 @@ pub(crate) fn densify(
     *moments = AdamMoments { mean, square };
     *gaussians = Gaussians { count: children.len(), layout: gaussians.layout, values };
     for (index, child) in children.iter().enumerate() {
-        if let Origin::Part(part) = child.origin {
-            sample_split_child(gaussians, index, key, 2 * child.parent as u64 + part);
+        if let Origin::Split(sibling) = child.origin {
+            sample_split_child(gaussians, index, key, 2 * child.parent as u64 + sibling);
         }
     }
     *statistics = Statistics { grad_sum: vec![0.0; children.len()], view_count: vec![0.0; children.len()] };
@@ -143,9 +144,10 @@ fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
         .filter(|index| stays(&actions[*index]))
         .map(|parent| Child { parent, origin: Origin::Kept })
         .collect();
-    children.extend(of(Action::Clone).map(|parent| Child { parent, origin: Origin::Copied }));
-    children
-        .extend(of(Action::Split).flat_map(|parent| [0, 1].map(|part| Child { parent, origin: Origin::Part(part) })));
+    children.extend(of(Action::Clone).map(|parent| Child { parent, origin: Origin::Cloned }));
+    children.extend(
+        of(Action::Split).flat_map(|parent| [0, 1].map(|sibling| Child { parent, origin: Origin::Split(sibling) })),
+    );
     let count = |wanted: Action| of(wanted).count();
     let report =
         DensifyReport { cloned: count(Action::Clone), split: count(Action::Split), pruned: count(Action::Prune) };
@@ -154,10 +156,10 @@ fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
 
 fn sample_split_child(gaussians: &mut Gaussians<Vec<f32>>, index: usize, key: RandomKey, draw: u64) {
     let [mean, log_scales] = [MEAN, LOG_SCALE].map(|plane| take3(gaussians.get(index, plane)));
-    let noise = take3(part_noise(key.seed, key.stream, draw));
-    let mean = part_mean(mean, log_scales, gaussians.get(index, QUAT), noise);
+    let noise = take3(split_noise(key.seed, key.stream, draw));
+    let mean = split_mean(mean, log_scales, gaussians.get(index, QUAT), noise);
     gaussians.set(index, MEAN, mean.to_array());
-    gaussians.set(index, LOG_SCALE, part_log_scales(log_scales).to_array());
+    gaussians.set(index, LOG_SCALE, split_log_scales(log_scales).to_array());
 }
 
 fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {

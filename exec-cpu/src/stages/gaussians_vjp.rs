@@ -60,7 +60,7 @@ pub(crate) fn gaussians_vjp(
             });
         });
     let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out.into_vec() };
-    (grad, scene.own_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
+    (grad, scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
 }
 
 /// [`gaussians_vjp`] and Adam's step, block by block: a gradient is used where it was made.
@@ -103,7 +103,7 @@ pub(crate) fn update(
             })
         })
         .sum();
-    (nonfinite, scene.own_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
+    (nonfinite, scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
 }
 
 /// The most planes that a cloud can have.
@@ -131,14 +131,14 @@ impl Backwards<'_> {
     /// As many parts as add to the light's gradient, or more if none do.
     fn part_count(&self) -> usize {
         const MANY: usize = 64;
-        if self.scene.own_light().is_some() { LIGHT_PARTS } else { MANY }
+        if self.scene.gaussian_light().is_some() { LIGHT_PARTS } else { MANY }
     }
     fn parts(&self, block_count: usize) -> BlockParts {
         let blocks = block_count.div_ceil(self.part_count()).max(1);
         BlockParts { blocks, count: block_count.div_ceil(blocks) }
     }
     fn texel_count(&self) -> usize {
-        self.scene.own_light().map_or(0, |light| light.texels.len())
+        self.scene.gaussian_light().map_or(0, |light| light.texels.len())
     }
     /// Memory for the light's gradients of all parts.
     fn texels(&self, context: &Context) -> Buffer<Texel> {
@@ -244,7 +244,7 @@ fn lit_vjp<S: Simd>(
     let grad = scene.shading.terms_vjp(&lit.terms, &grads.channels);
     let surface = &lit.shaded.surface;
     let mut lookup = LookupGrad { specular: None, ambient: None };
-    if let (Some(found), Some(light)) = (&lit.specular, scene.own_light()) {
+    if let (Some(found), Some(light)) = (&lit.specular, scene.gaussian_light()) {
         let of_light = each!(grad.specular_light, g => g.keep(out.is_touched));
         lookup.specular = Some(look_up_vjp(simd, light, found, surface.roughness, of_light, light_grad));
     }

@@ -75,7 +75,7 @@ impl Light {
     }
     /// Puts texels that were filtered elsewhere into a level: with the apron, in the order of
     /// [`specula_core::cubemap::padded_index`].
-    pub fn put_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
+    pub fn set_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
         let first = self.offsets()[level];
         for (own, [red, green, blue]) in self.texels[first..].iter_mut().zip(texels) {
             *own = [red, green, blue, 0.0];

@@ -48,7 +48,7 @@ pub(crate) struct Scene<'a> {
 
 impl Scene<'_> {
     /// The light, if Gaussians look it up.
-    pub(crate) fn own_light(&self) -> Option<&Light> {
+    pub(crate) fn gaussian_light(&self) -> Option<&Light> {
         self.light.filter(|_| !self.shading.rules.is_deferred(self.shading.layout))
     }
 }
@@ -126,7 +126,7 @@ impl<S: Simd> Lit<S> {
         let shaded = scene.shading.shaded(planes, camera.position);
         let surface = &shaded.surface;
         #[expect(clippy::manual_map, reason = "a closure is compiled without the context's vector features")]
-        let specular = match scene.own_light() {
+        let specular = match scene.gaussian_light() {
             Some(light) => Some(look_up(simd, light, surface.reflection_dir, surface.roughness)),
             None => None,
         };

@@ -141,10 +141,10 @@ fn shade_tile<S: Simd>(
         let surface = pixel_surface(&blended.pixel, blended.view_dir);
         let coverage = blended.pixel.coverage;
         let light = radiance(simd, light, surface.reflection_dir, surface.roughness);
-        put(pixel_color(&surface, light, coverage), out);
+        store(pixel_color(&surface, light, coverage), out);
         if channels >= Channels::Layers.count() {
-            put(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
-            put(blended.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
+            store(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            store(blended.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
 }
@@ -156,17 +156,17 @@ fn unlit_tile<S: Simd>(simd: S, channels: usize, tile: &mut [Quad], shaded: &mut
     for quad in 0..QUADS {
         let pixel = BlendedQuad { simd, tile, quad, channels: blended };
         let (base, coverage) = (pixel.load3(channel::COLOR), -pixel.transmittance() + 1.0);
-        put(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
+        store(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
         if channels >= Channels::Layers.count() {
             let none = Vec3::zero(coverage);
-            put(none, &mut tile[at(channels, quad, channel::LIGHT)..]);
-            put(none, &mut tile[at(channels, quad, channel::SPECULAR)..]);
+            store(none, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            store(none, &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
 }
 
 #[inline(always)]
-fn put<S: Simd>(v: Vec3<Lanes<S>>, quads: &mut [Quad]) {
+fn store<S: Simd>(v: Vec3<Lanes<S>>, quads: &mut [Quad]) {
     v.x.store(&mut quads[0]);
     v.y.store(&mut quads[1]);
     v.z.store(&mut quads[2]);
@@ -211,10 +211,10 @@ fn tile_vjp<S: Simd>(
         let tint = of_picture.load3(channel::TINT) + own.tint;
         let roughness = of_picture.load(channel::ROUGHNESS) + own.roughness;
         let passed = of_picture.transmittance() - (own.coverage + grad_coverage);
-        put(own.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
+        store(own.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
         for (first, own) in [(channel::NORMAL, normal), (channel::TINT, tint)] {
             if let Some(index) = channels.index_of(first) {
-                put(own, &mut grad[at(channels.count(), quad, index)..]);
+                store(own, &mut grad[at(channels.count(), quad, index)..]);
             }
         }
         if let Some(index) = channels.index_of(channel::ROUGHNESS) {

@@ -46,7 +46,7 @@ pub(crate) trait SplatBatch {
     const EMPTY: Self;
 
     /// Stores a splat, its mean relative to the tile's corner.
-    fn put(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
+    fn set(&mut self, k: usize, splat: &Self::Splat, origin: [f32; 2]);
 
     /// Prepares a block of splats, and adds for each quad of the tile a bit for each of them that
     /// may touch it.
@@ -67,7 +67,7 @@ pub(crate) trait SplatBatch {
         cutoffs: &Cutoffs,
     ) -> [u64; QUADS] {
         for (k, gaussian) in list.iter().enumerate() {
-            self.put(k, &all[gaussian.load(Relaxed) as usize], origin);
+            self.set(k, &all[gaussian.load(Relaxed) as usize], origin);
         }
         let mut splats = [0; QUADS];
         for first in (0..list.len()).step_by(BLOCK) {
@@ -93,7 +93,7 @@ pub(crate) struct AffineBatch {
 
 impl AffineBatch {
     #[inline(always)]
-    fn put(&mut self, k: usize, mean2d: [f32; 2], root: [f32; 3], log2_opacity: f32, origin: [f32; 2]) {
+    fn set(&mut self, k: usize, mean2d: [f32; 2], root: [f32; 3], log2_opacity: f32, origin: [f32; 2]) {
         for axis in 0..2 {
             self.mean2d[axis][k] = mean2d[axis] - origin[axis];
         }
@@ -139,8 +139,8 @@ impl SplatBatch for AffineBatch {
     };
 
     #[inline(always)]
-    fn put(&mut self, k: usize, splat: &SplatRecord, origin: [f32; 2]) {
-        self.put(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
+    fn set(&mut self, k: usize, splat: &SplatRecord, origin: [f32; 2]) {
+        self.set(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
     }
 
     #[inline(always)]
@@ -188,8 +188,8 @@ impl SplatBatch for PerspectiveBatch {
     };
 
     #[inline(always)]
-    fn put(&mut self, k: usize, splat: &PerspectiveRecord, origin: [f32; 2]) {
-        self.affine.put(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
+    fn set(&mut self, k: usize, splat: &PerspectiveRecord, origin: [f32; 2]) {
+        self.affine.set(k, splat.mean2d, splat.root_conic, splat.log2_opacity, origin);
         for axis in 0..2 {
             self.slope[axis][k] = splat.slope[axis];
         }

@@ -1,4 +1,5 @@
-// Tests of numbers by their bits: compilers may assume that every number is finite.
+// Declarations: tests and sort keys of numbers by their bits. Compilers may assume that every
+// number is finite, so comparisons of floats do not tell.
 
 const SIGN: u32 = 0x80000000u;
 const INFINITY: u32 = 0x7f800000u;

@@ -329,7 +329,7 @@ mod tests {
 
     struct Stored;
 
-    formula!(Stored, |_, inputs| store_it(x: 1) -> (..[variable("state", 2), call("put", 2)]) {
+    formula!(Stored, |_, inputs| store_it(x: 1) -> (..[variable("state", 2), call("write", 2)]) {
         let x = inputs.number();
         [x, -x, x + x, x.constant(2.0)]
     });
@@ -337,7 +337,7 @@ mod tests {
     #[test]
     fn results_go_to_variables_and_functions_of_the_shader() {
         let expected = "fn store_it(x: f32) {\n    let v0 = x;\n    let v1 = -v0;\n    let v2 = v0 + v0;\n    \
-            state = vec2f(v0, v1);\n    put(0u, v2);\n    put(1u, 2.0f);\n}\n";
+            state = vec2f(v0, v1);\n    write(0u, v2);\n    write(1u, 2.0f);\n}\n";
         assert_eq!(function(&Stored), expected);
     }
 }

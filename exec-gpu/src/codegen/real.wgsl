@@ -1,8 +1,7 @@
-// The functions of `specula_core::real` that no machine has exactly: as there, operation by
-// operation.
+// Declarations: the functions of `specula_core::real` that no machine has exactly, operation by
+// operation as in core.
 
-// Rounded by the machine's own function: compilers may take a large number that is added and
-// subtracted again for nothing.
+// `round` is built in: a compiler may remove the addition and subtraction of a large number.
 fn real_exp2(power: f32) -> f32 {
     let x = clamp(power, EXP2_MIN, EXP2_MAX);
     let whole = round(x);

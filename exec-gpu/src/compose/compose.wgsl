@@ -1,4 +1,8 @@
-// Composition of a frame over a texture: one triangle covers the viewport.
+// Composition of a frame over a texture.
+//
+// Threads: one vertex a corner of a triangle that covers the viewport, one fragment a pixel.
+// Inputs: colours and blended planes of the frame.
+// Outputs: premultiplied colour and alpha, linear where the texture encodes sRGB.
 
 struct Picture {
     size: vec2u,
@@ -14,14 +18,14 @@ struct Picture {
 
 struct Corner {
     @builtin(position) position: vec4f,
-    // From the picture's upper left corner, 1 at its lower right one.
-    @location(0) place: vec2f,
+    // 0 at the upper left corner of the picture, 1 at the lower right one.
+    @location(0) uv: vec2f,
 }
 
 @vertex
 fn corner(@builtin(vertex_index) number: u32) -> Corner {
-    let place = vec2f(f32((number << 1u) & 2u), f32(number & 2u));
-    return Corner(vec4f(place.x * 2.0 - 1.0, 1.0 - place.y * 2.0, 0.0, 1.0), place);
+    let uv = vec2f(f32((number << 1u) & 2u), f32(number & 2u));
+    return Corner(vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0), uv);
 }
 
 // IEC 61966-2-1.
@@ -31,8 +35,8 @@ fn linear_from_srgb(srgb: vec3f) -> vec3f {
 }
 
 @fragment
-fn color(seen: Corner) -> @location(0) vec4f {
-    let pixel = min(vec2u(seen.place * vec2f(picture.size)), picture.size - 1u);
+fn color(corner: Corner) -> @location(0) vec4f {
+    let pixel = min(vec2u(corner.uv * vec2f(picture.size)), picture.size - 1u);
     let index = pixel.y * picture.size.x + pixel.x;
     let plane = picture.size.x * picture.size.y;
     let alpha = 1.0 - blended[picture.transmittance * plane + index];

@@ -1,4 +1,8 @@
-// Peak rates: kernels that only copy, or only multiply and add.
+// Peak rates of the device: kernels that only copy, or only multiply and add.
+//
+// Threads: one invocation a vector of four numbers.
+// Inputs: vectors.
+// Outputs: their copies, or the sums of the multiply-adds.
 
 struct Rounds {
     // Vectors that are copied, or invocations that multiply.

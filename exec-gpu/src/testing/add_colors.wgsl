@@ -1,12 +1,15 @@
-// Colours added to texels, to test the sums: one invocation a
-// colour.
+// Colours added to texels, to test the sums.
+//
+// Threads: one invocation a colour.
+// Inputs: colours, and the texel of each.
+// Outputs: sums of the light's texels.
 
 struct Added {
     count: u32,
 }
 
 @group(0) @binding(0) var<uniform> added: Added;
-@group(0) @binding(1) var<storage, read> places: array<u32>;
+@group(0) @binding(1) var<storage, read> indices: array<u32>;
 @group(0) @binding(2) var<storage, read> colors: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> light_sums: array<atomic<u32>>;
 
@@ -18,6 +21,6 @@ fn add_colors(
 ) {
     let index = linear_index(group, groups, local);
     if index < added.count {
-        add_to_texel(places[index], colors[index].xyz);
+        add_to_texel(indices[index], colors[index].xyz);
     }
 }

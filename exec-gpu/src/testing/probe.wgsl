@@ -1,4 +1,7 @@
-// A formula for many rows of inputs: one invocation a row.
+// Formula for many rows of inputs, to test it.
+//
+// Threads: one invocation a row.
+// Inputs, outputs: rows of numbers.
 
 struct Rows {
     count: u32,

@@ -1,11 +1,15 @@
-// The gradient of looking light up, for many rows: one invocation a row.
+// Gradient of the lookup of a light for many rows, to test it.
+//
+// Threads: one invocation a row.
+// Inputs: direction, roughness and gradient of each row; texels of the light.
+// Outputs: gradient of direction and roughness; sums of the gradients of the light's texels.
 
 struct Rows {
     count: u32,
     is_irradiance: u32,
 }
 
-struct LookedUp {
+struct Lookup {
     direction: vec3f,
     roughness: f32,
     grad: vec3f,
@@ -13,7 +17,7 @@ struct LookedUp {
 }
 
 @group(0) @binding(0) var<uniform> rows: Rows;
-@group(0) @binding(1) var<storage, read> inputs: array<LookedUp>;
+@group(0) @binding(1) var<storage, read> inputs: array<Lookup>;
 @group(0) @binding(2) var<storage, read> texels: array<Texel>;
 @group(0) @binding(3) var<storage, read_write> outputs: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> light_sums: array<atomic<u32>>;
@@ -28,10 +32,10 @@ fn probe_light(
     if row >= rows.count {
         return;
     }
-    let own = inputs[row];
+    let lookup = inputs[row];
     if rows.is_irradiance == 0u {
-        outputs[row] = radiance_vjp(own.direction, own.roughness, own.grad);
+        outputs[row] = radiance_vjp(lookup.direction, lookup.roughness, lookup.grad);
     } else {
-        outputs[row] = vec4f(irradiance_vjp(own.direction, own.grad), 0.0);
+        outputs[row] = vec4f(irradiance_vjp(lookup.direction, lookup.grad), 0.0);
     }
 }

@@ -29,14 +29,14 @@ fn list(frames: &[Value]) -> Value {
     json!({ "camera_angle_x": ANGLE, "frames": frames })
 }
 
-fn put(folder: &TempDir, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
+fn write(folder: &TempDir, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
     let path = folder.path().join(name);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(&path, text).unwrap();
     path
 }
 
-fn put_image(folder: &TempDir, name: &str, width: u32, height: u32, color: [u8; 4]) {
+fn write_image(folder: &TempDir, name: &str, width: u32, height: u32, color: [u8; 4]) {
     let path = folder.path().join(name);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let image = image::DynamicImage::from(RgbaImage::from_pixel(width, height, Rgba(color)));
@@ -46,11 +46,11 @@ fn put_image(folder: &TempDir, name: &str, width: u32, height: u32, color: [u8; 
 /// Two training views and one test view, in three formats and two sizes.
 fn scene() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    put(&folder, "transforms_train.json", list(&[frame("./train/r_0"), frame("train/r_1.png")]).to_string());
-    put(&folder, "transforms_test.json", list(&[frame("./test/r_0")]).to_string());
-    put_image(&folder, "train/r_0.png", 8, 6, [10, 20, 30, 128]);
-    put_image(&folder, "train/r_1.webp", 4, 4, [1, 2, 3, 255]);
-    put_image(&folder, "test/r_0.jpg", 8, 8, [90, 90, 90, 255]);
+    write(&folder, "transforms_train.json", list(&[frame("./train/r_0"), frame("train/r_1.png")]).to_string());
+    write(&folder, "transforms_test.json", list(&[frame("./test/r_0")]).to_string());
+    write_image(&folder, "train/r_0.png", 8, 6, [10, 20, 30, 128]);
+    write_image(&folder, "train/r_1.webp", 4, 4, [1, 2, 3, 255]);
+    write_image(&folder, "test/r_0.jpg", 8, 8, [90, 90, 90, 255]);
     folder
 }
 
@@ -133,7 +133,7 @@ fn progress_counts_every_image() {
 #[test]
 fn normals_stand_beside_test_images() {
     let folder = scene();
-    put_image(&folder, "test/r_0_normal.png", 8, 8, [255, 128, 128, 255]);
+    write_image(&folder, "test/r_0_normal.png", 8, 8, [255, 128, 128, 255]);
     let data = load(folder.path()).unwrap();
     let normals = data.test[0].normal.as_ref().unwrap();
     assert!(normals.mask.iter().all(|mask| *mask), "alpha is 255 everywhere");
@@ -144,15 +144,15 @@ fn normals_stand_beside_test_images() {
 #[test]
 fn some_missing_normals_are_noted() {
     let folder = scene();
-    put(&folder, "transforms_test.json", list(&[frame("test/r_0"), frame("train/r_0")]).to_string());
-    put_image(&folder, "test/r_0_normal.png", 8, 8, [255, 128, 128, 255]);
+    write(&folder, "transforms_test.json", list(&[frame("test/r_0"), frame("train/r_0")]).to_string());
+    write_image(&folder, "test/r_0_normal.png", 8, 8, [255, 128, 128, 255]);
     assert_says(&load(folder.path()).unwrap().notes.join("\n"), &["1 of 2 test views"]);
 }
 
 #[test]
 fn files_of_macos_are_skipped_and_noted() {
     let folder = scene();
-    put(&folder, "transforms_train.json", list(&[frame("train/._r_0"), frame("train/r_0")]).to_string());
+    write(&folder, "transforms_train.json", list(&[frame("train/._r_0"), frame("train/r_0")]).to_string());
     let data = load(folder.path()).unwrap();
     assert_eq!(data.train.len(), 1);
     assert_says(&data.notes.join("\n"), &["train/._r_0", "macOS"]);
@@ -188,7 +188,7 @@ fn focal_lengths_of_a_frame_win_over_those_of_the_file() {
     own["cy"] = 5.0.into();
     own["w"] = 16.into();
     own["h"] = 12.into();
-    put(&folder, "transforms_train.json", list(&[own]).to_string());
+    write(&folder, "transforms_train.json", list(&[own]).to_string());
     let camera = load(folder.path()).unwrap().train[0].camera;
     // The image is half as large as the file says.
     assert_eq!((camera.focal_px, camera.principal_px), ([10.0, 11.0], [3.5, 2.5]));
@@ -200,7 +200,7 @@ fn a_uniform_scale_is_taken_out_of_a_pose() {
     let mut scaled = frame("train/r_0");
     let matrix = FROM_ABOVE.map(|[a, b, c, translation]| [2.5 * a, 2.5 * b, 2.5 * c, translation]);
     scaled["transform_matrix"] = json!(matrix);
-    put(&folder, "transforms_train.json", list(&[scaled]).to_string());
+    write(&folder, "transforms_train.json", list(&[scaled]).to_string());
     let camera = load(folder.path()).unwrap().train[0].camera;
     let excess = camera.camera_from_world * camera.camera_from_world.transpose() - Mat3::IDENTITY;
     assert!(excess.to_cols_array().iter().all(|number| number.abs() < 1e-6), "{excess}");
@@ -228,7 +228,7 @@ fn zero_times_smaller_is_refused() {
 #[test]
 fn broken_json_is_refused_with_line_and_column() {
     let folder = scene();
-    put(&folder, "transforms_train.json", "{\n \"camera_angle_x\": 0.8,\n \"frames\": [oops]\n}");
+    write(&folder, "transforms_train.json", "{\n \"camera_angle_x\": 0.8,\n \"frames\": [oops]\n}");
     assert_says(&refusal(folder.path()), &["transforms_train.json", "line 3, column 13"]);
 }
 
@@ -236,14 +236,14 @@ fn broken_json_is_refused_with_line_and_column() {
 fn nan_in_a_matrix_is_refused_with_its_line() {
     let folder = scene();
     let text = serde_json::to_string_pretty(&list(&[frame("train/r_0")])).unwrap().replacen("4.0", "NaN", 1);
-    put(&folder, "transforms_train.json", text);
+    write(&folder, "transforms_train.json", text);
     assert_says(&refusal(folder.path()), &["transforms_train.json", "line"]);
 }
 
 #[test]
 fn an_empty_list_is_refused() {
     let folder = scene();
-    put(&folder, "transforms_train.json", list(&[]).to_string());
+    write(&folder, "transforms_train.json", list(&[]).to_string());
     assert_says(&refusal(folder.path()), &["no frames", "transforms_train.json"]);
 }
 
@@ -271,7 +271,7 @@ fn impossible_lenses_are_refused() {
     let put_lens = |lens: Value| {
         let mut file = json!({ "frames": [frame("train/r_0")] });
         file.as_object_mut().unwrap().extend(lens.as_object().unwrap().clone());
-        put(&folder, "transforms_train.json", file.to_string());
+        write(&folder, "transforms_train.json", file.to_string());
         refusal(folder.path())
     };
     assert_says(&put_lens(json!({})), &["train/r_0", "no focal length", "camera_angle_x"]);
@@ -285,7 +285,7 @@ fn impossible_poses_are_refused() {
     let put_pose = |matrix: Value| {
         let mut broken = frame("train/r_0");
         broken["transform_matrix"] = matrix;
-        put(&folder, "transforms_train.json", list(&[frame("train/r_1"), broken]).to_string());
+        write(&folder, "transforms_train.json", list(&[frame("train/r_1"), broken]).to_string());
         refusal(folder.path())
     };
     let with = |row: usize, column: usize, number: f64| {
@@ -305,7 +305,7 @@ fn impossible_poses_are_refused() {
 fn of_several_faults_the_first_is_reported() {
     let folder = scene();
     for name in ["train/r_0.png", "train/r_1.webp", "test/r_0.jpg"] {
-        put(&folder, name, "no image");
+        write(&folder, name, "no image");
     }
     for _ in 0..10 {
         assert_says(&refusal(folder.path()), &["r_0.png"]);
@@ -344,16 +344,16 @@ fn cameras_json_has_the_keys_of_other_tools() {
 fn transforms_to_render_along_need_no_images() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = list(&[frame("a"), frame("b")]);
-    let path = put(&folder, "path.json", file.to_string());
+    let path = write(&folder, "path.json", file.to_string());
     let cameras = cameras::read_cameras(&path, [64, 48]).unwrap();
     assert_eq!((cameras[1].0.as_str(), cameras[1].1.width, cameras[1].1.height), ("b", 64, 48));
 
-    put_image(&folder, "a.png", 20, 10, [0; 4]);
+    write_image(&folder, "a.png", 20, 10, [0; 4]);
     assert_eq!(cameras::load_transforms(&path, [64, 48]).unwrap()[0].1.width, 20);
 
     file["w"] = 32.into();
     file["h"] = 24.into();
-    put(&folder, "path.json", file.to_string());
+    write(&folder, "path.json", file.to_string());
     assert_eq!(cameras::load_transforms(&path, [64, 48]).unwrap()[0].1.width, 32);
 }
 

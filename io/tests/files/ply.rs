@@ -41,7 +41,7 @@ fn written(gaussians: &Gaussians<Vec<f32>>) -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-fn put(text: impl AsRef<[u8]>) -> (TempDir, PathBuf) {
+fn write(text: impl AsRef<[u8]>) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     fs::write(&path, text).unwrap();
@@ -244,7 +244,7 @@ fn numbers_that_are_not_finite_are_refused_by_place_and_count() {
 
 #[test]
 fn a_word_is_no_number() {
-    let (_folder, path) = put(
+    let (_folder, path) = write(
         "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
          1 2 3\n4 five 6\n",
     );
@@ -253,16 +253,17 @@ fn a_word_is_no_number() {
 
 #[test]
 fn a_compressed_file_is_refused_with_a_remedy() {
-    let (_folder, path) =
-        put("ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 4\n\
-         property uint packed_position\nproperty uint packed_rotation\nend_header\n0000");
+    let (_folder, path) = write(
+        "ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 4\n\
+         property uint packed_position\nproperty uint packed_rotation\nend_header\n0000",
+    );
     assert_says(&refusal(&path), &["a.ply", "compressed PLY", "splat-transform"]);
 }
 
 #[test]
 fn files_of_other_kinds_are_refused() {
     for text in ["", "no ply", "ply\nformat ascii 1.0\nend_header\n", "ply\nformat ascii 1.0\nelement vertex 3\n"] {
-        let (_folder, path) = put(text);
+        let (_folder, path) = write(text);
         assert_says(&refusal(&path), &["a.ply"]);
     }
     assert_says(&refusal(Path::new("/no/such.ply")), &["cannot read \"/no/such.ply\""]);
@@ -270,23 +271,25 @@ fn files_of_other_kinds_are_refused() {
 
 #[test]
 fn a_list_among_the_vertices_is_refused() {
-    let (_folder, path) =
-        put("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
-         property list uchar int near\nend_header\n1 2 3 1 0\n");
+    let (_folder, path) = write(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+         property list uchar int near\nend_header\n1 2 3 1 0\n",
+    );
     assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["\"near\"", "a.ply", "list"]);
 }
 
 #[test]
 fn a_header_cannot_ask_for_more_than_the_file_holds() {
-    let (_folder, path) =
-        put("ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\nproperty float x\nproperty float y\n\
-         property float z\nend_header\nabc");
+    let (_folder, path) = write(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\nproperty float x\nproperty float y\n\
+         property float z\nend_header\nabc",
+    );
     assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "999999999999 vertices"]);
 }
 
 #[test]
 fn elements_before_the_vertices_are_skipped() {
-    let (_folder, path) = put(
+    let (_folder, path) = write(
         "ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar float pose\nelement vertex 1\nproperty float x\n\
          property float y\nproperty float z\nend_header\n2 0.5 0.5\n1 2 3\n",
     );
@@ -311,11 +314,13 @@ fn elements_are_skipped_without_being_kept() {
         ("element camera 2\nproperty double a\nproperty uchar b\n", &[7; 18]),
         (lists, &[9, 0, 0, 9, 2, 0, 1, 1, 1, 1, 9, 1, 0, 5, 5]),
     ] {
-        let (_folder, path) = put(behind(elements, bytes));
+        let (_folder, path) = write(behind(elements, bytes));
         assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]], "{elements}");
     }
-    let (_folder, path) = put("ply\nformat ascii 1.0\nelement junk 1000000000\nelement vertex 1\nproperty float x\n\
-         property float y\nproperty float z\nend_header\n1 2 3\n");
+    let (_folder, path) = write(
+        "ply\nformat ascii 1.0\nelement junk 1000000000\nelement vertex 1\nproperty float x\n\
+         property float y\nproperty float z\nend_header\n1 2 3\n",
+    );
     assert_eq!(points_ply::read(&path).unwrap().positions, [[1.0, 2.0, 3.0]]);
 }
 
@@ -328,7 +333,7 @@ fn elements_that_the_file_does_not_hold_are_refused() {
         ("element face 1\nproperty list float int near\n", "no length"),
         ("element camera 18446744073709551615\nproperty double a\nproperty double b\n", "\"camera\""),
     ] {
-        let (_folder, path) = put(behind(elements, &[0xff; 8]));
+        let (_folder, path) = write(behind(elements, &[0xff; 8]));
         assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", word]);
     }
 }
@@ -336,9 +341,10 @@ fn elements_that_the_file_does_not_hold_are_refused() {
 /// Holes take no room on a disk, so that a few bytes are a file of any length.
 #[test]
 fn a_file_that_is_longer_than_a_scene_may_be_is_refused_by_its_size() {
-    let (_folder, path) =
-        put("ply\nformat binary_little_endian 1.0\nelement vertex 5000000000\nproperty float x\nproperty float y\n\
-         property float z\nend_header\n");
+    let (_folder, path) = write(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 5000000000\nproperty float x\nproperty float y\n\
+         property float z\nend_header\n",
+    );
     fs::File::options().write(true).open(&path).unwrap().set_len(60 << 30).unwrap();
     assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "61440 MiB", "8192 MiB", "divide it"]);
 }
@@ -346,9 +352,9 @@ fn a_file_that_is_longer_than_a_scene_may_be_is_refused_by_its_size() {
 #[test]
 fn headers_and_lines_have_an_end() {
     let long = "0".repeat(2 << 20);
-    let (_folder, path) = put(format!("ply\ncomment {long}\n"));
+    let (_folder, path) = write(format!("ply\ncomment {long}\n"));
     assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "1048576 bytes"]);
-    let (_folder, path) = put(format!(
+    let (_folder, path) = write(format!(
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
          {long} 2 3\n"
     ));
@@ -370,7 +376,7 @@ fn points_survive_a_round_trip() {
 #[test]
 fn colours_are_bytes_or_fractions_or_none() {
     let read = |colors: &str, row: &str| {
-        let (_folder, path) = put(format!(
+        let (_folder, path) = write(format!(
             "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n{colors}\
              end_header\n1 2 3 {row}\n"
         ));

@@ -145,12 +145,12 @@ fn fainter_splats_than_the_least_alpha_are_not_drawn() {
 
 #[test]
 fn the_usual_formulas_are_those_within_the_usual_limits() {
-    let passage = blend::PixelState::open(1.0_f32);
+    let state = blend::PixelState::open(1.0_f32);
     for log2_strength in [-9.0_f32, -7.9944, -7.9943, -3.0, -0.01, 0.0] {
         let [one, other] = [blend::alpha(log2_strength), Cutoffs::DEFAULT.alpha(log2_strength)];
         assert_eq!(one.to_bits(), other.to_bits());
         assert_eq!(blend::passes_alpha_test(log2_strength), Cutoffs::DEFAULT.passes_alpha_test(log2_strength));
-        let [one, other] = [blend::step(one, passage), Cutoffs::DEFAULT.step(other, passage)];
+        let [one, other] = [blend::step(one, state), Cutoffs::DEFAULT.step(other, state)];
         assert_eq!(one.weight.to_bits(), other.weight.to_bits());
     }
 }

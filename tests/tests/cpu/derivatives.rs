@@ -652,7 +652,7 @@ impl<R: Number> AttributePlanes<R> for PlaneRow<'_, R> {
 struct PlaneRowGrads<R>(Vec<R>);
 
 impl<R: Number> AttributeGrads<R> for PlaneRowGrads<R> {
-    fn put(&mut self, plane: usize, grad: R) {
+    fn set(&mut self, plane: usize, grad: R) {
         self.0[plane] = grad;
     }
 }
@@ -850,15 +850,15 @@ fn stack_entry<R: Number>(x: &[R], k: usize) -> ([R; 2], Splat2d<R>, R, Vec3<R>)
 /// Colour and final transmittance of every pixel.
 fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
     let pixel = |[px, py]: [f32; 2]| {
-        let (mut color, mut passage) = (Vec3::zero(x[0]), blend::PixelState::open(x[0]));
+        let (mut color, mut state) = (Vec3::zero(x[0]), blend::PixelState::open(x[0]));
         for k in 0..STACK {
             let (mean2d, footprint, _, splat_color) = stack_entry(x, k);
             let falloff = blend::falloff(&footprint, -mean2d[0] + px, -mean2d[1] + py);
-            let step = blend::step(blend::alpha(falloff.log2_strength), passage);
+            let step = blend::step(blend::alpha(falloff.log2_strength), state);
             color = color.add_scaled(step.weight, splat_color);
-            passage = step.behind;
+            state = step.behind;
         }
-        join(&[&color.to_array(), &[passage.left]])
+        join(&[&color.to_array(), &[state.final_transmittance]])
     };
     PIXELS.iter().flat_map(|&p| pixel(p)).collect()
 }

@@ -101,13 +101,13 @@ mod sums {
     }
 
     fn weights_and_transmittance<R: Number>(strengths: &[f64]) -> f64 {
-        let (mut weights, mut passage) = (R::of(0.0), blend::PixelState::open(R::of(0.0)));
+        let (mut weights, mut state) = (R::of(0.0), blend::PixelState::open(R::of(0.0)));
         for &strength in strengths {
-            let step = blend::step(blend::alpha(R::of(strength).log2()), passage);
+            let step = blend::step(blend::alpha(R::of(strength).log2()), state);
             weights = weights + step.weight;
-            passage = step.behind;
+            state = step.behind;
         }
-        (weights + passage.left).value()
+        (weights + state.final_transmittance).value()
     }
 
     #[test]

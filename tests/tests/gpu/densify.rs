@@ -17,7 +17,7 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuExecutor, SplatGrads,
     stages::{
-        densify::formulas::{CellAt, Decide, MeasuresOf, PartOf},
+        densify::formulas::{CellAt, Decide, MeasuresOf, SplitChild},
         observe::formulas::GradLength,
     },
 };
@@ -45,7 +45,7 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     for layout in [Layout::radiance(0), Layout::shaded(Some(3))] {
         let rows = plane_rows(layout);
         assert_same(gpu, &MeasuresOf { layout }, &side_by_side(&rows, &uniform_rows(3, &[[0.0, 0.1], [0.0, 9.0]])));
-        assert_same(gpu, &PartOf { layout }, &side_by_side(&rows, &uniform_rows(4, &[[-3.0, 3.0]; 3])));
+        assert_same(gpu, &SplitChild { layout }, &side_by_side(&rows, &uniform_rows(4, &[[-3.0, 3.0]; 3])));
     }
 }
 

@@ -68,16 +68,16 @@ pub(crate) fn png() -> impl Strategy<Value = Vec<u8>> {
         |((width, height, depth, color, interlace), chunks, pixels)| {
             let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
             let header = [&width.to_be_bytes()[..], &height.to_be_bytes(), &[depth, color, 0, 0, interlace]].concat();
-            put_chunk(&mut file, b"IHDR", &header);
-            chunks.iter().for_each(|(name, data)| put_chunk(&mut file, name, data));
-            put_chunk(&mut file, b"IDAT", &pixels);
-            put_chunk(&mut file, b"IEND", &[]);
+            write_chunk(&mut file, b"IHDR", &header);
+            chunks.iter().for_each(|(name, data)| write_chunk(&mut file, name, data));
+            write_chunk(&mut file, b"IDAT", &pixels);
+            write_chunk(&mut file, b"IEND", &[]);
             file
         },
     )
 }
 
-fn put_chunk(file: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
+fn write_chunk(file: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
     let inside = [&name[..], data].concat();
     file.extend((data.len() as u32).to_be_bytes());
     file.extend(&inside);
@@ -175,23 +175,23 @@ pub(crate) fn exr() -> impl Strategy<Value = Vec<u8>> {
             all.sort();
             all.dedup_by(|one, other| one.0 == other.0);
             let mut channels: Vec<u8> = Vec::new();
-            all.iter().for_each(|(name, kind, x, y)| put_channel(&mut channels, name, [*kind, 0, *x, *y]));
+            all.iter().for_each(|(name, kind, x, y)| write_channel(&mut channels, name, [*kind, 0, *x, *y]));
             channels.push(0);
             let box_of = |(a, b, c, d): (i32, i32, i32, i32)| [a, b, c, d].map(i32::to_le_bytes).concat();
-            put_attribute(&mut file, "channels", "chlist", &channels);
-            put_attribute(&mut file, "compression", "compression", &[compression]);
-            put_attribute(&mut file, "dataWindow", "box2i", &box_of(windows.0));
-            put_attribute(&mut file, "displayWindow", "box2i", &box_of(windows.1));
-            put_attribute(&mut file, "lineOrder", "lineOrder", &[0]);
-            put_attribute(&mut file, "pixelAspectRatio", "float", &1_f32.to_le_bytes());
-            put_attribute(&mut file, "screenWindowCenter", "v2f", &[0; 8]);
-            put_attribute(&mut file, "screenWindowWidth", "float", &1_f32.to_le_bytes());
+            write_attribute(&mut file, "channels", "chlist", &channels);
+            write_attribute(&mut file, "compression", "compression", &[compression]);
+            write_attribute(&mut file, "dataWindow", "box2i", &box_of(windows.0));
+            write_attribute(&mut file, "displayWindow", "box2i", &box_of(windows.1));
+            write_attribute(&mut file, "lineOrder", "lineOrder", &[0]);
+            write_attribute(&mut file, "pixelAspectRatio", "float", &1_f32.to_le_bytes());
+            write_attribute(&mut file, "screenWindowCenter", "v2f", &[0; 8]);
+            write_attribute(&mut file, "screenWindowWidth", "float", &1_f32.to_le_bytes());
             if let Some((width, height, mode)) = tiles {
                 let tiles = [&width.to_le_bytes()[..], &height.to_le_bytes(), &[mode & 0x12]].concat();
-                put_attribute(&mut file, "tiles", "tiledesc", &tiles);
+                write_attribute(&mut file, "tiles", "tiledesc", &tiles);
             }
             if let Some(count) = chunks {
-                put_attribute(&mut file, "chunkCount", "int", &count.to_le_bytes());
+                write_attribute(&mut file, "chunkCount", "int", &count.to_le_bytes());
             }
             file.push(0);
             [file, body].concat()
@@ -199,12 +199,12 @@ pub(crate) fn exr() -> impl Strategy<Value = Vec<u8>> {
     )
 }
 
-fn put_channel(channels: &mut Vec<u8>, name: &str, [kind, linear, x, y]: [i32; 4]) {
+fn write_channel(channels: &mut Vec<u8>, name: &str, [kind, linear, x, y]: [i32; 4]) {
     channels.extend([name.as_bytes(), &[0]].concat());
     channels.extend([kind, linear, x, y].map(i32::to_le_bytes).concat());
 }
 
-fn put_attribute(file: &mut Vec<u8>, name: &str, kind: &str, value: &[u8]) {
+fn write_attribute(file: &mut Vec<u8>, name: &str, kind: &str, value: &[u8]) {
     file.extend([name.as_bytes(), &[0], kind.as_bytes(), &[0]].concat());
     file.extend((value.len() as u32).to_le_bytes());
     file.extend(value);

@@ -5,7 +5,7 @@ use crate::{
     frame::{QUADS, Quad, SIZE, at, tile_len},
     lanes::Lanes,
     parts::Pieces,
-    planes::{Planes, Row, put_quad},
+    planes::{Planes, Row, store_quad},
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ impl Comparison<'_> {
             for quad in 0..QUADS {
                 let pixels = self.quad_losses(simd, [column, row], quad, slot, grad.as_deref_mut(), &mut sums);
                 for (plane, pixels) in values.chunks_exact_mut(cover.columns * SIZE).zip(pixels) {
-                    put_quad(&mut plane[column * SIZE..], quad, &pixels.to_array());
+                    store_quad(&mut plane[column * SIZE..], quad, &pixels.to_array());
                 }
             }
         }

@@ -1,4 +1,9 @@
-// Emission of tile-splat pairs, front to back.
+// Emission of tile-splat pairs, front to back (stage `bin`).
+//
+// Threads: one invocation a Gaussian, by its rank in the order of depth.
+// Inputs: splats, their order and numbers of tiles; the step counters.
+// Outputs: offsets of each Gaussian's pairs; tile, emission index and Gaussian of each pair.
+// Early exit: no pair is emitted where the capacity is exceeded.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -10,39 +15,39 @@
 @group(0) @binding(7) var<storage, read_write> emitted: array<u32>;
 @group(0) @binding(8) var<storage, read> counters: array<u32>;
 
-// Numbers of tiles in the order of depth, and a zero behind them, whose exclusive sum is that of
-// all.
+// Writes the numbers of tiles in the order of depth, and a zero behind them: its exclusive prefix
+// sum is the number of pairs.
 @compute @workgroup_size(GROUP)
 fn counts_in_order(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let place = linear_index(group, groups, local);
-    if place < camera.gaussian_count {
-        offsets[place] = tile_counts[order[place]];
-    } else if place == camera.gaussian_count {
-        offsets[place] = 0u;
+    let rank = linear_index(group, groups, local);
+    if rank < camera.gaussian_count {
+        offsets[rank] = tile_counts[order[rank]];
+    } else if rank == camera.gaussian_count {
+        offsets[rank] = 0u;
     }
 }
 
-// Emits a pair for each tile of each splat, numbered in the order of depth, with its Gaussian; none
-// where the capacity is exceeded.
+// Emits a pair for each tile of each splat, numbered in the order of depth. `offsets` are exclusive
+// prefix sums by now.
 @compute @workgroup_size(GROUP)
 fn emit(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let place = linear_index(group, groups, local);
-    if place >= camera.gaussian_count || counters[EXCEEDS_CAPACITY] != 0u {
+    let rank = linear_index(group, groups, local);
+    if rank >= camera.gaussian_count || counters[EXCEEDS_CAPACITY] != 0u {
         return;
     }
-    var next = offsets[place];
-    if next == offsets[place + 1u] {
+    var next = offsets[rank];
+    if next == offsets[rank + 1u] {
         return;
     }
-    let gaussian = order[place];
+    let gaussian = order[rank];
     let splat = splats[gaussian];
     let shape = outline_of(splat.mean2d, splat.root, splat.reach);
     let rows = rows_of(splat);

@@ -1,4 +1,8 @@
-// Depth keys of few bits.
+// Depth keys of few bits (stage `bin`).
+//
+// Threads: one invocation a Gaussian.
+// Inputs: depths as bits that sort; the nearest of them, from the step counters.
+// Outputs: sort keys, and the Gaussians in their order as items.
 
 struct Depths {
     count: u32,
@@ -11,8 +15,7 @@ struct Depths {
 @group(0) @binding(3) var<storage, read_write> order: array<u32>;
 @group(0) @binding(4) var<storage, read> counters: array<u32>;
 
-// Keys relative to the nearest depth, the largest for Gaussians that are not drawn; and all
-// Gaussians in their order.
+// Subtracts the nearest depth; Gaussians that are not drawn have the largest key.
 @compute @workgroup_size(GROUP)
 fn shorten(
     @builtin(workgroup_id) group: vec3u,

@@ -1,4 +1,8 @@
-// Number of tile-splat pairs and range of depths, compared with the capacity.
+// Number of tile-splat pairs and range of depths, compared with the capacity (stage `bin`).
+//
+// Threads: `measure`: one invocation a column of COLUMN Gaussians; `settle`: one invocation.
+// Inputs: depths as bits that sort, and the number of tiles of each Gaussian.
+// Outputs: step counters.
 
 struct Measured {
     count: u32,
@@ -12,7 +16,7 @@ struct Measured {
 @group(0) @binding(2) var<storage, read> tile_counts: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Counts pairs and depths; one invocation for a column of Gaussians.
+// Adds the pairs of a column of Gaussians, and extends the range of depths.
 @compute @workgroup_size(GROUP)
 fn measure(
     @builtin(workgroup_id) group: vec3u,
@@ -29,9 +33,9 @@ fn measure(
         let key = depth_keys[gaussian];
         nearest = min(nearest, key);
         furthest = max(furthest, select(key, 0u, key == NOT_DRAWN));
-        let own = tile_counts[gaussian];
-        overflows |= tiles > ~own;
-        tiles += own;
+        let tile_count = tile_counts[gaussian];
+        overflows |= tiles > ~tile_count;
+        tiles += tile_count;
     }
     if tiles > 0u || overflows {
         atomicMin(&counters[NEAREST], nearest);
@@ -43,14 +47,14 @@ fn measure(
     }
 }
 
-// Compares the counts with the capacity; one invocation.
+// Compares the counts with the capacity.
 @compute @workgroup_size(1)
 fn settle() {
     let nearest = atomicLoad(&counters[NEAREST]);
     let furthest = atomicLoad(&counters[FURTHEST]);
     let pairs = atomicLoad(&counters[PAIRS]);
-    let has_room = atomicLoad(&counters[OVERFLOWS]) == 0u && pairs <= measured.pairs_max;
-    let fits = has_room && (furthest < nearest || furthest - nearest < measured.not_drawn);
+    let is_within = atomicLoad(&counters[OVERFLOWS]) == 0u && pairs <= measured.pairs_max;
+    let fits = is_within && (furthest < nearest || furthest - nearest < measured.not_drawn);
     atomicStore(&counters[STORED_PAIRS], select(0u, pairs, fits));
     atomicStore(&counters[EXCEEDS_CAPACITY], select(1u, 0u, fits));
 }

@@ -1,5 +1,8 @@
-// Range of each tile's splats among the sorted pairs, and their Gaussians: one invocation a pair.
-// Tiles without splats keep their initial zeros.
+// Range of each tile among the sorted pairs, and the Gaussian of each pair (stage `bin`).
+//
+// Threads: one invocation a pair.
+// Inputs: tiles and emission indices of the sorted pairs; Gaussians by emission index.
+// Outputs: first and past-the-last pair of each tile, zeros for tiles without splats; Gaussians.
 
 @group(0) @binding(0) var<storage, read> counters: array<u32>;
 @group(0) @binding(1) var<storage, read> tiles_of: array<u32>;
@@ -14,17 +17,17 @@ fn find_ranges(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let place = linear_index(group, groups, local);
+    let pair = linear_index(group, groups, local);
     let count = counters[STORED_PAIRS];
-    if place >= count {
+    if pair >= count {
         return;
     }
-    gaussians_of[place] = emitted[emissions_of[place]];
-    let tile = tiles_of[place];
-    if place == 0u || tiles_of[place - 1u] != tile {
-        ranges[tile].x = place;
+    gaussians_of[pair] = emitted[emissions_of[pair]];
+    let tile = tiles_of[pair];
+    if pair == 0u || tiles_of[pair - 1u] != tile {
+        ranges[tile].x = pair;
     }
-    if place + 1u == count || tiles_of[place + 1u] != tile {
-        ranges[tile].y = place + 1u;
+    if pair + 1u == count || tiles_of[pair + 1u] != tile {
+        ranges[tile].y = pair + 1u;
     }
 }

@@ -14,21 +14,21 @@
 @group(0) @binding(5) var<storage, read_write> frame: array<f32>;
 
 var<private> transmittance: Pixels;
-var<private> left: Pixels;
+var<private> final_transmittance: Pixels;
 var<private> sums: array<vec4f, BLOCK_PIXELS * CHANNEL_VECTORS>;
 var<private> first_color: u32;
 
-fn put_pixel(pixel: u32, left: f32) {
+fn store_pixel(pixel: u32, value: f32) {
     if !is_inside(pixel) {
         return;
     }
     let at = pixel_at(pixel);
     let size = camera.size.x * camera.size.y;
-    let place = at.y * camera.size.x + at.x;
+    let index = at.y * camera.size.x + at.x;
     for (var c = 0u; c < CHANNELS; c++) {
-        frame[c * size + place] = sums[pixel * CHANNEL_VECTORS + c / 4u][c % 4u];
+        frame[c * size + index] = sums[pixel * CHANNEL_VECTORS + c / 4u][c % 4u];
     }
-    frame[CHANNELS * size + place] = left;
+    frame[CHANNELS * size + index] = value;
 }
 
 @compute @workgroup_size(INVOCATIONS)

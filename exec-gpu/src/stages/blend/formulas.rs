@@ -34,7 +34,7 @@ pub(crate) fn channel_fields(array: &str, first: &str, channels: usize) -> Vec<F
 
 /// State of the pixels ([`PixelState`]) in variables of the shader.
 fn state_fields(block: PixelBlock) -> [Field; 2] {
-    ["transmittance", "left"].map(|name| variable(name, block.count()))
+    ["transmittance", "final_transmittance"].map(|name| variable(name, block.count()))
 }
 
 /// Initial state of the pixels ([`PixelState::open`]); pixels outside the image have terminated.
@@ -45,11 +45,11 @@ pub struct BlendStart {
 }
 
 formula!(BlendStart, |this, inputs| blend_start(
-    ..[call("light_at_start", this.block.count())]
+    ..[call("initial_transmittance", this.block.count())]
 ) -> (..state_fields(this.block)) {
-    let light = inputs.slice(this.block.count());
-    let left: Vec<R> = light.iter().map(|light| PixelState::open(*light).left).collect();
-    (light.to_vec(), left)
+    let initial = inputs.slice(this.block.count());
+    let last: Vec<R> = initial.iter().map(|t| PixelState::open(*t).final_transmittance).collect();
+    (initial.to_vec(), last)
 });
 
 /// Transmittance behind the last splat, pixel by pixel.
@@ -60,8 +60,8 @@ pub struct BlendEnd {
 }
 
 formula!(BlendEnd, |this, inputs| blend_end(
-    ..[variable("left", this.block.count())]
-) -> (..[call("put_pixel", this.block.count())]) {
+    ..[variable("final_transmittance", this.block.count())]
+) -> (..[call("store_pixel", this.block.count())]) {
     inputs.slice(this.block.count()).to_vec()
 });
 
@@ -89,25 +89,25 @@ formula!(BlendSplat, |this, inputs| blend_splat(
     root: 3, log2_opacity: 1, delta: 2,
     ..channel_fields("colors", "first_color", this.channels),
     ..this.accumulators()
-) -> (..this.accumulators(), light_left: 1) {
+) -> (..this.accumulators(), largest_transmittance: 1) {
     let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
     let splat = Splat2d { mean2d: [dx.zero(); 2], root, log2_opacity };
     let color = inputs.slice(this.channels);
     let count = this.block.count();
-    let (transmittances, left) = (inputs.slice(count), inputs.slice(count));
+    let (transmittances, last) = (inputs.slice(count), inputs.slice(count));
     let mut states = Vec::new();
     let mut sums = Vec::new();
     for pixel in 0..count {
         let [column, row] = this.block.position(pixel);
         let falloff = falloff(&splat, dx + column as f32, dy + row as f32);
-        let front = PixelState { transmittance: transmittances[pixel], left: left[pixel] };
+        let front = PixelState { transmittance: transmittances[pixel], final_transmittance: last[pixel] };
         let step = step(alpha(falloff.log2_strength), front);
         states.push(step.behind);
         let before = inputs.slice(this.channels);
         sums.extend(color.iter().zip(before).map(|(color, sum)| step.weight.mul_add(*color, *sum)));
     }
-    let light_left = states.iter().fold(dx.zero(), |most, state| most.max(state.transmittance));
+    let largest_transmittance = states.iter().fold(dx.zero(), |most, state| most.max(state.transmittance));
     let transmittances: Vec<R> = states.iter().map(|state| state.transmittance).collect();
-    let left: Vec<R> = states.iter().map(|state| state.left).collect();
-    (transmittances, left, sums, [light_left])
+    let last: Vec<R> = states.iter().map(|state| state.final_transmittance).collect();
+    (transmittances, last, sums, [largest_transmittance])
 });

@@ -1,4 +1,4 @@
-// Assignment of a tile's pixels to invocations: a small rectangle each.
+// Declarations: assignment of the pixels of a tile to invocations, a small rectangle each.
 
 const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
 const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
@@ -20,6 +20,6 @@ fn is_inside(pixel: u32) -> bool {
 }
 
 // Initial transmittance; pixels outside the image have terminated.
-fn light_at_start(pixel: u32) -> f32 {
+fn initial_transmittance(pixel: u32) -> f32 {
     return select(0.0, 1.0, is_inside(pixel));
 }

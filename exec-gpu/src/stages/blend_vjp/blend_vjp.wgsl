@@ -9,7 +9,8 @@
 // A row of sums has one number more than invocations, so that rows begin in different banks of the
 // memory.
 const ROW: u32 = INVOCATIONS + 1u;
-// Bit of `seen` for pixels that have not terminated; the lowest bits are those of the splats.
+// Bit of `contributions` for pixels that have not terminated; the lowest bits are those of the
+// splats.
 const IS_ACTIVE: u32 = 1u << 31u;
 
 // Emissions that have a slot.
@@ -30,7 +31,7 @@ struct Batch {
 @group(0) @binding(9) var<storage, read_write> slots: array<f32>;
 
 var<workgroup> sums: array<f32, SPLATS_AT_ONCE * SLOT * ROW>;
-var<workgroup> seen: array<atomic<u32>, 2>;
+var<workgroup> contributions: array<atomic<u32>, 2>;
 var<workgroup> is_over: u32;
 
 var<private> pixel_grads: array<vec4f, BLOCK_WIDTH * BLOCK_HEIGHT * CHANNEL_VECTORS>;
@@ -41,26 +42,26 @@ var<private> first_sum: u32;
 
 // Index in an image of a number of a pixel; `number` enumerates the numbers of one pixel after the
 // other.
-fn place_of(number: u32) -> u32 {
+fn index_of(number: u32) -> u32 {
     let pixel = pixel_at(number / (CHANNELS + 1u));
     return number % (CHANNELS + 1u) * camera.size.x * camera.size.y + pixel.y * camera.size.x + pixel.x;
 }
 
 fn blended(number: u32) -> f32 {
     if is_inside(number / (CHANNELS + 1u)) {
-        return frame[place_of(number)];
+        return frame[index_of(number)];
     }
     return 0.0;
 }
 
 fn grad_of_blended(number: u32) -> f32 {
     if is_inside(number / (CHANNELS + 1u)) {
-        return frame_grad[place_of(number)];
+        return frame_grad[index_of(number)];
     }
     return 0.0;
 }
 
-fn put_sum(number: u32, value: f32) {
+fn store_sum(number: u32, value: f32) {
     sums[first_sum + number * ROW] = value;
 }
 
@@ -71,18 +72,18 @@ fn has_slot(emission: u32) -> bool {
 // Replays splats; returns a bit for each splat that contributes to a pixel of the invocation.
 fn replay_splats(first: u32, count: u32, local: u32) -> u32 {
     let point = vec2f(corner) + 0.5;
-    var seen_here = 0u;
-    var light_left = 0.0;
+    var contributes = 0u;
+    var transmittance_sum = 0.0;
     for (var k = 0u; k < count; k++) {
         let gaussian = gaussians_of[first + k];
         let splat = splats[gaussian];
         first_color = gaussian * CHANNEL_VECTORS;
         first_sum = k * SLOT * ROW + local;
         let over = replay_splat(splat.root, splat.log2_opacity, point - splat.mean2d);
-        seen_here |= select(0u, 1u << k, over.weight > 0.0);
-        light_left = over.light_left;
+        contributes |= select(0u, 1u << k, over.weight > 0.0);
+        transmittance_sum = over.transmittance_sum;
     }
-    return seen_here | select(0u, IS_ACTIVE, light_left > 0.0);
+    return contributes | select(0u, IS_ACTIVE, transmittance_sum > 0.0);
 }
 
 // The sum over the invocations, four side by side.
@@ -95,13 +96,13 @@ fn sum_of_row(row: u32) -> f32 {
     return parts.x + parts.y + (parts.z + parts.w);
 }
 
-fn write_slots(first: u32, count: u32, seen_by_any: u32, local: u32) {
+fn write_slots(first: u32, count: u32, contributing: u32, local: u32) {
     for (var row = local; row < count * SLOT; row += INVOCATIONS) {
         let k = row / SLOT;
         let emission = emissions_of[first + k];
         if has_slot(emission) {
             var sum = 0.0;
-            if (seen_by_any >> k & 1u) != 0u {
+            if (contributing >> k & 1u) != 0u {
                 sum = sum_of_row(row);
             }
             slots[(emission - batch.first) * SLOT + row % SLOT] = sum;
@@ -115,27 +116,27 @@ fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index
     corner = corner_of(tile.xy, local);
     replay_start();
     if local < 2u {
-        atomicStore(&seen[local], 0u);
+        atomicStore(&contributions[local], 0u);
     }
     workgroupBarrier();
 
     var first = range.x;
-    var turn = 0u;
+    var parity = 0u;
     // Within a tile emissions ascend: behind the batch there is nothing to do.
     while first < range.y && emissions_of[first] < batch.end {
         let count = min(SPLATS_AT_ONCE, range.y - first);
-        atomicOr(&seen[turn], replay_splats(first, count, local));
+        atomicOr(&contributions[parity], replay_splats(first, count, local));
         if local == 0u {
-            atomicStore(&seen[1u - turn], 0u);
+            atomicStore(&contributions[1u - parity], 0u);
         }
         workgroupBarrier();
-        let seen_by_any = atomicLoad(&seen[turn]);
-        write_slots(first, count, seen_by_any, local);
+        let contributing = atomicLoad(&contributions[parity]);
+        write_slots(first, count, contributing, local);
         if local == 0u {
-            is_over = select(1u, 0u, (seen_by_any & IS_ACTIVE) != 0u);
+            is_over = select(1u, 0u, (contributing & IS_ACTIVE) != 0u);
         }
         first += count;
-        turn = 1u - turn;
+        parity = 1u - parity;
         if workgroupUniformLoad(&is_over) != 0u {
             break;
         }

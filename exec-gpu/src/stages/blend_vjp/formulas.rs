@@ -44,7 +44,7 @@ impl ReplayStart {
 }
 
 formula!(ReplayStart, |this, inputs| replay_start(..[
-    call("light_at_start", this.block.count()), call("blended", this.len()), call("grad_of_blended", this.len())
+    call("initial_transmittance", this.block.count()), call("blended", this.len()), call("grad_of_blended", this.len())
 ]) -> (
     ..state_fields(this.block), ..pixel_grad_fields(this.block, this.channels)
 ) {
@@ -61,7 +61,7 @@ formula!(ReplayStart, |this, inputs| replay_start(..[
 
 /// Replay of one splat over the pixels of an invocation, and the sums over them
 /// ([`specula_core::blend::step_vjp`]). The weight of the splat tells whether it contributed to any
-/// pixel, the remaining light whether all pixels have terminated.
+/// pixel, the sum of transmittances whether all pixels have terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplaySplat {
     /// Pixels of the invocation.
@@ -76,7 +76,7 @@ formula!(ReplaySplat, |this, inputs| replay_splat(
     ..channel_fields("colors", "first_color", this.channels),
     ..pixel_grad_fields(this.block, this.channels)
 ) -> (
-    ..state_fields(this.block), ..[call("put_sum", MOMENTS + this.channels)], weight: 1, light_left: 1
+    ..state_fields(this.block), ..[call("store_sum", MOMENTS + this.channels)], weight: 1, transmittance_sum: 1
 ) {
     let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
     let splat = Splat2d { mean2d: [dx.zero(); 2], root, log2_opacity };
@@ -99,9 +99,9 @@ formula!(ReplaySplat, |this, inputs| replay_splat(
         grad_color.iter_mut().zip(grads).for_each(|(sum, grad)| *sum = step.weight.mul_add(*grad, *sum));
         weight = weight + step.weight;
     }
-    let light_left = transmittances.iter().fold(dx.zero(), |sum, light| sum + *light);
+    let transmittance_sum = transmittances.iter().fold(dx.zero(), |sum, transmittance| sum + *transmittance);
     let moments = (moments.first, moments.second, [moments.sum]);
-    (transmittances, remainders, moments, grad_color, [weight, light_left])
+    (transmittances, remainders, moments, grad_color, [weight, transmittance_sum])
 });
 
 /// Gradient of a splat from its moments ([`specula_core::blend::moments_vjp`]), which it replaces.
@@ -110,7 +110,7 @@ pub struct MomentsVjp;
 
 formula!(MomentsVjp, |_, inputs| moments_vjp(
     root: 3, opacity: 1, ..[call("sum_of", MOMENTS)]
-) -> (..[call("put_sum", MOMENTS)]) {
+) -> (..[call("store_sum", MOMENTS)]) {
     let (root, opacity) = (inputs.array(), inputs.number());
     let splat = Splat2d { mean2d: [opacity.zero(); 2], root, log2_opacity: opacity.zero() };
     let moments = OffsetMoments { first: inputs.array(), second: inputs.array(), sum: inputs.number() };

@@ -1,4 +1,9 @@
-// Sums of slots to gradients of splats: each Gaussian adds its slots in the order of emission.
+// Sums of slots, and their conversion to gradients of splats (stage `blend_vjp`).
+//
+// Threads: `sum_slots`: one invocation a number of a Gaussian, Gaussians by their rank in the order
+// of depth; `finish_splats`: one invocation a Gaussian of the chunk.
+// Inputs: slots of a batch of emissions, by emission index; offsets of each Gaussian's emissions.
+// Outputs: sums of each Gaussian's slots in the order of emission, then gradients in their place.
 
 // Emissions that have a slot, and the chunk of the sums.
 struct Batch {
@@ -20,58 +25,58 @@ struct Batch {
 // Index in its chunk.
 var<private> gaussian: u32;
 
-fn place_of(number: u32) -> u32 {
+fn sum_index(number: u32) -> u32 {
     return (gaussian / BLOCK * SLOT + number) * BLOCK + gaussian % BLOCK;
 }
 
 fn sum_of(number: u32) -> f32 {
-    return sums[place_of(number)];
+    return sums[sum_index(number)];
 }
 
-fn put_sum(number: u32, value: f32) {
-    sums[place_of(number)] = value;
+fn store_sum(number: u32, value: f32) {
+    sums[sum_index(number)] = value;
 }
 
-// Adds the slots of a batch to one number of one Gaussian; one invocation a number.
+// Adds the slots of a batch to one number of one Gaussian.
 @compute @workgroup_size(GROUP)
 fn sum_slots(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let index = linear_index(group, groups, local);
-    let place = index / SLOT;
-    let number = index % SLOT;
+    let invocation = linear_index(group, groups, local);
+    let rank = invocation / SLOT;
+    let number = invocation % SLOT;
     // Padding of the last block.
-    let is_filling = place >= camera.gaussian_count;
-    var whose = place;
-    if !is_filling {
-        whose = order[place];
+    let is_padding = rank >= camera.gaussian_count;
+    var index = rank;
+    if !is_padding {
+        index = order[rank];
     }
-    if whose < batch.first_gaussian || whose >= batch.gaussians_end {
+    if index < batch.first_gaussian || index >= batch.gaussians_end {
         return;
     }
-    gaussian = whose - batch.first_gaussian;
-    if is_filling {
-        put_sum(number, 0.0);
+    gaussian = index - batch.first_gaussian;
+    if is_padding {
+        store_sum(number, 0.0);
         return;
     }
     var sum = 0.0;
     if batch.first > 0u {
         sum = sum_of(number);
     }
-    let end = min(offsets[place + 1u], batch.end);
-    for (var emission = max(offsets[place], batch.first); emission < end; emission++) {
+    let end = min(offsets[rank + 1u], batch.end);
+    for (var emission = max(offsets[rank], batch.first); emission < end; emission++) {
         sum += slots[(emission - batch.first) * SLOT + number];
     }
-    put_sum(number, sum);
+    store_sum(number, sum);
 }
 
 fn is_zero(number: f32) -> bool {
     return (bitcast<u32>(number) & 0x7fffffffu) == 0u;
 }
 
-// Converts moments to gradients; one invocation a Gaussian.
+// Converts moments to gradients.
 @compute @workgroup_size(GROUP)
 fn finish_splats(
     @builtin(workgroup_id) group: vec3u,
@@ -79,16 +84,16 @@ fn finish_splats(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    let whose = batch.first_gaussian + gaussian;
-    if whose >= min(camera.gaussian_count, batch.gaussians_end) {
+    let index = batch.first_gaussian + gaussian;
+    if index >= min(camera.gaussian_count, batch.gaussians_end) {
         return;
     }
-    var is_seen = false;
+    var has_moments = false;
     for (var number = 0u; number < MOMENTS; number++) {
-        is_seen |= !is_zero(sum_of(number));
+        has_moments |= !is_zero(sum_of(number));
     }
-    if is_seen {
-        let splat = splats[whose];
+    if has_moments {
+        let splat = splats[index];
         moments_vjp(splat.root, splat.opacity);
     }
 }

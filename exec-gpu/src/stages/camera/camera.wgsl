@@ -1,4 +1,5 @@
-// Camera, and the range of Gaussians of a dispatch; `CameraUniform` of `camera/mod.rs`.
+// Declarations: camera, and the range of Gaussians of a dispatch; `CameraUniform` of
+// `camera/mod.rs`.
 
 struct Camera {
     row_x: vec3f,

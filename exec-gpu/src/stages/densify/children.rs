@@ -14,7 +14,7 @@ use crate::{
     },
     stages::{
         densify::{
-            formulas::{CellAt, PartOf},
+            formulas::{CellAt, SplitChild},
             plan::{DensifyPlan, actions},
         },
         gaussians::planes,
@@ -24,7 +24,7 @@ use crate::{
 };
 use bytemuck::{Pod, Zeroable};
 use specula_core::{
-    densify::{Action, part_noise},
+    densify::{Action, split_noise},
     executor::RandomKey,
     morton::{CODE_BITS, interleave},
     scene::{Gaussians, LOG_SCALE, Layout, MEAN},
@@ -32,7 +32,7 @@ use specula_core::{
 
 /// Appends the origins of children.
 fn origins(source: Source) -> Source {
-    source.count("KEPT", 0).count("COPIED", 1).count("FIRST_PART", 2).count("ORIGINS", 4)
+    source.count("KEPT", 0).count("CLONED", 1).count("FIRST_SPLIT", 2).count("ORIGINS", 4)
 }
 
 pub(crate) fn children_source(layout: Layout) -> String {
@@ -57,7 +57,7 @@ pub(crate) fn gather_source(layout: Layout) -> String {
 pub(crate) fn split_source(layout: Layout) -> String {
     let source = Source::new().real().part(|source| planes(source, layout));
     let source = source.count("MEAN", MEAN).count("LOG_SCALE", LOG_SCALE).part(origins);
-    source.formula(&PartOf { layout }).with(include_str!("split_children.wgsl")).text()
+    source.formula(&SplitChild { layout }).with(include_str!("split_children.wgsl")).text()
 }
 
 /// `Gathering` of `gather.wgsl`.
@@ -109,7 +109,7 @@ impl Children {
         dispatch_for_chunks(context, "mark", gaussians, &bindings, 1)?;
         dispatch_for_chunks(context, "find_bounds", gaussians, &bindings, COLUMN)?;
         scan(context, &offsets, 3 * old_count)?;
-        dispatch_for_chunks(context, "put_children", gaussians, &bindings, 1)?;
+        dispatch_for_chunks(context, "store_children", gaussians, &bindings, 1)?;
         let children = sort(context, counters, pairs, Len::Known(count), CODE_BITS)?.items;
         Ok(Self { count, children, offsets, old_count, split_parents, split_count })
     }
@@ -119,9 +119,8 @@ impl Children {
         self.count
     }
 
-    /// Numbers of the children from those of their parents. Those of copies and of split children
-    /// are zero unless
-    /// `keeps_new` is set.
+    /// Numbers of the children from those of their parents. Those of clones and of split children
+    /// are zero unless `keeps_new` is set.
     ///
     /// # Errors
     ///
@@ -185,8 +184,8 @@ impl Children {
         context.download(&self.split_parents, 0, &mut parents)?;
         let noise: Vec<f32> = parents
             .iter()
-            .flat_map(|parent| [0, 1].map(|part| 2 * u64::from(*parent) + part))
-            .flat_map(|draw| part_noise(key.seed, key.stream, draw))
+            .flat_map(|parent| [0, 1].map(|child| 2 * u64::from(*parent) + child))
+            .flat_map(|draw| split_noise(key.seed, key.stream, draw))
             .collect();
         let noise = context.upload("noise", &noise)?;
         let (key, source) = (format!("{layout:?}"), || split_source(layout));

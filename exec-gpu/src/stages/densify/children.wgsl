@@ -1,10 +1,18 @@
-// Children: the Gaussians after densification. Those that stay come first, then copies, then parts
-// of what is split, two each; a child is its parent's index and its origin.
+// Children: the Gaussians after densification (stage `densify`).
+//
+// Those that are kept come first, then clones, then the children of split Gaussians, two each; a
+// child is its parent's index and its origin.
+//
+// Threads: `mark`, `store_children`: one invocation a Gaussian; `find_bounds`: one a column of
+// COLUMN Gaussians.
+// Inputs: planes and actions of the Gaussians.
+// Outputs: flags of the actions, box around all means; children with Morton codes, by the exclusive
+// prefix sums of the flags; split parents.
 
 struct Size {
-    // Of all Gaussians.
+    // Number of all Gaussians.
     count: u32,
-    // First Gaussian of the chunk, and their number.
+    // First Gaussian of the chunk, and number of them.
     first: u32,
     piece: u32,
 }
@@ -12,10 +20,9 @@ struct Size {
 @group(0) @binding(0) var<uniform> size: Size;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> actions: array<u32>;
-// For each Gaussian whether it stays, then whether it is copied, then whether it is split; later
-// their sums.
+// Flags of all Gaussians: kept, then cloned, then split; later their exclusive prefix sums.
 @group(0) @binding(3) var<storage, read_write> offsets: array<u32>;
-// The lowest coordinates and the highest, as bits that sort.
+// Lowest and highest coordinates, as bits that sort.
 @group(0) @binding(4) var<storage, read_write> bounds: array<atomic<u32>>;
 // Morton codes of the parents, by which children are sorted.
 @group(0) @binding(5) var<storage, read_write> codes: array<u32>;
@@ -35,15 +42,14 @@ fn mark(
     if gaussian >= size.piece {
         return;
     }
-    let number = size.first + gaussian;
-    let action = actions[number];
-    offsets[number] = select(0u, 1u, action == KEEP || action == CLONE);
-    offsets[size.count + number] = select(0u, 1u, action == CLONE);
-    offsets[2u * size.count + number] = select(0u, 1u, action == SPLIT);
+    let index = size.first + gaussian;
+    let action = actions[index];
+    offsets[index] = select(0u, 1u, action == KEEP || action == CLONE);
+    offsets[size.count + index] = select(0u, 1u, action == CLONE);
+    offsets[2u * size.count + index] = select(0u, 1u, action == SPLIT);
 }
 
-// The box around all means; coordinates that are not finite count for nothing. One invocation for a
-// column.
+// Box around all means; coordinates that are not finite are ignored.
 @compute @workgroup_size(GROUP)
 fn find_bounds(
     @builtin(workgroup_id) group: vec3u,
@@ -70,21 +76,21 @@ fn find_bounds(
     }
 }
 
-// Number of the cell of the Gaussian's mean along an axis.
+// Index of the cell of the Gaussian's mean along an axis.
 fn cell_of(axis: u32) -> u32 {
     let low = number_of_ordered(atomicLoad(&bounds[axis]));
     let high = number_of_ordered(atomicLoad(&bounds[3u + axis]));
     return u32(cell_at(plane(MEAN + axis), low, high));
 }
 
-fn put(place: u32, origin: u32, own_code: u32) {
-    children[place] = (size.first + gaussian) * ORIGINS + origin;
-    codes[place] = own_code;
+fn store_child(child: u32, origin: u32, code: u32) {
+    children[child] = (size.first + gaussian) * ORIGINS + origin;
+    codes[child] = code;
 }
 
-// Puts the children of every Gaussian in their offsets, of which `offsets` are now the sums.
+// Stores the children of every Gaussian; `offsets` are exclusive prefix sums by now.
 @compute @workgroup_size(GROUP)
-fn put_children(
+fn store_children(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
@@ -93,22 +99,22 @@ fn put_children(
     if gaussian >= size.piece {
         return;
     }
-    let number = size.first + gaussian;
-    let action = actions[number];
+    let index = size.first + gaussian;
+    let action = actions[index];
     if action == PRUNE {
         return;
     }
-    let own_code = morton_code(cell_of(0u), cell_of(1u), cell_of(2u));
+    let code = morton_code(cell_of(0u), cell_of(1u), cell_of(2u));
     if action == SPLIT {
-        let first_part = offsets[2u * size.count];
-        let split = offsets[2u * size.count + number] - first_part;
-        split_parents[split] = number;
-        put(first_part + 2u * split, FIRST_PART, own_code);
-        put(first_part + 2u * split + 1u, FIRST_PART + 1u, own_code);
+        let first_split = offsets[2u * size.count];
+        let split = offsets[2u * size.count + index] - first_split;
+        split_parents[split] = index;
+        store_child(first_split + 2u * split, FIRST_SPLIT, code);
+        store_child(first_split + 2u * split + 1u, FIRST_SPLIT + 1u, code);
         return;
     }
-    put(offsets[number], KEPT, own_code);
+    store_child(offsets[index], KEPT, code);
     if action == CLONE {
-        put(offsets[size.count + number], COPIED, own_code);
+        store_child(offsets[size.count + index], CLONED, code);
     }
 }

@@ -1,6 +1,10 @@
-// Action of densification on each Gaussian: one invocation a Gaussian.
+// Action of densification on each Gaussian (stage `densify`).
+//
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: planes of the Gaussians, and statistics of their gradients.
+// Outputs: actions, their counts, and sort keys of Gaussians that grow.
 
-// Thresholds, and the chunk: `count` Gaussians from `first` on.
+// Thresholds, and the chunk: `count` Gaussians, the first of index `first`.
 struct Rules {
     first: u32,
     count: u32,
@@ -33,10 +37,10 @@ fn decide_all(
     if gaussian >= rules.count {
         return;
     }
-    let place = rules.first + gaussian;
-    let measures = measures_of(grad_sums[place], view_counts[place]);
+    let index = rules.first + gaussian;
+    let measures = measures_of(grad_sums[index], view_counts[index]);
     let action = u32(decide(measures.mean_grad, measures.opacity, measures.largest_scale));
-    actions[place] = action;
-    growth_keys[place] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
+    actions[index] = action;
+    growth_keys[index] = select(0xffffffffu, ~ordered_bits(measures.mean_grad), action == CLONE || action == SPLIT);
     atomicAdd(&counts[action], 1u);
 }

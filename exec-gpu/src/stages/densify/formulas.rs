@@ -7,7 +7,7 @@ use crate::{
 use specula_core::{
     activation::sigmoid,
     attributes::AttributePlanes,
-    densify::{DensifyRules, decide, largest_scale, mean_grad, part_log_scales, part_mean},
+    densify::{DensifyRules, decide, largest_scale, mean_grad, split_log_scales, split_mean},
     morton::cell,
     scene::{LOG_SCALE, Layout, MEAN, OPACITY},
 };
@@ -49,17 +49,17 @@ formula!(CellAt, |_, inputs| cell_at(x: 1, low: 1, high: 1) -> (cell: 1) {
     [cell(inputs.number(), inputs.number(), inputs.number())]
 });
 
-/// Child of a split Gaussian ([`specula_core::densify::part_mean`],
-/// [`specula_core::densify::part_log_scales`]).
+/// Child of a split Gaussian ([`specula_core::densify::split_mean`],
+/// [`specula_core::densify::split_log_scales`]).
 #[derive(Clone, Copy, Debug)]
-pub struct PartOf {
+pub struct SplitChild {
     /// Planes of the Gaussian.
     pub layout: Layout,
 }
 
-formula!(PartOf, |this, inputs| part_of(..planes_field(this.layout), noise: 3) -> (mean: 3, log_scales: 3) {
+formula!(SplitChild, |this, inputs| split_child(..planes_field(this.layout), noise: 3) -> (mean: 3, log_scales: 3) {
     let planes = Planes(inputs.slice(this.layout.plane_count()));
     let (log_scales, noise) = (planes.vec3(LOG_SCALE), inputs.vec3());
-    let mean = part_mean(planes.vec3(MEAN), log_scales, planes.quat(), noise);
-    (mean, part_log_scales(log_scales))
+    let mean = split_mean(planes.vec3(MEAN), log_scales, planes.quat(), noise);
+    (mean, split_log_scales(log_scales))
 });

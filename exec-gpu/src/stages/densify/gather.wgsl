@@ -1,13 +1,17 @@
-// The numbers of children from those of their parents, bit by bit: one invocation a number.
+// Gathering of the children's numbers from those of their parents (stage `densify`).
+//
+// Threads: one invocation a number of the new chunk.
+// Inputs: children, and a chunk of their parents' numbers.
+// Outputs: numbers of the children whose parents are in the chunk, bit by bit.
 
 struct Gathering {
-    // The children of a piece, and how many numbers it has.
+    // Range of the children of the new chunk, and its length in numbers.
     first: u32,
     end: u32,
     numbers: u32,
-    // Whether copies and parts take their parents' numbers too; else they start from zero.
+    // Whether clones and split children take their parents' numbers too; else they are zero.
     keeps_new: u32,
-    // The parents of a piece; other children are left to those of theirs.
+    // Range of the parents of the old chunk; children of other parents are skipped.
     old_first: u32,
     old_end: u32,
 }
@@ -28,10 +32,10 @@ fn gather(
         return;
     }
     let row = number / BLOCK;
-    let place = gathering.first + row / PLANES * BLOCK + number % BLOCK;
+    let index = gathering.first + row / PLANES * BLOCK + number % BLOCK;
     var bits = 0u;
-    if place < gathering.end {
-        let child = children[place];
+    if index < gathering.end {
+        let child = children[index];
         if child / ORIGINS < gathering.old_first || child / ORIGINS >= gathering.old_end {
             return;
         }

@@ -1,5 +1,8 @@
-// Limit of growth: keeps unchanged the Gaussians behind the first `growth_max` in the order of
-// gradients; one invocation a Gaussian.
+// Limit of growth: Gaussians behind the first `growth_max` are kept unchanged (stage `densify`).
+//
+// Threads: one invocation a Gaussian, by its rank in descending order of gradients.
+// Inputs: order of the Gaussians.
+// Outputs: actions and their counts, in place.
 
 struct Growth {
     count: u32,
@@ -17,11 +20,11 @@ fn limit_growth(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let place = linear_index(group, groups, local);
-    if place < growth.growth_max || place >= growth.count {
+    let rank = linear_index(group, groups, local);
+    if rank < growth.growth_max || rank >= growth.count {
         return;
     }
-    let gaussian = order[place];
+    let gaussian = order[rank];
     let action = actions[gaussian];
     if action == CLONE || action == SPLIT {
         actions[gaussian] = KEEP;

@@ -1,16 +1,20 @@
-// Sampling of split children, which move and shrink: one invocation a child.
+// Sampling of split children, which move and shrink (stage `densify`).
+//
+// Threads: one invocation a child of the chunk.
+// Inputs: children, prefix sums of the split flags, noise.
+// Outputs: means and log scales of split children, in place.
 
-// Chunk: `count` children from `first` on.
-struct Parts {
+// Chunk: `count` children, the first of index `first`.
+struct Chunk {
     first: u32,
     count: u32,
     old_count: u32,
 }
 
-@group(0) @binding(0) var<uniform> parts: Parts;
+@group(0) @binding(0) var<uniform> chunk: Chunk;
 @group(0) @binding(1) var<storage, read> children: array<u32>;
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
-// Three numbers for each part, in the order of the parents.
+// Three numbers for each split child, in the order of the parents.
 @group(0) @binding(3) var<storage, read> noise: array<f32>;
 @group(0) @binding(4) var<storage, read_write> values: array<f32>;
 
@@ -28,19 +32,19 @@ fn sample_split_children(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= parts.count {
+    if gaussian >= chunk.count {
         return;
     }
-    let child = children[parts.first + gaussian];
-    if child % ORIGINS < FIRST_PART {
+    let entry = children[chunk.first + gaussian];
+    if entry % ORIGINS < FIRST_SPLIT {
         return;
     }
-    let parent = child / ORIGINS;
-    let split = offsets[2u * parts.old_count + parent] - offsets[2u * parts.old_count];
-    let first = 3u * (2u * split + child % ORIGINS - FIRST_PART);
-    let part = part_of(vec3f(noise[first], noise[first + 1u], noise[first + 2u]));
+    let parent = entry / ORIGINS;
+    let split = offsets[2u * chunk.old_count + parent] - offsets[2u * chunk.old_count];
+    let first = 3u * (2u * split + entry % ORIGINS - FIRST_SPLIT);
+    let child = split_child(vec3f(noise[first], noise[first + 1u], noise[first + 2u]));
     for (var axis = 0u; axis < 3u; axis++) {
-        set_plane(MEAN + axis, part.mean[axis]);
-        set_plane(LOG_SCALE + axis, part.log_scales[axis]);
+        set_plane(MEAN + axis, child.mean[axis]);
+        set_plane(LOG_SCALE + axis, child.log_scales[axis]);
     }
 }

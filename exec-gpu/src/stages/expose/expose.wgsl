@@ -1,4 +1,8 @@
-// Exposure of an image: one invocation a pixel.
+// Exposure of an image (stage `expose`).
+//
+// Threads: one invocation a pixel.
+// Inputs: exposure, colours, transmittance.
+// Outputs: exposed colours.
 
 @group(0) @binding(3) var<storage, read_write> exposed: array<f32>;
 
@@ -9,12 +13,12 @@ fn expose(
     @builtin(local_invocation_index) local: u32,
 ) {
     let size = pixel_count();
-    let place = linear_index(group, groups, local);
-    if place >= size {
+    let index = linear_index(group, groups, local);
+    if index >= size {
         return;
     }
-    let color = expose_pixel(color_at(place), passed_at(place));
-    exposed[place] = color.x;
-    exposed[size + place] = color.y;
-    exposed[2u * size + place] = color.z;
+    let color = expose_pixel(color_at(index), transmittance_at(index));
+    exposed[index] = color.x;
+    exposed[size + index] = color.y;
+    exposed[2u * size + index] = color.z;
 }

@@ -1,4 +1,4 @@
-// Exposure of an image: declarations of the stage and its gradient.
+// Declarations: exposure and pixels of the stage `expose` and its gradient.
 
 struct ExposureSettings {
     red: vec4f,
@@ -17,11 +17,11 @@ fn pixel_count() -> u32 {
 }
 
 // Colour of a pixel before exposure.
-fn color_at(place: u32) -> vec3f {
+fn color_at(index: u32) -> vec3f {
     let size = pixel_count();
-    return vec3f(colors[place], colors[place + size], colors[place + 2u * size]);
+    return vec3f(colors[index], colors[index + size], colors[index + 2u * size]);
 }
 
-fn passed_at(place: u32) -> f32 {
-    return blended[CHANNELS * pixel_count() + place];
+fn transmittance_at(index: u32) -> f32 {
+    return blended[CHANNELS * pixel_count() + index];
 }

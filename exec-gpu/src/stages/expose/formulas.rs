@@ -9,7 +9,7 @@ use specula_core::{
 /// Rows of the shader's variable `exposure`, and a pixel's colour and transmittance.
 pub(crate) fn exposure_and_pixel() -> Vec<Field> {
     let rows = ["exposure.red", "exposure.green", "exposure.blue"].map(|row| variable(row, 4));
-    fields!(..rows, color: 3, passed: 1)
+    fields!(..rows, color: 3, transmittance: 1)
 }
 
 /// Reads an exposure from a formula's inputs.

@@ -1,5 +1,9 @@
-// Gradient of exposure: replaces the gradient of the exposed image by that of the image, and sums
-// that of the exposure over each tile. One workgroup a tile, four pixels of a column an invocation.
+// Gradient of exposure (stage `expose_vjp`).
+//
+// Threads: one workgroup a tile, one invocation four pixels of a column.
+// Memory: partial sums of the exposure's gradient in workgroup memory, added in a binary tree.
+// Inputs: exposure, colours, transmittance; gradient of the exposed image.
+// Outputs: gradient of the image, in place; sums of the exposure's gradient over each tile.
 
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 @group(0) @binding(4) var<storage, read_write> sums: array<f32>;
@@ -10,27 +14,26 @@ struct ExposureSum {
     blue: vec4f,
 }
 
-var<workgroup> parts: array<ExposureSum, SUM_GROUP>;
+var<workgroup> partial_sums: array<ExposureSum, SUM_GROUP>;
 
 fn plus(one: ExposureSum, other: ExposureSum) -> ExposureSum {
     return ExposureSum(one.red + other.red, one.green + other.green, one.blue + other.blue);
 }
 
-// The gradient of a pixel of the photograph becomes that of the picture; returns that of the
-// exposure.
+// Replaces the gradient of an exposed pixel by that of the image; returns that of the exposure.
 fn pixel_vjp(pixel: vec2u) -> ExposureSum {
     if any(pixel >= exposure.size) {
         return ExposureSum();
     }
     let size = pixel_count();
-    let place = pixel.y * exposure.size.x + pixel.x;
-    let grad = vec3f(grads[place], grads[size + place], grads[2u * size + place]);
-    let own = expose_pixel_vjp(color_at(place), passed_at(place), grad);
-    grads[place] = own.color.x;
-    grads[size + place] = own.color.y;
-    grads[2u * size + place] = own.color.z;
-    grads[CHANNELS * size + place] += own.passed;
-    return ExposureSum(own.red, own.green, own.blue);
+    let index = pixel.y * exposure.size.x + pixel.x;
+    let grad = vec3f(grads[index], grads[size + index], grads[2u * size + index]);
+    let of_pixel = expose_pixel_vjp(color_at(index), transmittance_at(index), grad);
+    grads[index] = of_pixel.color.x;
+    grads[size + index] = of_pixel.color.y;
+    grads[2u * size + index] = of_pixel.color.z;
+    grads[CHANNELS * size + index] += of_pixel.transmittance;
+    return ExposureSum(of_pixel.red, of_pixel.green, of_pixel.blue);
 }
 
 @compute @workgroup_size(SUM_GROUP)
@@ -41,32 +44,32 @@ fn expose_vjp(
 ) {
     let rows = SUM_GROUP / TILE_EDGE;
     let first = tile.xy * TILE_EDGE + vec2u(local % TILE_EDGE, local / TILE_EDGE);
-    var own = ExposureSum();
+    var sum = ExposureSum();
     for (var row = 0u; row < TILE_EDGE; row += rows) {
-        own = plus(own, pixel_vjp(first + vec2u(0u, row)));
+        sum = plus(sum, pixel_vjp(first + vec2u(0u, row)));
     }
-    parts[local] = own;
+    partial_sums[local] = sum;
     workgroupBarrier();
     for (var reach = SUM_GROUP / 2u; reach > 0u; reach /= 2u) {
         if local < reach {
-            parts[local] = plus(parts[local], parts[local + reach]);
+            partial_sums[local] = plus(partial_sums[local], partial_sums[local + reach]);
         }
         workgroupBarrier();
     }
     // A row of the exposure for each of three invocations.
     if local < 3u {
-        let sum = parts[0];
-        var row = sum.red;
+        let total = partial_sums[0];
+        var row = total.red;
         if local == 1u {
-            row = sum.green;
+            row = total.green;
         }
         if local == 2u {
-            row = sum.blue;
+            row = total.blue;
         }
-        let place = 12u * (tile.y * tiles.x + tile.x) + 4u * local;
-        sums[place] = row.x;
-        sums[place + 1u] = row.y;
-        sums[place + 2u] = row.z;
-        sums[place + 3u] = row.w;
+        let index = 12u * (tile.y * tiles.x + tile.x) + 4u * local;
+        sums[index] = row.x;
+        sums[index + 1u] = row.y;
+        sums[index + 2u] = row.z;
+        sums[index + 3u] = row.w;
     }
 }

@@ -12,7 +12,7 @@ use specula_core::expose::expose_vjp;
 pub struct ExposeVjp;
 
 formula!(ExposeVjp, |_, inputs| expose_pixel_vjp(..exposure_and_pixel(), grad: 3) -> (
-    red: 4, green: 4, blue: 4, color: 3, passed: 1
+    red: 4, green: 4, blue: 4, color: 3, transmittance: 1
 ) {
     let (exposure, color, transmittance) = (take_exposure(inputs), inputs.vec3(), inputs.number());
     let (of_exposure, of_color, of_coverage) = expose_vjp(&exposure, color, -transmittance + 1.0, inputs.vec3());

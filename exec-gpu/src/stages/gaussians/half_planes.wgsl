@@ -1,10 +1,10 @@
-// One number of the Gaussian at hand: sixteen Gaussians make a block, whose first planes are stored
-// in full, and then two planes of halves to a word.
+// Declarations: planes of the Gaussian `gaussian`. Sixteen Gaussians make a block, whose first
+// planes are stored in full, and the others as halves, two planes to a word.
 
 alias Stored = u32;
 
-fn stored_word(place: u32) -> u32 {
-    return values[(gaussian / BLOCK * WORDS + place) * BLOCK + gaussian % BLOCK];
+fn stored_word(word: u32) -> u32 {
+    return values[(gaussian / BLOCK * WORDS + word) * BLOCK + gaussian % BLOCK];
 }
 
 fn plane(number: u32) -> f32 {

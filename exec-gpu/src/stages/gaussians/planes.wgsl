@@ -1,4 +1,5 @@
-// One number of the Gaussian at hand: sixteen Gaussians make a block, plane after plane.
+// Declarations: planes of the Gaussian `gaussian`. Sixteen Gaussians make a block, plane after
+// plane.
 
 alias Stored = f32;
 

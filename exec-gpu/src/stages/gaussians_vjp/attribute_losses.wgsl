@@ -1,4 +1,8 @@
-// Gradients of the losses on attributes: one invocation a Gaussian.
+// Gradients of the losses on attributes (stage `gaussians_vjp`).
+//
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: planes of the Gaussians, weights of the losses.
+// Outputs: gradients, added in place.
 
 // Weights of the losses for each Gaussian.
 struct Attributes {

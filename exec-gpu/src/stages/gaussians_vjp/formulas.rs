@@ -40,7 +40,7 @@ fn take_splat_grad<R: Real>(inputs: &mut Inputs<'_, R>, blended: Channels) -> (S
 struct PlaneGrads<R>(Vec<R>);
 
 impl<R: Real> AttributeGrads<R> for PlaneGrads<R> {
-    fn put(&mut self, plane: usize, grad: R) {
+    fn set(&mut self, plane: usize, grad: R) {
         self.0[plane] = grad;
     }
 }
@@ -78,7 +78,7 @@ impl PlanesVjp {
 
 formula!(PlanesVjp, |this, inputs| planes_vjp(
     ..ColorsOf(this.shading).parameters(), ..splat_grad_field(this.shading.channels()), ..this.lookup_fields()
-) -> (..[call("put", this.shading.layout.plane_count())]) {
+) -> (..[call("store_plane_grad", this.shading.layout.plane_count())]) {
     let plane_count = this.shading.layout.plane_count();
     let planes = Planes(inputs.slice(plane_count));
     let camera = take_camera(inputs);
@@ -120,7 +120,7 @@ pub struct SplitSumVjp;
 
 formula!(SplitSumVjp, |_, inputs| split_sum_slopes(
     upper_left: 2, upper_right: 2, lower_left: 2, lower_right: 2, share: 2, grad: 2
-) -> (grad_place: 2) {
+) -> (grad_position: 2) {
     let mut pair = || {
         let [x, y] = inputs.array();
         vec3(x, y, x.zero())

@@ -1,25 +1,25 @@
-// Gradient of the light that Gaussians looked up.
+// Declarations: gradient of the light that a Gaussian looked up.
 
 @group(0) @binding(6) var<storage, read_write> light_sums: array<atomic<u32>>;
 
-// Of `split_sum`: with respect to n·v and the roughness.
+// Gradient of `split_sum` with respect to n·v and roughness.
 fn split_sum_vjp(n_dot_v: f32, roughness: f32, grad: vec2f) -> vec2f {
-    let place = split_sum_place(n_dot_v, roughness);
-    let lower_first = place.first + SPLIT_SUM_SIZE;
+    let cell = split_sum_cell(n_dot_v, roughness);
+    let lower_first = cell.first + SPLIT_SUM_SIZE;
     let slopes = split_sum_slopes(
-        split_sums[place.first],
-        split_sums[place.first + 1u],
+        split_sums[cell.first],
+        split_sums[cell.first + 1u],
         split_sums[lower_first],
         split_sums[lower_first + 1u],
-        place.share,
+        cell.share,
         grad,
     );
-    return slopes * place.is_free * f32(SPLIT_SUM_SIZE);
+    return slopes * cell.is_free * f32(SPLIT_SUM_SIZE);
 }
 
-fn put_planes() {
+fn store_plane_grads() {
     let surface = surface_of();
-    let light = own_light(surface);
+    let light = gaussian_light(surface);
     let grad = lookup_vjp(light.specular, light.ambient, light.split_sum);
     let of_specular = radiance_vjp(surface.reflection_dir, surface.roughness, grad.specular);
     var of_ambient = vec3f(0.0);

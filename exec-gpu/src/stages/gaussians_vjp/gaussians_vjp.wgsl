@@ -1,5 +1,11 @@
-// Gradients of shading and projection: one invocation a Gaussian, padding of the last block
-// included.
+// Gradients of shading and projection (stage `gaussians_vjp`).
+//
+// Threads: one invocation a Gaussian of the chunk, padding of the last block included.
+// Inputs: camera, planes of the Gaussians, gradients of splats; with a light, its texels and the
+// split-sum table.
+// Outputs: gradients of all planes; with a light, sums of the gradients of its texels.
+// Variants: shading, layout of the planes, with or without a light.
+// Early exit: Gaussians without a gradient of their splat have zeros.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
@@ -10,11 +16,11 @@
 var<private> gaussian: u32;
 
 fn splat_grad(number: u32) -> f32 {
-    let place = camera.first_gaussian + gaussian;
-    return splat_grads[(place / BLOCK * SPLAT_PLANES + number) * BLOCK + place % BLOCK];
+    let index = camera.first_gaussian + gaussian;
+    return splat_grads[(index / BLOCK * SPLAT_PLANES + number) * BLOCK + index % BLOCK];
 }
 
-fn put(plane: u32, grad: f32) {
+fn store_plane_grad(plane: u32, grad: f32) {
     grads[(gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK] = grad;
 }
 
@@ -38,10 +44,10 @@ fn gaussians_vjp(
         return;
     }
     if gaussian < camera.gaussian_count && is_touched() {
-        put_planes();
+        store_plane_grads();
     } else {
         for (var plane = 0u; plane < PLANES; plane++) {
-            put(plane, 0.0);
+            store_plane_grad(plane, 0.0);
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::{
         gaussians::planes,
         light::{LightGrad, LightLayout, sums::LightSums},
         prefilter::Light,
-        shade::own_light,
+        shade::gaussian_light,
     },
 };
 use bytemuck::{Pod, Zeroable};
@@ -33,7 +33,7 @@ use specula_core::{
 
 pub mod formulas;
 
-const UNLIT_PLANES: &str = "fn put_planes() {\n    planes_vjp();\n}\n";
+const UNLIT_PLANES: &str = "fn store_plane_grads() {\n    planes_vjp();\n}\n";
 
 /// Kernel of a shading; without a light, Gaussians looked up none.
 pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> String {
@@ -45,10 +45,10 @@ pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> Str
         .count("SPLAT_PLANES", GEOMETRY + shading.channels().count())
         .formula(planes_vjp);
     let source = match light {
-        Some(light) => own_light(light.lookup_vjp(source), shading)
+        Some(light) => gaussian_light(light.lookup_vjp(source), shading)
             .formula(&LookupVjp(*shading))
             .formula(&SplitSumVjp)
-            .with(include_str!("own_light_vjp.wgsl")),
+            .with(include_str!("gaussian_light_vjp.wgsl")),
         None => source.with(UNLIT_PLANES),
     };
     source.with(include_str!("gaussians_vjp.wgsl")).text()

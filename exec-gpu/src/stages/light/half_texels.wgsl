@@ -1,10 +1,9 @@
-// A texel of a light as it is stored: its colour as halves, and a fourth of them that is zero.
+// Declarations: texel of a light as stored halves; the fourth is zero.
 
 alias Texel = vec2u;
 
-// The bits of the nearest half, ties to the even one, as `pack.rs` rounds; adapters may cut
-// `pack2x16float` off. Finite numbers beyond the largest half become that; infinity and what is no
-// number stay so.
+// Bits of the nearest half, ties to even, as in `pack.rs`; `pack2x16float` may round towards zero.
+// Finite numbers beyond the largest half become the largest; infinities and NaN are kept.
 fn half_of(number: f32) -> u32 {
     let bits = bitcast<u32>(number);
     let sign = (bits >> 16u) & HALF_SIGN;
@@ -16,7 +15,7 @@ fn half_of(number: f32) -> u32 {
     if limited < F32_OF_HALF_MIN {
         return sign | u32(round(bitcast<f32>(limited) * SMALLEST_HALVES));
     }
-    // The bits that are dropped, and a last one that decides ties.
+    // Rounds the dropped bits, ties by the last bit that is kept.
     let rounded = limited + (1u << (DROPPED_BITS - 1u)) - 1u + ((limited >> DROPPED_BITS) & 1u);
     return sign | ((rounded - F32_OF_HALF_BIAS) >> DROPPED_BITS);
 }

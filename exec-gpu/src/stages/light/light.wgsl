@@ -1,6 +1,7 @@
-// Looking light up: levels one after the other, each six faces with an apron.
+// Declarations: lookup of a light, whose levels are stored one after the other, six faces with an
+// apron each.
 
-// A level and the next one, and the share of the second.
+// Lower of two neighbouring levels, and the share of the upper.
 struct Between {
     level: u32,
     share: f32,

@@ -1,10 +1,14 @@
-// Sums of colours to colours: one invocation a texel.
+// Conversion of sums to the gradient of a light (stages `shade_pixels_vjp` and `gaussians_vjp`).
+//
+// Threads: one invocation a texel.
+// Inputs: sums in fixed point, as `light_sums.wgsl` adds them.
+// Outputs: gradient of each texel.
 
 @group(0) @binding(0) var<storage, read> light_sums: array<u32>;
 @group(0) @binding(1) var<storage, read_write> grads: array<vec4f>;
 
-fn digit(place: u32) -> f32 {
-    return f32(bitcast<i32>(light_sums[place]));
+fn digit(index: u32) -> f32 {
+    return f32(bitcast<i32>(light_sums[index]));
 }
 
 fn sum_of(first: u32) -> f32 {

@@ -1,7 +1,7 @@
-// Sums of colours that many invocations add to at once. A number is an integer of steps; three
-// words are its digits, each of either sign, and the fourth counts what was no number. The
-// order of additions does not change the sum. Powers of two are multiplied with, which is exact
-// everywhere; a division need not be.
+// Declarations: sums of colours to which many invocations add at once. A number is an integer of
+// steps: three words are its digits, each of either sign, and the fourth counts numbers that were
+// not finite. The order of additions does not change the sum. Factors are powers of two, whose
+// products are exact on all devices; divisions need not be.
 
 fn add_number(first: u32, number: f32) {
     let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
@@ -9,22 +9,22 @@ fn add_number(first: u32, number: f32) {
     let steps = min(abs(number), NUMBER_MAX) * MIDDLE_STEPS;
     let whole = floor(steps);
     let high = floor(whole * PER_WORD);
-    var place = first + select(0u, SUM_FAULTS, is_fault);
+    var index = first + select(0u, SUM_FAULTS, is_fault);
     var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
     var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);
     var carried = 0u;
-    // Most numbers are smaller than a word, and digits of either sign seldom carry: once is mostly
-    // enough.
+    // One iteration for most numbers: they are smaller than a word, and digits of either sign
+    // seldom carry.
     loop {
         let amount = word + carried;
-        let before = atomicAdd(&light_sums[place], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;
+        let before = atomicAdd(&light_sums[index], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;
         carried = u32(select(before > ~amount, before < amount, is_negative) || amount < word);
         if carried == 0u && all(rest == vec2u(0u)) {
             break;
         }
         word = rest.x;
         rest = vec2u(rest.y, 0u);
-        place++;
+        index++;
     }
 }
 

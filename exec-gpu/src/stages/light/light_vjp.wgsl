@@ -1,8 +1,8 @@
-// Looking light up and back: the gradient of the texels is added to their sums, that of direction
-// and roughness is returned.
+// Declarations: lookup of a light with its gradient. Gradients of texels are added to their sums,
+// those of direction and roughness are returned.
 
-// A place between four neighbouring texels of a level, the first of them the upper left one.
-struct Place {
+// Bilinear sample of a level; `first` is the upper left of its four texels.
+struct LevelSample {
     first: u32,
     resolution: u32,
     right: f32,
@@ -11,34 +11,34 @@ struct Place {
     radiance: vec3f,
 }
 
-// A look at a light, with what its gradient needs.
-struct Look {
-    sharp: Place,
-    blurred: Place,
+// Lookup between two levels, with the inputs of its gradient.
+struct LightLookup {
+    sharp: LevelSample,
+    blurred: LevelSample,
     // Share of the blurred level.
     share: f32,
     radiance: vec3f,
 }
 
-fn place_in_level(direction: vec3f, level: u32) -> Place {
+fn sample_level(direction: vec3f, level: u32) -> LevelSample {
     let resolution = level_resolution(level);
     let at = texels_at(direction, f32(resolution));
     let first = level_start(level) + u32(at.texel);
     let below = first + resolution + 2u;
     let corners = mat4x3f(texel(first), texel(first + 1u), texel(below), texel(below + 1u));
     let radiance = texels_mean(corners[0], corners[1], corners[2], corners[3], at.right, at.lower);
-    return Place(first, resolution, at.right, at.lower, corners, radiance);
+    return LevelSample(first, resolution, at.right, at.lower, corners, radiance);
 }
 
-fn look_up(direction: vec3f, roughness: f32) -> Look {
+fn look_up(direction: vec3f, roughness: f32) -> LightLookup {
     let between = levels_at(roughness);
-    let sharp = place_in_level(direction, between.level);
-    let blurred = place_in_level(direction, between.level + 1u);
-    return Look(sharp, blurred, between.share, mix(sharp.radiance, blurred.radiance, between.share));
+    let sharp = sample_level(direction, between.level);
+    let blurred = sample_level(direction, between.level + 1u);
+    return LightLookup(sharp, blurred, between.share, mix(sharp.radiance, blurred.radiance, between.share));
 }
 
-// With respect to the point on the face; adds to the texels.
-fn place_vjp(at: Place, grad: vec3f) -> vec2f {
+// Gradient with respect to the point on the face; adds to the texels.
+fn level_sample_vjp(at: LevelSample, grad: vec3f) -> vec2f {
     let shares = texel_shares(at.right, at.lower);
     let below = at.first + at.resolution + 2u;
     add_to_texel(at.first, grad * shares.x);
@@ -50,19 +50,20 @@ fn place_vjp(at: Place, grad: vec3f) -> vec2f {
     return texels_vjp(corners[0], corners[1], corners[2], corners[3], at.right, at.lower, resolution, grad);
 }
 
-// With respect to the direction, and to the roughness, that were looked up.
-fn look_up_vjp(look: Look, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
-    let of_point = place_vjp(look.sharp, grad * (1.0 - look.share)) + place_vjp(look.blurred, grad * look.share);
-    let of_roughness = roughness_vjp(roughness, look.sharp.radiance, look.blurred.radiance, grad);
+// Gradient with respect to direction and roughness.
+fn look_up_vjp(lookup: LightLookup, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+    let of_sharp = level_sample_vjp(lookup.sharp, grad * (1.0 - lookup.share));
+    let of_point = of_sharp + level_sample_vjp(lookup.blurred, grad * lookup.share);
+    let of_roughness = roughness_vjp(roughness, lookup.sharp.radiance, lookup.blurred.radiance, grad);
     return vec4f(direction_vjp(direction, of_point), of_roughness);
 }
 
-// Of `radiance`: with respect to the direction, and to the roughness.
+// Gradient of `radiance` with respect to direction and roughness.
 fn radiance_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
     return look_up_vjp(look_up(direction, roughness), direction, roughness, grad);
 }
 
-// Of the irradiance, the map behind the last level: with respect to the direction.
+// Gradient of the irradiance, the map behind the last level, with respect to the direction.
 fn irradiance_vjp(direction: vec3f, grad: vec3f) -> vec3f {
-    return direction_vjp(direction, place_vjp(place_in_level(direction, LEVELS), grad));
+    return direction_vjp(direction, level_sample_vjp(sample_level(direction, LEVELS), grad));
 }

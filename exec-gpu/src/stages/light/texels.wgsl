@@ -1,4 +1,4 @@
-// A texel of a light as it is stored: its colour and nothing.
+// Declarations: texel of a light as stored: colour and padding.
 
 alias Texel = vec4f;
 

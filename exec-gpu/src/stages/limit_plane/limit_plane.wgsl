@@ -1,5 +1,8 @@
-// One plane, limited and without momentum, of Gaussians outside of a ball: one invocation a
-// Gaussian.
+// Limit of one plane, whose momentum is reset, for Gaussians outside a ball (stage `limit_plane`).
+//
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: ball, plane, largest value.
+// Outputs: the plane and its Adam moments, in place.
 
 struct Limit {
     center: vec3f,
@@ -30,17 +33,17 @@ fn limit_plane(
     if !lies_outside(from_center) {
         return;
     }
-    let place = first + limit.plane * BLOCK;
+    let index = first + limit.plane * BLOCK;
     // NaN is limited too.
-    if !(values[place] <= limit.ceiling) {
-        values[place] = limit.ceiling;
+    if !(values[index] <= limit.ceiling) {
+        values[index] = limit.ceiling;
     }
-    means[place] = 0.0;
-    squares[place] = 0.0;
+    means[index] = 0.0;
+    squares[index] = 0.0;
 }
 
-// Distances are not negative, and so neither are their bits as whole numbers: by those, what is not
-// a number is farther than anything, where a compiler may take every number for finite.
+// Compares the bits, which sort as the numbers do, as squared distances are not negative. NaN is
+// beyond all numbers; compilers may assume that numbers are finite.
 fn lies_outside(from_center: vec3f) -> bool {
     return limit.radius_squared < 0.0 || bitcast<u32>(dot(from_center, from_center)) > bitcast<u32>(limit.radius_squared);
 }

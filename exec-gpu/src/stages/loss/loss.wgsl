@@ -1,6 +1,6 @@
-// Losses of an image: declarations of all kernels.
+// Declarations: settings, images and tiles of the loss kernels, and the sum over a workgroup.
 
-// Shares are weights over the number of values that a loss is a mean of.
+// Weights of the losses over the numbers of values that they are means of.
 struct LossSettings {
     background: vec3f,
     absolute: f32,
@@ -15,8 +15,7 @@ struct LossSettings {
     padding: vec2u,
 }
 
-// Marks of a tile: whether anything but the background shows in the rendered picture, and in the
-// true one.
+// Marks of a tile: the rendered image, or the target, shows more than the background.
 const IS_RENDERED: u32 = 1u;
 const IS_TRUE: u32 = 2u;
 
@@ -25,30 +24,30 @@ const IS_TRUE: u32 = 2u;
 @group(0) @binding(2) var<storage, read> colors: array<f32>;
 @group(0) @binding(3) var<storage, read> texels: array<u32>;
 
-var<workgroup> parts: array<LossSum, LOSS_GROUP>;
+var<workgroup> partial_sums: array<LossSum, LOSS_GROUP>;
 
 // Sum over all invocations, in a fixed order.
-fn sum_of_group(local: u32, own: LossSum) -> LossSum {
-    parts[local] = own;
+fn sum_of_group(local: u32, value: LossSum) -> LossSum {
+    partial_sums[local] = value;
     workgroupBarrier();
     for (var reach = LOSS_GROUP / 2u; reach > 0u; reach /= 2u) {
         if local < reach {
-            parts[local] += parts[local + reach];
+            partial_sums[local] += partial_sums[local + reach];
         }
         workgroupBarrier();
     }
-    return parts[0];
+    return partial_sums[0];
 }
 
 fn pixel_count() -> u32 {
     return settings.size.x * settings.size.y;
 }
 
-fn place_of(pixel: vec2u) -> u32 {
+fn index_of(pixel: vec2u) -> u32 {
     return pixel.y * settings.size.x + pixel.x;
 }
 
-fn number_of(tile: vec2u) -> u32 {
+fn tile_index(tile: vec2u) -> u32 {
     return tile.y * settings.tiles.x + tile.x;
 }
 
@@ -56,22 +55,22 @@ fn is_inside(pixel: vec2u) -> bool {
     return all(pixel < settings.size);
 }
 
-fn transmittance_at(place: u32) -> f32 {
-    return blended[CHANNELS * pixel_count() + place];
+fn transmittance_at(index: u32) -> f32 {
+    return blended[CHANNELS * pixel_count() + index];
 }
 
-// Whether a pixel lies in the picture, and something is known of it.
+// Tests whether a pixel lies in the image and its target is not masked.
 fn is_known(pixel: vec2u) -> bool {
     if !is_inside(pixel) {
         return false;
     }
-    return texels[place_of(pixel)] != UNKNOWN;
+    return texels[index_of(pixel)] != UNKNOWN;
 }
 
-// Outside the picture, and where nothing is known of it, nothing is covered.
-fn passed_at(pixel: vec2u) -> f32 {
+// Transmittance; 1 outside the image and where the target is masked.
+fn known_transmittance(pixel: vec2u) -> f32 {
     if is_known(pixel) {
-        return transmittance_at(place_of(pixel));
+        return transmittance_at(index_of(pixel));
     }
     return 1.0;
 }
@@ -81,7 +80,7 @@ fn byte_of(texel: u32, channel: u32) -> f32 {
     return f32((texel >> (8u * channel)) & 255u);
 }
 
-// The first of the four pixels of a tile that are an invocation's own; the others are to its right.
-fn own_pixels(tile: vec2u, local: u32) -> vec2u {
+// First pixel of an invocation with four pixels in a row.
+fn first_pixel(tile: vec2u, local: u32) -> vec2u {
     return tile * TILE_EDGE + vec2u(4u * (local % 4u), local / 4u);
 }

@@ -1,5 +1,8 @@
-// Marks of tiles that show anything but the background: one workgroup a tile, four pixels an
-// invocation.
+// Marks of tiles that show more than the background (stage `loss`).
+//
+// Threads: one workgroup a tile, one invocation four pixels in a row.
+// Inputs: transmittance, texels of the target.
+// Outputs: marks of each tile.
 
 @group(0) @binding(4) var<storage, read_write> marks: array<u32>;
 
@@ -9,9 +12,9 @@ fn mark_of(pixel: vec2u) -> u32 {
     if !is_inside(pixel) {
         return 0u;
     }
-    let place = place_of(pixel);
-    let is_rendered = select(IS_RENDERED, 0u, transmittance_at(place) == 1.0);
-    return is_rendered | select(0u, IS_TRUE, byte_of(texels[place], 3u) != 0.0);
+    let index = index_of(pixel);
+    let is_rendered = select(IS_RENDERED, 0u, transmittance_at(index) == 1.0);
+    return is_rendered | select(0u, IS_TRUE, byte_of(texels[index], 3u) != 0.0);
 }
 
 @compute @workgroup_size(LOSS_GROUP)
@@ -20,14 +23,14 @@ fn mark_tiles(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_inde
         atomicStore(&found, 0u);
     }
     workgroupBarrier();
-    let first = own_pixels(tile.xy, local);
-    let own = mark_of(first) | mark_of(first + vec2u(1u, 0u)) | mark_of(first + vec2u(2u, 0u))
+    let first = first_pixel(tile.xy, local);
+    let marks_of_four = mark_of(first) | mark_of(first + vec2u(1u, 0u)) | mark_of(first + vec2u(2u, 0u))
         | mark_of(first + vec2u(3u, 0u));
-    if own != 0u {
-        atomicOr(&found, own);
+    if marks_of_four != 0u {
+        atomicOr(&found, marks_of_four);
     }
     workgroupBarrier();
     if local == 0u {
-        marks[number_of(tile.xy)] = atomicLoad(&found);
+        marks[tile_index(tile.xy)] = atomicLoad(&found);
     }
 }

@@ -1,37 +1,36 @@
-// SSIM of two images, and its gradients with respect to the means of each window: one workgroup a
-// tile and colour.
+
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read_write> partials: array<f32>;
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
 
-// Whether a window of the tile sees more than the background; else both images are equal.
-fn sees_a_mark(tile: vec2u) -> bool {
+// Tests whether the windows of a tile cover more than the background; else both images are equal.
+fn is_marked(tile: vec2u) -> bool {
     var found = 0u;
     for (var k = 0u; k < 9u; k++) {
         let neighbour = tile + vec2u(k % 3u, k / 3u) - 1u;
         if all(neighbour < settings.tiles) {
-            found |= marks[number_of(neighbour)];
+            found |= marks[tile_index(neighbour)];
         }
     }
     return found != 0u;
 }
 
-// Outside the picture, and where nothing is known of it, both colours are zero.
+// Rendered and true colour; zero outside the image and where the target is masked.
 fn pair_at(pixel: vec2u, c: u32) -> vec2f {
     if !is_known(pixel) {
         return vec2f(0.0);
     }
-    let place = place_of(pixel);
-    let texel = texels[place];
-    let color = colors[c * pixel_count() + place];
-    let passed = transmittance_at(place);
-    return compared_colors(color, passed, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
+    let index = index_of(pixel);
+    let texel = texels[index];
+    let color = colors[c * pixel_count() + index];
+    let transmittance = transmittance_at(index);
+    return compared_colors(color, transmittance, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
 }
 
-fn blur_down(first: vec2u, c: u32, place: u32) {
+fn blur_down(first: vec2u, c: u32, index: u32) {
     let step = vec2u(0u, 1u);
-    put_down(place, moments_down(
+    store_means(index, moments_down(
         pair_at(first, c),
         pair_at(first + step, c),
         pair_at(first + 2u * step, c),
@@ -59,10 +58,10 @@ fn similarity(pixel: vec2u, c: u32, means: vec4f) -> f32 {
     }
     let structure = structure_of(means);
     let size = pixel_count();
-    let place = 3u * c * size + place_of(pixel);
-    partials[place] = structure.grads.x;
-    partials[place + size] = structure.grads.y;
-    partials[place + 2u * size] = structure.grads.z;
+    let index = 3u * c * size + index_of(pixel);
+    partials[index] = structure.grads.x;
+    partials[index + size] = structure.grads.y;
+    partials[index + 2u * size] = structure.grads.z;
     return structure.similarity;
 }
 
@@ -70,8 +69,8 @@ fn similarity(pixel: vec2u, c: u32, means: vec4f) -> f32 {
 fn compare_structure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
     let c = group.x % 3u;
     let tile = vec2u(group.x / 3u, group.y);
-    let slot = (FIRST_STRUCTURE_SUM + c) * settings.tiles.x * settings.tiles.y + number_of(tile);
-    if !sees_a_mark(tile) {
+    let slot = (FIRST_STRUCTURE_SUM + c) * settings.tiles.x * settings.tiles.y + tile_index(tile);
+    if !is_marked(tile) {
         if local == 0u {
             let shown = min(settings.size - tile * TILE_EDGE, vec2u(TILE_EDGE));
             sums[slot] = f32(shown.x * shown.y);
@@ -79,27 +78,27 @@ fn compare_structure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
         return;
     }
     if local < DOWN_GROUP {
-        blur_down(first_down(tile, local), c, place_down(local));
+        blur_down(first_down(tile, local), c, column_index(local));
     }
     workgroupBarrier();
-    let place = place_across(local);
+    let index = row_index(local);
     let means = windows_4_4(
-        rows[place],
-        rows[place + 1u],
-        rows[place + 2u],
-        rows[place + 3u],
-        rows[place + 4u],
-        rows[place + 5u],
-        rows[place + 6u],
-        rows[place + 7u],
-        rows[place + 8u],
-        rows[place + 9u],
-        rows[place + 10u],
-        rows[place + 11u],
-        rows[place + 12u],
-        rows[place + 13u],
+        rows[index],
+        rows[index + 1u],
+        rows[index + 2u],
+        rows[index + 3u],
+        rows[index + 4u],
+        rows[index + 5u],
+        rows[index + 6u],
+        rows[index + 7u],
+        rows[index + 8u],
+        rows[index + 9u],
+        rows[index + 10u],
+        rows[index + 11u],
+        rows[index + 12u],
+        rows[index + 13u],
     );
-    let pixel = own_pixels(tile, local);
+    let pixel = first_pixel(tile, local);
     let near = similarity(pixel, c, means.mean_0) + similarity(pixel + vec2u(1u, 0u), c, means.mean_1);
     let far = similarity(pixel + vec2u(2u, 0u), c, means.mean_2) + similarity(pixel + vec2u(3u, 0u), c, means.mean_3);
     let sum = sum_of_group(local, near + far);

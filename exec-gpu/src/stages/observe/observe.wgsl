@@ -1,4 +1,9 @@
-// Statistics of densification for a view: one invocation a Gaussian.
+// Statistics of densification for a view (stage `observe`).
+//
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: camera, splats and their gradients, the step counters.
+// Outputs: sums of gradient lengths and numbers of views, in place.
+// Early exit: nothing changes where the step exceeded the capacity.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -17,11 +22,11 @@ fn observe(
     if gaussian >= camera.gaussian_count || counters[EXCEEDS_CAPACITY] != 0u {
         return;
     }
-    let place = camera.first_gaussian + gaussian;
+    let index = camera.first_gaussian + gaussian;
     let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
     let length = grad_length(vec2f(grads[first], grads[first + BLOCK]), vec2f(camera.size) / 2.0);
-    if splats[place].reach > 0.0 && is_finite(length) {
-        grad_sums[place] += length;
-        view_counts[place] += 1.0;
+    if splats[index].reach > 0.0 && is_finite(length) {
+        grad_sums[index] += length;
+        view_counts[index] += 1.0;
     }
 }

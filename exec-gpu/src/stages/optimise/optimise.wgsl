@@ -1,8 +1,13 @@
-// Adam's step: one invocation a number.
+// Adam's step (stage `optimise`).
+//
+// Threads: one invocation a number.
+// Inputs: learning rate of each plane, gradients, the step counters.
+// Outputs: values and their Adam moments, in place; count of gradients that are not finite.
+// Early exit: nothing changes where the step exceeded the capacity.
 
 struct StepSize {
     count: u32,
-    // Planes of a block, each with its own rate.
+    // Planes of a block; a rate for each.
     planes: u32,
     epsilon: f32,
     // Whether values stay between zero and `value_max`.

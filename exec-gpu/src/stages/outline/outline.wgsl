@@ -1,5 +1,5 @@
-// Tiles that a splat touches, row by row: loads and conversions around the formulas of
-// `specula_core::bin`.
+// Declarations: tiles that a splat touches, row by row; loads and conversions around the formulas
+// of `specula_core::bin`.
 
 // First and past-the-last row of tiles.
 fn rows_of(splat: Splat) -> vec2u {

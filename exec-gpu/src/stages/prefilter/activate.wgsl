@@ -1,4 +1,8 @@
-// Activation of an environment: one invocation a texel.
+// Activation of an environment (stage `prefilter`).
+//
+// Threads: one invocation a texel.
+// Inputs: numbers of the environment.
+// Outputs: radiance of each texel.
 
 @group(0) @binding(2) var<storage, read_write> texels: array<vec4f>;
 

@@ -1,5 +1,4 @@
-// Product of a sparse matrix with texels: four invocations a row, each with every fourth tap, as
-// some rows are very long.
+
 
 struct Product {
     row_count: u32,
@@ -16,7 +15,7 @@ struct Product {
 
 var<workgroup> sums: array<vec4f, GROUP>;
 
-// Of neighbouring invocations; the first of them gets the whole.
+// Product of a row by neighbouring invocations; complete in the first of them.
 fn product_of_row(row: u32, local: u32) -> vec4f {
     var sum = vec4f(0.0);
     if row < product.row_count {

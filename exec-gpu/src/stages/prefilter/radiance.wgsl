@@ -1,4 +1,4 @@
-// Radiance of an environment's texels.
+// Declarations: radiance of an environment's texels.
 
 struct EnvironmentSize {
     texel_count: u32,

@@ -1,4 +1,8 @@
-// Gradient of the activation of an environment: one invocation a texel.
+// Gradient of the activation of an environment (stage `prefilter_vjp`).
+//
+// Threads: one invocation a texel.
+// Inputs: numbers of the environment, gradient of its radiance.
+// Outputs: gradients of the numbers.
 
 @group(0) @binding(2) var<storage, read> texels: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;

@@ -1,4 +1,9 @@
-// Projection of Gaussians: one invocation a Gaussian.
+// Projection of Gaussians to splats (stage `project`).
+//
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: camera, planes of the Gaussians.
+// Outputs: splats, depths as bits that sort, numbers of tiles.
+// Variants: layout and storage format of the planes.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> values: array<Stored>;
@@ -21,10 +26,10 @@ fn project(
     }
     let s = splat_of();
     let splat = Splat(s.mean2d, s.log2_opacity, s.opacity, s.root, s.reach, s.half_extent, s.depth, 0.0);
-    let place = camera.first_gaussian + gaussian;
-    splats[place] = splat;
+    let index = camera.first_gaussian + gaussian;
+    splats[index] = splat;
     let count = select(0u, count_tiles(splat), s.reach >= 0.0);
-    tile_counts[place] = count;
+    tile_counts[index] = count;
     // Bits of positive depths sort as depths do; Gaussians that are not drawn come last.
-    depth_keys[place] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
+    depth_keys[index] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
 }

@@ -1,4 +1,4 @@
-// Splat in memory.
+// Declarations: splat in memory.
 
 // Projected Gaussian; the root of its conic is scaled for powers of two.
 struct Splat {

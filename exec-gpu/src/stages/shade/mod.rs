@@ -37,12 +37,12 @@ pub(crate) fn channels(source: Source, channels: usize) -> Source {
 }
 
 /// Appends the lookup of a light by a Gaussian.
-pub(crate) fn own_light(source: Source, shading: &GaussianShading) -> Source {
+pub(crate) fn gaussian_light(source: Source, shading: &GaussianShading) -> Source {
     source
         .formula(&SurfaceOf(*shading))
         .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
         .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
-        .with(include_str!("own_light.wgsl"))
+        .with(include_str!("gaussian_light.wgsl"))
 }
 
 /// Declares the splats, from this binding on.
@@ -55,7 +55,7 @@ fn splat_bindings(binding: usize) -> String {
 }
 
 const LIT_CHANNELS: &str = "fn channels_of() -> LitColorsOf {
-    let light = own_light(surface_of());
+    let light = gaussian_light(surface_of());
     return lit_colors_of(light.specular, light.ambient, light.split_sum);
 }
 ";
@@ -70,7 +70,7 @@ pub(crate) fn source(shading: &GaussianShading, storage: Storage, light: Option<
         .part(|source| stored_planes(source, shading.layout, storage))
         .part(|source| channels(source, shading.channels().count()));
     let source = match light {
-        Some(light) => own_light(light.lookup(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
+        Some(light) => gaussian_light(light.lookup(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
     };
     let source = source.with(&splat_bindings(if light.is_some() { 6 } else { 4 }));
@@ -102,15 +102,15 @@ pub(crate) fn shade(
     let channels = shading.channels().count();
     let colors =
         Colors { channels, values: context.allocate("channels", channels.next_multiple_of(4) * gaussians.count)? };
-    let own_light = light.filter(|_| shading.looks_light_up());
-    let layout = own_light.map(|light| &light.layout);
+    let light = light.filter(|_| shading.looks_light_up());
+    let layout = light.map(|light| &light.layout);
     let key = format!("{shading:?} {storage:?} {layout:?}");
     let source = || source(&shading, storage, layout);
     for chunk in gaussians.values.chunks(gaussians.count) {
         let view = CameraUniform::with_range(camera, chunk.gaussians.clone());
         let mut bindings =
             vec![Uniform(view.bytes()), Buffer(chunk.array), Buffer(&splats.depth_keys), Buffer(&colors.values)];
-        if let Some(light) = own_light {
+        if let Some(light) = light {
             bindings.extend([Buffer(&light.texels), Buffer(&light.split_sum)]);
         }
         bindings.extend([Buffer(&splats.tile_counts), Buffer(&splats.splats)]);

@@ -1,14 +1,19 @@
-// Deferred shading: one invocation a pixel.
+// Deferred shading (stage `shade_pixels`).
+//
+// Threads: one invocation a pixel.
+// Inputs: camera, blended surface attributes, texels of the light.
+// Outputs: colours; the layers of light and specular colour where they are requested.
+// Variants: blended channels, with or without a light.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;
 @group(0) @binding(2) var<storage, read> texels: array<Texel>;
 @group(0) @binding(3) var<storage, read_write> shaded: array<f32>;
 
-var<private> place: u32;
+var<private> pixel: u32;
 
 fn blended(channel: u32) -> f32 {
-    return frame[channel * camera.size.x * camera.size.y + place];
+    return frame[channel * camera.size.x * camera.size.y + pixel];
 }
 
 // The tint, premultiplied.
@@ -16,11 +21,11 @@ fn tint_of_pixel() -> vec3f {
     return vec3f(blended(TINT_CHANNEL), blended(TINT_CHANNEL + 1u), blended(TINT_CHANNEL + 2u));
 }
 
-fn put(channel: u32, color: vec3f) {
+fn store_layer(channel: u32, color: vec3f) {
     let size = camera.size.x * camera.size.y;
-    frame[channel * size + place] = color.x;
-    frame[(channel + 1u) * size + place] = color.y;
-    frame[(channel + 2u) * size + place] = color.z;
+    frame[channel * size + pixel] = color.x;
+    frame[(channel + 1u) * size + pixel] = color.y;
+    frame[(channel + 2u) * size + pixel] = color.z;
 }
 
 @compute @workgroup_size(GROUP)
@@ -30,18 +35,18 @@ fn shade_pixels(
     @builtin(local_invocation_index) local: u32,
 ) {
     let size = camera.size.x * camera.size.y;
-    place = linear_index(group, groups, local);
-    if place >= size {
+    pixel = linear_index(group, groups, local);
+    if pixel >= size {
         return;
     }
-    let surface = surface_of_pixel(vec2f(vec2u(place % camera.size.x, place / camera.size.x)) + 0.5);
+    let surface = surface_of_pixel(vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5);
     let light = light_of(surface.reflection_dir, surface.roughness);
     let color = color_of_pixel(surface.base, surface.tint, light, surface.coverage);
     if SHOWS_LIGHT {
-        put(LIGHT_CHANNEL, light * surface.coverage);
-        put(SPECULAR_CHANNEL, tint_of_pixel() * light);
+        store_layer(LIGHT_CHANNEL, light * surface.coverage);
+        store_layer(SPECULAR_CHANNEL, tint_of_pixel() * light);
     }
-    shaded[place] = color.x;
-    shaded[size + place] = color.y;
-    shaded[2u * size + place] = color.z;
+    shaded[pixel] = color.x;
+    shaded[size + pixel] = color.y;
+    shaded[2u * size + pixel] = color.z;
 }

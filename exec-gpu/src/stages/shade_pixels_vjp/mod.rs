@@ -28,16 +28,16 @@ use specula_core::{
 pub mod formulas;
 
 /// Lookup of no light.
-const UNLIT_LOOK: &str = "
-struct Look {
+const UNLIT_LOOKUP: &str = "
+struct LightLookup {
     radiance: vec3f,
 }
 
-fn look_up(direction: vec3f, roughness: f32) -> Look {
-    return Look(vec3f(0.0));
+fn look_up(direction: vec3f, roughness: f32) -> LightLookup {
+    return LightLookup(vec3f(0.0));
 }
 
-fn look_up_vjp(look: Look, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
+fn look_up_vjp(lookup: LightLookup, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
     return vec4f(0.0);
 }
 ";
@@ -58,7 +58,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> S
         .part(|source| optional_channel(source, "ROUGHNESS", index_of(channel::ROUGHNESS)));
     let source = match light {
         Some(light) => light.lookup_vjp(source),
-        None => texels(source, Storage::F32).with(UNLIT_LOOK),
+        None => texels(source, Storage::F32).with(UNLIT_LOOKUP),
     };
     source.with(include_str!("shade_pixels_vjp.wgsl")).text()
 }

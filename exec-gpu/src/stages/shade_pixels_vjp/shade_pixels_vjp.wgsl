@@ -1,5 +1,11 @@
-// Gradient of deferred shading: replaces the gradient of the colour by those of the blended
-// channels; one invocation a pixel.
+// Gradient of deferred shading (stage `shade_pixels_vjp`).
+//
+// Threads: one invocation a pixel.
+// Inputs: camera, blended surface attributes, texels of the light, gradient of the colours.
+// Outputs: gradients of the blended channels, in place of those of the colours; sums of the
+// gradients of the light's texels.
+// Variants: blended channels.
+// Early exit: pixels without a splat.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> frame: array<f32>;
@@ -7,15 +13,15 @@
 @group(0) @binding(3) var<storage, read_write> grads: array<f32>;
 @group(0) @binding(4) var<storage, read_write> light_sums: array<atomic<u32>>;
 
-var<private> place: u32;
+var<private> pixel: u32;
 
 fn blended(channel: u32) -> f32 {
-    return frame[channel * camera.size.x * camera.size.y + place];
+    return frame[channel * camera.size.x * camera.size.y + pixel];
 }
 
-fn put(channel: u32, grad: vec3f) {
+fn store_grad(channel: u32, grad: vec3f) {
     let size = camera.size.x * camera.size.y;
-    let first = channel * size + place;
+    let first = channel * size + pixel;
     grads[first] = grad.x;
     grads[first + size] = grad.y;
     grads[first + 2u * size] = grad.z;
@@ -23,7 +29,7 @@ fn put(channel: u32, grad: vec3f) {
 
 fn grad_of(channel: u32) -> vec3f {
     let size = camera.size.x * camera.size.y;
-    let first = channel * size + place;
+    let first = channel * size + pixel;
     return vec3f(grads[first], grads[first + size], grads[first + 2u * size]);
 }
 
@@ -34,30 +40,30 @@ fn shade_pixels_vjp(
     @builtin(local_invocation_index) local: u32,
 ) {
     let size = camera.size.x * camera.size.y;
-    place = linear_index(group, groups, local);
-    if place >= size {
+    pixel = linear_index(group, groups, local);
+    if pixel >= size {
         return;
     }
     // Pixels without any splat have no gradient.
     if !(blended(TRANSMITTANCE) < 1.0) {
         return;
     }
-    let point = vec2f(vec2u(place % camera.size.x, place / camera.size.x)) + 0.5;
+    let point = vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5;
     let surface = surface_of_pixel(point);
-    let look = look_up(surface.reflection_dir, surface.roughness);
+    let lookup = look_up(surface.reflection_dir, surface.roughness);
     let grad = grad_of(COLOR_CHANNEL);
-    let of_color = color_of_pixel_vjp(surface.base, surface.tint, look.radiance, surface.coverage, grad);
-    let of_light = look_up_vjp(look, surface.reflection_dir, surface.roughness, of_color.light);
-    let own = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_light.w, of_light.xyz);
-    put(COLOR_CHANNEL, own.base);
+    let of_color = color_of_pixel_vjp(surface.base, surface.tint, lookup.radiance, surface.coverage, grad);
+    let of_light = look_up_vjp(lookup, surface.reflection_dir, surface.roughness, of_color.light);
+    let of_surface = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_light.w, of_light.xyz);
+    store_grad(COLOR_CHANNEL, of_surface.base);
     if HAS_NORMAL {
-        put(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + own.normal);
+        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + of_surface.normal);
     }
     if HAS_TINT {
-        put(TINT_CHANNEL, grad_of(TINT_CHANNEL) + own.tint);
+        store_grad(TINT_CHANNEL, grad_of(TINT_CHANNEL) + of_surface.tint);
     }
     if HAS_ROUGHNESS {
-        grads[ROUGHNESS_CHANNEL * size + place] += own.roughness;
+        grads[ROUGHNESS_CHANNEL * size + pixel] += of_surface.roughness;
     }
-    grads[TRANSMITTANCE * size + place] -= own.coverage + of_color.coverage;
+    grads[TRANSMITTANCE * size + pixel] -= of_surface.coverage + of_color.coverage;
 }

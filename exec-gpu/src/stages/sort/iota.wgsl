@@ -1,4 +1,7 @@
-// Indices 0, 1, 2, …: one invocation a number.
+// Indices 0, 1, 2, … (used by the stages `bin` and `densify`).
+//
+// Threads: one invocation a number.
+// Outputs: the numbers.
 
 struct Numbers {
     count: u32,
@@ -13,8 +16,8 @@ fn iota(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let place = linear_index(group, groups, local);
-    if place < size.count {
-        numbers[place] = place;
+    let index = linear_index(group, groups, local);
+    if index < size.count {
+        numbers[index] = index;
     }
 }

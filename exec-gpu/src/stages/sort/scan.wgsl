@@ -1,7 +1,11 @@
-// Exclusive prefix sums: block by block, then the sums of the blocks are added.
+// Exclusive prefix sums: block by block, then the sums of the blocks before are added.
+//
+// Threads: one workgroup a block of SCAN_BLOCK numbers, one invocation PER_THREAD of them.
+// Memory: sums of invocations and of segments of SEGMENT invocations in workgroup memory.
+// Inputs, outputs: the numbers, in place; the sum of each block.
 
 const PER_THREAD: u32 = SCAN_BLOCK / GROUP;
-// Invocations whose sums are added up one after the other, before those of whole segments are.
+// Invocations of a segment, whose sums are added one after the other.
 const SEGMENT: u32 = 16u;
 
 struct ScanSize {
@@ -15,7 +19,7 @@ struct ScanSize {
 var<workgroup> sums: array<u32, GROUP>;
 var<workgroup> segment_sums: array<u32, GROUP / SEGMENT>;
 
-// Replaces every block by its exclusive sums; its total goes to `block_sums`.
+// Replaces every block by its exclusive prefix sums, and stores its total.
 @compute @workgroup_size(GROUP)
 fn scan_blocks(
     @builtin(workgroup_id) group: vec3u,
@@ -25,8 +29,8 @@ fn scan_blocks(
     let first = linear_index(group, groups, local) * PER_THREAD;
     let end = min(first + PER_THREAD, size.count);
     var sum = 0u;
-    for (var place = first; place < end; place++) {
-        sum += numbers[place];
+    for (var index = first; index < end; index++) {
+        sum += numbers[index];
     }
     sums[local] = sum;
     workgroupBarrier();
@@ -46,9 +50,9 @@ fn scan_blocks(
     if local == GROUP - 1u && block * SCAN_BLOCK < size.count {
         block_sums[block] = before + sum;
     }
-    for (var place = first; place < end; place++) {
-        let number = numbers[place];
-        numbers[place] = before;
+    for (var index = first; index < end; index++) {
+        let number = numbers[index];
+        numbers[index] = before;
         before += number;
     }
 }
@@ -66,7 +70,7 @@ fn add_block_sums(
         return;
     }
     let before = block_sums[group.y * groups.x + group.x];
-    for (var place = first; place < end; place++) {
-        numbers[place] += before;
+    for (var index = first; index < end; index++) {
+        numbers[index] += before;
     }
 }

@@ -1,6 +1,10 @@
-// Stable radix sort of pairs, four bits a pass. Every invocation processes a column of consecutive
-// elements, so that no invocation waits for another; ranks follow from sums over the columns
-// before.
+// Stable radix sort of pairs, one pass of DIGIT_BITS bits.
+//
+// Threads: one invocation a column of COLUMN consecutive elements, so that no invocation waits for
+// another; ranks follow from sums over the columns before.
+// Memory: a counter for each digit and invocation in workgroup memory.
+// Inputs: keys and items; number of elements, of the host or of the step counters.
+// Outputs: counts of digits, then keys and items sorted by the digit.
 
 const DIGITS: u32 = 1u << DIGIT_BITS;
 
@@ -10,7 +14,7 @@ struct SortPass {
     columns: u32,
     shift: u32,
     mask: u32,
-    // Whether the number of elements is that of the step counters.
+    // Whether the number of elements is read from the step counters.
     is_counted: u32,
 }
 
@@ -22,7 +26,7 @@ struct SortPass {
 @group(0) @binding(5) var<storage, read_write> sorted_items: array<u32>;
 @group(0) @binding(6) var<storage, read> counters: array<u32>;
 
-// A counter for each digit of each invocation, which alone uses it.
+// Counters of each digit, one for each invocation.
 var<workgroup> digit_counters: array<u32, DIGITS * SORT_GROUP>;
 
 fn element_count() -> u32 {
@@ -49,15 +53,15 @@ fn count_digits(
     }
     let first = column * COLUMN;
     let end = min(first + COLUMN, element_count());
-    for (var place = first; place < end; place++) {
-        digit_counters[counter_of(keys[place], local)] += 1u;
+    for (var element = first; element < end; element++) {
+        digit_counters[counter_of(keys[element], local)] += 1u;
     }
     for (var digit = 0u; digit < DIGITS; digit++) {
         starts[digit * pass_.columns + column] = digit_counters[digit * SORT_GROUP + local];
     }
 }
 
-// Moves every element to its place; `starts` are the exclusive sums of what `count_digits` left.
+// Moves every element to its rank; `starts` are the exclusive prefix sums of the counts.
 @compute @workgroup_size(SORT_GROUP)
 fn move_elements(
     @builtin(workgroup_id) group: vec3u,
@@ -73,12 +77,12 @@ fn move_elements(
     }
     let first = column * COLUMN;
     let end = min(first + COLUMN, element_count());
-    for (var place = first; place < end; place++) {
-        let key = keys[place];
+    for (var element = first; element < end; element++) {
+        let key = keys[element];
         let counter = counter_of(key, local);
-        let sorted_place = digit_counters[counter];
-        digit_counters[counter] = sorted_place + 1u;
-        sorted_keys[sorted_place] = key;
-        sorted_items[sorted_place] = items[place];
+        let rank = digit_counters[counter];
+        digit_counters[counter] = rank + 1u;
+        sorted_keys[rank] = key;
+        sorted_items[rank] = items[element];
     }
 }

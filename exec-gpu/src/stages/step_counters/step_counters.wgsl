@@ -1,6 +1,6 @@
-// Indices of the step counters; see `step_counters/mod.rs`.
+// Declarations: indices of the step counters; see `step_counters/mod.rs`.
 
-// Keys of the nearest depth and the furthest of what is drawn.
+// Nearest and furthest depth of the splats that are drawn, as bits that sort.
 const NEAREST: u32 = 0u;
 const FURTHEST: u32 = 1u;
 // Number of tile-splat pairs, and whether it exceeds 32 bits.

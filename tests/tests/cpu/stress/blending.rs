@@ -27,13 +27,13 @@ fn strengths<R: Number>(alphas: &[f64]) -> Vec<R> {
 
 /// Transmittance behind a stack, and its colour where each layer has one.
 fn front_to_back<R: Number>(cutoffs: &Cutoffs, strengths: &[R], colors: &[f64]) -> [f64; 2] {
-    let (mut passage, mut sum) = (PixelState::open(strengths[0]), R::of(0.0));
+    let (mut state, mut sum) = (PixelState::open(strengths[0]), R::of(0.0));
     for (strength, color) in strengths.iter().zip(colors) {
-        let step = cutoffs.step(cutoffs.alpha(*strength), passage);
+        let step = cutoffs.step(cutoffs.alpha(*strength), state);
         sum = sum + step.weight * R::of(*color);
-        passage = step.behind;
+        state = step.behind;
     }
-    [passage.left.value(), sum.value()]
+    [state.final_transmittance.value(), sum.value()]
 }
 
 /// The gradients of a stack's strengths and colours, of a pixel with a gradient of one.
