@@ -4,6 +4,7 @@ use crate::{
     error::{Error, Result},
     measure::{MEASURES, PSNR, Values},
 };
+use serde::{Deserialize, Deserializer, de::DeserializeOwned};
 use serde_json::{Map, Value};
 use specula_io::{
     budget::FACTS,
@@ -11,6 +12,7 @@ use specula_io::{
     model_folder,
 };
 use std::{
+    collections::BTreeMap,
     fs,
     io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
@@ -80,55 +82,104 @@ impl Run {
     /// A folder without a model, or a file that cannot be understood.
     pub(super) fn read(folder: &Path) -> Result<Self> {
         let latest = model_folder::latest_iteration(folder).ok();
-        let results = read_json(&folder.join("results.json"))?;
+        let mut results: Methods<Results> = read_json(&folder.join("results.json"))?;
         let measured_at = results.keys().filter_map(|method| method.strip_prefix("ours_")?.parse::<u32>().ok()).max();
         let Some(iteration) = measured_at.or(latest) else {
             return Err(Error::Input(format!("{folder:?} holds no model; name folders that specula train wrote")));
         };
         let method = model_folder::method_of(iteration);
-        let result = |name: &str| results.get(&method).and_then(|results| results.get(name));
-        let number = |name: &str| result(name).and_then(Value::as_f64);
-        let per_view = read_json(&folder.join("per_view.json"))?;
-        let view_count = per_view.get(&method).and_then(|values| values.get(MEASURES[PSNR].name)?.as_object());
+        let results = results.remove(&method).and_then(|Lenient(results)| results).unwrap_or_default();
+        let mut per_view: Methods<Methods<Map<String, Value>>> = read_json(&folder.join("per_view.json"))?;
+        let per_view = per_view.remove(&method).and_then(|Lenient(measures)| measures).unwrap_or_default();
+        let view_count = per_view.get(MEASURES[PSNR].name).and_then(|Lenient(views)| Some(views.as_ref()?.len()));
 
         let info = model_folder::read_info(folder)?;
-        let rest = |name: &str| info.as_ref().and_then(|info| info.rest.get(name));
-        let timeline = read_json(&folder.join("timeline.json"))?;
-        let so_far = timeline.get(&method).and_then(|entry| entry.get("seconds")?.as_f64());
-        let in_total = info.as_ref().filter(|info| info.iterations == iteration).and(rest("seconds"));
+        let facts = info.as_ref().map(|info| Value::Object(info.rest.clone()));
+        let facts = facts.and_then(|facts| Facts::deserialize(facts).ok()).unwrap_or_default();
+        let mut timeline: Methods<TimelineEntry> = read_json(&folder.join("timeline.json"))?;
+        let so_far = timeline.remove(&method).and_then(|Lenient(entry)| entry?.seconds.0);
+        let in_total = info.as_ref().filter(|info| info.iterations == iteration).and(facts.seconds.0);
         let source = info.as_ref().map(|info| info.source_path.clone()).or_else(|| source_in_cfg_args(folder));
         let source = source.unwrap_or_default();
         let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
-        let training_views = rest("train_views").and_then(Value::as_f64);
-        let background = rest("background").and_then(|channels| serde_json::from_value(channels.clone()).ok());
         Ok(Self {
             folder: folder.to_owned(),
             scene: last_component(Path::new(&source)).unwrap_or_else(|| "scene".into()),
             source,
-            conditions: [Some(iteration.into()), downscale, training_views],
+            conditions: [Some(iteration.into()), downscale, facts.train_views.0],
             profile: info
                 .as_ref()
                 .map_or_else(|| last_component(folder).unwrap_or_default(), |info| info.profile.clone()),
-            measured: MEASURES.map(|measure| number(measure.name)),
+            measured: MEASURES.map(|measure| results.measures.get(measure.name)?.0),
             is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
-            relit: ["relit_PSNR", "relit_PSNR_scaled"].map(number),
-            gaussians: count_in(&model_folder::gaussians_at(folder, iteration))
-                .or(rest("gaussians").and_then(Value::as_f64)),
-            seconds: so_far.or(in_total.and_then(Value::as_f64)),
+            relit: [results.relit.0, results.relit_scaled.0],
+            gaussians: count_in(&model_folder::gaussians_at(folder, iteration)).or(facts.gaussians.0),
+            seconds: so_far.or(in_total),
             megabytes: megabytes_of(folder, iteration),
             unmeasured: latest.filter(|latest| measured_at.is_some_and(|measured| measured < *latest)),
             settings: settings_of(folder),
-            lpips_network: result("LPIPS_network").and_then(Value::as_str).map(str::to_owned),
-            views: views_of(folder, view_count.map_or(0, Map::len))?,
-            background,
+            lpips_network: results.lpips_network.0,
+            views: views_of(folder, view_count.unwrap_or(0))?,
+            background: facts.background.0,
         })
     }
 }
 
+/// Value of a JSON file; none where it is absent or of another type, as other programs may write.
+#[derive(Debug)]
+struct Lenient<T>(Option<T>);
+
+impl<T> Default for Lenient<T> {
+    fn default() -> Self {
+        Self(None)
+    }
+}
+
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Lenient<T> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> core::result::Result<Self, D::Error> {
+        Ok(Self(serde_json::from_value(Value::deserialize(from)?).ok()))
+    }
+}
+
+/// JSON object with an entry for each method, such as `ours_7000`.
+type Methods<T> = BTreeMap<String, Lenient<T>>;
+
+/// Entry of `results.json`.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Results {
+    #[serde(rename = "relit_PSNR")]
+    relit: Lenient<f64>,
+    #[serde(rename = "relit_PSNR_scaled")]
+    relit_scaled: Lenient<f64>,
+    #[serde(rename = "LPIPS_network")]
+    lpips_network: Lenient<String>,
+    /// Each of [`MEASURES`] by name.
+    #[serde(flatten)]
+    measures: BTreeMap<String, Lenient<f64>>,
+}
+
+/// Entry of `timeline.json`.
+#[derive(Deserialize)]
+struct TimelineEntry {
+    #[serde(default)]
+    seconds: Lenient<f64>,
+}
+
+/// Facts of `specula.json` beside those of every model.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Facts {
+    train_views: Lenient<f64>,
+    gaussians: Lenient<f64>,
+    seconds: Lenient<f64>,
+    background: Lenient<[f64; 3]>,
+}
+
 /// JSON object of a file; empty if there is no file.
-fn read_json(path: &Path) -> Result<Map<String, Value>> {
+fn read_json<T: DeserializeOwned + Default>(path: &Path) -> Result<T> {
     if !path.is_file() {
-        return Ok(Map::new());
+        return Ok(T::default());
     }
     let bytes = FACTS.read(path)?;
     serde_json::from_slice(&bytes).map_err(|error| Error::Input(format!("cannot understand {path:?}: {error}")))

@@ -1,7 +1,8 @@
 //! Every measurement as a line of JSON.
 
 use crate::tradeoff::findings::{Findings, MeasuredSetting};
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use serde_json::json;
 use specula_accuracy::{
     error::Errors,
     off_axis::OffAxis,
@@ -10,99 +11,195 @@ use specula_accuracy::{
     stability::{PROMISES, Row},
     trial::{STAGES, Spread},
 };
+use std::collections::BTreeMap;
 
 /// Text of `report.jsonl`.
 pub fn records(findings: &Findings) -> String {
-    let settings = findings.measured.iter().map(|measured| setting(measured, findings));
-    let lines = core::iter::once(scene(findings)).chain(settings).chain(findings.stability.iter().map(stability));
-    let lines = lines.chain(findings.off_axis.iter().map(off_axis)).chain(orders(&findings.sort));
-    lines.map(|line| format!("{line}\n")).collect()
+    let settings = findings.measured.iter().map(|measured| Record::setting(measured, findings));
+    let lines =
+        core::iter::once(Record::scene(findings)).chain(settings).chain(findings.stability.iter().map(Record::from));
+    let lines = lines.chain(findings.off_axis.iter().map(Record::from)).chain(Record::orders(&findings.sort));
+    // Keys are sorted on the way through a value.
+    lines.map(|line| format!("{}\n", json!(line))).collect()
 }
 
-fn scene(findings: &Findings) -> Value {
-    json!({
-        "kind": "scene",
-        "scene": findings.scene,
-        "gaussians": findings.gaussians,
-        "views": findings.views,
-        "size": findings.size,
-        "repeats": findings.repeats,
-        "threads": rayon::current_num_threads(),
-        "vectors": specula_cpu::CpuExecutor::new().vectors(),
-        "version": env!("CARGO_PKG_VERSION"),
-    })
+/// Line of `report.jsonl`.
+#[derive(Serialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+enum Record<'a> {
+    Scene {
+        scene: &'a str,
+        gaussians: usize,
+        views: usize,
+        size: [u32; 2],
+        repeats: u32,
+        threads: usize,
+        vectors: String,
+        version: &'static str,
+    },
+    Setting {
+        knobs: BTreeMap<&'static str, String>,
+        turned: Option<&'static str>,
+        is_usual: bool,
+        error: ErrorRecord,
+        milliseconds: BTreeMap<&'static str, SpreadRecord>,
+        filter_milliseconds: f64,
+        work: WorkRecord,
+        bytes: usize,
+    },
+    /// Errors against an order per pixel.
+    Sort {
+        by: &'static str,
+        tiles: usize,
+        size: [u32; 2],
+        error: ErrorRecord,
+        renderers_apart: f64,
+    },
+    #[serde(rename = "off axis")]
+    OffAxis {
+        shape: &'static str,
+        degrees: f64,
+        scale: f64,
+        affine: f64,
+        tangent: f64,
+    },
+    Stability {
+        case: &'static str,
+        form: String,
+        hangs_on_rounding: bool,
+        worst: BTreeMap<&'static str, NumberRecord>,
+    },
 }
 
-fn setting(measured: &MeasuredSetting, findings: &Findings) -> Value {
-    let parameters: Map<String, Value> =
-        measured.setting.words().into_iter().map(|(name, value)| (name.into(), value.into())).collect();
-    let times: Map<String, Value> =
-        STAGES.iter().zip(measured.times).map(|(stage, times)| ((*stage).to_owned(), spread(times))).collect();
-    let work = measured.work;
-    json!({
-        "kind": "setting",
-        "knobs": parameters,
-        "turned": measured.parameter.map(|parameter| PARAMETERS[parameter].name),
-        "is_usual": measured.setting == findings.default,
-        "error": errors_to_json(&measured.errors),
-        "milliseconds": times,
-        "filter_milliseconds": measured.filter,
-        "work": {
-            "intersections": work.intersections, "pairs": work.pairs,
-            "pairs_in_perspective": work.pairs_in_perspective, "perspectives": work.perspectives, "texel_reads": work.texel_reads,
-            "weights": work.weights, "numbers": work.numbers, "channels": work.channels,
-        },
-        "bytes": work.bytes,
-    })
+#[derive(Serialize)]
+struct ErrorRecord {
+    max: f64,
+    rms: f64,
+    relative_l2: f64,
+    /// None if infinite.
+    psnr: Option<f64>,
+    ssim: f64,
+    flip: f64,
+    p999: f64,
+    normal_mae: f64,
+    nonfinite: usize,
 }
 
-fn errors_to_json(errors: &Errors) -> Value {
-    json!({
-        "max": errors.max, "rms": errors.rms, "relative_l2": errors.relative,
-        "psnr": if errors.psnr.is_finite() { json!(errors.psnr) } else { Value::Null },
-        "ssim": errors.ssim, "flip": errors.flip, "p999": errors.p999,
-        "normal_mae": errors.normal_mae, "nonfinite": errors.nonfinite,
-    })
+#[derive(Serialize)]
+struct SpreadRecord {
+    min: f64,
+    median: f64,
+    iqr: f64,
 }
 
-fn spread(times: Spread) -> Value {
-    json!({"min": times.min, "median": times.median, "iqr": times.iqr})
+#[derive(Serialize)]
+struct WorkRecord {
+    intersections: usize,
+    pairs: usize,
+    pairs_in_perspective: usize,
+    perspectives: usize,
+    texel_reads: usize,
+    weights: usize,
+    numbers: usize,
+    channels: usize,
 }
 
-/// Errors against an order per pixel.
-fn orders(sort: &Sort) -> impl Iterator<Item = Value> {
-    sort.orders.iter().map(|(order, errors)| {
-        json!({
-            "kind": "sort",
-            "by": order,
-            "tiles": sort.tiles,
-            "size": sort.size,
-            "error": errors_to_json(errors),
-            "renderers_apart": sort.apart,
+/// Number, or a word for numbers that JSON does not have.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum NumberRecord {
+    Finite(f64),
+    Infinite(&'static str),
+}
+
+impl<'a> Record<'a> {
+    fn scene(findings: &'a Findings) -> Self {
+        Self::Scene {
+            scene: &findings.scene,
+            gaussians: findings.gaussians,
+            views: findings.views,
+            size: findings.size,
+            repeats: findings.repeats,
+            threads: rayon::current_num_threads(),
+            vectors: specula_cpu::CpuExecutor::new().vectors(),
+            version: env!("CARGO_PKG_VERSION"),
+        }
+    }
+
+    fn setting(measured: &MeasuredSetting, findings: &Findings) -> Self {
+        let work = measured.work;
+        Self::Setting {
+            knobs: measured.setting.words().into_iter().collect(),
+            turned: measured.parameter.map(|parameter| PARAMETERS[parameter].name),
+            is_usual: measured.setting == findings.default,
+            error: ErrorRecord::from(&measured.errors),
+            milliseconds: STAGES.into_iter().zip(measured.times.map(SpreadRecord::from)).collect(),
+            filter_milliseconds: measured.filter,
+            work: WorkRecord {
+                intersections: work.intersections,
+                pairs: work.pairs,
+                pairs_in_perspective: work.pairs_in_perspective,
+                perspectives: work.perspectives,
+                texel_reads: work.texel_reads,
+                weights: work.weights,
+                numbers: work.numbers,
+                channels: work.channels,
+            },
+            bytes: work.bytes,
+        }
+    }
+
+    fn orders(sort: &Sort) -> impl Iterator<Item = Self> {
+        sort.orders.iter().map(|(order, errors)| Self::Sort {
+            by: order,
+            tiles: sort.tiles,
+            size: sort.size,
+            error: ErrorRecord::from(errors),
+            renderers_apart: sort.apart,
         })
-    })
+    }
 }
 
-fn off_axis(errors: &OffAxis) -> Value {
-    json!({
-        "kind": "off axis",
-        "shape": errors.shape,
-        "degrees": errors.degrees,
-        "scale": errors.scale,
-        "affine": errors.affine,
-        "tangent": errors.tangent,
-    })
+impl From<&OffAxis> for Record<'_> {
+    fn from(errors: &OffAxis) -> Self {
+        let OffAxis { shape, degrees, scale, affine, tangent } = *errors;
+        Self::OffAxis { shape, degrees, scale, affine, tangent }
+    }
 }
 
-fn stability(row: &Row) -> Value {
-    let number = |value: f64| if value.is_finite() { json!(value) } else { json!("infinite") };
-    let values: Map<String, Value> =
-        PROMISES.iter().zip(row.values()).map(|((name, _), value)| ((*name).to_owned(), number(value))).collect();
-    json!({
-        "kind": "stability",
-        "case": row.case,
-        "form": format!("{:?}", row.form).to_lowercase(),
-        "hangs_on_rounding": row.is_on_edge,
-        "worst": values,
-    })
+impl From<&Row> for Record<'_> {
+    fn from(row: &Row) -> Self {
+        let number = |value: f64| {
+            if value.is_finite() { NumberRecord::Finite(value) } else { NumberRecord::Infinite("infinite") }
+        };
+        Self::Stability {
+            case: row.case,
+            form: format!("{:?}", row.form).to_lowercase(),
+            hangs_on_rounding: row.is_on_edge,
+            worst: PROMISES.into_iter().map(|(name, _)| name).zip(row.values().map(number)).collect(),
+        }
+    }
+}
+
+impl From<&Errors> for ErrorRecord {
+    fn from(errors: &Errors) -> Self {
+        Self {
+            max: errors.max,
+            rms: errors.rms,
+            relative_l2: errors.relative,
+            psnr: Some(errors.psnr).filter(|psnr| psnr.is_finite()),
+            ssim: errors.ssim,
+            flip: errors.flip,
+            p999: errors.p999,
+            normal_mae: errors.normal_mae,
+            nonfinite: errors.nonfinite,
+        }
+    }
+}
+
+impl From<Spread> for SpreadRecord {
+    fn from(times: Spread) -> Self {
+        let Spread { min, median, iqr } = times;
+        Self { min, median, iqr }
+    }
 }
