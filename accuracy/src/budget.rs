@@ -189,11 +189,11 @@ struct MeasuredView {
 impl MeasuredView {
     fn new(trial: &mut Trial<'_>, subject: &Subject, exact: &Setting, camera: Camera) -> Result<Self, CpuError> {
         let own = trial.view(exact, &camera)?;
-        let usual = trial.view(&Setting::default_for(subject), &camera)?;
+        let default = trial.view(&Setting::default_for(subject), &camera)?;
         let colors = |image: &Image<Vec<f32>>| over_background(image, subject.background);
         let exact = colors(&own.image);
-        let window = window(&colors(&usual.image), &exact, [camera.width as usize, camera.height as usize]);
-        Ok(Self { camera, exact, window, work: [usual.work, own.work] })
+        let window = window(&colors(&default.image), &exact, [camera.width as usize, camera.height as usize]);
+        Ok(Self { camera, exact, window, work: [default.work, own.work] })
     }
 
     /// Distance of this picture from the one in `f64`, in the window.
@@ -272,8 +272,8 @@ impl<'a> Search<'a> {
             } else {
                 tried_on.push(apart);
             }
-            let [usual, exact] = self.views[view].work;
-            work = [work[0].and(&own), work[1].and(&usual), work[2].and(&exact)];
+            let [default, exact] = self.views[view].work;
+            work = [work[0].and(&own), work[1].and(&default), work[2].and(&exact)];
         }
         let [chosen_by, tried_on] = [chosen_by, tried_on].map(|apart| Bounds::of(&apart, rounding));
         Ok(Certificate { setting, asked, rounding, chosen_by, tried_on, work })

@@ -43,7 +43,7 @@ pub fn flip(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> f64 {
 
 /// ꟻLIP of every pixel.
 pub fn flip_map(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> Vec<f64> {
-    let [a, b] = [reference, test].map(Seen::new);
+    let [a, b] = [reference, test].map(PerceptualImage::new);
     let largest = largest_difference();
     let of_pixel = |pixel: usize| {
         let color = stretched(hyab(a.color(pixel), b.color(pixel)).powf(COLOR_EXPONENT), largest);
@@ -55,8 +55,8 @@ pub fn flip_map(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> Vec<f64>
     (0..reference.pixel_count()).map(of_pixel).collect()
 }
 
-/// A picture in perceptual terms.
-struct Seen {
+/// Picture in perceptual terms.
+struct PerceptualImage {
     /// Three planes of a uniform colour space, filtered by the contrast sensitivity.
     lab: Vec<[f64; 3]>,
     /// Magnitudes of edges and of points.
@@ -64,7 +64,7 @@ struct Seen {
     points: Vec<f64>,
 }
 
-impl Seen {
+impl PerceptualImage {
     fn new(picture: &Image<Vec<f64>>) -> Self {
         let size = picture.pixel_count();
         let limited = |x: f64| if x.is_nan() { x } else { x.clamp(0.0, 1.0) };

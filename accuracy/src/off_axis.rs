@@ -45,7 +45,7 @@ pub fn off_axis() -> Vec<OffAxis> {
 fn row((name, thickness, tilt): (&'static str, f64, f64), degrees: f64, scale: f64) -> OffAxis {
     let shape = shape(degrees, scale, thickness, tilt);
     let [ray, tangent, affine] = [ProjectionModel::Ray, ProjectionModel::Tangent, ProjectionModel::Within(f32::MAX)]
-        .map(|projection| Seen::new(&shape, projection));
+        .map(|projection| ProjectedGaussian::new(&shape, projection));
     OffAxis { shape: name, degrees, scale, affine: apart(&affine, &ray), tangent: apart(&tangent, &ray) }
 }
 
@@ -68,14 +68,14 @@ const STEPS: i32 = 60;
 /// Edge of a footprint in standard deviations.
 const REACH: f64 = 4.0;
 
-/// A projected Gaussian.
-struct Seen {
+/// Projected Gaussian.
+struct ProjectedGaussian {
     splat: Splat<Double>,
     footprint: Splat2d<Double>,
-    own: Perspective<Double>,
+    perspective: Perspective<Double>,
 }
 
-impl Seen {
+impl ProjectedGaussian {
     fn new(shape: &Shape<Double>, projection: ProjectionModel) -> Self {
         let camera = Camera {
             camera_from_world: Default::default(),
@@ -88,26 +88,26 @@ impl Seen {
         };
         let camera = camera.lift(Double(0.0)).for_projection(projection);
         let splat = project(shape, &camera);
-        let own = perspective(projection, shape, &splat, &camera);
-        Self { footprint: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, own }
+        let perspective = perspective(projection, shape, &splat, &camera);
+        Self { footprint: Splat2d::new(splat.mean2d, splat.root_conic, Double(0.0)), splat, perspective }
     }
 
     /// Response at an offset from the mean.
     fn strength(&self, [dx, dy]: [Double; 2]) -> f64 {
         let [u, w] = blend::scaled_offset(&self.footprint, dx, dy);
-        let scale = perspective::ray_scale(Double(1.0), self.own.slope, [dx, dy]);
-        let curvature = perspective::scaled_curvature(self.own.curvature);
+        let scale = perspective::ray_scale(Double(1.0), self.perspective.slope, [dx, dy]);
+        let curvature = perspective::scaled_curvature(self.perspective.curvature);
         perspective::log2_strength(Double(0.0), u * u + w * w, scale, curvature).0.exp2()
     }
 }
 
 /// Largest difference of responses over a footprint.
-fn apart(own: &Seen, exact: &Seen) -> f64 {
+fn apart(projected: &ProjectedGaussian, exact: &ProjectedGaussian) -> f64 {
     let step =
-        |axis: usize, k: i32| Double(REACH * own.splat.variance[axis].0.sqrt() * f64::from(k) / f64::from(STEPS));
+        |axis: usize, k: i32| Double(REACH * projected.splat.variance[axis].0.sqrt() * f64::from(k) / f64::from(STEPS));
     let rows = -STEPS..=STEPS;
-    let places = rows.clone().flat_map(|down| rows.clone().map(move |across| [step(0, across), step(1, down)]));
-    places.map(|place| (own.strength(place) - exact.strength(place)).abs()).fold(0.0, f64::max)
+    let offsets = rows.clone().flat_map(|down| rows.clone().map(move |across| [step(0, across), step(1, down)]));
+    offsets.map(|offset| (projected.strength(offset) - exact.strength(offset)).abs()).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

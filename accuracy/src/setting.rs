@@ -75,8 +75,8 @@ impl fmt::Display for Difference<'_> {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = self.0.words().into_iter().zip(self.1.words());
         let words: Vec<String> =
-            words.filter(|(own, usual)| own != usual).map(|((name, own), _)| format!("{name} {own}")).collect();
-        out.write_str(&if words.is_empty() { "the usual".to_owned() } else { words.join(", ") })
+            words.filter(|(own, default)| own != default).map(|((name, own), _)| format!("{name} {own}")).collect();
+        out.write_str(&if words.is_empty() { "default".to_owned() } else { words.join(", ") })
     }
 }
 
@@ -352,11 +352,11 @@ mod tests {
     }
 
     #[test]
-    fn differences_are_told_in_words() {
-        let (usual, exact) = (Setting::default_for(&subject()), Setting::exact(&subject()));
-        assert_eq!(Difference(&usual, &usual).to_string(), "the usual");
+    fn differences_are_in_words() {
+        let (default, exact) = (Setting::default_for(&subject()), Setting::exact(&subject()));
+        assert_eq!(Difference(&default, &default).to_string(), "default");
         assert_eq!(
-            Difference(&exact, &usual).to_string(),
+            Difference(&exact, &default).to_string(),
             "least alpha 0, least transmittance 0, projection along rays"
         );
     }

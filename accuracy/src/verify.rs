@@ -211,7 +211,7 @@ mod tests {
         };
         let (shown, tally) = view(certificate, true);
         let (most_exact, of_exact) = view(Certificate { setting: exact, ..certificate }, true);
-        assert_eq!(shown.values, most_exact.values, "the usual setting leaves the haze out");
+        assert_eq!(shown.values, most_exact.values, "the default setting omits the haze");
         assert_eq!((tally.pictures, tally.replaced, of_exact.replaced), (1, 1, 0));
         assert!(tally.beyond > 1e-4 && tally.cost[1] > tally.cost[0], "{tally:?}");
         assert_eq!(of_exact.cost[0], of_exact.cost[1], "what is most exact is not compared with itself");

@@ -15,7 +15,7 @@ pub const RESOLUTION: usize = 256;
 ///
 /// over half vectors drawn from D(h) n·h; here a Hammersley set of `samples` points. F_x + F_y ≤ 1.
 ///
-/// The usual variable of that draw, u, leaves a pole 1/√(1 − u) at grazing half vectors; t = √(1 −
+/// The common variable of that draw, u, leaves a pole 1/√(1 − u) at grazing half vectors; t = √(1 −
 /// u) has none, and 1024 points then come within 2e-4 of the integral, where they were 1e-2 away.
 pub fn integrate(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
     let alpha_ggx = (roughness * roughness).max(1e-6);

@@ -38,7 +38,7 @@ impl<T: Default> Pool<T> {
     pub(crate) fn take(&self, len: usize) -> Buffer<T> {
         let mut values = self.nearest(len).unwrap_or_default();
         if values.len() < len {
-            // Room to grow: pictures and clouds differ a little from step to step.
+            // Capacity to grow: pictures and clouds differ a little from step to step.
             values.resize_with(len + len / 4, T::default);
         }
         Buffer { values, len, home: self.clone() }

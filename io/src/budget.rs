@@ -41,13 +41,13 @@ pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 
 pub(crate) const JPEG_SCANS_MAX: usize = 100;
 /// Bytes of a picture's metadata, such as a colour profile.
 pub(crate) const PICTURE_NOTES_MAX: u64 = 64 << 20;
-/// Header of a PLY file: a thousand times the usual length.
+/// Header of a PLY file: a thousand times the common length.
 pub(crate) const PLY_HEADER_MAX: u64 = 1 << 20;
 /// Line of a PLY file in text: a thousand times the length of a Gaussian with all harmonics.
 pub(crate) const PLY_LINE_MAX: u64 = 1 << 20;
 /// Line of a text file of COLMAP: all 2D points of an image.
 pub(crate) const COLMAP_LINE_MAX: u64 = 1 << 28;
-/// Header of a checkpoint: a thousand times the usual length.
+/// Header of a checkpoint: a thousand times the common length.
 pub(crate) const CHECKPOINT_HEADER_MAX: u64 = 1 << 22;
 
 /// Memory budget for files of one kind.

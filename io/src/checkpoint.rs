@@ -52,7 +52,7 @@ const KEY: &str = "specula";
 const LENGTH_SIZE: u64 = 8;
 /// Longest training in seconds: a hundred years.
 const SECONDS_MAX: f64 = 3.2e9;
-/// Most gradients that a training may have skipped; the counter has room for as many again.
+/// Most gradients that a training may have skipped; the counter counts as many again.
 const NONFINITE_MAX: usize = usize::MAX >> 1;
 /// Words converted to bytes at once.
 const PIECE: usize = 1 << 16;

@@ -96,11 +96,11 @@ pub fn is_dataset(folder: &Path) -> bool {
 }
 
 fn read_points(folder: &Path, options: &LoadOptions, listed: Option<PointCloud>) -> Result<Option<PointCloud>> {
-    let usual = folder.join("points3d.ply");
+    let default = folder.join("points3d.ply");
     match &options.points {
         Some(path) => points_ply::read(path).map(Some),
         None if listed.is_some() => Ok(listed),
-        None if usual.is_file() => points_ply::read(&usual).map(Some),
+        None if default.is_file() => points_ply::read(&default).map(Some),
         None => Ok(None),
     }
 }

@@ -1,7 +1,7 @@
 //! Gaussians as PLY files: the layout of 3D Gaussian splatting, and GaussianShader's with shading.
 //!
 //! Columns are found by name, in any order, type and encoding; they are written as little-endian
-//! `f32` in the usual order. Values are raw, before activation.
+//! `f32` in INRIA's order. Values are raw, before activation.
 //!
 //! * 3D Gaussian splatting: x y z, nx ny nz (0, or normals), f_dc, f_rest (colour by colour,
 //!   without f_dc), opacity, scale, rot

@@ -295,7 +295,7 @@ pub fn radiance_along(values: &[f32], resolution: usize, directions: &[[f64; 3]]
 }
 
 /// Converts a cube map from a z-up to a y-up world: radiance from (x, y, z) arrives from (x, z,
-/// −y), the usual conversion of Blender's scenes. Texels are permuted, not resampled.
+/// −y), the conversion of Blender's scenes. Texels are permuted, not resampled.
 pub fn y_up_from_z_up(values: &[f32], resolution: usize) -> Vec<f32> {
     assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
     let from = |index: usize| {

@@ -167,8 +167,8 @@ impl Lens {
         let reach = self.distortion.reach(self.farthest_slope());
         let pixel = |x: u32, y: u32| -> [u8; 4] {
             let slopes = self.pinhole_slopes(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            let is_seen = slopes[0].hypot(slopes[1]) <= reach;
-            if is_seen { picture.between(self.pixel_of(slopes)) } else { UNKNOWN }
+            let is_inside = slopes[0].hypot(slopes[1]) <= reach;
+            if is_inside { picture.between(self.pixel_of(slopes)) } else { UNKNOWN }
         };
         let row = |y: u32| (0..self.width).flat_map(move |x| pixel(x, y));
         let rgba = (0..self.height).flat_map(row).collect();

@@ -372,7 +372,7 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
 /// Opens the newest iteration of a model, or a PLY file, with its light and settings.
 ///
 /// Models of GaussianShader, which have only `brdf_mlp.hdr`, get their light from it; so do models
-/// whose `brdf_mlp.hdr` was replaced by another map, the usual way to relight.
+/// whose `brdf_mlp.hdr` was replaced by another map, as relighting commonly does.
 ///
 /// # Errors
 ///

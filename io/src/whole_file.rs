@@ -122,13 +122,13 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn new_files_have_the_usual_permissions() {
+    fn new_files_have_default_permissions() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
-        let (ours, usual) = (folder.path().join("ours"), folder.path().join("usual"));
+        let (ours, default) = (folder.path().join("ours"), folder.path().join("default"));
         write_bytes(&ours, b"").unwrap();
-        fs::write(&usual, b"").unwrap();
+        fs::write(&default, b"").unwrap();
         let mode = |path| fs::metadata(path).unwrap().permissions().mode();
-        assert_eq!(mode(ours), mode(usual));
+        assert_eq!(mode(ours), mode(default));
     }
 }

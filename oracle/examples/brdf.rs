@@ -29,7 +29,7 @@ const LIGHTS: [(&str, usize, usize); 4] = [
 const NUMBERS: usize = 8;
 
 /// Radiance towards the eye under all lights.
-struct Seen {
+struct Reflection {
     /// Under the whole reflectance.
     whole: Reflected<NUMBERS>,
     /// Under the lobe.
@@ -44,20 +44,24 @@ fn main() {
     };
     println!("| light | n·v | {} |", ROUGHNESS.map(|roughness| format!("ρ = {roughness}")).join(" | "));
     println!("|---|---|{}", "---|".repeat(ROUGHNESS.len()));
-    let table = N_DOT_V.map(|n_dot_v| ROUGHNESS.map(|roughness| all_seen(&light, n_dot_v, roughness)));
+    let table = N_DOT_V.map(|n_dot_v| ROUGHNESS.map(|roughness| reflections_of(&light, n_dot_v, roughness)));
     for (name, first, count) in LIGHTS {
         for (n_dot_v, row) in N_DOT_V.iter().zip(&table) {
-            let cells: Vec<String> = row.iter().map(|seen| cell(seen, first..first + count)).collect();
+            let cells: Vec<String> = row.iter().map(|reflections| cell(reflections, first..first + count)).collect();
             println!("| {name} | {n_dot_v} | {} |", cells.join(" | "));
         }
     }
 }
 
-fn all_seen(light: &(impl Fn([f64; 3]) -> [f64; NUMBERS] + Sync), n_dot_v: f64, roughness: f64) -> Vec<Seen> {
+fn reflections_of(
+    light: &(impl Fn([f64; 3]) -> [f64; NUMBERS] + Sync),
+    n_dot_v: f64,
+    roughness: f64,
+) -> Vec<Reflection> {
     let one = |k: usize| {
-        let (normal, to_eye) = place(k, n_dot_v);
+        let (normal, to_eye) = normal_and_eye(k, n_dot_v);
         let mirrored = core::array::from_fn(|c| 2.0 * n_dot_v * normal[c] - to_eye[c]);
-        Seen {
+        Reflection {
             whole: reflected(light, normal, to_eye, roughness, RESOLUTION),
             lobe: filtered(light, mirrored, roughness, RESOLUTION),
         }
@@ -67,7 +71,7 @@ fn all_seen(light: &(impl Fn([f64; 3]) -> [f64; NUMBERS] + Sync), n_dot_v: f64, 
 
 /// A normal, from a spiral over the sphere, and a direction to the eye, turned about it by golden
 /// angles.
-fn place(k: usize, n_dot_v: f64) -> ([f64; 3], [f64; 3]) {
+fn normal_and_eye(k: usize, n_dot_v: f64) -> ([f64; 3], [f64; 3]) {
     let golden = core::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
     let (radius, (sin, cos)) = ((1.0 - z * z).sqrt(), (golden * k as f64).sin_cos());
@@ -80,15 +84,20 @@ fn place(k: usize, n_dot_v: f64) -> ([f64; 3], [f64; 3]) {
 
 /// Errors √(Σ |model − whole|² / Σ |whole|²): of the paper's term for tints of 1 and of 0.04, and
 /// of the lobe times the share of light that the whole reflectance sends back, for a tint of 1.
-fn cell(seen: &[Seen], numbers: core::ops::Range<usize>) -> String {
-    let paper = |tint: f64| error(seen, numbers.clone(), tint, |_| tint);
-    let share = error(seen, numbers.clone(), 1.0, |whole| whole.of(0, 1.0));
+fn cell(reflections: &[Reflection], numbers: core::ops::Range<usize>) -> String {
+    let paper = |tint: f64| error(reflections, numbers.clone(), tint, |_| tint);
+    let share = error(reflections, numbers.clone(), 1.0, |whole| whole.of(0, 1.0));
     format!("{:.3} / {:.3} / {share:.3}", paper(1.0), paper(0.04))
 }
 
-fn error(seen: &[Seen], numbers: core::ops::Range<usize>, f0: f64, scale: impl Fn(&Reflected<NUMBERS>) -> f64) -> f64 {
+fn error(
+    reflections: &[Reflection],
+    numbers: core::ops::Range<usize>,
+    f0: f64,
+    scale: impl Fn(&Reflected<NUMBERS>) -> f64,
+) -> f64 {
     let (mut difference, mut total) = (0.0, 0.0);
-    for Seen { whole, lobe } in seen {
+    for Reflection { whole, lobe } in reflections {
         for k in numbers.clone() {
             let truth = whole.of(k, f0);
             difference += (scale(whole) * lobe[k] - truth).powi(2);

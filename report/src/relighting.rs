@@ -17,7 +17,7 @@ use specula_scene::layer::alpha;
 use specula_train::evaluate::mean_squared_error;
 use std::path::Path;
 
-/// Coverage below which a colour cannot be told from its background.
+/// Coverage below which a colour cannot be distinguished from its background.
 const COVERAGE_MIN: f32 = 1e-3;
 /// Logarithm of the largest factor that is searched, and less the smallest.
 const LOG_FACTOR_MAX: f32 = 3.0;

@@ -18,8 +18,8 @@ pub fn same_every_time() -> ProptestConfig {
 
 /// Cases that are the same in every run, unless the environment asks for others:
 /// `SPECULA_FUZZ_SEED` and `SPECULA_FUZZ_CASES`, which `scripts/fuzz` sets.
-pub fn as_many_as_wanted(usual: u32) -> ProptestConfig {
-    let cases = from_env("SPECULA_FUZZ_CASES").unwrap_or(usual);
+pub fn as_many_as_wanted(default: u32) -> ProptestConfig {
+    let cases = from_env("SPECULA_FUZZ_CASES").unwrap_or(default);
     let seed = from_env("SPECULA_FUZZ_SEED").unwrap_or(1);
     ProptestConfig { cases, rng_seed: RngSeed::Fixed(seed), ..same_every_time() }
 }

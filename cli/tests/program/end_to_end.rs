@@ -50,11 +50,11 @@ fn photographs_are_trained_measured_and_rendered() {
     let mut train = specula();
     train.arg("train").arg(&data).arg("-m").arg(&model);
     let done = train.args(["--eval", "--profile", "3dgs", "--iterations", "20", "--llffhold", "4"]).assert().success();
-    let talk = String::from_utf8(done.get_output().stderr.clone()).unwrap();
+    let stderr = String::from_utf8(done.get_output().stderr.clone()).unwrap();
     for part in
         ["COLMAP's model", "SIMPLE_RADIAL", "6 training pictures and 3 held out", "60 points", "lens's distortion"]
     {
-        assert!(talk.contains(part), "{part:?} is missing in: {talk}");
+        assert!(stderr.contains(part), "{part:?} is missing in: {stderr}");
     }
     let trained = json(&model.join("results.json"))["ours_20"]["PSNR"].as_f64().unwrap();
     let evaluated = printed(specula().arg("eval").arg(&model).arg("--json"));
@@ -307,10 +307,10 @@ fn ctrl_c_saves_what_there_is() {
 #[test]
 fn a_training_says_where_it_computes_and_what_comes_next() {
     let tiny = Tiny::new();
-    let talk = train(&tiny, "my model").args(["--executor", "cpu", "--threads", "2"]).assert().success();
-    let talk = String::from_utf8(talk.get_output().stderr.clone()).unwrap();
-    assert!(talk.contains("training on the CPU, 2 threads\n"), "{talk}");
-    let last = talk.lines().last().unwrap();
+    let stderr = train(&tiny, "my model").args(["--executor", "cpu", "--threads", "2"]).assert().success();
+    let stderr = String::from_utf8(stderr.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("training on the CPU, 2 threads\n"), "{stderr}");
+    let last = stderr.lines().last().unwrap();
     let model = tiny.path("my model");
     assert!(last.starts_with(&format!("specula: next: specula view '{}', ", model.display())), "{last}");
     assert!(last.contains("specula relight"), "a shaded scene can be put under another light: {last}");
@@ -335,9 +335,9 @@ fn the_authors_own_command_line_is_understood() {
         "--random-points",
         "9",
     ]);
-    let talk = String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap();
+    let stderr = String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap();
     for words in ["-r -1 is -r 2", "1000 wide", "--brdf_dim is ignored", "--sh_degree -1 is ignored"] {
-        assert!(talk.contains(words), "{words:?} is not in: {talk}");
+        assert!(stderr.contains(words), "{words:?} is not in: {stderr}");
     }
     let config = fs::read_to_string(tiny.path("model/config.toml")).unwrap();
     assert!(config.contains("resolution = 2") && !config.contains("sh-degree"), "{config}");

@@ -35,7 +35,7 @@ fn trained(tiny: &Tiny) -> PathBuf {
 fn measures_of_other_settings_take_no_ones_place() {
     let tiny = Tiny::new();
     let model = trained(&tiny);
-    let usual = json(&model.join("results.json"))["ours_30"].clone();
+    let default = json(&model.join("results.json"))["ours_30"].clone();
     for (words, method) in [
         (&["--storage", "f16"][..], "ours_30_f16"),
         (&["--projection", "ray"], "ours_30_ray"),
@@ -46,16 +46,16 @@ fn measures_of_other_settings_take_no_ones_place() {
     ] {
         eval(&model, words);
         let results = json(&model.join("results.json"));
-        assert_eq!(results["ours_30"], usual, "{words:?} changed what was measured before");
-        assert_ne!(results[method]["PSNR"], usual["PSNR"], "{words:?} measures something else: {results}");
+        assert_eq!(results["ours_30"], default, "{words:?} changed what was measured before");
+        assert_ne!(results[method]["PSNR"], default["PSNR"], "{words:?} measures something else: {results}");
         assert_eq!(json(&model.join("per_view.json"))[method]["FLIP"].as_object().unwrap().len(), 3);
         assert!(model.join("test").join(method).join("index.html").is_file(), "{method} has its own page");
     }
     eval(&model, &["--background", "white", "-r", "1", "--profile", "specula", "--executor", "cpu"]);
     let again = json(&model.join("results.json"))["ours_30"].clone();
-    let difference = again["PSNR"].as_f64().unwrap() - usual["PSNR"].as_f64().unwrap();
-    assert!(difference.abs() < 0.01, "what is as in training is the usual: {again}");
-    assert!(usual["FLIP"].is_null() && again["FLIP"].as_f64().unwrap() > 0.0, "FLIP was added: {again}");
+    let difference = again["PSNR"].as_f64().unwrap() - default["PSNR"].as_f64().unwrap();
+    assert!(difference.abs() < 0.01, "a data set as in training has the default results: {again}");
+    assert!(default["FLIP"].is_null() && again["FLIP"].as_f64().unwrap() > 0.0, "FLIP was added: {again}");
 }
 
 #[test]

@@ -30,8 +30,8 @@ fn a_report_has_a_table_a_page_and_every_number() {
         (&"scene".into(), &2.into(), &200.into())
     );
     let settings: Vec<&Value> = records.iter().filter(|record| record["kind"] == "setting").collect();
-    for knob in ["storage", "harmonics", "least alpha", "least transmittance", "extent", "light per", "channels"] {
-        assert!(settings.iter().any(|setting| setting["turned"] == knob), "{knob} was not turned");
+    for parameter in ["storage", "harmonics", "least alpha", "least transmittance", "extent", "light per", "channels"] {
+        assert!(settings.iter().any(|setting| setting["turned"] == parameter), "{parameter} was not varied");
     }
     assert_eq!(settings.iter().filter(|setting| setting["is_usual"] == true).count(), 1);
     for setting in &settings {
@@ -46,11 +46,11 @@ fn a_report_has_a_table_a_page_and_every_number() {
     assert!(error_of("0") < error_of("1/255") && error_of("1/255") < error_of("1/16"));
 
     let page = fs::read_to_string(tiny.path("report/index.html")).unwrap();
-    assert!(page.matches("<svg").count() >= 8, "there is a plot for each knob");
+    assert!(page.matches("<svg").count() >= 8, "there is a plot for each parameter");
     assert!(!page.contains("src=") && page.matches("http").count() == page.matches("http://www.w3.org").count());
 }
 
-/// A training of two steps with another profile than the usual one.
+/// A training of two steps with another profile than the default.
 fn train_with(tiny: &Tiny, profile: &str) -> assert_cmd::Command {
     let mut command = specula();
     command.arg("train").arg(tiny.path("data")).arg("-m").arg(tiny.path("model")).args(["--profile", profile]);
@@ -105,17 +105,17 @@ fn pictures_within_an_error_come_with_a_certificate() {
 #[test]
 fn a_training_ends_with_a_certificate_and_the_same_model() {
     let tiny = Tiny::new();
-    printed(&mut train(&tiny, "usual"));
+    printed(&mut train(&tiny, "default"));
     let said = printed(train(&tiny, "within").args(["--max-error", "0.02"]));
     assert!(said.starts_with("error "), "{said}");
     let info = fs::read_to_string(tiny.path("within/specula.json")).unwrap();
     assert!(info.contains("\"certificate\": \"error "), "{info}");
-    let [usual, within] = ["usual", "within"].map(|model| {
+    let [default, within] = ["default", "within"].map(|model| {
         let place = format!("{model}/point_cloud");
         let saved = fs::read_dir(tiny.path(&place)).unwrap().next().unwrap().unwrap().path();
         fs::read(saved.join("point_cloud.ply")).unwrap()
     });
-    assert!(usual == within, "looking for a setting changes no training");
+    assert!(default == within, "looking for a setting changes no training");
 
     let said = printed(train(&tiny, "too close").args(["--max-error", "1e-9"]));
     assert!(!said.contains("error "), "what cannot be kept is a note, and the model is there: {said}");

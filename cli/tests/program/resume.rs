@@ -114,8 +114,8 @@ mod killed {
         for word in [&format!("process {} on ", first.id()), "another training", "--ignore-lock", "-m"] {
             assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
         }
-        let talk = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
-        assert!(String::from_utf8(talk).unwrap().contains("all the same"));
+        let stderr = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
+        assert!(String::from_utf8(stderr).unwrap().contains("all the same"));
 
         let unfinished = tiny.path("model/point_cloud/.unfinished-x");
         fs::write(&unfinished, "half").unwrap();
@@ -143,8 +143,8 @@ fn a_finished_training_continues_for_longer() {
     train(&tiny, "model").args(["--eval", "--test-iterations", "10"]).assert().success();
     assert!(resumed(&tiny, "model").output().unwrap().status.success(), "there is nothing left to do, which is fine");
     let output = resumed(&tiny, "model").args(["--iterations", "40"]).output().unwrap();
-    let talk = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && talk.contains("continuing from iteration 30 of 40"), "{talk}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && stderr.contains("continuing from iteration 30 of 40"), "{stderr}");
 
     let timeline = json(&model.join("timeline.json"));
     let seconds = ["ours_10", "ours_30", "ours_40"].map(|key| timeline[key]["seconds"].as_f64().unwrap());

@@ -80,16 +80,16 @@ fn errors_are_those_of_the_nearest_view() {
     let answer = site.get(&format!("/frame?eye={eye}&look={look}&up={up}&angle=50&size=32,32&layer=error"));
     let head = answer.head.to_lowercase();
     assert!(head.contains(&format!("x-view: {}", view["name"].as_str().unwrap())), "{head}");
-    let told: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
-    assert!((5.0..60.0).contains(&told), "PSNR {told}");
+    let psnr: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
+    assert!((5.0..60.0).contains(&psnr), "PSNR {psnr}");
     assert_eq!(answer.picture().dimensions(), (32, 32));
 
     // Held-out views are measured as `eval` does it.
     let report = specula().arg("eval").arg(&model).args(["--json", "--executor", "cpu"]).output().unwrap().stdout;
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     let head = site.get("/frame?view=2&size=32,32&layer=error").head.to_lowercase();
-    let told: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
-    assert!((told - report["views"][2]["PSNR"].as_f64().unwrap()).abs() < 0.006, "{told}: {report}");
+    let psnr: f64 = head.lines().find_map(|line| line.strip_prefix("x-psnr: ")).unwrap().parse().unwrap();
+    assert!((psnr - report["views"][2]["PSNR"].as_f64().unwrap()).abs() < 0.006, "{psnr}: {report}");
 
     fs::remove_dir_all(tiny.data()).unwrap();
     let gone = site.get("/frame?view=3&size=32,32&layer=error");
@@ -398,7 +398,7 @@ fn a_training_that_is_watched_by_a_crowd_comes_to_the_same_bits() {
     assert_eq!(site.post("/training?do=go", &[]).status, 200, "somebody else is served");
     assert_eq!(site.ended(), Some(0), "it comes to its end");
     assert!(learned(&tiny.path("alone")) == learned(&tiny.path("watched")), "the models differ");
-    assert!(tiny.path("watched/checkpoint.safetensors").is_file(), "it is put aside");
+    assert!(tiny.path("watched/checkpoint.safetensors").is_file(), "it is saved");
 }
 
 #[cfg(unix)]

@@ -123,18 +123,18 @@ fn decide_all(
 /// Keeps the count at `count_max`: of all that would grow, those with the largest gradients do.
 fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count_max: usize) {
     let kept = actions.iter().filter(|action| **action != Action::Prune).count();
-    let room = count_max.saturating_sub(kept);
+    let growth_max = count_max.saturating_sub(kept);
     let grows = |action: &Action| matches!(action, Action::Clone | Action::Split);
     let mut growing: Vec<usize> = (0..actions.len()).filter(|index| grows(&actions[*index])).collect();
-    if growing.len() <= room {
+    if growing.len() <= growth_max {
         return;
     }
     let mean_grad = |index: usize| mean_grad(statistics.grad_sum[index], statistics.view_count[index]);
     growing.sort_by(|a, b| mean_grad(*b).total_cmp(&mean_grad(*a)).then(a.cmp(b)));
-    growing[room..].iter().for_each(|index| actions[*index] = Action::Keep);
+    growing[growth_max..].iter().for_each(|index| actions[*index] = Action::Keep);
 }
 
-/// The Gaussians after densification: those that stay in their order, then copies, then parts.
+/// The Gaussians after densification: those that are kept in their order, then clones, then split children.
 fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
     let of = |wanted: Action| {
         actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index)

@@ -58,7 +58,7 @@ thread_local! {
     static RECORD: RefCell<Record> = RefCell::default();
 }
 
-fn note(operation: Operation) -> u32 {
+fn push(operation: Operation) -> u32 {
     RECORD.with_borrow_mut(|record| {
         let next = record.operations.len() as u32;
         let index = *record.known.entry(operation).or_insert(next);
@@ -95,8 +95,8 @@ fn write_out(
     record: impl FnOnce(&mut dyn Iterator<Item = u32>) -> Vec<u32>,
 ) -> (String, Vec<String>) {
     RECORD.with_borrow_mut(|record| *record = Record::default());
-    let noted: Vec<u32> = (0..inputs.len() as u32).map(|k| note(Operation::Input(k))).collect();
-    let results = record(&mut noted.into_iter());
+    let recorded: Vec<u32> = (0..inputs.len() as u32).map(|k| push(Operation::Input(k))).collect();
+    let results = record(&mut recorded.into_iter());
     RECORD.with_borrow(|record| {
         let mut is_needed = vec![false; record.operations.len()];
         results.iter().for_each(|result| is_needed[*result as usize] = true);
@@ -167,7 +167,7 @@ pub(crate) fn literal(value: f32) -> String {
 }
 
 fn constant(value: f32) -> u32 {
-    note(Operation::Constant(value.to_bits()))
+    push(Operation::Constant(value.to_bits()))
 }
 
 macro_rules! arithmetic {
@@ -175,13 +175,13 @@ macro_rules! arithmetic {
         impl $operator for Traced {
             type Output = Self;
             fn $method(self, other: Self) -> Self {
-                Self(note(Operation::Infix(self.0, $sign, other.0)))
+                Self(push(Operation::Infix(self.0, $sign, other.0)))
             }
         }
         impl $operator<f32> for Traced {
             type Output = Self;
             fn $method(self, other: f32) -> Self {
-                Self(note(Operation::Infix(self.0, $sign, constant(other))))
+                Self(push(Operation::Infix(self.0, $sign, constant(other))))
             }
         }
     )*};
@@ -197,50 +197,50 @@ arithmetic! {
 impl Neg for Traced {
     type Output = Self;
     fn neg(self) -> Self {
-        Self(note(Operation::Prefix("-", self.0)))
+        Self(push(Operation::Prefix("-", self.0)))
     }
 }
 
 impl BitAnd for TracedMask {
     type Output = Self;
     fn bitand(self, other: Self) -> Self {
-        Self(note(Operation::Infix(self.0, "&", other.0)))
+        Self(push(Operation::Infix(self.0, "&", other.0)))
     }
 }
 impl BitOr for TracedMask {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
-        Self(note(Operation::Infix(self.0, "|", other.0)))
+        Self(push(Operation::Infix(self.0, "|", other.0)))
     }
 }
 impl Not for TracedMask {
     type Output = Self;
     fn not(self) -> Self {
-        Self(note(Operation::Prefix("!", self.0)))
+        Self(push(Operation::Prefix("!", self.0)))
     }
 }
 
 impl From<u32> for TracedWord {
     fn from(bits: u32) -> Self {
-        Self(note(Operation::Word(bits)))
+        Self(push(Operation::Word(bits)))
     }
 }
 impl BitAnd for TracedWord {
     type Output = Self;
     fn bitand(self, other: Self) -> Self {
-        Self(note(Operation::Infix(self.0, "&", other.0)))
+        Self(push(Operation::Infix(self.0, "&", other.0)))
     }
 }
 impl BitOr for TracedWord {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
-        Self(note(Operation::Infix(self.0, "|", other.0)))
+        Self(push(Operation::Infix(self.0, "|", other.0)))
     }
 }
 impl Shl<u32> for TracedWord {
     type Output = Self;
     fn shl(self, places: u32) -> Self {
-        Self(note(Operation::Infix(self.0, "<<", Self::from(places).0)))
+        Self(push(Operation::Infix(self.0, "<<", Self::from(places).0)))
     }
 }
 
@@ -256,19 +256,19 @@ impl Real for Traced {
         self * factor + addend
     }
     fn sqrt(self) -> Self {
-        Self(note(Operation::Call("sqrt", self.0)))
+        Self(push(Operation::Call("sqrt", self.0)))
     }
     fn exp2(self) -> Self {
-        Self(note(Operation::Call("real_exp2", self.0)))
+        Self(push(Operation::Call("real_exp2", self.0)))
     }
     fn log2(self) -> Self {
-        Self(note(Operation::Call("real_log2", self.0)))
+        Self(push(Operation::Call("real_log2", self.0)))
     }
     fn floor(self) -> Self {
-        Self(note(Operation::Call("floor", self.0)))
+        Self(push(Operation::Call("floor", self.0)))
     }
     fn abs(self) -> Self {
-        Self(note(Operation::Call("abs", self.0)))
+        Self(push(Operation::Call("abs", self.0)))
     }
     fn min(self, other: Self) -> Self {
         Self::select(self.less(other), self, other)
@@ -277,16 +277,16 @@ impl Real for Traced {
         Self::select(other.less(self), self, other)
     }
     fn less(self, other: Self) -> TracedMask {
-        TracedMask(note(Operation::Infix(self.0, "<", other.0)))
+        TracedMask(push(Operation::Infix(self.0, "<", other.0)))
     }
     fn less_or_equal(self, other: Self) -> TracedMask {
-        TracedMask(note(Operation::Infix(self.0, "<=", other.0)))
+        TracedMask(push(Operation::Infix(self.0, "<=", other.0)))
     }
     fn select(mask: TracedMask, if_true: Self, if_false: Self) -> Self {
-        Self(note(Operation::Select(if_true.0, if_false.0, mask.0)))
+        Self(push(Operation::Select(if_true.0, if_false.0, mask.0)))
     }
     fn is_finite(self) -> TracedMask {
-        TracedMask(note(Operation::Call("real_is_finite", self.0)))
+        TracedMask(push(Operation::Call("real_is_finite", self.0)))
     }
 }
 

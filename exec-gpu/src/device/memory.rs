@@ -9,7 +9,7 @@ use wgpu::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
 /// Size classes of buffers in each power of two: arrays of a growing scene reuse buffers.
 const STEPS: u64 = 4;
 /// Smallest buffer, in bytes.
-const LEAST: u64 = 256;
+const BUFFER_BYTES_MIN: u64 = 256;
 
 /// 32-bit numbers on the device. Dropping an array returns its buffer to the pool.
 #[derive(Debug)]
@@ -115,8 +115,8 @@ fn new_buffer(gpu: &Gpu, size: u64) -> Result<Buffer, GpuError> {
 
 /// Smallest size class that holds `bytes`.
 fn size_class(bytes: u64) -> u64 {
-    let bytes = bytes.max(LEAST);
-    let step = (bytes.next_power_of_two() / 2 / STEPS).max(LEAST / STEPS);
+    let bytes = bytes.max(BUFFER_BYTES_MIN);
+    let step = (bytes.next_power_of_two() / 2 / STEPS).max(BUFFER_BYTES_MIN / STEPS);
     bytes.next_multiple_of(step)
 }
 
@@ -209,8 +209,8 @@ mod tests {
         let tests = std::env::current_exe().expect("this is a program");
         let output =
             std::process::Command::new("sh").args(["-c", &script]).arg(tests).output().expect("there is a shell");
-        let told = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success() && told.contains("1 passed"), "{told}");
+        let printed = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && printed.contains("1 passed"), "{printed}");
     }
 
     #[test]

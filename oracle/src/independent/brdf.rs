@@ -254,9 +254,9 @@ mod tests {
                 let facets = Facets { normal: NORMAL, to_eye: at(n_dot_v), alpha: roughness * roughness, opening };
                 facets.reflected(light, 4)
             };
-            let (usual, fine) = (of(OPENING), of(0.3 * OPENING));
+            let (coarse, fine) = (of(OPENING), of(0.3 * OPENING));
             for (k, f0) in [(0, 0.04), (1, 0.04), (0, 1.0), (1, 1.0)] {
-                assert_close(usual.of(k, f0) / fine.of(k, f0), 1.0, QUADRATURE);
+                assert_close(coarse.of(k, f0) / fine.of(k, f0), 1.0, QUADRATURE);
             }
         }
     }

@@ -270,8 +270,8 @@ mod tests {
                 let lobe = Lobe { reflection_dir: AXIS, alpha: roughness * roughness, opening };
                 lobe.mean(|light_dir| map.sample(light_dir), 16)
             };
-            for (usual, fine) in mean(OPENING).into_iter().zip(mean(0.3 * OPENING)) {
-                assert_close(usual / fine, 1.0, QUADRATURE);
+            for (coarse, fine) in mean(OPENING).into_iter().zip(mean(0.3 * OPENING)) {
+                assert_close(coarse / fine, 1.0, QUADRATURE);
             }
         }
     }

@@ -97,15 +97,16 @@ pub enum Order {
 /// they come.
 pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: Order) -> Image<Vec<f64>> {
     let count = channels.first().map_or(0, Vec::len);
-    let seen: Vec<Seen> = gaussians.iter().enumerate().filter_map(|(k, own)| Seen::new(k, own, view)).collect();
-    let pixel = |pixel: usize| composite(&hits(&seen, view.ray(pixel), view.near, order), channels, count);
+    let in_camera: Vec<GaussianInCamera> =
+        gaussians.iter().enumerate().filter_map(|(k, gaussian)| GaussianInCamera::new(k, gaussian, view)).collect();
+    let pixel = |pixel: usize| composite(&hits(&in_camera, view.ray(pixel), view.near, order), channels, count);
     let pixels: Vec<Vec<f64>> = (0..view.pixel_count()).into_par_iter().map(pixel).collect();
     let values = (0..=count).flat_map(|plane| pixels.iter().map(move |numbers| numbers[plane])).collect();
     Image { width: view.size[0], height: view.size[1], channels: count + 1, values }
 }
 
-/// A Gaussian in camera space.
-struct Seen {
+/// Gaussian in camera space.
+struct GaussianInCamera {
     /// Index of the Gaussian.
     index: usize,
     root: Root,
@@ -134,12 +135,12 @@ struct Hit {
     alpha: f64,
 }
 
-impl Seen {
+impl GaussianInCamera {
     /// None for numbers that are not finite.
     fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
         let mean = view.camera_from_world * (gaussian.mean - view.position);
         let root = root_of_covariance(view.camera_from_world * gaussian.axes, mean.z, view.focal_px);
-        let own = Self {
+        let in_camera = Self {
             index,
             mean: root.solved(mean),
             root,
@@ -148,19 +149,19 @@ impl Seen {
             opacity: gaussian.opacity,
             farthest: 2.0 * (gaussian.opacity / ALPHA_LEAST).ln(),
         };
-        (own.mean.is_finite() && own.opacity.is_finite()).then_some(own)
+        (in_camera.mean.is_finite() && in_camera.opacity.is_finite()).then_some(in_camera)
     }
 
     fn hit(&self, ray: DVec3, near: f64, order: Order) -> Option<Hit> {
         let ray = self.root.solved(ray);
         let largest_at = self.mean.dot(ray) / ray.length_squared();
-        let (decides, place, nearness) = match order {
+        let (deciding, along, nearness) = match order {
             Order::Mean => (self.depth, largest_at.max(0.0), self.depth),
             Order::Distance => (self.depth, largest_at.max(0.0), self.distance),
             Order::Response => (largest_at, largest_at, largest_at),
         };
-        let squared = (self.mean - place * ray).length_squared();
-        let is_drawn = decides > near && squared <= self.farthest;
+        let squared = (self.mean - along * ray).length_squared();
+        let is_drawn = deciding > near && squared <= self.farthest;
         let alpha = || (self.opacity * (-0.5 * squared).exp()).min(ALPHA_MAX);
         is_drawn.then(|| Hit { index: self.index, nearness, alpha: alpha() })
     }
@@ -170,8 +171,8 @@ impl Seen {
 fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> Root {
     let widened = |axis: usize| LOW_PASS.sqrt() * depth / focal_px[axis];
     let row = |k: usize, across: f64, down: f64| {
-        let own = axes.row(k);
-        [own.x, own.y, own.z, across, down]
+        let axes = axes.row(k);
+        [axes.x, axes.y, axes.z, across, down]
     };
     let mut rows = [row(0, widened(0), 0.0), row(1, 0.0, widened(1)), row(2, 0.0, 0.0)];
     let mut root = [[0.0; 3]; 3];
@@ -180,7 +181,7 @@ fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> Root {
         let unit = rows[k].map(|x| x / root[k][k]);
         for below in k + 1..3 {
             root[below][k] = dot(&rows[below], &unit);
-            (0..5).for_each(|place| rows[below][place] -= root[below][k] * unit[place]);
+            (0..5).for_each(|column| rows[below][column] -= root[below][k] * unit[column]);
         }
     }
     let inverse = DVec3::new(root[0][0], root[1][1], root[2][2]).recip();
@@ -203,8 +204,8 @@ impl Root {
 }
 
 /// Gaussians along a ray, nearest first.
-fn hits(seen: &[Seen], ray: DVec3, near: f64, order: Order) -> Vec<Hit> {
-    let mut hits: Vec<Hit> = seen.iter().filter_map(|own| own.hit(ray, near, order)).collect();
+fn hits(gaussians: &[GaussianInCamera], ray: DVec3, near: f64, order: Order) -> Vec<Hit> {
+    let mut hits: Vec<Hit> = gaussians.iter().filter_map(|gaussian| gaussian.hit(ray, near, order)).collect();
     hits.sort_by(|a, b| a.nearness.total_cmp(&b.nearness));
     hits
 }

@@ -65,16 +65,17 @@ fn wide(values: &[f32]) -> Vec<f64> {
 }
 
 #[test]
-fn within_the_usual_limits_a_viewer_shows_what_the_executor_shows() {
-    let usual = Cutoffs::DEFAULT.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
-    assert_eq!(usual, Cutoffs::DEFAULT);
+fn within_the_default_cutoffs_a_viewer_shows_what_the_executor_shows() {
+    let default =
+        Cutoffs::DEFAULT.with_alpha_min(1.0 / 255.0).with_transmittance_min(1e-4).with_reach_max(f32::INFINITY);
+    assert_eq!(default, Cutoffs::DEFAULT);
     let [executor, viewer] =
-        [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::with_cutoffs(usual), &cloud())];
+        [picture(&mut CpuExecutor::new(), &cloud()), picture(&mut CpuViewer::with_cutoffs(default), &cloud())];
     assert!(executor.iter().zip(&viewer).all(|(a, b)| a.to_bits() == b.to_bits()), "a bit differs");
 }
 
 #[test]
-fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
+fn within_any_cutoffs_a_viewer_shows_what_the_plain_pipeline_shows() {
     let tight = Cutoffs::DEFAULT.with_alpha_min(1.0 / 4096.0).with_transmittance_min(1e-7);
     let loose = Cutoffs::DEFAULT.with_alpha_min(1.0 / 20.0).with_transmittance_min(0.03);
     let [tangent, ray, within] = [ProjectionModel::Tangent, ProjectionModel::Ray, ProjectionModel::Within(0.02)]
@@ -83,8 +84,8 @@ fn within_any_limits_a_viewer_shows_what_the_plain_pipeline_shows() {
         let own = wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud()));
         assert_psnr(&own, &exact(&cloud(), &cutoffs), SAME_FRAME);
     }
-    let usual = wide(&picture(&mut CpuViewer::with_cutoffs(Cutoffs::DEFAULT), &cloud()));
-    let apart = psnr(&usual, &exact(&cloud(), &loose));
+    let default = wide(&picture(&mut CpuViewer::with_cutoffs(Cutoffs::DEFAULT), &cloud()));
+    let apart = psnr(&default, &exact(&cloud(), &loose));
     assert!(apart < SAME_FRAME, "other cutoffs make another picture, so the comparison can fail: {apart} dB");
 }
 
@@ -144,7 +145,7 @@ fn fainter_splats_than_the_least_alpha_are_not_drawn() {
 }
 
 #[test]
-fn the_usual_formulas_are_those_within_the_usual_limits() {
+fn the_default_formulas_are_those_within_the_default_cutoffs() {
     let state = blend::PixelState::open(1.0_f32);
     for log2_strength in [-9.0_f32, -7.9944, -7.9943, -3.0, -0.01, 0.0] {
         let [one, other] = [blend::alpha(log2_strength), Cutoffs::DEFAULT.alpha(log2_strength)];

@@ -277,7 +277,7 @@ fn an_update_at_once_is_that_of_two_stages() {
         assert_eq!(at_once.values, in_two.values, "Gaussians");
         assert_eq!(moments_at_once.mean, moments_in_two.mean, "means");
         assert_eq!(moments_at_once.square, moments_in_two.square, "squares");
-        let left_out = |report: Option<StepReport>| report.expect("there was room").nonfinite;
+        let left_out = |report: Option<StepReport>| report.expect("the capacity suffices").nonfinite;
         assert_eq!(left_out(report), left_out(report_of_two), "what was left out");
         let mut environment_grad = |light_grad: Option<_>| {
             light_grad.map(|grad| exec.prefilter_vjp(&environment, &light, &grad).expect("the CPU goes back"))
@@ -419,7 +419,7 @@ fn a_resumed_training_continues_to_the_last_bit() {
         assert_eq!(
             train(2, name),
             train_with_pause(2, &settings(name), Some(33)),
-            "{name} does not go on as it would have"
+            "{name} does not continue as it would have"
         );
     }
 }

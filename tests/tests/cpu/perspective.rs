@@ -91,27 +91,27 @@ fn in_deviations(covariance: DMat3, v: DVec3) -> DVec3 {
     DVec3::new(x, y, (v.z - zx * x - zy * y) / zz)
 }
 
-struct Seen<R> {
+struct Projected<R> {
     splat: Splat<R>,
-    own: Perspective<R>,
+    perspective: Perspective<R>,
 }
 
-fn seen(ball: &Ball, camera: &Camera, projection: ProjectionModel) -> Seen<Double> {
+fn projected(ball: &Ball, camera: &Camera, projection: ProjectionModel) -> Projected<Double> {
     let (shape, camera) = (ball.shape(), camera.lift(Double(0.0)).for_projection(projection));
     let splat = project(&shape, &camera);
-    Seen { own: perspective(projection, &shape, &splat, &camera), splat }
+    Projected { perspective: perspective(projection, &shape, &splat, &camera), splat }
 }
 
-impl<R: Real> Seen<R> {
+impl<R: Real> Projected<R> {
     /// Squared distance in standard deviations at a pixel.
     fn distance(&self, pixel: [R; 2]) -> R {
         let delta = [pixel[0] - self.splat.mean2d[0], pixel[1] - self.splat.mean2d[1]];
         let [xx, yx, yy] = self.splat.root_conic;
         let (u, w) = (xx * delta[0], yx * delta[0] + yy * delta[1]);
         let one = xx.constant(1.0);
-        let scale = ray_scale(one, self.own.slope, delta);
+        let scale = ray_scale(one, self.perspective.slope, delta);
         let squared = (u * u + w * w) * (ROOT_SCALE * ROOT_SCALE);
-        let log2 = log2_strength(xx.zero(), squared, scale, scaled_curvature(self.own.curvature));
+        let log2 = log2_strength(xx.zero(), squared, scale, scaled_curvature(self.perspective.curvature));
         -log2 / (ROOT_SCALE * ROOT_SCALE)
     }
 }
@@ -138,7 +138,7 @@ proptest! {
         ball in ball(1e-2..10.0), pixel in pixel(), focal in prop::array::uniform2(20.0..300.0_f32)
     ) {
         let camera = straight(focal);
-        let own = seen(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0;
+        let own = projected(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0;
         let expected = along_the_ray(&ball, &camera, pixel, f64::from(BLUR));
         prop_assert!((own - expected).abs() <= SAME * expected.max(1.0), "{own} and {expected}");
     }
@@ -146,9 +146,9 @@ proptest! {
     #[test]
     fn where_nothing_is_wide_all_projections_agree(ball in ball(1e-6..1e-5)) {
         let camera = straight([1e5, 1e5]);
-        let at = seen(&ball, &camera, ProjectionModel::Ray).splat.mean2d.map(|x| Double(x.0 + 1.0));
+        let at = projected(&ball, &camera, ProjectionModel::Ray).splat.mean2d.map(|x| Double(x.0 + 1.0));
         let [affine, tangent, ray] = [ProjectionModel::Within(1.0), ProjectionModel::Tangent, ProjectionModel::Ray]
-            .map(|projection| seen(&ball, &camera, projection).distance(at).0);
+            .map(|projection| projected(&ball, &camera, projection).distance(at).0);
         prop_assert!((tangent / affine - 1.0).abs() < 1e-3 && (ray / affine - 1.0).abs() < 1e-3, "{affine} {tangent} {ray}");
     }
 
@@ -157,14 +157,14 @@ proptest! {
         ball in ball(1e-3..2.0), turn in 0.0..6.3_f64, reach in 0.5..7.0_f64
     ) {
         let camera = straight([80.0, 80.0]);
-        let seen = seen(&ball, &camera, ProjectionModel::Ray);
-        let (outline, variance) = footprint_in_perspective(&seen.splat, &seen.own, Double(reach));
+        let projected = projected(&ball, &camera, ProjectionModel::Ray);
+        let (outline, variance) = footprint_in_perspective(&projected.splat, &projected.perspective, Double(reach));
         prop_assume!(variance[0].0.is_finite());
         let [xx, yx, yy] = outline.root_conic.map(|x| x.0);
         let (u, w) = (reach * turn.cos(), reach * turn.sin());
         let x = u / xx;
         let edge = [x + outline.mean2d[0].0, (w - yx * x) / yy + outline.mean2d[1].0];
-        let own = seen.distance(edge.map(Double)).0;
+        let own = projected.distance(edge.map(Double)).0;
         prop_assert!((own / (reach * reach) - 1.0).abs() < 1e-6, "{own} at the edge of {}", reach * reach);
         prop_assert!((edge[0] - outline.mean2d[0].0).abs() <= variance[0].0.sqrt() * reach * (1.0 + 1e-6));
         prop_assert!((edge[1] - outline.mean2d[1].0).abs() <= variance[1].0.sqrt() * reach * (1.0 + 1e-6));
@@ -173,16 +173,16 @@ proptest! {
     #[test]
     fn a_footprint_is_everywhere_only_where_it_is_no_ellipse_that_ends(ball in ball(0.5..30.0), reach in 0.5..7.0_f64) {
         let camera = straight([80.0, 80.0]);
-        let seen = seen(&ball, &camera, ProjectionModel::Ray);
-        let (_, variance) = footprint_in_perspective(&seen.splat, &seen.own, Double(reach));
+        let projected = projected(&ball, &camera, ProjectionModel::Ray);
+        let (_, variance) = footprint_in_perspective(&projected.splat, &projected.perspective, Double(reach));
         prop_assume!(variance[0].0.is_infinite());
         // Far away where rays are longest it is still, or almost, within reach.
-        let ([xx, yx, yy], [x, y]) = (seen.splat.root_conic.map(|x| x.0), seen.own.slope.map(|x| x.0));
+        let ([xx, yx, yy], [x, y]) = (projected.splat.root_conic.map(|x| x.0), projected.perspective.slope.map(|x| x.0));
         let second = y / yy;
         let first = (x - yx * second) / xx;
         let (x, y) = (first / xx, (second - yx * first / xx) / yy);
         let far = 1e9 / x.hypot(y);
-        let far = seen.distance([x * far, y * far].map(Double)).0.sqrt();
+        let far = projected.distance([x * far, y * far].map(Double)).0.sqrt();
         prop_assert!(far < 1.02 * reach, "{far} of {reach}");
     }
 
@@ -199,10 +199,10 @@ proptest! {
         };
         let lifted = camera.lift(0.0_f32).for_projection(ProjectionModel::Ray);
         let splat = project(&own, &lifted);
-        let own = Seen { own: perspective(ProjectionModel::Ray, &own, &splat, &lifted), splat };
+        let own = Projected { perspective: perspective(ProjectionModel::Ray, &own, &splat, &lifted), splat };
         let strength = |distance: f64| (-0.5 * distance).exp();
         let own = strength(own.distance(pixel.map(|x| x as f32)).into());
-        let exact = strength(seen(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0);
+        let exact = strength(projected(&ball, &camera, ProjectionModel::Ray).distance(pixel.map(Double)).0);
         prop_assert!((own - exact).abs() < SAME_IN_F32, "{own} and {exact}");
     }
 
@@ -211,7 +211,7 @@ proptest! {
         ball in ball(0.2..0.4), turn in prop::array::uniform2(-0.6..0.6_f64)
     ) {
         let ball = Ball { mean: ball.mean * DVec3::new(0.1, 0.1, 0.5) + DVec3::Z, ..ball };
-        // Of many pixels, so that the low-pass is too narrow to be seen.
+        // Of many pixels, so that the low-pass is too narrow to be projected.
         let camera = straight([1e5, 1e5]);
         let turn = DQuat::from_rotation_y(turn[0]) * DQuat::from_rotation_x(turn[1]);
         let turned = Ball { mean: turn * ball.mean, quat: turn * ball.quat, ..ball };
@@ -221,8 +221,8 @@ proptest! {
             [50.0 + 1e5 * ray.x / ray.z, 40.0 + 1e5 * ray.y / ray.z].map(Double)
         };
         for projection in [ProjectionModel::Tangent, ProjectionModel::Ray] {
-            let before = seen(&ball, &camera, projection).distance(pixel(ray)).0;
-            let after = seen(&turned, &camera, projection).distance(pixel(turn * ray)).0;
+            let before = projected(&ball, &camera, projection).distance(pixel(ray)).0;
+            let after = projected(&turned, &camera, projection).distance(pixel(turn * ray)).0;
             prop_assert!((before / after - 1.0).abs() < 1e-4, "{projection:?}: {before} and {after}");
         }
     }
@@ -231,16 +231,16 @@ proptest! {
 /// Largest difference of alphas from exact ones over a footprint, without low-pass.
 fn largest_error(ball: &Ball, projection: ProjectionModel) -> f64 {
     let camera = straight([1e6, 1e6]);
-    let seen = seen(ball, &camera, projection);
-    let [x, y] = seen.splat.mean2d.map(|x| x.0);
-    let half = [0, 1].map(|axis| 4.0 * seen.splat.variance[axis].0.sqrt());
+    let projected = projected(ball, &camera, projection);
+    let [x, y] = projected.splat.mean2d.map(|x| x.0);
+    let half = [0, 1].map(|axis| 4.0 * projected.splat.variance[axis].0.sqrt());
     let steps = || (-100..=100).map(|k| f64::from(k) / 100.0);
     let mut largest = 0.0_f64;
     for (across, down) in steps().flat_map(|across| steps().map(move |down| (across, down))) {
         let pixel = [x + across * half[0], y + down * half[1]];
         let strength = |distance: f64| (-0.5 * distance).exp();
         let exact = strength(along_the_ray(ball, &camera, pixel, 0.0));
-        largest = largest.max((strength(seen.distance(pixel.map(Double)).0) - exact).abs());
+        largest = largest.max((strength(projected.distance(pixel.map(Double)).0) - exact).abs());
     }
     largest
 }
@@ -279,15 +279,17 @@ fn errors_are_those_of_the_published_table() {
 fn what_the_affine_projection_is_off_by_is_foretold() {
     for (degrees, tilt, scale) in [(10.0, 0.0, 0.03), (45.0, 30.0, 0.02), (60.0, 0.0, 0.01), (0.0, 60.0, 0.03)] {
         let ball = at(degrees, DVec3::new(1.0, 0.5, 0.2) * scale, tilt);
-        let seen = seen(&ball, &straight([1e6, 1e6]), ProjectionModel::Ray);
-        let (foretold, own) =
-            (affine_error(&seen.splat, &seen.own).0, largest_error(&ball, ProjectionModel::Within(1e9)));
+        let projected = projected(&ball, &straight([1e6, 1e6]), ProjectionModel::Ray);
+        let (foretold, own) = (
+            affine_error(&projected.splat, &projected.perspective).0,
+            largest_error(&ball, ProjectionModel::Within(1e9)),
+        );
         assert!(own < 1.1 * foretold && foretold < 1.6 * own, "{degrees} {tilt} {scale}: {own} of {foretold}");
         let kept = |alpha: f32| {
-            let own = self::seen(&ball, &straight([1e6, 1e6]), ProjectionModel::Within(alpha)).own;
+            let own = self::projected(&ball, &straight([1e6, 1e6]), ProjectionModel::Within(alpha)).perspective;
             (own.slope, own.curvature)
         };
-        assert_eq!(kept(0.99 * foretold as f32), (seen.own.slope, seen.own.curvature));
+        assert_eq!(kept(0.99 * foretold as f32), (projected.perspective.slope, projected.perspective.curvature));
         assert_eq!(kept(1.01 * foretold as f32), ([Double(0.0); 2], Double(0.0)));
     }
 }
@@ -295,12 +297,12 @@ fn what_the_affine_projection_is_off_by_is_foretold() {
 #[test]
 fn the_affine_footprint_is_what_it_was() {
     let ball = at(20.0, DVec3::new(0.1, 0.05, 0.01), 30.0);
-    let seen = seen(&ball, &straight([100.0, 100.0]), ProjectionModel::Within(1e9));
-    let usual = footprint(&seen.splat);
-    let (own, variance) = footprint_in_perspective(&seen.splat, &seen.own, usual.reach);
+    let projected = projected(&ball, &straight([100.0, 100.0]), ProjectionModel::Within(1e9));
+    let expected = footprint(&projected.splat);
+    let (own, variance) = footprint_in_perspective(&projected.splat, &projected.perspective, expected.reach);
     for k in 0..3 {
-        assert!((own.root_conic[k].0 - usual.root_conic[k].0).abs() < SAME);
+        assert!((own.root_conic[k].0 - expected.root_conic[k].0).abs() < SAME);
     }
-    assert_eq!(own.mean2d, usual.mean2d);
-    assert!((variance[0].0 / seen.splat.variance[0].0 - 1.0).abs() < SAME);
+    assert_eq!(own.mean2d, expected.mean2d);
+    assert!((variance[0].0 / projected.splat.variance[0].0 - 1.0).abs() < SAME);
 }

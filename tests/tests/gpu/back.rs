@@ -535,7 +535,7 @@ impl Numbers {
         for number in 1..4 {
             let grad = exec.upload(&self.grad).expect("numbers fit");
             values = step(exec, values, &mut moments, grad, number);
-            let report = exec.report().expect("counts come back").expect("no step lacks room");
+            let report = exec.report().expect("counts come back").expect("no step exceeds the capacity");
             nonfinite += report.nonfinite;
         }
         let mut download = |array: &E::Array| {

@@ -144,9 +144,9 @@ fn snapped(mut cloud: Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     cloud
 }
 
-/// Number of an heir's parent.
-fn parent_of(cloud: &Gaussians<Vec<f32>>, heir: usize) -> usize {
-    let [parent] = cloud.get::<1>(heir, cloud.layout.sh_start());
+/// Index of a child's parent.
+fn parent_of(cloud: &Gaussians<Vec<f32>>, child: usize) -> usize {
+    let [parent] = cloud.get::<1>(child, cloud.layout.sh_start());
     parent as usize
 }
 
@@ -232,9 +232,9 @@ fn cases(count: usize) -> Vec<(&'static str, DensifyRules, usize)> {
         ("nothing happens", DensifyRules { opacity_min: 0.0, grad_min: 1e9, ..RULES }, UNLIMITED),
         ("all are split", DensifyRules { opacity_min: 0.0, grad_min: 0.0, split_scale: 0.0, ..RULES }, UNLIMITED),
         ("all are copied", DensifyRules { opacity_min: 0.0, grad_min: 0.0, split_scale: 1e9, ..RULES }, UNLIMITED),
-        ("no room", RULES, 0),
-        ("some room", RULES, count),
-        ("room for one", DensifyRules { opacity_min: 0.0, ..RULES }, count + 1),
+        ("no growth", RULES, 0),
+        ("some growth", RULES, count),
+        ("growth by one", DensifyRules { opacity_min: 0.0, ..RULES }, count + 1),
         ("large ones go", DensifyRules { scale_max: 0.304_996, ..RULES }, UNLIMITED),
     ]
 }
@@ -295,7 +295,7 @@ fn every_action_occurs() {
     assert!(all.cloned > 100 && all.split > 100 && all.pruned > 100, "{all:?}");
     let some = scene().densify(&mut cpu, &RULES, 5000);
     assert!(some.cloned + some.split < all.cloned + all.split && some.cloned > 10 && some.split > 10, "{some:?}");
-    assert_eq!(some.cloned + some.split, some.pruned, "room is what others leave");
+    assert_eq!(some.cloned + some.split, some.pruned, "Gaussians grow only in place of pruned ones");
 }
 
 #[test]

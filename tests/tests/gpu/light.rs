@@ -562,7 +562,7 @@ fn a_gradient_that_is_no_number_reaches_the_light_as_on_the_cpu() {
     grad[(channel::COLOR + 1) * size + 22 * 70 + 35] = f32::NAN;
     let (ours, theirs) = (scene.gradient(&mut gpu, &grad), scene.gradient(&mut cpu, &grad));
     let nonfinite = |values: &[f64]| values.iter().map(|x| !x.is_finite()).collect::<Vec<_>>();
-    assert!(nonfinite(&ours.light).contains(&true), "the light is told");
+    assert!(nonfinite(&ours.light).contains(&true), "the gradient of the light reports them");
     assert!(nonfinite(&ours.light) == nonfinite(&theirs.light), "the same texels are");
     assert!(nonfinite(&ours.environment) == nonfinite(&theirs.environment), "so is the same of the environment");
     assert!(nonfinite(&ours.grad) == nonfinite(&theirs.grad), "and the same of the pixels");
@@ -642,7 +642,7 @@ fn weights_that_no_array_holds_filter_light_to_the_same_bits_in_pieces() {
 #[test]
 fn gaussians_that_no_array_holds_are_refused_with_the_limit_and_what_to_do() {
     let Some(mut gpu) = executor_with_arrays_of(1000) else { return };
-    gpu.upload(&[0.0; 248]).expect("so many fit");
+    gpu.upload(&[0.0; 248]).expect("they fit");
     let refused = gpu.upload(&[0.0; 249]).expect_err("these do not").to_string();
     for said in ["996", "992", "fewer Gaussians", "the CPU"] {
         assert!(refused.contains(said), "{refused:?} should say {said:?}");

@@ -190,7 +190,7 @@ impl Scene {
         let [width, height] = self.size();
         let target = exec.target(width, height, &self.rgba).expect("the bytes fit");
         let grad = exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree");
-        let report = exec.report().expect("losses come back").expect("no step lacks room");
+        let report = exec.report().expect("losses come back").expect("no step exceeds the capacity");
         (report.loss, grad)
     }
 
@@ -576,8 +576,12 @@ impl Scene {
         read_grad(exec, &frame, &grad, &mut of_photograph);
         let grad = exec.expose_vjp(&frame, &EXPOSURE, grad).expect("the executor goes back");
         read_grad(exec, &frame, &grad, &mut of_picture);
-        let report = exec.report().expect("sums come back").expect("no step lacks room");
-        assert_eq!(exec.report().expect("nothing is left").and_then(|report| report.exposure), None, "it is told once");
+        let report = exec.report().expect("sums come back").expect("no step exceeds the capacity");
+        assert_eq!(
+            exec.report().expect("nothing is left").and_then(|report| report.exposure),
+            None,
+            "it is reported once"
+        );
         Exposed { before, after, of_photograph, of_picture, of_exposure: report.exposure.expect("there was one") }
     }
 

@@ -248,7 +248,7 @@ impl Scene {
 }
 
 #[test]
-fn a_viewer_of_halves_shows_what_the_processor_shows_of_rounded_numbers() {
+fn a_viewer_of_halves_shows_the_picture_of_rounded_attributes_on_the_cpu() {
     let Some(mut viewer) = viewer(Storage::F16) else { return };
     let variants = every_variant().into_iter().filter(|(_, rules)| rules.channels == Channels::Training);
     for (seed, (layout, rules)) in (0..).zip(variants) {

@@ -28,7 +28,7 @@ const ROUNDINGS: f64 = 2e-5;
 /// numbers that are sums of what cancels, a loss of normals.
 const LOOSE_MAX: f64 = 0.05;
 /// Smaller numbers need not be kept by executors: devices may flush them to zero.
-const LEAST: f64 = 1e-37;
+const NEGLIGIBLE: f64 = 1e-37;
 
 /// Texels along an edge of the light.
 const RESOLUTION: usize = 16;
@@ -46,7 +46,7 @@ fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Ve
 fn excess(actual: &[f64], expected: &[f64], reach: &[f64]) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
     let of = |k: usize| {
-        let allowed = AS_FAR * reach[k] + ROUNDINGS * expected[k].abs() + LEAST;
+        let allowed = AS_FAR * reach[k] + ROUNDINGS * expected[k].abs() + NEGLIGIBLE;
         let excess = (actual[k] - expected[k]).abs() / allowed;
         if excess.is_nan() { f64::INFINITY } else { excess }
     };

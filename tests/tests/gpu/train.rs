@@ -83,8 +83,8 @@ fn settings_for(name: &str, iterations: u32) -> Settings {
 }
 
 /// Points that a training starts from, moved in one of many ways; 0 for not at all.
-fn points(way: u64) -> Vec<Point> {
-    let moved = |k: u64, axis: u64| if way == 0 { 0.0 } else { MOVED * random::uniform(1 + way, axis, k) };
+fn points(variant: u64) -> Vec<Point> {
+    let moved = |k: u64, axis: u64| if variant == 0 { 0.0 } else { MOVED * random::uniform(1 + variant, axis, k) };
     let place = |k: u64, axis: u64| 1.6 * (random::uniform(1, axis, k) - 0.5) + moved(k, axis);
     (0..POINTS).map(|k| Point { position: [place(k, 0), place(k, 1), place(k, 2)], color: [0.5; 3] }).collect()
 }
@@ -145,8 +145,8 @@ fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_l
     let ours = quality(&grown, &settings);
     assert_eq!(nonfinite, 0, "every gradient is finite");
 
-    let trainings = (0..GROWN).map(|way| {
-        let (scene, _) = train_with(CpuExecutor::new(), settings.clone(), &points(way), ITERATIONS, |_, _| ());
+    let trainings = (0..GROWN).map(|variant| {
+        let (scene, _) = train_with(CpuExecutor::new(), settings.clone(), &points(variant), ITERATIONS, |_, _| ());
         (quality(&scene, &settings), scene.gaussians.count)
     });
     let (qualities, counts): (Vec<f64>, Vec<usize>) = trainings.unzip();
@@ -193,7 +193,7 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
     small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
     let (again, _) = train(small, settings("specula"), STEPS);
     assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
-    assert!(first == again, "a second run with room for fewer splats at once differs");
+    assert!(first == again, "a second run with capacity for fewer splats at once differs");
 }
 
 /// Training of a number of steps that is interrupted after some of them, and resumes from its
@@ -233,9 +233,9 @@ fn a_training_is_the_same_to_the_last_bit_in_pieces() {
 }
 
 #[test]
-fn a_training_is_the_same_to_the_last_bit_however_little_room_its_steps_are_given() {
+fn a_training_is_the_same_to_the_last_bit_whatever_the_capacity_of_its_steps() {
     const STEPS: u32 = 25;
-    const ROOMS: [usize; 4] = [0, 1, 700, 1 << 20];
+    const CAPACITIES: [usize; 4] = [0, 1, 700, 1 << 20];
     let Some(gpu) = executor() else { return };
     let mut settings = settings("specula");
     settings.profile.densification.from = 0;
@@ -243,7 +243,7 @@ fn a_training_is_the_same_to_the_last_bit_however_little_room_its_steps_are_give
     let first = train(gpu, settings.clone(), STEPS);
     let another = executor().expect("there was one before");
     let again = train_with(another, settings, &points(0), STEPS, |exec, step| {
-        exec.set_pair_capacity(ROOMS[step as usize % ROOMS.len()]);
+        exec.set_pair_capacity(CAPACITIES[step as usize % CAPACITIES.len()]);
     });
     assert_ne!(first.0.gaussians.count as u64, POINTS, "densification took part");
     assert!(first == again, "steps that had to be taken again differ");
@@ -275,8 +275,8 @@ fn a_step_without_room_changes_nothing_and_says_so() {
         Statistics { grad_sum: upload(&mut gpu, &zeros[..*count]), view_count: upload(&mut gpu, &zeros[..*count]) };
     let mut grad = values.clone();
     grad[3] = f32::NAN;
-    for room in [0, 1 << 20] {
-        gpu.set_pair_capacity(room);
+    for capacity in [0, 1 << 20] {
+        gpu.set_pair_capacity(capacity);
         let splats = gpu.project(&gaussians, &camera).expect("the device projects");
         gpu.bin_for_step(&splats, &camera).expect("the device sorts");
         let planes = GEOMETRY + 3;
@@ -290,7 +290,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
         let mut now = [values.clone(), zeros[..*count].to_vec()];
         gpu.download(&gaussians.values, &mut now[0]).expect("numbers come back");
         gpu.download(&statistics.view_count, &mut now[1]).expect("numbers come back");
-        if room == 0 {
+        if capacity == 0 {
             assert_eq!(report, None, "the step is to be taken again");
             assert!(now == [values.clone(), zeros[..*count].to_vec()], "nothing is changed");
         } else {

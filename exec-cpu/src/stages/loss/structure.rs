@@ -73,7 +73,7 @@ struct Strip<const PLANES: usize> {
     tiles: usize,
 }
 
-/// Tiles that a strip has room for, before it begins anew.
+/// Capacity of a strip in tiles, before it begins anew.
 const STRIP_TILES: usize = 8;
 
 impl<const PLANES: usize> Strip<PLANES> {

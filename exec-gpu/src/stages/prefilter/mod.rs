@@ -300,7 +300,7 @@ mod tests {
         let back = prefilter_vjp(context, &environment, &light, &grad).expect("the device goes back");
         [light.texels, back].map(|array| {
             let mut numbers = vec![0.0; array.len()];
-            context.download(&array, 0, &mut numbers).expect("there are so many");
+            context.download(&array, 0, &mut numbers).expect("the length is that of the array");
             numbers
         })
     }

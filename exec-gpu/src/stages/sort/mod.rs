@@ -156,7 +156,7 @@ mod tests {
             let array = context.upload("numbers", &own).expect("numbers fit");
             scan(&mut context, &array, len).expect("the device adds");
             let mut sums = vec![0; len];
-            context.download(&array, 0, &mut sums).expect("there are so many");
+            context.download(&array, 0, &mut sums).expect("the length is that of the array");
             let mut before = 0;
             for (k, sum) in sums.into_iter().enumerate() {
                 assert_eq!(sum, before, "number {k} of {len}");
@@ -171,7 +171,7 @@ mod tests {
         let len = 65_535 * WORKGROUP_SIZE as usize + 300;
         let array = iota(&mut context, "numbers", len).expect("numbers fit");
         let mut own = vec![0_u32; len];
-        context.download(&array, 0, &mut own).expect("there are so many");
+        context.download(&array, 0, &mut own).expect("the length is that of the array");
         assert!(own.into_iter().eq(0..len as u32), "every invocation has its own number");
     }
 
@@ -198,8 +198,8 @@ mod tests {
         };
         let sorted = sort(context, &counters, pairs, Len::Known(len), bits).expect("the device sorts");
         let mut own = [vec![0; len], vec![0; len]];
-        context.download(&sorted.keys, 0, &mut own[0]).expect("there are so many");
-        context.download(&sorted.items, 0, &mut own[1]).expect("there are so many");
+        context.download(&sorted.keys, 0, &mut own[0]).expect("the length is that of the array");
+        context.download(&sorted.items, 0, &mut own[1]).expect("the length is that of the array");
         let mut order: Vec<u32> = (0..len as u32).collect();
         let low = u32::MAX >> (32 - bits);
         order.sort_by_key(|item| keys[*item as usize] & low);

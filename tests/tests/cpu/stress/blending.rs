@@ -58,7 +58,7 @@ pub(crate) fn assert_front_to_back_is_finite(alphas: &[f64]) {
 }
 
 #[test]
-fn gradients_of_opaque_layers_are_those_of_f64_and_zero_where_alpha_is_limited() {
+fn gradients_of_opaque_layers_are_those_of_f64_and_zero_where_alpha_is_clamped() {
     let opaque = [1.0 - 1e-9; 3];
     let off = |seed: u64| {
         let draw = |index: u64| f64::from(random::uniform(seed, 1, index));
@@ -75,7 +75,7 @@ fn gradients_of_opaque_layers_are_those_of_f64_and_zero_where_alpha_is_limited()
 }
 
 #[test]
-fn what_a_stack_lets_through_is_that_of_f64() {
+fn the_transmittance_of_a_stack_is_that_of_f64() {
     let off = |seed: u64| {
         let count = 1 + (random::bits(seed, 2, 0) % 5000) as usize;
         // Their joint transmittance is that of a pixel that is not terminated.
@@ -92,7 +92,7 @@ fn what_a_stack_lets_through_is_that_of_f64() {
 }
 
 #[test]
-fn haze_is_lost_to_the_usual_least_alpha_and_kept_by_the_least() {
+fn haze_is_omitted_by_the_default_alpha_threshold_and_kept_by_the_reference() {
     const LAYERS: usize = 1000;
     let (haze, colors) = (strengths::<f32>(&[0.0035; LAYERS]), vec![1.0; LAYERS]);
     let exact = 1.0 - (1.0_f64 - 0.0035).powi(LAYERS as i32);
@@ -103,14 +103,14 @@ fn haze_is_lost_to_the_usual_least_alpha_and_kept_by_the_least() {
 }
 
 #[test]
-fn an_emitter_behind_a_wall_is_lost_to_the_usual_transmittance_and_kept_by_the_least() {
+fn an_emitter_behind_a_wall_is_omitted_by_the_default_transmittance_threshold_and_kept_by_the_reference() {
     let alphas = [1.0 - 0.1_f64.sqrt() * 0.1, 1.0 - 0.1_f64.sqrt() * 0.1, 0.99];
     let colors = [0.0, 0.0, 1e4];
     let through = alphas[..2].iter().map(|alpha| 1.0 - f64::from(*alpha as f32)).product::<f64>();
     let exact = through * f64::from(MAX_ALPHA) * 1e4;
     let [_, kept] = front_to_back(&Cutoffs::REFERENCE, &strengths::<f32>(&alphas), &colors);
     let [_, lost] = front_to_back(&Cutoffs::DEFAULT, &strengths::<f32>(&alphas), &colors);
-    println!("of {exact}, the usual cutoffs show {lost}");
+    println!("of {exact}, the default cutoffs show {lost}");
     assert_eq!(lost, 0.0, "a pixel ends before the splat that brings it below 10⁻⁴");
     assert_at_most("an emitter of 10⁴ behind a wall of 10⁻³", (kept / exact - 1.0).abs(), EMITTER);
 }

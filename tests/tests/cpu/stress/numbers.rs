@@ -51,7 +51,7 @@ fn a_gaussian_in_the_eye_is_seen_along_z_and_has_no_gradient() {
 }
 
 #[test]
-fn a_normal_that_a_residual_takes_away_is_the_axis() {
+fn a_normal_cancelled_by_a_residual_is_the_axis() {
     let (axis, eye) = (vec3(0.0_f32, 0.6, 0.8), vec3(0.0_f32, 0.0, 1.0));
     let (away, none) = (vec3(-0.0_f32, -0.6, -0.8), vec3(0.0_f32, 0.0, 0.0));
     assert_eq!(facing(axis, eye, [away, none], true).normal, axis);
@@ -75,11 +75,14 @@ pub(crate) fn stepped(grads: &[f32]) -> (Vec<f32>, usize) {
     let numbers = gaussians.values.iter().chain(&moments.mean).chain(&moments.square);
     assert!(numbers.into_iter().all(|x| x.is_finite()), "a number is not finite");
     let moved = gaussians.values.iter().zip(&before).map(|(after, before)| after - before);
-    (moved.take(grads.len()).collect(), exec.report().expect("the CPU counts").expect("there was room").nonfinite)
+    (
+        moved.take(grads.len()).collect(),
+        exec.report().expect("the CPU counts").expect("the capacity suffices").nonfinite,
+    )
 }
 
 #[test]
-fn a_step_of_adam_is_finite_for_any_gradient_and_counts_what_it_leaves_out() {
+fn a_step_of_adam_is_finite_for_any_gradient_and_counts_those_it_skips() {
     let (moved, left_out) = stepped(&[0.0, 1e-30, 1e-12, 1.0, 1e18, 1e30, -1e30, f32::INFINITY, f32::NAN]);
     println!("steps: {moved:?}");
     assert_eq!(left_out, 4, "±10³⁰, ∞ and NaN");

@@ -18,7 +18,7 @@ use specula_tests::{
 const NORMAL: usize = 4;
 
 #[test]
-fn a_picture_of_nothing_has_no_loss_of_normals_and_no_gradient_through_it() {
+fn an_empty_picture_has_no_normal_loss_and_no_gradient_through_it() {
     let mut exec = CpuExecutor::new();
     for name in ["everything behind the eye", "no Gaussians"] {
         let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");

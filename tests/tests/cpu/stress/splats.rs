@@ -170,7 +170,7 @@ fn an_exponent_is_never_positive_and_close_up_to_100_000_px() {
 }
 
 #[test]
-fn a_gaussian_through_the_plane_of_the_eye_makes_no_number_that_is_none_and_no_flash() {
+fn a_gaussian_through_the_plane_of_the_eye_makes_no_nan_and_no_flash() {
     let (mut exec, mut camera) = (CpuExecutor::new(), lens(48, 32));
     camera.position = glam::Vec3::ZERO;
     for scale in [0.01_f32, 0.1, 1.0, 10.0] {
@@ -282,7 +282,7 @@ fn scales_of_every_size_are_drawn_or_have_a_reason() {
 }
 
 #[test]
-fn what_is_extreme_but_valid_stays_visible() {
+fn extreme_but_valid_gaussians_stay_visible() {
     let (mut exec, camera) = (CpuExecutor::new(), lens(48, 32));
     let mut bright = one([0.0; 3], [-1.0; 3], 3.0);
     (0..3).for_each(|c| bright.set(0, LAYOUT.sh_start() + c, [1e4 / specula_core::sh::Y0]));
@@ -325,7 +325,7 @@ fn a_splat_does_not_depend_on_where_tiles_begin() {
 }
 
 #[test]
-fn tiles_reach_as_far_as_a_splat_is_seen() {
+fn tiles_cover_the_visible_extent_of_a_splat() {
     let own = splat(&shape::<f32>([0.0; 3], [-1.0; 3], [1.0, 0.0, 0.0, 0.0], 30.0), &lens(64, 64));
     let reach = footprint(&own).reach;
     let at_reach = (-0.5 * reach * reach).exp();

@@ -41,7 +41,7 @@ struct Scene {
     sun: f32,
 }
 
-/// The usual scene.
+/// Scene of units of one.
 const TWIN: Scene = Scene { unit: 1.0, sun: 2.0 };
 
 impl Scene {
@@ -131,18 +131,18 @@ fn trained(scene: Scene, points: &[Point], settings: &Settings) -> f64 {
     scene.quality(&mut trainer)
 }
 
-/// The quality of the usual scene, which is trained once.
+/// Quality of the scene of units of one, which is trained once.
 fn twin() -> f64 {
     static TRAINED: OnceLock<f64> = OnceLock::new();
     *TRAINED.get_or_init(|| trained(TWIN, &TWIN.points(), &settings("specula", ITERATIONS)))
 }
 
 #[test]
-fn scenes_in_any_units_train_as_well_as_in_usual_ones() {
+fn scenes_in_any_units_train_as_well_as_in_units_of_one() {
     for unit in [1e-4, 1e4] {
         let scene = Scene { unit, ..TWIN };
         let own = trained(scene, &scene.points(), &settings("specula", ITERATIONS));
-        println!("units of {unit:e}: {own:.3} dB, in usual ones {:.3} dB", twin());
+        println!("units of {unit:e}: {own:.3} dB, in units of one {:.3} dB", twin());
         assert_at_most("what units cost, in dB", twin() - own, AS_GOOD);
     }
 }
@@ -186,7 +186,7 @@ fn a_sun_of_ten_thousand_trains_as_well_as_a_lamp() {
 }
 
 #[test]
-fn an_opacity_reset_is_made_up_for_within_300_steps() {
+fn an_opacity_reset_is_recovered_within_300_steps() {
     const RESET: u32 = 100;
     let mut settings = settings("3dgs", RESET + 300);
     settings.profile.densification.reset_every = RESET;
@@ -207,7 +207,7 @@ fn an_opacity_reset_is_made_up_for_within_300_steps() {
 
 /// In small units, with all that happens in a training.
 #[test]
-fn no_stage_of_a_training_throws_it_back() {
+fn no_phase_of_a_training_loses_quality() {
     let scene = Scene { unit: 1e-4, ..TWIN };
     let mut settings = settings("specula", 2 * ITERATIONS);
     settings.profile.densification = by_name("specula", 2 * ITERATIONS).expect("a profile").densification;
