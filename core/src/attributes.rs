@@ -20,6 +20,7 @@
 use crate::{
     camera::CameraOf,
     covariance::{Quat, rotation},
+    loss::{LossWeights, residual_vjp, sparse, sparse_vjp},
     normal::{AxisRule, axis, facing},
     project::{Shape, project_vjp},
     real::Real,
@@ -71,7 +72,7 @@ pub trait AttributeGrads<R: Real> {
 
     /// Takes the gradients of three neighbouring planes.
     #[inline(always)]
-    fn put3(&mut self, first: usize, grad: Vec3<R>) {
+    fn set3(&mut self, first: usize, grad: Vec3<R>) {
         self.set(first, grad.x);
         self.set(first + 1, grad.y);
         self.set(first + 2, grad.z);
@@ -142,7 +143,7 @@ impl<R: Real> Harmonics<R> {
         let mut grad_basis = [grad.x.zero(); sh::MAX_COUNT];
         for k in 0..self.count {
             let plane = first + 3 * k;
-            out.put3(plane, grad * self.basis[k]);
+            out.set3(plane, grad * self.basis[k]);
             grad_basis[k] = grad.dot(planes.vec3(plane));
         }
         -sh::basis_vjp(self.ray_dir, self.count, &grad_basis)
@@ -194,7 +195,7 @@ impl<R: Real> LayerChannels<R> {
         channels
     }
     #[inline(always)]
-    fn put3(&mut self, first: usize, v: Vec3<R>) {
+    fn set3(&mut self, first: usize, v: Vec3<R>) {
         self.0[first] = v.x;
         self.0[first + 1] = v.y;
         self.0[first + 2] = v.z;
@@ -233,8 +234,8 @@ pub fn shape_vjp<R: Real>(
     out: &mut impl AttributeGrads<R>,
 ) {
     let grad = project_vjp(shape, camera, splat);
-    out.put3(MEAN, grad.mean + shading.mean);
-    out.put3(LOG_SCALE, grad.log_scales);
+    out.set3(MEAN, grad.mean + shading.mean);
+    out.set3(LOG_SCALE, grad.log_scales);
     for k in 0..4 {
         out.set(QUAT + k, grad.quat[k] + shading.quat[k]);
     }
@@ -341,11 +342,11 @@ impl GaussianShading {
         if self.layout.is_shaded() {
             let raw = planes.vec3(DIFFUSE);
             let terms = Terms::unlit(diffuse(raw, self.rules.shading), sum);
-            channels.put3(channel::COLOR, shade(self.rules.shading.form, &terms));
+            channels.set3(channel::COLOR, shade(self.rules.shading.form, &terms));
             (channels, raw.is_finite() & sum.is_finite())
         } else {
-            channels.put3(channel::COLOR, sh::radiance(sum));
-            channels.put3(channel::NORMAL, shortest_axis_normal(&shape, camera.position));
+            channels.set3(channel::COLOR, sh::radiance(sum));
+            channels.set3(channel::NORMAL, shortest_axis_normal(&shape, camera.position));
             (channels, sum.is_finite())
         }
     }
@@ -359,16 +360,16 @@ impl GaussianShading {
     ) -> LayerChannels<R> {
         let form = self.rules.shading.form;
         let mut channels = LayerChannels::with_depth(camera.to_camera(shaded.material.mean).z);
-        channels.put3(channel::COLOR, shade(form, terms));
-        channels.put3(channel::NORMAL, shaded.surface.facing.normal);
+        channels.set3(channel::COLOR, shade(form, terms));
+        channels.set3(channel::NORMAL, shaded.surface.facing.normal);
         channels.0[channel::RESIDUAL_SIZE] = shaded.surface.facing.residual_squared;
-        channels.put3(channel::TINT, terms.tint);
+        channels.set3(channel::TINT, terms.tint);
         channels.0[channel::ROUGHNESS] = shaded.surface.roughness;
         if self.channels() == Channels::Layers {
-            channels.put3(channel::DIFFUSE, terms.diffuse);
-            channels.put3(channel::SPECULAR, specular(form, terms));
-            channels.put3(channel::RESIDUAL, terms.residual);
-            channels.put3(channel::LIGHT, terms.specular_light);
+            channels.set3(channel::DIFFUSE, terms.diffuse);
+            channels.set3(channel::SPECULAR, specular(form, terms));
+            channels.set3(channel::RESIDUAL, terms.residual);
+            channels.set3(channel::LIGHT, terms.specular_light);
         }
         channels
     }
@@ -429,11 +430,65 @@ impl GaussianShading {
             grad.roughness = grad.roughness + roughness;
         }
         let grad = surface_vjp(&shaded.material, eye, self.rules.shading, &shaded.surface, &grad);
-        out.put3(DIFFUSE, grad.diffuse);
-        out.put3(TINT, grad.tint);
+        out.set3(DIFFUSE, grad.diffuse);
+        out.set3(TINT, grad.tint);
         out.set(ROUGHNESS, grad.roughness);
-        out.put3(NORMAL_RESIDUAL_1, grad.normal_residuals[0]);
-        out.put3(NORMAL_RESIDUAL_2, grad.normal_residuals[1]);
+        out.set3(NORMAL_RESIDUAL_1, grad.normal_residuals[0]);
+        out.set3(NORMAL_RESIDUAL_2, grad.normal_residuals[1]);
         PoseGrad { mean: grad.mean, quat: grad.quat }
+    }
+}
+
+/// Losses on the attributes of a Gaussian, not on images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttributeLosses {
+    /// Whether the sparsity of the opacity ([`sparse`]) has a weight.
+    pub is_sparse: bool,
+    /// Whether there are normal residuals, and their squares have a weight.
+    pub has_residual: bool,
+}
+
+impl AttributeLosses {
+    /// Losses that have a weight.
+    pub fn new(weights: &LossWeights, layout: Layout) -> Self {
+        Self { is_sparse: weights.sparse != 0.0, has_residual: weights.residual != 0.0 && layout.is_shaded() }
+    }
+    /// Factors of [`Self::loss`] for one Gaussian of `count`: losses are means over the Gaussians.
+    pub fn factors(weights: &LossWeights, count: usize) -> [f32; 2] {
+        let share = 1.0 / count as f32;
+        [weights.sparse * share, 2.0 * weights.residual * share]
+    }
+    /// Planes of both normal residuals, if they have a loss.
+    pub const fn residual_planes(self) -> core::ops::Range<usize> {
+        if self.has_residual { NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 } else { 0..0 }
+    }
+    /// Loss of one Gaussian: [`sparse`] of its opacity, and half of the squares of its normal
+    /// residuals, each times its factor.
+    #[inline(always)]
+    pub fn loss<R: Real>(self, planes: &impl AttributePlanes<R>, factors: [R; 2]) -> R {
+        let mut total = factors[0].zero();
+        if self.is_sparse {
+            total = total + sparse(planes.number(OPACITY)) * factors[0];
+        }
+        for plane in self.residual_planes() {
+            let number = planes.number(plane);
+            total = total + number * number * 0.5 * factors[1];
+        }
+        total
+    }
+    /// Gradients of [`Self::loss`] ([`sparse_vjp`], [`residual_vjp`]), plane by plane.
+    #[inline(always)]
+    pub fn loss_vjp<R: Real>(
+        self,
+        planes: &impl AttributePlanes<R>,
+        factors: [R; 2],
+        out: &mut impl AttributeGrads<R>,
+    ) {
+        if self.is_sparse {
+            out.set(OPACITY, sparse_vjp(planes.number(OPACITY), factors[0]));
+        }
+        for plane in self.residual_planes() {
+            out.set(plane, residual_vjp(planes.number(plane), factors[1]));
+        }
     }
 }

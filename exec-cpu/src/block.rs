@@ -38,3 +38,18 @@ impl<S: Simd> AttributeGrads<Lanes<S>> for BlockGrads<'_, S> {
         grad.keep(self.is_touched).store(&mut self.values[plane * BLOCK..]);
     }
 }
+
+/// Gradients that are added to those of a block's planes.
+pub(crate) struct AddedBlockGrads<'a, S: Simd> {
+    pub(crate) simd: S,
+    /// [`BLOCK`] numbers of each plane.
+    pub(crate) values: &'a mut [f32],
+}
+
+impl<S: Simd> AttributeGrads<Lanes<S>> for AddedBlockGrads<'_, S> {
+    #[inline(always)]
+    fn set(&mut self, plane: usize, grad: Lanes<S>) {
+        let values = &mut self.values[plane * BLOCK..];
+        (Lanes::load(self.simd, values) + grad).store(values);
+    }
+}

@@ -171,7 +171,7 @@ pub fn shade_vjp<R: Number>(
         } else {
             shading.radiance_vjp(&planes, eye, &channels, &mut out)
         };
-        out.put3(MEAN, pose.mean);
+        out.set3(MEAN, pose.mean);
         for k in 0..4 {
             out.set(QUAT + k, pose.quat[k]);
         }

@@ -6,12 +6,12 @@ use crate::{
     picture::{Frame, composite, vector_at},
 };
 use specula_core::{
-    attributes::{AttributeGrads, AttributePlanes},
+    attributes::AttributeLosses,
     camera::Camera,
     depth_normal::{self, Cross},
     loss::{self, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments},
     rules::channel,
-    scene::{Gaussians, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
+    scene::Gaussians,
     vector::{Mat3, Vec3},
 };
 
@@ -294,18 +294,14 @@ fn mean_ssim_vjp<R: Number>(frame: &Frame<R>, x: &[R], y: &[R], grad: R) -> Vec<
 
 /// The losses of the Gaussians themselves.
 pub fn attribute_loss<R: Number>(gaussians: &Gaussians<Vec<R>>, weights: &LossWeights) -> R {
-    let share = |weight: f32| R::of(f64::from(weight) / gaussians.count as f64);
-    let mut total = R::of(0.0);
-    for index in 0..gaussians.count {
-        let planes = gaussian(gaussians, index);
-        total = total + loss::sparse(planes.number(OPACITY)) * share(weights.sparse);
-        if gaussians.layout.is_shaded() {
-            let residuals = NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3;
-            let squared = residuals.fold(R::of(0.0), |sum, plane| sum + planes.number(plane).squared());
-            total = total + squared * share(weights.residual);
-        }
-    }
-    total
+    let losses = AttributeLosses::new(weights, gaussians.layout);
+    let loss_of = |index: usize| losses.loss(&gaussian(gaussians, index), attribute_factors(weights, gaussians.count));
+    (0..gaussians.count).fold(R::of(0.0), |total, index| total + loss_of(index))
+}
+
+/// [`AttributeLosses::factors`] in `f64`.
+fn attribute_factors<R: Number>(weights: &LossWeights, count: usize) -> [R; 2] {
+    [weights.sparse, 2.0 * weights.residual].map(|weight| R::of(f64::from(weight) / count as f64))
 }
 
 /// Gradient of [`attribute_loss`], added to that of the Gaussians.
@@ -314,15 +310,9 @@ pub fn attribute_loss_vjp<R: Number>(
     weights: &LossWeights,
     out: &mut Gaussians<Vec<R>>,
 ) {
-    let share = |weight: f32| R::of(f64::from(weight) / gaussians.count as f64);
+    let losses = AttributeLosses::new(weights, gaussians.layout);
     for index in 0..gaussians.count {
-        let planes = gaussian(gaussians, index);
-        let mut out = AddedGrads { gaussians: out, index };
-        out.set(OPACITY, loss::sparse_vjp(planes.number(OPACITY), share(weights.sparse)));
-        if gaussians.layout.is_shaded() {
-            for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
-                out.set(plane, loss::residual_vjp(planes.number(plane), share(weights.residual) * 2.0));
-            }
-        }
+        let factors = attribute_factors(weights, gaussians.count);
+        losses.loss_vjp(&gaussian(gaussians, index), factors, &mut AddedGrads { gaussians: out, index });
     }
 }

@@ -1,7 +1,7 @@
 //! Gradients of Gaussians from those of their splats and channels, sixteen at a time.
 
 use crate::{
-    block::{BlockGrads, BlockPlanes},
+    block::{AddedBlockGrads, BlockGrads, BlockPlanes},
     buffer::Buffer,
     context::Context,
     lanes::Lanes,
@@ -18,13 +18,13 @@ use crate::{
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    attributes::{AttributePlanes, LayerChannels, LookupGrad, PoseGrad, shape_vjp},
+    attributes::{AttributeLosses, AttributePlanes, LayerChannels, LookupGrad, PoseGrad, shape_vjp},
     camera::{Camera, CameraOf},
     each,
-    loss::{LossWeights, residual_vjp, sparse_vjp},
+    loss::LossWeights,
     real::Real,
     rules::{Channels, channel},
-    scene::{BLOCK, Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
+    scene::{BLOCK, Gaussians, Layout},
     splat::SplatGrad,
     state::AdamMoments,
 };
@@ -160,7 +160,7 @@ impl Backwards<'_> {
             let grads = SplatGradLanes::new(simd, self.grads, number);
             block_vjp(simd, block, camera, self.scene, &grads, out, light_grad);
         }
-        attribute_losses_vjp(simd, block, self.scene, self.weights, self.count, out);
+        add_attribute_losses(simd, block, self.scene.shading.layout, self.weights, self.count, out);
     }
 }
 
@@ -256,30 +256,17 @@ fn lit_vjp<S: Simd>(
     scene.shading.surface_vjp(planes, camera.position, &lit.shaded, &grad, &grads.channels, &lookup, out)
 }
 
-/// Adds the losses that look at attributes, not at pictures: sparse opacities and small normal
-/// residuals.
+/// Adds the gradients of the losses on attributes.
 #[inline(always)]
-fn attribute_losses_vjp<S: Simd>(
+fn add_attribute_losses<S: Simd>(
     simd: S,
     block: &[f32],
-    scene: Scene<'_>,
+    layout: Layout,
     weights: &LossWeights,
     count: usize,
     out: &mut [f32],
 ) {
-    let share = 1.0 / count as f32;
-    let mut add = |plane: usize, grad: Lanes<S>| {
-        let slot = &mut out[plane * BLOCK..];
-        (Lanes::load(simd, slot) + grad).store(slot);
-    };
-    if weights.sparse != 0.0 {
-        let logit = Lanes::load(simd, &block[OPACITY * BLOCK..]);
-        add(OPACITY, sparse_vjp(logit, logit.constant(weights.sparse * share)));
-    }
-    if weights.residual != 0.0 && scene.shading.layout.is_shaded() {
-        for plane in NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 {
-            let number = Lanes::load(simd, &block[plane * BLOCK..]);
-            add(plane, residual_vjp(number, number.constant(2.0 * weights.residual * share)));
-        }
-    }
+    let planes = BlockPlanes { simd, values: block };
+    let factors = AttributeLosses::factors(weights, count).map(|factor| Lanes::splat(simd, factor));
+    AttributeLosses::new(weights, layout).loss_vjp(&planes, factors, &mut AddedBlockGrads { simd, values: out });
 }

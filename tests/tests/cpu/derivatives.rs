@@ -8,7 +8,8 @@ use proptest::{collection::vec, prelude::*};
 use specula_core::{
     activation,
     attributes::{
-        self, AttributeGrads, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, ShadedGaussian,
+        self, AttributeGrads, AttributeLosses, AttributePlanes, GaussianShading, LayerChannels, LightSample,
+        LookupGrad, ShadedGaussian,
     },
     blend,
     camera::{Camera, CameraOf, NEAR},
@@ -523,6 +524,21 @@ proptest! {
             &[colors[1]],
             |x| vec![x[0] * x[0] * 0.5],
             |x, g| vec![loss::residual_vjp(x[0], g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn losses_on_attributes_are_derived_right(numbers in vec(-2.0..2.0_f64, Layout::shaded(None).plane_count())) {
+        let losses = AttributeLosses { is_sparse: true, has_residual: true };
+        assert_vjp(
+            &numbers,
+            |x| vec![losses.loss(&PlaneRow(x), [x[0].constant(0.3), x[0].constant(0.7)])],
+            |x, g| {
+                let mut out = PlaneRowGrads(vec![g[0].zero(); x.len()]);
+                losses.loss_vjp(&PlaneRow(x), [g[0] * 0.3, g[0] * 0.7], &mut out);
+                out.0
+            },
             SAME_DERIVATIVE,
         );
     }

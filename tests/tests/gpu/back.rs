@@ -3,7 +3,7 @@
 
 use core::iter;
 use specula_core::{
-    attributes::GaussianShading,
+    attributes::{AttributeLosses, GaussianShading},
     camera::Camera,
     double::Double,
     executor::{Executor, Renderer},
@@ -25,7 +25,7 @@ use specula_gpu::{
             ReplayDivision,
             formulas::{MomentsVjp, ReplaySplat, ReplayStart},
         },
-        gaussians_vjp::formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp},
+        gaussians_vjp::formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp, SplitSumVjp},
         optimise::formulas::AdamStep,
     },
 };
@@ -94,7 +94,7 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         let rows = gaussian_rows(layout);
         let planes = rows.chunks(rows.len() / ROWS).flat_map(|row| &row[..layout.plane_count()]).copied();
         let rows = side_by_side(&planes.collect::<Vec<f32>>(), &unit(8, 2));
-        assert_same(gpu, &AttributeLosses { layout, is_sparse, has_residual }, &rows);
+        assert_same(gpu, &AttributeLossesVjp { layout, losses: AttributeLosses { is_sparse, has_residual } }, &rows);
     }
     let bounds = [[-1.0, 1.0], [-0.1, 0.1], [0.0, 0.01], [-1.0, 1.0], [0.001, 0.01], [1e-17, 1e-16]];
     assert_same(gpu, &AdamStep, &uniform_rows(9, &bounds));

@@ -10,12 +10,14 @@ use crate::{
     },
 };
 use specula_core::{
-    attributes::{AttributeGrads, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, shape_vjp},
+    attributes::{
+        AttributeGrads, AttributeLosses, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad,
+        shape_vjp,
+    },
     cubemap::bilinear_vjp,
-    loss::{residual_vjp, sparse_vjp},
     real::Real,
     rules::{Channels, channel},
-    scene::{Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY},
+    scene::Layout,
     shade::ShadingForm,
     splat::SplatGrad,
     vector::vec3,
@@ -131,35 +133,33 @@ formula!(SplitSumVjp, |_, inputs| split_sum_slopes(
     [right, lower]
 });
 
-/// Gradients of the losses on attributes, not on images: of the opacity and of both normal
-/// residuals.
+/// Gradients of the losses on attributes ([`specula_core::attributes::AttributeLosses`]): of the
+/// opacity and of both normal residuals.
 #[derive(Clone, Copy, Debug)]
-pub struct AttributeLosses {
+pub struct AttributeLossesVjp {
     /// Planes of the Gaussians.
     pub layout: Layout,
-    /// Whether the sparsity of opacities has a weight.
-    pub is_sparse: bool,
-    /// Whether there are normal residuals, and their size has a weight.
-    pub has_residual: bool,
+    /// Losses that have a weight.
+    pub losses: AttributeLosses,
 }
 
-impl AttributeLosses {
-    fn residual_planes(&self) -> core::ops::Range<usize> {
-        match self.has_residual {
-            true => NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3,
-            false => 0..0,
-        }
+/// Gradients in the order in which they are set.
+struct GradList<R>(Vec<R>);
+
+impl<R: Real> AttributeGrads<R> for GradList<R> {
+    fn set(&mut self, _: usize, grad: R) {
+        self.0.push(grad);
     }
 }
 
-formula!(AttributeLosses, |this, inputs| attribute_losses_vjp(
+formula!(AttributeLossesVjp, |this, inputs| attribute_losses_vjp(
     ..planes_field(this.layout), ..[variable("attributes.sparse", 1), variable("attributes.residual", 1)]
 ) -> (..[
-    call("add_to_opacity", usize::from(this.is_sparse)), call("add_to_residuals", this.residual_planes().len())
+    call("add_to_opacity", usize::from(this.losses.is_sparse)),
+    call("add_to_residuals", this.losses.residual_planes().len())
 ]) {
     let planes = Planes(inputs.slice(this.layout.plane_count()));
-    let [sparse, residual] = inputs.array();
-    let of_opacity = this.is_sparse.then(|| sparse_vjp(planes.number(OPACITY), sparse));
-    let of_residual = |plane: usize| residual_vjp(planes.number(plane), residual);
-    of_opacity.into_iter().chain(this.residual_planes().map(of_residual)).collect::<Vec<R>>()
+    let mut grads = GradList(Vec::new());
+    this.losses.loss_vjp(&planes, inputs.array(), &mut grads);
+    grads.0
 });

@@ -22,9 +22,9 @@ use crate::{
     },
 };
 use bytemuck::{Pod, Zeroable};
-use formulas::{AttributeLosses, LookupVjp, PlanesVjp, SplitSumVjp};
+use formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp, SplitSumVjp};
 use specula_core::{
-    attributes::GaussianShading,
+    attributes::{AttributeLosses, GaussianShading},
     camera::Camera,
     loss::LossWeights,
     rules::RenderRules,
@@ -54,7 +54,7 @@ pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> Str
     source.with(include_str!("gaussians_vjp.wgsl")).text()
 }
 
-pub(crate) fn attribute_source(losses: &AttributeLosses) -> String {
+pub(crate) fn attribute_source(losses: &AttributeLossesVjp) -> String {
     Source::new()
         .real()
         .part(|source| planes(source, losses.layout))
@@ -135,21 +135,16 @@ fn add_attribute_losses(
     weights: &LossWeights,
     grads: &ChunkedArray,
 ) -> Result<(), GpuError> {
-    let LossWeights { sparse, residual, .. } = *weights;
-    let losses = AttributeLosses {
-        layout: gaussians.layout,
-        is_sparse: sparse != 0.0,
-        has_residual: residual != 0.0 && gaussians.layout.is_shaded(),
-    };
+    let losses = AttributeLosses::new(weights, gaussians.layout);
     if !losses.is_sparse && !losses.has_residual {
         return Ok(());
     }
-    let share = 1.0 / gaussians.count as f32;
+    let losses = AttributeLossesVjp { layout: gaussians.layout, losses };
+    let [sparse, residual] = AttributeLosses::factors(weights, gaussians.count);
     let (key, source) = (format!("{losses:?}"), || attribute_source(&losses));
     for (chunk, grads) in pairs(gaussians, grads) {
         let count = chunk.gaussians.len();
-        let attributes =
-            Attributes { gaussian_count: count as u32, sparse: sparse * share, residual: 2.0 * residual * share };
+        let attributes = Attributes { gaussian_count: count as u32, sparse, residual };
         let bindings = [Uniform(bytemuck::bytes_of(&attributes)), Buffer(chunk.array), Buffer(grads)];
         context.dispatch(&key, "attribute_losses", &source, &bindings, Dispatch::Invocations(count))?;
     }
