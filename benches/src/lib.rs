@@ -26,11 +26,12 @@ const RADIUS: [f32; 2] = [1.0, 0.4];
 /// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in
 /// 0.3–0.98; in the order that a training keeps them in.
 pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
-    let points: Vec<Point> = (0..count).map(|k| Point { position: place(k).0, color: [0.6, 0.4, 0.3] }).collect();
+    let points: Vec<Point> =
+        (0..count).map(|k| Point { position: point_on_torus(k).0, color: [0.6, 0.4, 0.3] }).collect();
     let mut cloud = gaussians(&points, profile, SEED);
     let spacing = (TAU * TAU * RADIUS[0] * RADIUS[1] / count as f32).sqrt();
     for index in 0..count {
-        let (position, normal) = place(index);
+        let (position, normal) = point_on_torus(index);
         let turn = glam::Quat::from_rotation_arc(glam::Vec3::Z, glam::Vec3::from(normal));
         cloud.set(index, MEAN, position);
         cloud.set(index, LOG_SCALE, [spacing.ln(), (0.7 * spacing).ln(), (0.1 * spacing).ln()]);
@@ -41,7 +42,7 @@ pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
     cloud
 }
 
-fn place(index: usize) -> ([f32; 3], [f32; 3]) {
+fn point_on_torus(index: usize) -> ([f32; 3], [f32; 3]) {
     let (around, across) = (TAU * uniform(SEED, 0, index as u64), TAU * uniform(SEED, 1, index as u64));
     let normal = [across.cos() * around.cos(), across.cos() * around.sin(), across.sin()];
     let centre = [RADIUS[0] * around.cos(), RADIUS[0] * around.sin(), 0.0];

@@ -15,9 +15,9 @@ pub struct Ball {
 }
 
 impl Ball {
-    /// Whether a place lies in it: |p − c|² ≤ r². What is not finite lies outside.
-    pub fn contains(&self, place: [f32; 3]) -> bool {
-        let [x, y, z] = core::array::from_fn(|axis| place[axis] - self.center[axis]);
+    /// Whether a point lies in it: |p − c|² ≤ r². What is not finite lies outside.
+    pub fn contains(&self, point: [f32; 3]) -> bool {
+        let [x, y, z] = core::array::from_fn(|axis| point[axis] - self.center[axis]);
         x * x + y * y + z * z <= self.radius * self.radius
     }
 }
@@ -29,11 +29,11 @@ mod tests {
     #[test]
     fn a_ball_has_its_surface_and_nothing_beyond_it() {
         let ball = Ball { center: [1.0, -2.0, 0.5], radius: 2.0 };
-        for place in [[1.0, -2.0, 0.5], [3.0, -2.0, 0.5], [1.0, -4.0, 0.5], [2.0, -3.0, 1.5]] {
-            assert!(ball.contains(place), "{place:?} is in it");
+        for point in [[1.0, -2.0, 0.5], [3.0, -2.0, 0.5], [1.0, -4.0, 0.5], [2.0, -3.0, 1.5]] {
+            assert!(ball.contains(point), "{point:?} is in it");
         }
-        for place in [[3.001, -2.0, 0.5], [-0.5, -3.0, 2.0], [f32::NAN, -2.0, 0.5], [1.0, f32::INFINITY, 0.5]] {
-            assert!(!ball.contains(place), "{place:?} is not");
+        for point in [[3.001, -2.0, 0.5], [-0.5, -3.0, 2.0], [f32::NAN, -2.0, 0.5], [1.0, f32::INFINITY, 0.5]] {
+            assert!(!ball.contains(point), "{point:?} is not");
         }
     }
 }

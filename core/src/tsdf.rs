@@ -63,17 +63,17 @@ pub fn vertex(distances: &[f32; CORNERS]) -> Option<([f32; 3], [f32; 3])> {
         }
     }
     (crossings > 0.0).then(|| {
-        let place = sum.map(|sum: f32| sum / crossings);
-        (place, normal(distances, place))
+        let vertex = sum.map(|sum: f32| sum / crossings);
+        (vertex, normal(distances, vertex))
     })
 }
 
-/// The gradient of the trilinear distance at a place of a cell, made unit; zero where there is
+/// The gradient of the trilinear distance at a point of a cell, made unit; zero where there is
 /// none.
-fn normal(distances: &[f32; CORNERS], place: [f32; 3]) -> [f32; 3] {
+fn normal(distances: &[f32; CORNERS], vertex: [f32; 3]) -> [f32; 3] {
     let share = |corner: usize, axis: usize| match corner >> axis & 1 {
-        0 => 1.0 - place[axis],
-        _ => place[axis],
+        0 => 1.0 - vertex[axis],
+        _ => vertex[axis],
     };
     let slope = |axis: usize| {
         let others = [(axis + 1) % 3, (axis + 2) % 3];

@@ -49,10 +49,10 @@ impl<T: Default> Pool<T> {
     fn nearest(&self, len: usize) -> Option<Vec<T>> {
         const WASTE_MAX: usize = 4;
         let mut free = self.lock();
-        let sizes = || free.iter().enumerate().map(|(place, values)| (values.len(), place));
+        let sizes = || free.iter().enumerate().map(|(index, values)| (values.len(), index));
         let fits = sizes().filter(|(size, _)| (len..=WASTE_MAX * len.max(1024)).contains(size)).min();
-        let (_, place) = fits.or_else(|| sizes().filter(|(size, _)| *size < len).max())?;
-        Some(free.swap_remove(place))
+        let (_, index) = fits.or_else(|| sizes().filter(|(size, _)| *size < len).max())?;
+        Some(free.swap_remove(index))
     }
 }
 
@@ -127,11 +127,11 @@ mod tests {
     fn memory_comes_back() {
         let pool = Pool::<f32>::default();
         let first = pool.take(1000);
-        let place = first.as_ptr();
+        let address = first.as_ptr();
         drop(first);
         let again = pool.take(900);
-        assert_eq!((again.as_ptr(), again.len()), (place, 900), "the same memory, a little shorter");
-        assert_ne!(pool.take(900).as_ptr(), place, "it is in use");
+        assert_eq!((again.as_ptr(), again.len()), (address, 900), "the same memory, a little shorter");
+        assert_ne!(pool.take(900).as_ptr(), address, "it is in use");
     }
 
     #[test]

@@ -62,13 +62,13 @@ impl Cover {
         self.before[row * self.columns] as usize
     }
     /// Column and row of a covered tile.
-    pub(crate) fn place(&self, slot: usize) -> [usize; 2] {
+    pub(crate) fn tile_position(&self, slot: usize) -> [usize; 2] {
         let tile = self.tiles[slot] as usize;
         [tile % self.columns, tile / self.columns]
     }
     /// Upper left corner of a covered tile, in pixels.
     pub(crate) fn origin(&self, slot: usize) -> [f32; 2] {
-        self.place(slot).map(|tile| (tile * SIZE) as f32)
+        self.tile_position(slot).map(|tile| (tile * SIZE) as f32)
     }
 }
 
@@ -179,7 +179,7 @@ impl Frame {
         values.fill([0.0; BLOCK]);
         let len = tile_len(self.channels);
         for (slot, quad, lane) in self.lanes_of_tiles() {
-            let ([column, row], [x, y]) = (self.cover.place(slot), quad_origin(quad));
+            let ([column, row], [x, y]) = (self.cover.tile_position(slot), quad_origin(quad));
             let (x, y) = (column * SIZE + x + lane % QUAD, row * SIZE + y + lane / QUAD);
             if x < self.width && y < self.height {
                 for plane in 0..=self.channels {
@@ -198,7 +198,7 @@ impl Frame {
 
     fn read_rows<'a>(&self, tile_row: usize, rows: &mut [f32], quad_of: impl Fn(usize, usize) -> &'a Quad) {
         for slot in self.cover.before_row(tile_row)..self.cover.before_row(tile_row + 1) {
-            let [column, _] = self.cover.place(slot);
+            let [column, _] = self.cover.tile_position(slot);
             for quad in 0..QUADS {
                 let values = quad_of(slot, quad);
                 let [x, y] = quad_origin(quad);

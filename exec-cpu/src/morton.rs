@@ -19,7 +19,7 @@ pub fn sort_in_space(gaussians: &mut Gaussians<Vec<f32>>) {
     let codes = codes(gaussians);
     let mut order: Vec<u32> = (0..gaussians.count as u32).collect();
     order.sort_by_key(|index| codes[*index as usize]);
-    gaussians.values = gather(gaussians, &gaussians.values, order.len(), |place| Some(order[place] as usize));
+    gaussians.values = gather(gaussians, &gaussians.values, order.len(), |index| Some(order[index] as usize));
 }
 
 /// A cloud of `count` whose Gaussian at each place is that of `source`, or zero for none.
@@ -55,9 +55,9 @@ mod tests {
         let values = vec![0.0; len_of_values(40, layout)];
         let mut cloud = Gaussians { count: 40, layout, values };
         for index in 0..40 {
-            let place = ((index * 7) % 40) as f32;
-            cloud.set(index, MEAN, [place, 0.0, 0.0]);
-            cloud.set(index, layout.sh_start(), [place]);
+            let x = ((index * 7) % 40) as f32;
+            cloud.set(index, MEAN, [x, 0.0, 0.0]);
+            cloud.set(index, layout.sh_start(), [x]);
         }
         sort_in_space(&mut cloud);
         for index in 0..40 {

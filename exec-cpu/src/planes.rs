@@ -27,7 +27,7 @@ impl Planes {
         Self { columns, rows, count, values: context.take::<Row>(columns * rows * count * SIZE) }
     }
     /// All planes, row of tiles by row of tiles, and where each row of tiles begins. There a plane
-    /// follows another, and in each [`place_in_row`] says where a tile lies.
+    /// follows another, and in each [`plane_start`] says where a tile lies.
     pub(crate) fn parts(&mut self) -> (&mut [Row], impl Fn(usize) -> usize + Sync + use<>) {
         let len = self.columns * self.count * SIZE;
         (&mut self.values, move |row| row * len)
@@ -36,7 +36,7 @@ impl Planes {
     #[inline(always)]
     pub(crate) fn plane(&self, [column, row]: [usize; 2], plane: usize) -> &[Row] {
         let row_start = row * self.columns * self.count * SIZE;
-        &self.values[row_start + place_in_row(self.columns, plane, column)..][..SIZE]
+        &self.values[row_start + plane_start(self.columns, plane, column)..][..SIZE]
     }
     /// The rows of a plane in the columns of a tile, as many above as below it, in the terms of
     /// [`Planes::read_window`].
@@ -52,8 +52,8 @@ impl Planes {
             // Above the first row this wraps to a number that no grid has.
             let tile_row = (row + down).wrapping_sub(1);
             if tile_row < self.rows && is_written(tile_row * self.columns + column) {
-                let own = &self.plane([column, tile_row], plane)[from..from + count];
-                rows[first..first + count].iter_mut().zip(own).for_each(|(to, own)| *to = own);
+                let source = &self.plane([column, tile_row], plane)[from..from + count];
+                rows[first..first + count].iter_mut().zip(source).for_each(|(to, row)| *to = row);
             }
         }
         rows
@@ -76,8 +76,8 @@ impl Planes {
                 let (tile_column, tile_row) = ((column + across).wrapping_sub(1), (row + down).wrapping_sub(1));
                 let is_inside = tile_column < self.columns && tile_row < self.rows;
                 if is_inside && is_written(tile_row * self.columns + tile_column) {
-                    let own = &self.plane([tile_column, tile_row], plane)[from..from + count];
-                    copy_part(across, rows, own);
+                    let source = &self.plane([tile_column, tile_row], plane)[from..from + count];
+                    copy_part(across, rows, source);
                 } else {
                     copy_part(across, rows, &[[0.0; SIZE]; SIZE][..count]);
                 }
@@ -95,8 +95,8 @@ const fn bands(rows: usize) -> [(usize, usize, usize); 3] {
 
 /// The part of wide rows that a tile shows: the left neighbour, the tile itself, or the right one.
 #[inline(always)]
-fn copy_part(across: usize, rows: &mut [WideRow], own: &[Row]) {
-    let rows = rows.iter_mut().zip(own);
+fn copy_part(across: usize, rows: &mut [WideRow], source: &[Row]) {
+    let rows = rows.iter_mut().zip(source);
     match across {
         0 => rows.for_each(|(to, from)| to[..CENTER].copy_from_slice(&from[SIZE - CENTER..])),
         1 => rows.for_each(|(to, from)| to[CENTER..CENTER + SIZE].copy_from_slice(from)),
@@ -106,7 +106,7 @@ fn copy_part(across: usize, rows: &mut [WideRow], own: &[Row]) {
 
 /// Start of a tile's plane in a row of tiles.
 #[inline(always)]
-pub(crate) const fn place_in_row(columns: usize, plane: usize, column: usize) -> usize {
+pub(crate) const fn plane_start(columns: usize, plane: usize, column: usize) -> usize {
     (plane * columns + column) * SIZE
 }
 

@@ -30,7 +30,7 @@ impl<R: Number> Lit<R> {
             roughness: frame.values[channel::ROUGHNESS * size + index],
             coverage: -frame.values[(frame.channels - 1) * size + index] + 1.0,
         };
-        let center = |place: usize| R::of(place as f64 + 0.5);
+        let center = |index: usize| R::of(index as f64 + 0.5);
         let (x, y) = (center(index % frame.width), center(index / frame.width));
         let view_dir = camera.lift(R::of(0.0)).view_dir(x, y);
         let surface = pixel_surface(&pixel, view_dir);

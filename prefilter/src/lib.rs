@@ -266,9 +266,9 @@ impl Operator {
             let mut weights = 0;
             while next < self.row_count() && weights < weights_at_once {
                 let rows: Vec<usize> = (next..(next + ROWS_AT_ONCE).min(self.row_count())).collect();
-                let own: Vec<Sparse> = rows.par_chunks(ROWS_OF_A_TASK).map(|rows| self.sparse_rows(rows)).collect();
-                weights += own.iter().map(|part| part.weights.len()).sum::<usize>();
-                parts.extend(own);
+                let chunks: Vec<Sparse> = rows.par_chunks(ROWS_OF_A_TASK).map(|rows| self.sparse_rows(rows)).collect();
+                weights += chunks.iter().map(|part| part.weights.len()).sum::<usize>();
+                parts.extend(chunks);
                 next += rows.len();
             }
             (first < next).then(|| (first, Sparse::join(&parts)))

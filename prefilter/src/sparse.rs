@@ -81,10 +81,10 @@ impl Sparse {
         let (mut columns, mut weights) = (vec![0; self.columns.len()], vec![0.0; self.columns.len()]);
         for row in 0..self.row_count() {
             for tap in self.starts[row]..self.starts[row + 1] {
-                let place = &mut next[self.columns[tap] as usize];
-                columns[*place] = row as u32;
-                weights[*place] = self.weights[tap];
-                *place += 1;
+                let index = &mut next[self.columns[tap] as usize];
+                columns[*index] = row as u32;
+                weights[*index] = self.weights[tap];
+                *index += 1;
             }
         }
         Self { starts, columns, weights }

@@ -66,8 +66,8 @@ impl Tiles {
     /// Intersections of one Gaussian.
     #[inline(always)]
     pub(crate) fn positions_of(&self, gaussian: usize) -> impl Iterator<Item = usize> + '_ {
-        let own = self.emissions[gaussian] as usize..self.emissions[gaussian + 1] as usize;
-        self.positions[own].iter().map(|position| position.load(Relaxed) as usize)
+        let range = self.emissions[gaussian] as usize..self.emissions[gaussian + 1] as usize;
+        self.positions[range].iter().map(|position| position.load(Relaxed) as usize)
     }
 }
 
@@ -140,12 +140,12 @@ fn spread_all(context: &Context, records: &[SplatRecord], grid: [u32; 2]) -> Res
     let mut spans = context.take::<Span>(total as usize);
     let mut counts = context.take::<u32>(records.len() + 1);
     let count = records.len().div_ceil(GAUSSIANS_AT_ONCE);
-    let place = |part: usize| (part * GAUSSIANS_AT_ONCE).min(records.len());
-    let spans_of = |part: usize| rows[place(part)].first_span as usize;
-    let parts = (Pieces::new(&mut spans, &spans_of), Pieces::new(&mut counts[..records.len()], &place));
+    let start_of = |part: usize| (part * GAUSSIANS_AT_ONCE).min(records.len());
+    let spans_of = |part: usize| rows[start_of(part)].first_span as usize;
+    let parts = (Pieces::new(&mut spans, &spans_of), Pieces::new(&mut counts[..records.len()], &start_of));
     each_part(count, parts, &|part, (spans, counts): (Pieces<'_, Span>, Pieces<'_, u32>)| {
-        let own = place(part)..place(part + 1);
-        let blocks = records[own.clone()].chunks(BLOCK).zip(rows[own].chunks(BLOCK));
+        let range = start_of(part)..start_of(part + 1);
+        let blocks = records[range.clone()].chunks(BLOCK).zip(rows[range].chunks(BLOCK));
         let (spans, first_span) = (spans.only(), spans_of(part));
         dispatch!(context.level, simd => {
             for ((records, rows), counts) in blocks.zip(counts.only().chunks_mut(BLOCK)) {
@@ -226,9 +226,9 @@ fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>
     let mut numbers = [[0.0; BLOCK]; 7];
     for (lane, record) in records.iter().enumerate() {
         let ([x, y], [xx, yx, yy]) = (record.mean2d, record.root_conic);
-        let own = [x, y, xx, yx, yy, record.reach, record.half_extent[0]];
-        for k in 0..own.len() {
-            numbers[k][lane] = own[k];
+        let shape = [x, y, xx, yx, yy, record.reach, record.half_extent[0]];
+        for k in 0..shape.len() {
+            numbers[k][lane] = shape[k];
         }
     }
     let load = |k: usize| Lanes::load(simd, &numbers[k]);
@@ -262,9 +262,9 @@ pub(crate) fn depth_order(context: &Context, records: &[SplatRecord]) -> Buffer<
             (*start, total) = (total, total + *start);
         }
         for entry in keyed.iter() {
-            let place = &mut starts[digit(entry.0, pass)];
-            scratch[*place as usize] = *entry;
-            *place += 1;
+            let offset = &mut starts[digit(entry.0, pass)];
+            scratch[*offset as usize] = *entry;
+            *offset += 1;
         }
         core::mem::swap(&mut keyed, &mut scratch);
     }
@@ -306,8 +306,8 @@ fn sort_into_tiles(
     for tile in 0..tile_count {
         starts[tile] = total;
         for part in 0..SORT_PARTS {
-            let place = &mut next[part * tile_count + tile];
-            (*place, total) = (total, total + *place);
+            let offset = &mut next[part * tile_count + tile];
+            (*offset, total) = (total, total + *offset);
         }
     }
     starts[tile_count] = total;
@@ -318,10 +318,10 @@ fn sort_into_tiles(
         for (_, gaussian) in order {
             let mut emission = emissions[*gaussian as usize] as usize;
             spread.each_tile(*gaussian as usize, columns, |tile| {
-                let place = &mut next[tile];
-                gaussians[*place as usize].store(*gaussian, Relaxed);
-                positions[emission].store(*place, Relaxed);
-                *place += 1;
+                let offset = &mut next[tile];
+                gaussians[*offset as usize].store(*gaussian, Relaxed);
+                positions[emission].store(*offset, Relaxed);
+                *offset += 1;
                 emission += 1;
             });
         }

@@ -47,9 +47,9 @@ impl SplatGrads {
     /// Creates gradients with this number of channels from values in the order of
     /// [`SplatGrads::values`].
     pub fn of_values(channels: usize, values: &[f32]) -> Self {
-        let mut own = crate::buffer::Pool::default().take(values.len());
-        own.copy_from_slice(values);
-        Self { channels, values: own }
+        let mut buffer = crate::buffer::Pool::default().take(values.len());
+        buffer.copy_from_slice(values);
+        Self { channels, values: buffer }
     }
     #[cfg(feature = "testing")]
     /// Number of channels.

@@ -179,9 +179,9 @@ pub(crate) fn limit_plane(
         if outside.is_some_and(|ball| ball.contains(gaussians.get(index, MEAN))) {
             continue;
         }
-        let place = gaussians.index_of(index, plane);
-        gaussians.values[place] = gaussians.values[place].min(ceiling);
-        moments.mean[place] = 0.0;
-        moments.square[place] = 0.0;
+        let index = gaussians.index_of(index, plane);
+        gaussians.values[index] = gaussians.values[index].min(ceiling);
+        moments.mean[index] = 0.0;
+        moments.square[index] = 0.0;
     }
 }

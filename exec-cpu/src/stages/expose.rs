@@ -34,7 +34,7 @@ pub(crate) fn expose_vjp(
     tiles.enumerate().for_each(|(slot, (grad, sums))| {
         dispatch!(context.level, simd => sums.copy_from_slice(&tile_vjp(simd, frame, slot, exposure, grad)));
     });
-    let add = |sum: Exposure<f64>, own: &[[f64; 4]]| array::from_fn(|c| array::from_fn(|k| sum[c][k] + own[c][k]));
+    let add = |sum: Exposure<f64>, part: &[[f64; 4]]| array::from_fn(|c| array::from_fn(|k| sum[c][k] + part[c][k]));
     let of_exposure = sums.chunks_exact(RGB).fold([[0.0; 4]; 3], add);
     (grad, of_exposure)
 }
@@ -87,9 +87,9 @@ fn tile_vjp<S: Simd>(
         let (color, coverage) = color_and_coverage(simd, frame, slot, quad);
         let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
         let (of_photograph, of_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
-        let (own, of_color, of_coverage) = expose::expose_vjp(&exposure, color, coverage, of_photograph);
-        for (sum, own) in sums.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
-            *sum = *sum + *own;
+        let (of_exposure, of_color, of_coverage) = expose::expose_vjp(&exposure, color, coverage, of_photograph);
+        for (sum, grad) in sums.as_flattened_mut().iter_mut().zip(of_exposure.as_flattened()) {
+            *sum = *sum + *grad;
         }
         of_color.x.store(&mut grad[at(channels, quad, 0)]);
         of_color.y.store(&mut grad[at(channels, quad, 1)]);

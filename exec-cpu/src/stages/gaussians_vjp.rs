@@ -190,8 +190,8 @@ impl<S: Simd> SplatGradLanes<S> {
         }
         let blended = Channels::of_count(grads.channels);
         for (k, lanes) in channels.0.iter_mut().enumerate() {
-            if let Some(place) = blended.index_of(k) {
-                *lanes = load(GEOMETRY + place);
+            if let Some(channel) = blended.index_of(k) {
+                *lanes = load(GEOMETRY + channel);
             }
         }
         Self { geometry, channels, is_touched: !are_zero }

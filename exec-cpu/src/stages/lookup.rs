@@ -21,7 +21,7 @@ use specula_core::{
 use specula_prefilter::SPLIT_SUM;
 
 /// Position of a lookup: between two levels, at the same point of the cube.
-struct Place<S: Simd> {
+struct Footprints<S: Simd> {
     point: FacePoint<Lanes<S>>,
     sharp: Corners<S>,
     blurred: Corners<S>,
@@ -29,7 +29,7 @@ struct Place<S: Simd> {
     share: Lanes<S>,
 }
 
-impl<S: Simd> Place<S> {
+impl<S: Simd> Footprints<S> {
     #[inline(always)]
     fn new(simd: S, light: &Light, direction: Vec3<Lanes<S>>, roughness: Lanes<S>) -> Self {
         let point = project(direction);
@@ -76,7 +76,7 @@ impl<S: Simd> Corners<S> {
 
     /// The four texels of a lane. What is not a number ends at the last texel.
     #[inline(always)]
-    fn places(&self, lane: usize, count: usize) -> [usize; 4] {
+    fn texel_indices(&self, lane: usize, count: usize) -> [usize; 4] {
         let (first, width) = (self.first[lane] as usize, self.width[lane] as usize);
         let last = count - 1;
         [first.min(last), (first + 1).min(last), (first + width).min(last), (first + width + 1).min(last)]
@@ -84,8 +84,8 @@ impl<S: Simd> Corners<S> {
 
     #[inline(always)]
     fn read(&self, simd: S, texels: &[Texel], lane: usize) -> [f32x4<S>; 4] {
-        let [a, b, c, d] = self.places(lane, texels.len());
-        let at = |place: usize| f32x4::simd_from(simd, texels[place]);
+        let [a, b, c, d] = self.texel_indices(lane, texels.len());
+        let at = |index: usize| f32x4::simd_from(simd, texels[index]);
         [at(a), at(b), at(c), at(d)]
     }
 }
@@ -159,16 +159,17 @@ pub(crate) fn radiance<S: Simd>(
     direction: Vec3<Lanes<S>>,
     roughness: Lanes<S>,
 ) -> Vec3<Lanes<S>> {
-    let place = Place::new(simd, light, direction, roughness);
+    let footprints = Footprints::new(simd, light, direction, roughness);
     let weights = |corners: &Corners<S>, share: Lanes<S>| {
         let [a, b, c, d] = bilinear_weights(corners.footprint.right, corners.footprint.lower);
         [(a * share).to_array(), (b * share).to_array(), (c * share).to_array(), (d * share).to_array()]
     };
-    let sharp = weights(&place.sharp, -place.share + 1.0);
-    let blurred = weights(&place.blurred, place.share);
+    let sharp = weights(&footprints.sharp, -footprints.share + 1.0);
+    let blurred = weights(&footprints.blurred, footprints.share);
     let mut mixed = [[0.0; 4]; BLOCK];
     for lane in 0..BLOCK {
-        let (near, far) = (place.sharp.read(simd, &light.texels, lane), place.blurred.read(simd, &light.texels, lane));
+        let (near, far) =
+            (footprints.sharp.read(simd, &light.texels, lane), footprints.blurred.read(simd, &light.texels, lane));
         let mut sum = f32x4::splat(simd, 0.0);
         for k in 0..4 {
             sum = near[k].mul_add(f32x4::splat(simd, sharp[k][lane]), sum);
@@ -181,28 +182,28 @@ pub(crate) fn radiance<S: Simd>(
 
 /// Light from one direction at one roughness, with what its gradient needs.
 pub(crate) struct Lookup<S: Simd> {
-    place: Place<S>,
+    footprints: Footprints<S>,
     sharp: Sampled<S>,
     blurred: Sampled<S>,
 }
 
 impl<S: Simd> Lookup<S> {
     #[inline(always)]
-    fn at(simd: S, light: &Light, place: Place<S>) -> Self {
-        let sharp = Sampled::new(simd, light, &place.sharp);
-        let blurred = Sampled::new(simd, light, &place.blurred);
-        Self { place, sharp, blurred }
+    fn at(simd: S, light: &Light, footprints: Footprints<S>) -> Self {
+        let sharp = Sampled::new(simd, light, &footprints.sharp);
+        let blurred = Sampled::new(simd, light, &footprints.blurred);
+        Self { footprints, sharp, blurred }
     }
     #[inline(always)]
     pub(crate) fn radiance(&self) -> Vec3<Lanes<S>> {
-        self.sharp.radiance.add_scaled(self.place.share, self.blurred.radiance - self.sharp.radiance)
+        self.sharp.radiance.add_scaled(self.footprints.share, self.blurred.radiance - self.sharp.radiance)
     }
 }
 
 /// Light along a direction at a roughness.
 #[inline(always)]
 pub(crate) fn look_up<S: Simd>(simd: S, light: &Light, direction: Vec3<Lanes<S>>, roughness: Lanes<S>) -> Lookup<S> {
-    Lookup::at(simd, light, Place::new(simd, light, direction, roughness))
+    Lookup::at(simd, light, Footprints::new(simd, light, direction, roughness))
 }
 
 /// Irradiance along a normal, from the map behind the last level.
@@ -210,13 +211,13 @@ pub(crate) fn look_up<S: Simd>(simd: S, light: &Light, direction: Vec3<Lanes<S>>
 pub(crate) fn look_up_irradiance<S: Simd>(simd: S, light: &Light, normal: Vec3<Lanes<S>>) -> Lookup<S> {
     let point = project(normal);
     let map = Lanes::splat(simd, light.levels().len() as f32);
-    let place = Place {
+    let footprints = Footprints {
         sharp: Corners::new(simd, light, &point, map),
         blurred: Corners::new(simd, light, &point, map),
         share: normal.x.zero(),
         point,
     };
-    Lookup::at(simd, light, place)
+    Lookup::at(simd, light, footprints)
 }
 
 /// Gradient of [`look_up`], or of [`look_up_irradiance`], which has none in the roughness: with
@@ -230,15 +231,15 @@ pub(crate) fn look_up_vjp<S: Simd>(
     grad: Vec3<Lanes<S>>,
     light_grad: &mut [Texel],
 ) -> (Vec3<Lanes<S>>, Lanes<S>) {
-    let Lookup { place, sharp, blurred } = lookup;
-    let (of_sharp, of_blurred) = (grad * (-place.share + 1.0), grad * place.share);
-    add_to_texels(simd, &place.sharp, of_sharp, light_grad);
-    add_to_texels(simd, &place.blurred, of_blurred, light_grad);
-    let (half, half_blurred) = (place.sharp.resolution * 0.5, place.blurred.resolution * 0.5);
+    let Lookup { footprints, sharp, blurred } = lookup;
+    let (of_sharp, of_blurred) = (grad * (-footprints.share + 1.0), grad * footprints.share);
+    add_to_texels(simd, &footprints.sharp, of_sharp, light_grad);
+    add_to_texels(simd, &footprints.blurred, of_blurred, light_grad);
+    let (half, half_blurred) = (footprints.sharp.resolution * 0.5, footprints.blurred.resolution * 0.5);
     let u = sharp.to_right.dot(of_sharp) * half + blurred.to_right.dot(of_blurred) * half_blurred;
     let v = sharp.downwards.dot(of_sharp) * half + blurred.downwards.dot(of_blurred) * half_blurred;
     let grad_position = grad.dot(blurred.radiance - sharp.radiance);
-    (project_vjp(&place.point, u, v), level_of_roughness_vjp(roughness, light.levels(), grad_position))
+    (project_vjp(&footprints.point, u, v), level_of_roughness_vjp(roughness, light.levels(), grad_position))
 }
 
 /// Gives each of a footprint's texels its share of the gradient, lane after lane.
@@ -252,9 +253,9 @@ fn add_to_texels<S: Simd>(simd: S, corners: &Corners<S>, grad: Vec3<Lanes<S>>, l
             continue;
         }
         let grad = f32x4::simd_from(simd, grads[lane]);
-        let places = corners.places(lane, light_grad.len());
+        let indices = corners.texel_indices(lane, light_grad.len());
         for k in 0..4 {
-            let texel = &mut light_grad[places[k]];
+            let texel = &mut light_grad[indices[k]];
             *texel = grad.mul_add(f32x4::splat(simd, weights[k][lane]), f32x4::simd_from(simd, *texel)).into();
         }
     }
@@ -265,7 +266,7 @@ struct TableFetch<S: Simd> {
     corners: [[Lanes<S>; 2]; 4],
     right: Lanes<S>,
     lower: Lanes<S>,
-    /// 1 where a coordinate lies inside the table, 0 where it was limited.
+    /// 1 where a coordinate lies inside the table, 0 where it was clamped.
     is_free: [Lanes<S>; 2],
 }
 
@@ -273,14 +274,14 @@ struct TableFetch<S: Simd> {
 fn table_fetch<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> TableFetch<S> {
     let size = RESOLUTION as f32;
     let last = size - 1.0;
-    let place = |x: Lanes<S>| {
+    let cell_of = |x: Lanes<S>| {
         let free = x * size - 0.5;
         let inside = free.zero().less(free) & free.less(free.constant(last));
         let limited = free.clamp(0.0, last);
         let cell = limited.floor().min(limited.constant(last - 1.0));
         (cell, limited - cell, free.constant(1.0).keep(inside))
     };
-    let ((column, right, free_x), (row, lower, free_y)) = (place(n_dot_v), place(roughness));
+    let ((column, right, free_x), (row, lower, free_y)) = (cell_of(n_dot_v), cell_of(roughness));
     let (column, row) = (column.to_array(), row.to_array());
     let corner = |dx: usize, dy: usize| {
         let entry: [[f32; 2]; BLOCK] =
@@ -337,8 +338,8 @@ pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_coun
     let others = &others[..part_count.saturating_sub(1) * texel_count];
     sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
         for part in others.chunks_exact(texel_count) {
-            let own = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
-            sum.iter_mut().zip(own).for_each(|(sum, texel)| {
+            let texels = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
+            sum.iter_mut().zip(texels).for_each(|(sum, texel)| {
                 sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
             });
         }

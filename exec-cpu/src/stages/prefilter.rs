@@ -77,8 +77,8 @@ impl Light {
     /// [`specula_core::cubemap::padded_index`].
     pub fn set_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
         let first = self.offsets()[level];
-        for (own, [red, green, blue]) in self.texels[first..].iter_mut().zip(texels) {
-            *own = [red, green, blue, 0.0];
+        for (texel, [red, green, blue]) in self.texels[first..].iter_mut().zip(texels) {
+            *texel = [red, green, blue, 0.0];
         }
     }
     #[cfg(feature = "testing")]

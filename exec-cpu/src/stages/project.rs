@@ -74,8 +74,8 @@ impl Splats {
     pub fn share_in_perspective(&self) -> f64 {
         let Some(splats) = &self.in_perspective else { return 0.0 };
         let drawn = || splats.iter().zip(self.records.iter()).filter(|(_, record)| record.reach > 0.0);
-        let own = drawn().filter(|(splat, _)| splat.slope != [0.0; 2] || splat.curvature != 0.0).count();
-        own as f64 / drawn().count().max(1) as f64
+        let count = drawn().filter(|(splat, _)| splat.slope != [0.0; 2] || splat.curvature != 0.0).count();
+        count as f64 / drawn().count().max(1) as f64
     }
     /// Whether any Gaussian of a block is drawn.
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
@@ -180,9 +180,9 @@ fn project_in_perspective<S: Simd>(
         let shape = BlockPlanes { simd, values: block }.shape();
         let splat = project(&shape, &camera);
         let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
-        let own = perspective(cutoffs.projection(), &shape, &splat, &camera);
-        store_in_perspective(&splat, &own, splats);
-        let (footprint, variance) = footprint_in_perspective(&splat, &own, reach);
+        let perspective = perspective(cutoffs.projection(), &shape, &splat, &camera);
+        store_in_perspective(&splat, &perspective, splats);
+        let (footprint, variance) = footprint_in_perspective(&splat, &perspective, reach);
         let splat = Splat { mean2d: footprint.mean2d, root_conic: footprint.root_conic, variance, ..splat };
         store_records(&splat, reach, half_extent(&splat, reach), records);
     }

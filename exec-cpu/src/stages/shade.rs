@@ -104,10 +104,10 @@ fn shade_block<S: Simd>(
 /// The channels of each Gaussian side by side, of those that are blended.
 fn interleave<S: Simd>(channels: &LayerChannels<Lanes<S>>, blended: Channels, out: &mut [f32]) {
     for (c, lanes) in channels.0.iter().enumerate() {
-        let Some(place) = blended.index_of(c) else { continue };
+        let Some(channel) = blended.index_of(c) else { continue };
         let lanes = lanes.to_array();
         for (gaussian, value) in out.chunks_exact_mut(blended.count()).zip(lanes) {
-            gaussian[place] = value;
+            gaussian[channel] = value;
         }
     }
 }

@@ -206,20 +206,20 @@ fn tile_vjp<S: Simd>(
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
         }
-        let own = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
-        let normal = of_picture.load3(channel::NORMAL) + own.normal;
-        let tint = of_picture.load3(channel::TINT) + own.tint;
-        let roughness = of_picture.load(channel::ROUGHNESS) + own.roughness;
-        let passed = of_picture.transmittance() - (own.coverage + grad_coverage);
-        store(own.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
-        for (first, own) in [(channel::NORMAL, normal), (channel::TINT, tint)] {
+        let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
+        let normal = of_picture.load3(channel::NORMAL) + of_surface.normal;
+        let tint = of_picture.load3(channel::TINT) + of_surface.tint;
+        let roughness = of_picture.load(channel::ROUGHNESS) + of_surface.roughness;
+        let transmittance = of_picture.transmittance() - (of_surface.coverage + grad_coverage);
+        store(of_surface.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
+        for (first, vector) in [(channel::NORMAL, normal), (channel::TINT, tint)] {
             if let Some(index) = channels.index_of(first) {
-                store(own, &mut grad[at(channels.count(), quad, index)..]);
+                store(vector, &mut grad[at(channels.count(), quad, index)..]);
             }
         }
         if let Some(index) = channels.index_of(channel::ROUGHNESS) {
             roughness.store(&mut grad[at(channels.count(), quad, index)]);
         }
-        passed.store(&mut grad[at(channels.count(), quad, channels.count())]);
+        transmittance.store(&mut grad[at(channels.count(), quad, channels.count())]);
     }
 }

@@ -201,13 +201,13 @@ impl SplatBatch for PerspectiveBatch {
         let splat = self.affine.scale(simd, first);
         let load = |numbers: &Numbers| Lanes::load(simd, &numbers[first..]);
         let slope = [load(&self.slope[0]), load(&self.slope[1])];
-        let own = Perspective { slope, curvature: load(&self.curvature) };
-        ray_scale_of_origin(splat.mean2d, own.slope).store(&mut self.of_corner[first..]);
-        scaled_curvature(own.curvature).store(&mut self.curvature[first..]);
+        let perspective = Perspective { slope, curvature: load(&self.curvature) };
+        ray_scale_of_origin(splat.mean2d, perspective.slope).store(&mut self.of_corner[first..]);
+        scaled_curvature(perspective.curvature).store(&mut self.curvature[first..]);
         for quad in 0..QUADS {
             let bounds = |axis: usize, index: usize| pixel_bounds(splat.mean2d[axis], index);
             let (dx, dy) = (bounds(0, quad % QUADS_ACROSS), bounds(1, quad / QUADS_ACROSS));
-            splats[quad] |= may_overlap(cutoffs, &splat, &own, dx, dy).bits() << first;
+            splats[quad] |= may_overlap(cutoffs, &splat, &perspective, dx, dy).bits() << first;
         }
     }
 

@@ -93,9 +93,9 @@ impl<const N: usize> CubeMap<N> {
             }
             sum.map(|sum| sum / total)
         };
-        let places = (0..6 * resolution * resolution)
+        let texels = (0..6 * resolution * resolution)
             .map(|k| (k / (resolution * resolution), k / resolution % resolution, k % resolution));
-        Self { resolution, texels: places.map(|(face, row, column)| texel(face, row, column)).collect() }
+        Self { resolution, texels: texels.map(|(face, row, column)| texel(face, row, column)).collect() }
     }
 
     /// The light from a direction.

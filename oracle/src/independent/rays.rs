@@ -65,8 +65,8 @@ impl View {
 
     /// From the eye through the centre of a pixel, in camera space, with z = 1.
     pub fn ray(&self, pixel: usize) -> DVec3 {
-        let place = [pixel % self.size[0], pixel / self.size[0]];
-        let slope = |axis: usize| (place[axis] as f64 + 0.5 - self.principal_px[axis]) / self.focal_px[axis];
+        let position = [pixel % self.size[0], pixel / self.size[0]];
+        let slope = |axis: usize| (position[axis] as f64 + 0.5 - self.principal_px[axis]) / self.focal_px[axis];
         DVec3::new(slope(0), slope(1), 1.0)
     }
 

@@ -117,10 +117,10 @@ impl Comparison<'_> {
 
     /// One for the pixels of a quad that lie in the picture, zero for others.
     #[inline(always)]
-    pub(super) fn inside<S: Simd>(&self, simd: S, place: [usize; 2], quad: usize) -> Lanes<S> {
+    pub(super) fn inside<S: Simd>(&self, simd: S, tile: [usize; 2], quad: usize) -> Lanes<S> {
         let [x, y] = quad_origin(quad);
-        let x = Lanes::from_array(simd, PIXEL_X) + (place[0] * SIZE + x) as f32;
-        let y = Lanes::from_array(simd, PIXEL_Y) + (place[1] * SIZE + y) as f32;
+        let x = Lanes::from_array(simd, PIXEL_X) + (tile[0] * SIZE + x) as f32;
+        let y = Lanes::from_array(simd, PIXEL_Y) + (tile[1] * SIZE + y) as f32;
         let end = |pixels: usize| Lanes::splat(simd, pixels as f32);
         let is_inside = x.less(end(self.target.width)) & y.less(end(self.target.height));
         x.constant(1.0).keep(is_inside)

@@ -5,7 +5,7 @@ use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
     parts::Pieces,
-    planes::{CENTER, Planes, Row, WideRow, place_in_row},
+    planes::{CENTER, Planes, Row, WideRow, plane_start},
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -70,12 +70,12 @@ fn compare_tile<S: Simd>(
 ) -> f64 {
     let Comparison { frame, camera, weights, .. } = comparison;
     let camera = camera.lift(Lanes::splat(simd, 0.0));
-    let place = frame.cover.place(slot);
+    let position = frame.cover.tile_position(slot);
     let is_covered = |tile: usize| frame.cover.slot(tile).is_some();
     let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 2];
     let [coverages, all_depths] = &mut windows;
-    planes.read_window(place, plane::COVERAGE, is_covered, coverages);
-    planes.read_window(place, plane::DEPTH, is_covered, all_depths);
+    planes.read_window(position, plane::COVERAGE, is_covered, coverages);
+    planes.read_window(position, plane::DEPTH, is_covered, all_depths);
     let mut sum = Lanes::splat(simd, 0.0);
     for row in 0..SIZE {
         let a = Lanes::load(simd, &coverages[row + 1][CENTER..]);
@@ -86,7 +86,7 @@ fn compare_tile<S: Simd>(
             let plane = |c: usize| {
                 Lanes::from_array(simd, row_of_tile(frame.tile(slot), frame.channels, channel::NORMAL + c, row))
             };
-            let [x, y] = centres(simd, place, row);
+            let [x, y] = centres(simd, position, row);
             let patch = NormalPatch {
                 rays: rays_around(&camera, x, y),
                 depths: cross(simd, all_depths, row),
@@ -108,7 +108,7 @@ fn compare_tile<S: Simd>(
             }
         }
         for (plane, lanes) in grad_depths.into_iter().enumerate() {
-            lanes.store(&mut out[place_in_row(frame.cover.columns, plane, place[0]) + row]);
+            lanes.store(&mut out[plane_start(frame.cover.columns, plane, position[0]) + row]);
         }
     }
     f64::from(sum.sum())
@@ -116,10 +116,10 @@ fn compare_tile<S: Simd>(
 
 /// Centres of sixteen pixels of a row of a tile.
 #[inline(always)]
-fn centres<S: Simd>(simd: S, place: [usize; 2], row: usize) -> [Lanes<S>; 2] {
+fn centres<S: Simd>(simd: S, position: [usize; 2], row: usize) -> [Lanes<S>; 2] {
     const LANES: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
-    let x = Lanes::from_array(simd, LANES) + (place[0] * SIZE) as f32;
-    [x, Lanes::splat(simd, (place[1] * SIZE + row) as f32 + 0.5)]
+    let x = Lanes::from_array(simd, LANES) + (position[0] * SIZE) as f32;
+    [x, Lanes::splat(simd, (position[1] * SIZE + row) as f32 + 0.5)]
 }
 
 /// Gathers the gradients of a tile's depths from its pixels' neighbours, and propagates them to
@@ -134,13 +134,13 @@ fn gather<S: Simd>(
     grad: &mut [Quad],
 ) {
     let Frame { cover, channels, .. } = comparison.frame;
-    let place = cover.place(slot);
+    let position = cover.tile_position(slot);
     let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 4];
     for (plane, window) in windows.iter_mut().enumerate() {
-        of_neighbours.read_window(place, plane, |tile| cover.slot(tile).is_some(), window);
+        of_neighbours.read_window(position, plane, |tile| cover.slot(tile).is_some(), window);
     }
     let [left, right, above, below] = &windows;
-    let (coverage, depth) = (planes.plane(place, plane::COVERAGE), planes.plane(place, plane::DEPTH));
+    let (coverage, depth) = (planes.plane(position, plane::COVERAGE), planes.plane(position, plane::DEPTH));
     for row in 0..SIZE {
         // The contribution of a pixel to its left neighbour is stored one to the right of that
         // neighbour; likewise in the other directions.

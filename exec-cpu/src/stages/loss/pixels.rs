@@ -76,7 +76,7 @@ impl Comparison<'_> {
     fn quad_losses<S: Simd>(
         &self,
         simd: S,
-        place: [usize; 2],
+        position: [usize; 2],
         quad: usize,
         slot: Option<usize>,
         mut grad: Option<&mut [Quad]>,
@@ -84,12 +84,12 @@ impl Comparison<'_> {
     ) -> [Lanes<S>; 8] {
         let Self { frame, target, weights, background, .. } = self;
         let channels = frame.channels;
-        let mut inside = self.inside(simd, place, quad);
+        let mut inside = self.inside(simd, position, quad);
         if target.has_unknown {
-            inside = inside * target.known(simd, place, quad);
+            inside = inside * target.known(simd, position, quad);
         }
         let [truth @ .., alpha] =
-            read_target(simd, &target.quads[(place[1] * target.columns + place[0]) * QUADS + quad]);
+            read_target(simd, &target.quads[(position[1] * target.columns + position[0]) * QUADS + quad]);
         let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
         let (of_absolute, of_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
         let of_channel =
@@ -109,8 +109,8 @@ impl Comparison<'_> {
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
             if let Some(grad) = &mut grad {
-                let own = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
-                own.store(&mut grad[at(channels, quad, c)]);
+                let color_grad = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
+                color_grad.store(&mut grad[at(channels, quad, c)]);
             }
             (pixels[plane::RENDERED + c], pixels[plane::TRUTH + c]) = (rendered, truth);
         }
@@ -143,7 +143,7 @@ impl Comparison<'_> {
             dispatch!(self.context.level, simd => {
                 for quad in 0..QUADS {
                     if self.target.has_unknown {
-                        let known = self.target.known(simd, self.frame.cover.place(slot), quad);
+                        let known = self.target.known(simd, self.frame.cover.tile_position(slot), quad);
                         for c in 0..3 {
                             let color = &mut tile[at(channels, quad, c)];
                             (Lanes::load(simd, color) * known).store(color);

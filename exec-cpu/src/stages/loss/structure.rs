@@ -6,7 +6,7 @@ use crate::{
     frame::{Frame, Quad, SIZE, tile_len},
     lanes::Lanes,
     parts::Pieces,
-    planes::{Planes, Row, place_in_row},
+    planes::{Planes, Row, plane_start},
 };
 use fearless_simd::{Simd, dispatch};
 use specula_core::loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean};
@@ -161,13 +161,13 @@ fn read_moments<S: Simd>(
     simd: S,
     comparison: &Comparison<'_>,
     planes: &Planes,
-    place: [usize; 2],
+    position: [usize; 2],
     c: usize,
     moments: &mut [[Lanes<S>; 4]; ROWS],
 ) {
     let is_written = |tile: usize| comparison.distance[tile] < FAR;
-    let rendered = planes.rows_around::<ROWS>(place, plane::RENDERED + c, is_written);
-    let truth = planes.rows_around::<ROWS>(place, plane::TRUTH + c, is_written);
+    let rendered = planes.rows_around::<ROWS>(position, plane::RENDERED + c, is_written);
+    let truth = planes.rows_around::<ROWS>(position, plane::TRUTH + c, is_written);
     for row in 0..ROWS {
         moments[row] = SsimMoments::products(Lanes::load(simd, rendered[row]), Lanes::load(simd, truth[row]));
     }
@@ -188,9 +188,9 @@ fn compare_tile<S: Simd>(
         let moments = SsimMoments::of_means(strip.along(simd, window, row));
         let count = if row < rows { columns } else { 0 };
         sum = sum + ssim(&moments).keep_first(count);
-        let own = ssim_vjp(&moments, factor);
+        let grads = ssim_vjp(&moments, factor);
         for k in 0..3 {
-            own[k].keep_first(count).store(&mut partials[place_in_row(all_columns, k, column) + row]);
+            grads[k].keep_first(count).store(&mut partials[plane_start(all_columns, k, column) + row]);
         }
     }
     f64::from(sum.sum())
@@ -217,9 +217,9 @@ fn add_grads_of_row<S: Simd>(
         let is_near = next < columns && distance[row * columns + next] <= 2;
         if is_near {
             for k in 0..3 {
-                let own = partials.rows_around::<ROWS>([next, row], 3 * c + k, |tile| distance[tile] <= 1);
+                let around = partials.rows_around::<ROWS>([next, row], 3 * c + k, |tile| distance[tile] <= 1);
                 for row in 0..ROWS {
-                    rows[row][k] = Lanes::load(simd, own[row]);
+                    rows[row][k] = Lanes::load(simd, around[row]);
                 }
             }
         }
@@ -238,16 +238,16 @@ fn add_grads<S: Simd>(
     strip: &Strip<3>,
     window: &Window<S>,
     planes: &Planes,
-    place: [usize; 2],
+    position: [usize; 2],
     c: usize,
     frame: &Frame,
     tile: &mut [Quad],
 ) {
-    let (rendered, truth) = (planes.plane(place, plane::RENDERED + c), planes.plane(place, plane::TRUTH + c));
-    let [columns, rows] = inside(frame, place);
+    let (rendered, truth) = (planes.plane(position, plane::RENDERED + c), planes.plane(position, plane::TRUTH + c));
+    let [columns, rows] = inside(frame, position);
     for row in 0..rows {
         let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
-        let own = ssim_pixel_vjp(x, y, strip.along(simd, window, row)).keep_first(columns);
-        add_to_row(tile, frame.channels, c, row, &own.to_array());
+        let row_grad = ssim_pixel_vjp(x, y, strip.along(simd, window, row)).keep_first(columns);
+        add_to_row(tile, frame.channels, c, row, &row_grad.to_array());
     }
 }

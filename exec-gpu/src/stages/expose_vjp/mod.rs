@@ -47,14 +47,14 @@ impl ExposureSums {
 
     /// Sum over all tiles, in their order, from the downloaded sums.
     pub(crate) fn total(sums: &[f32]) -> Exposure<f64> {
-        let add = |sum: Exposure<f64>, own: &[f32]| -> Exposure<f64> {
-            array::from_fn(|row| array::from_fn(|k| sum[row][k] + f64::from(own[4 * row + k])))
+        let add = |sum: Exposure<f64>, tile: &[f32]| -> Exposure<f64> {
+            array::from_fn(|row| array::from_fn(|k| sum[row][k] + f64::from(tile[4 * row + k])))
         };
         sums.chunks_exact(LEN).fold([[0.0; 4]; 3], add)
     }
 }
 
-/// Gradient of the frame before exposure, which takes the place of `grad`, and of the exposure.
+/// Gradient of the frame before exposure, which replaces `grad`, and of the exposure.
 ///
 /// # Errors
 ///

@@ -49,6 +49,6 @@ formula!(SurfaceOfPixelVjp, |this, inputs| surface_of_pixel_vjp(
         reflection_dir: inputs.vec3(),
     };
     let surface = pixel_surface(&pixel, view_dir);
-    let own = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
-    (own.base, own.normal, own.tint, [own.roughness, own.coverage])
+    let of_pixel = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
+    (of_pixel.base, of_pixel.normal, of_pixel.tint, [of_pixel.roughness, of_pixel.coverage])
 });

@@ -152,15 +152,15 @@ mod tests {
         let Some(mut context) = Context::for_tests() else { return };
         for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
             // Few bits, so that the sum of all still fits into a word.
-            let own = random_numbers(len, 7);
-            let array = context.upload("numbers", &own).expect("numbers fit");
+            let numbers = random_numbers(len, 7);
+            let array = context.upload("numbers", &numbers).expect("numbers fit");
             scan(&mut context, &array, len).expect("the device adds");
             let mut sums = vec![0; len];
             context.download(&array, 0, &mut sums).expect("the length is that of the array");
             let mut before = 0;
             for (k, sum) in sums.into_iter().enumerate() {
                 assert_eq!(sum, before, "number {k} of {len}");
-                before += own[k];
+                before += numbers[k];
             }
         }
     }
@@ -170,9 +170,9 @@ mod tests {
         let Some(mut context) = Context::for_tests() else { return };
         let len = 65_535 * WORKGROUP_SIZE as usize + 300;
         let array = iota(&mut context, "numbers", len).expect("numbers fit");
-        let mut own = vec![0_u32; len];
-        context.download(&array, 0, &mut own).expect("the length is that of the array");
-        assert!(own.into_iter().eq(0..len as u32), "every invocation has its own number");
+        let mut numbers = vec![0_u32; len];
+        context.download(&array, 0, &mut numbers).expect("the length is that of the array");
+        assert!(numbers.into_iter().eq(0..len as u32), "every invocation has its own number");
     }
 
     #[test]
@@ -197,13 +197,16 @@ mod tests {
             items: iota(context, "items", len).expect("items fit"),
         };
         let sorted = sort(context, &counters, pairs, Len::Known(len), bits).expect("the device sorts");
-        let mut own = [vec![0; len], vec![0; len]];
-        context.download(&sorted.keys, 0, &mut own[0]).expect("the length is that of the array");
-        context.download(&sorted.items, 0, &mut own[1]).expect("the length is that of the array");
+        let mut found = [vec![0; len], vec![0; len]];
+        context.download(&sorted.keys, 0, &mut found[0]).expect("the length is that of the array");
+        context.download(&sorted.items, 0, &mut found[1]).expect("the length is that of the array");
         let mut order: Vec<u32> = (0..len as u32).collect();
         let low = u32::MAX >> (32 - bits);
         order.sort_by_key(|item| keys[*item as usize] & low);
-        assert!(own[1] == order, "{len} items by {bits} bits");
-        assert!(own[0].iter().zip(&order).all(|(key, item)| *key == keys[*item as usize]), "keys go with their items");
+        assert!(found[1] == order, "{len} items by {bits} bits");
+        assert!(
+            found[0].iter().zip(&order).all(|(key, item)| *key == keys[*item as usize]),
+            "keys go with their items"
+        );
     }
 }
