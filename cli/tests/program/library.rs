@@ -74,13 +74,13 @@ fn a_picture_of_another_shape_is_not_stretched_and_lies_in_a_folder_of_its_own()
     trained(&tiny, "model", 30, &[]).success();
     let model = tiny.path("model");
     specula().arg("render").arg(&model).assert().success();
-    let usual = model.join("test/ours_30/renders/00000.png");
-    let before = fs::read(&usual).unwrap();
+    let default = model.join("test/ours_30/renders/00000.png");
+    let before = fs::read(&default).unwrap();
     specula().arg("render").arg(&model).args(["--size", "64,32"]).assert().success();
-    assert_eq!(fs::read(&usual).unwrap(), before, "pictures beside the ground truth keep its size");
+    assert_eq!(fs::read(&default).unwrap(), before, "pictures beside the ground truth keep its size");
     let wide = model.join("test/ours_30_64x32/renders/00000.png");
-    let [usual, wide] = [&usual, &wide].map(|path| middle(path, SIZE));
-    let difference = usual.iter().zip(wide.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+    let [default, wide] = [&default, &wide].map(|path| middle(path, SIZE));
+    let difference = default.iter().zip(wide.iter()).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(difference <= Some(1), "the same view with more beside it: {difference:?} levels of difference");
     assert!(!model.join("test/ours_30_64x32/gt").exists(), "there is no ground truth of that size");
 }

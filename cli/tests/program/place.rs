@@ -23,8 +23,8 @@ fn pictures_of_another_setting_lie_in_a_folder_of_their_own() {
         specula().arg("render").arg(&model).args(["--executor", "cpu"]).args(words).assert().success();
     };
     render(&["--layers", "rgb"]);
-    let usual = model.join("test/ours_30/renders/00000.png");
-    let before = fs::read(&usual).unwrap();
+    let default = model.join("test/ours_30/renders/00000.png");
+    let before = fs::read(&default).unwrap();
     for (words, folder) in [
         (["--background", "black"], "ours_30_on-0,0,0"),
         (["--background", "env"], "ours_30_on-env"),
@@ -35,7 +35,7 @@ fn pictures_of_another_setting_lie_in_a_folder_of_their_own() {
     ] {
         render(&[&words[..], &["--layers", "rgb"]].concat());
         assert!(model.join("test").join(folder).join("renders/00000.png").is_file(), "{words:?}");
-        assert_eq!(fs::read(&usual).unwrap(), before, "{words:?} changed the usual pictures");
+        assert_eq!(fs::read(&default).unwrap(), before, "{words:?} changed the default pictures");
     }
 }
 

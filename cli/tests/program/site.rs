@@ -82,7 +82,7 @@ impl Site {
         self.child.id()
     }
 
-    /// A request as usual.
+    /// Request with default headers.
     pub(crate) fn get(&self, path: &str) -> Answer {
         request(self.port, "GET", path, &[], &[])
     }
@@ -91,7 +91,7 @@ impl Site {
         request(self.port, "POST", path, &[], body)
     }
 
-    /// With other headers; `host` instead of the usual one.
+    /// With other headers; `host` instead of the default one.
     pub(crate) fn get_as(&self, path: &str, headers: &[(&str, &str)]) -> Answer {
         request(self.port, "GET", path, headers, &[])
     }

@@ -355,12 +355,12 @@ fn photograph(number: usize, exposure: &Exposure<f32>) -> View {
 /// By how much photographs differ from what the scene and the exposures that were found say, as a
 /// share of how they differ from the scene alone.
 fn unexplained(found: &[Exposure<f32>]) -> f32 {
-    let usual = mean_exposure();
+    let mean = mean_exposure();
     let (mut rest, mut all) = (0.0, 0.0);
     for (number, found) in (1..).zip(found) {
         let own = exposure_of(number);
         for color in colors_of(&view(number)) {
-            let (scene, truth) = (exposed(&usual, color), exposed(&own, color));
+            let (scene, truth) = (exposed(&mean, color), exposed(&own, color));
             let square = |shown: [f32; 3]| (0..3).map(|c| (shown[c] - truth[c]).powi(2)).sum::<f32>();
             rest += square(exposed(found, scene));
             all += square(scene);
@@ -371,9 +371,9 @@ fn unexplained(found: &[Exposure<f32>]) -> f32 {
 
 #[test]
 fn exposures_are_found_and_leave_the_scene_its_look() {
-    let usual = mean_exposure();
+    let mean = mean_exposure();
     let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
-    let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &usual)).collect();
+    let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &mean)).collect();
     let learn = |exposure: Option<Schedule>| {
         let mut settings = settings_for("specula", EXPOSED_ITERATIONS);
         settings.profile.densification.until = 0;

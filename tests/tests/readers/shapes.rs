@@ -167,11 +167,11 @@ pub(crate) fn exr() -> impl Strategy<Value = Vec<u8>> {
         |(flags, others, many, compression, windows, tiles, chunks, body)| {
             let flags = if tiles.is_some() { flags | 0x200 } else { flags };
             let mut file = [0x0131_2f76_i32, 2 | flags].map(i32::to_le_bytes).concat();
-            let usual = ["B", "G", "R"].map(|name| (name.to_owned(), 2, 1, 1));
+            let colors = ["B", "G", "R"].map(|name| (name.to_owned(), 2, 1, 1));
             let others = others.into_iter().map(|(name, kind, x, y)| (name.to_owned(), kind, x, y));
             let same = (0..many).map(|k| (format!("c{k}"), 2, 1, 1));
             // In the order of their names, or a file is refused at once.
-            let mut all: Vec<(String, i32, i32, i32)> = usual.into_iter().chain(others).chain(same).collect();
+            let mut all: Vec<(String, i32, i32, i32)> = colors.into_iter().chain(others).chain(same).collect();
             all.sort();
             all.dedup_by(|one, other| one.0 == other.0);
             let mut channels: Vec<u8> = Vec::new();
