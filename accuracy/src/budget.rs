@@ -137,8 +137,10 @@ fn spread(cameras: &[Camera]) -> Vec<Camera> {
 
 /// Root mean square distance of two pictures of a view over a background; infinite where a number
 /// is not finite.
-pub(crate) fn apart(own: &Image<Vec<f32>>, exact: &[f32], background: [f32; 3]) -> f64 {
-    root_mean_square(over_background(own, background).iter().zip(exact).map(|(a, b)| f64::from(*a) - f64::from(*b)))
+pub(crate) fn apart(rendered: &Image<Vec<f32>>, exact: &[f32], background: [f32; 3]) -> f64 {
+    root_mean_square(
+        over_background(rendered, background).iter().zip(exact).map(|(a, b)| f64::from(*a) - f64::from(*b)),
+    )
 }
 
 /// Root mean square; infinite where a number is not finite.
@@ -188,12 +190,12 @@ struct MeasuredView {
 
 impl MeasuredView {
     fn new(trial: &mut Trial<'_>, subject: &Subject, exact: &Setting, camera: Camera) -> Result<Self, CpuError> {
-        let own = trial.view(exact, &camera)?;
+        let view = trial.view(exact, &camera)?;
         let default = trial.view(&Setting::default_for(subject), &camera)?;
         let colors = |image: &Image<Vec<f32>>| over_background(image, subject.background);
-        let exact = colors(&own.image);
+        let exact = colors(&view.image);
         let window = window(&colors(&default.image), &exact, [camera.width as usize, camera.height as usize]);
-        Ok(Self { camera, exact, window, work: [default.work, own.work] })
+        Ok(Self { camera, exact, window, work: [default.work, view.work] })
     }
 
     /// Distance of this picture from the one in `f64`, in the window.
@@ -266,14 +268,14 @@ impl<'a> Search<'a> {
         let setting = self.choose()?;
         let (mut chosen_by, mut tried_on, mut work) = (Vec::new(), Vec::new(), [Work::default(); 3]);
         for view in 0..self.views.len() {
-            let (apart, own) = self.measure(&setting, view)?;
+            let (apart, chosen) = self.measure(&setting, view)?;
             if self.chosen_by.contains(&view) {
                 chosen_by.push(apart);
             } else {
                 tried_on.push(apart);
             }
             let [default, exact] = self.views[view].work;
-            work = [work[0].and(&own), work[1].and(&default), work[2].and(&exact)];
+            work = [work[0].and(&chosen), work[1].and(&default), work[2].and(&exact)];
         }
         let [chosen_by, tried_on] = [chosen_by, tried_on].map(|apart| Bounds::of(&apart, rounding));
         Ok(Certificate { setting, asked, rounding, chosen_by, tried_on, work })
@@ -284,15 +286,15 @@ impl<'a> Search<'a> {
         let mut trials = core::mem::take(&mut self.trials);
         for (_, tried) in &mut trials {
             let mut misses = 0;
-            for own in tried {
-                if misses < MISSES_MAX && own.error <= self.allowed {
-                    let (apart, work) = self.measure(&own.setting, view)?;
-                    own.error = own.error.max(apart);
-                    own.cost += work.cost();
+            for trial in tried {
+                if misses < MISSES_MAX && trial.error <= self.allowed {
+                    let (apart, work) = self.measure(&trial.setting, view)?;
+                    trial.error = trial.error.max(apart);
+                    trial.cost += work.cost();
                 } else {
-                    own.error = f64::INFINITY;
+                    trial.error = f64::INFINITY;
                 }
-                misses = if own.error <= self.allowed { 0 } else { misses + 1 };
+                misses = if trial.error <= self.allowed { 0 } else { misses + 1 };
             }
         }
         self.trials = trials;
@@ -337,8 +339,8 @@ impl<'a> Search<'a> {
         if *setting == self.exact {
             return Ok((0.0, *work));
         }
-        let own = self.trial.view(setting, camera)?;
-        Ok((apart(&own.image, exact, self.subject.background), own.work))
+        let rendered = self.trial.view(setting, camera)?;
+        Ok((apart(&rendered.image, exact, self.subject.background), rendered.work))
     }
 }
 
@@ -409,11 +411,11 @@ mod tests {
         let views = [(subject.cameras[0], reference.view(&subject, &subject.cameras[0]))];
         let exact = Setting::exact(&subject);
         let error = |mut trial: Trial<'_>| errors_of(&mut trial, &subject, &exact, &views).expect("it renders").0.rms;
-        let own = error(Trial::under(subject.clone(), &reference).expect("the light is filtered"));
+        let largest = error(Trial::under(subject.clone(), &reference).expect("the light is filtered"));
         let executors = error(Trial::new(&subject));
         assert!(
-            own < 1e-5 && executors > 10.0 * own,
-            "{own:e}, and {executors:e} under the light as executors filter it"
+            largest < 1e-5 && executors > 10.0 * largest,
+            "{largest:e}, and {executors:e} under the light as executors filter it"
         );
     }
 

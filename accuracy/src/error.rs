@@ -90,22 +90,22 @@ pub struct Sums {
 impl Sums {
     /// Adds a view: a picture with the channels of training, over a background.
     pub fn add(&mut self, picture: &Image<Vec<f32>>, exact: &Exact, background: [f32; 3]) {
-        let own = over_background(picture, background);
+        let shown = over_background(picture, background);
         let before = self.differences.len();
-        for (own, exact) in own.iter().zip(&exact.colors.values) {
-            let own = f64::from(*own);
+        for (value, exact) in shown.iter().zip(&exact.colors.values) {
+            let value = f64::from(*value);
             self.squares_exact += exact * exact;
-            if own.is_finite() {
-                self.differences.push((own - exact).abs());
-                self.squares_shown += (own.clamp(0.0, 1.0) - exact.clamp(0.0, 1.0)).powi(2);
+            if value.is_finite() {
+                self.differences.push((value - exact).abs());
+                self.squares_shown += (value.clamp(0.0, 1.0) - exact.clamp(0.0, 1.0)).powi(2);
             } else {
                 self.nonfinite += 1;
             }
         }
         self.worst = self.worst.max(mean_square(&self.differences[before..]).sqrt());
         let narrow: Vec<f32> = exact.colors.values.iter().map(|x| *x as f32).collect();
-        let wide = Image { values: own.iter().map(|x| f64::from(*x)).collect(), ..exact.colors.clone() };
-        let ssim = mean_ssim(picture.width, picture.height, &own, &narrow);
+        let wide = Image { values: shown.iter().map(|x| f64::from(*x)).collect(), ..exact.colors.clone() };
+        let ssim = mean_ssim(picture.width, picture.height, &shown, &narrow);
         self.similarities.push([ssim, flip(&exact.colors, &wide)]);
         for pixel in (0..picture.pixel_count()).filter(|pixel| exact.coverage[*pixel] > COVERED) {
             let normal = [0, 1, 2].map(|k| picture.plane(channel::NORMAL + k)[pixel]);

@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn green_and_blue_differ_most() {
-        let [green, blue] = [1, 2].map(|own| picture(|c, _, _| f64::from(u8::from(c == own))));
+        let [green, blue] = [1, 2].map(|channel| picture(|c, _, _| f64::from(u8::from(c == channel))));
         assert!((flip(&green, &blue) - 1.0).abs() < ROUNDING);
     }
 

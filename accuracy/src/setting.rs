@@ -74,8 +74,10 @@ pub struct Difference<'a>(pub &'a Setting, pub &'a Setting);
 impl fmt::Display for Difference<'_> {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = self.0.words().into_iter().zip(self.1.words());
-        let words: Vec<String> =
-            words.filter(|(own, default)| own != default).map(|((name, own), _)| format!("{name} {own}")).collect();
+        let words: Vec<String> = words
+            .filter(|(value, default)| value != default)
+            .map(|((name, value), _)| format!("{name} {value}"))
+            .collect();
         out.write_str(&if words.is_empty() { "default".to_owned() } else { words.join(", ") })
     }
 }
@@ -96,13 +98,13 @@ pub struct Parameter {
 pub const PARAMETERS: [Parameter; 10] = [
     Parameter {
         name: "storage",
-        words: |own| if own.storage == Storage::F16 { "f16" } else { "f32" }.into(),
+        words: |setting| if setting.storage == Storage::F16 { "f16" } else { "f32" }.into(),
         copy: |from, to| to.storage = from.storage,
         values: |_, base| [Storage::F32, Storage::F16].map(|storage| Setting { storage, ..*base }).into(),
     },
     Parameter {
         name: "prefilter",
-        words: |own| if own.scheme == PrefilterScheme::Exact { "exact" } else { "official" }.into(),
+        words: |setting| if setting.scheme == PrefilterScheme::Exact { "exact" } else { "official" }.into(),
         copy: |from, to| to.scheme = from.scheme,
         values: |_, base| {
             let schemes = [PrefilterScheme::Exact, PrefilterScheme::Official].into_iter();
@@ -114,7 +116,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "light",
-        words: |own| if own.light == 0 { "none".into() } else { own.light.to_string() },
+        words: |setting| if setting.light == 0 { "none".into() } else { setting.light.to_string() },
         copy: |from, to| to.light = from.light,
         values: |_, base| {
             let halves = core::iter::successors(Some(base.light), |light| Some(light / 2));
@@ -126,7 +128,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "harmonics",
-        words: |own| own.sh_degree.map_or("none".into(), |degree| degree.to_string()),
+        words: |setting| setting.sh_degree.map_or("none".into(), |degree| degree.to_string()),
         copy: |from, to| to.sh_degree = from.sh_degree,
         values: |subject, base| {
             let degrees = subject.gaussians.layout.sh_degree.into_iter().flat_map(|most| (0..=most).rev());
@@ -136,7 +138,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "least alpha",
-        words: |own| share(own.cutoffs.alpha_min()),
+        words: |setting| share(setting.cutoffs.alpha_min()),
         copy: |from, to| to.cutoffs = to.cutoffs.with_alpha_min(from.cutoffs.alpha_min()),
         values: |_, base| {
             let values = [0.0, 1e-6, 1.0 / 8192.0, 1.0 / 2048.0, 1.0 / 1024.0, 1.0 / 512.0, ALPHA_MIN, 1.0 / 128.0];
@@ -146,7 +148,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "least transmittance",
-        words: |own| share(own.cutoffs.transmittance_min()),
+        words: |setting| share(setting.cutoffs.transmittance_min()),
         copy: |from, to| to.cutoffs = to.cutoffs.with_transmittance_min(from.cutoffs.transmittance_min()),
         values: |_, base| {
             let values = [0.0, 1e-6, 1e-5, TRANSMITTANCE_MIN, 1e-3, 3e-3, 0.01, 0.03, 0.1];
@@ -155,7 +157,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "extent",
-        words: |own| match own.cutoffs.reach_max() {
+        words: |setting| match setting.cutoffs.reach_max() {
             f32::INFINITY => "exact".into(),
             sigmas => format!("{sigmas} σ"),
         },
@@ -167,7 +169,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "projection",
-        words: |own| match own.cutoffs.projection() {
+        words: |setting| match setting.cutoffs.projection() {
             ProjectionModel::Ray => "along rays".into(),
             ProjectionModel::Within(alpha) => format!("affine within {alpha}"),
             ProjectionModel::Tangent => "tangent".into(),
@@ -185,7 +187,7 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "light per",
-        words: |own| if own.form == ShadingForm::Deferred { "pixel" } else { "Gaussian" }.into(),
+        words: |setting| if setting.form == ShadingForm::Deferred { "pixel" } else { "Gaussian" }.into(),
         copy: |from, to| to.form = from.form,
         values: |subject, base| {
             let forms = [ShadingForm::Deferred, ShadingForm::Paper].into_iter().filter(|_| subject.is_lit());
@@ -194,8 +196,8 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
     Parameter {
         name: "channels",
-        words: |own| {
-            match own.channels {
+        words: |setting| {
+            match setting.channels {
                 Channels::Color => "colour",
                 Channels::Training => "training",
                 Channels::Lit | Channels::Surface => "surface",
@@ -309,13 +311,13 @@ mod tests {
     fn a_parameter_changes_nothing_but_itself() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         for parameter in PARAMETERS {
-            let turned = parameter.settings(&subject, &exact);
-            assert!(turned.len() > 1, "{} can be turned", parameter.name);
-            assert_eq!(turned[0], exact, "{} begins with what is most exact", parameter.name);
-            for setting in turned {
+            let varied = parameter.settings(&subject, &exact);
+            assert!(varied.len() > 1, "{} can be varied", parameter.name);
+            assert_eq!(varied[0], exact, "{} begins with what is most exact", parameter.name);
+            for setting in varied {
                 assert_eq!(exact.with(&parameter, &setting), setting);
-                let others = |own: &Setting| {
-                    own.words().into_iter().filter(|(name, _)| *name != parameter.name).collect::<Vec<_>>()
+                let others = |setting: &Setting| {
+                    setting.words().into_iter().filter(|(name, _)| *name != parameter.name).collect::<Vec<_>>()
                 };
                 assert_eq!(others(&setting), others(&exact));
             }
@@ -326,8 +328,8 @@ mod tests {
     fn all_parameters_together_take_the_cheapest_that_fits_of_each() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         let tried = |parameter: &Parameter| {
-            let turned = parameter.settings(&subject, &exact).into_iter().enumerate();
-            turned.map(|(k, setting)| Tried { setting, error: k as f64, cost: -(k as f64) }).collect::<Vec<_>>()
+            let varied = parameter.settings(&subject, &exact).into_iter().enumerate();
+            varied.map(|(k, setting)| Tried { setting, error: k as f64, cost: -(k as f64) }).collect::<Vec<_>>()
         };
         let trials: Vec<_> = PARAMETERS.iter().map(|parameter| (*parameter, tried(parameter))).collect();
         assert_eq!(together(&exact, &trials, 0.5), exact);

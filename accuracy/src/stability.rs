@@ -147,15 +147,15 @@ fn exact(case: &Case, rules: &RenderRules, operator: &Operator, len: usize) -> V
 }
 
 /// 99th percentile of the distances, and the largest; infinite for NaN.
-fn distances(own: &[f32], exact: &[f64]) -> [f64; 2] {
-    if own.len() != exact.len() {
+fn distances(values: &[f32], exact: &[f64]) -> [f64; 2] {
+    if values.len() != exact.len() {
         return [f64::INFINITY; 2];
     }
-    let distance = |(own, exact): (&f32, &f64)| {
-        let distance = (f64::from(*own) - exact).abs() / exact.abs().max(1.0);
+    let distance = |(value, exact): (&f32, &f64)| {
+        let distance = (f64::from(*value) - exact).abs() / exact.abs().max(1.0);
         if distance.is_nan() { f64::INFINITY } else { distance }
     };
-    let mut distances: Vec<f64> = own.iter().zip(exact).map(distance).collect();
+    let mut distances: Vec<f64> = values.iter().zip(exact).map(distance).collect();
     distances.sort_by(f64::total_cmp);
     let Some(last) = distances.len().checked_sub(1) else { return [0.0; 2] };
     [distances[((1.0 - LARGEST) * last as f64) as usize], distances[last]]
@@ -168,12 +168,12 @@ mod tests {
     #[test]
     fn distances_of_equal_lists_are_none_and_a_wrong_number_is_seen() {
         let exact: Vec<f64> = (0..200).map(f64::from).collect();
-        let mut own: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
-        assert_eq!(distances(&own, &exact), [0.0, 0.0]);
-        own[100] += 10.0;
-        assert_eq!(distances(&own, &exact), [0.0, 0.1]);
-        own[100] = f32::NAN;
-        assert_eq!(distances(&own, &exact), [0.0, f64::INFINITY]);
-        assert_eq!(distances(&own[1..], &exact), [f64::INFINITY; 2]);
+        let mut values: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
+        assert_eq!(distances(&values, &exact), [0.0, 0.0]);
+        values[100] += 10.0;
+        assert_eq!(distances(&values, &exact), [0.0, 0.1]);
+        values[100] = f32::NAN;
+        assert_eq!(distances(&values, &exact), [0.0, f64::INFINITY]);
+        assert_eq!(distances(&values[1..], &exact), [f64::INFINITY; 2]);
     }
 }

@@ -186,7 +186,7 @@ impl Trial<'_> {
     /// Milliseconds of the light's prefilter under a setting; zero where it was not used.
     pub fn filter_milliseconds(&self, setting: &Setting) -> f64 {
         let of = self.light_of(setting, &self.rules(setting));
-        self.lights.iter().find(|own| own.of == of).map_or(0.0, |own| own.milliseconds)
+        self.lights.iter().find(|filtered| filtered.of == of).map_or(0.0, |filtered| filtered.milliseconds)
     }
 
     /// Rendering rules of a setting after planning.
@@ -203,9 +203,10 @@ impl Trial<'_> {
     /// Index of a setting's filtered light.
     fn filtered(&mut self, setting: &Setting, rules: &RenderRules) -> Result<Option<usize>, CpuError> {
         let of = self.light_of(setting, rules);
-        let serves = |own: &Filtered| {
+        let serves = |filtered: &Filtered| {
             let (scheme, resolution, _, storage) = of;
-            own.of == of || own.is_of_reference && own.of == (scheme, resolution, LevelRange::ALL, storage)
+            filtered.of == of
+                || filtered.is_of_reference && filtered.of == (scheme, resolution, LevelRange::ALL, storage)
         };
         if let Some(index) = self.lights.iter().position(serves) {
             return Ok(Some(index));

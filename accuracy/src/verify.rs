@@ -71,16 +71,16 @@ impl Verified {
     ///
     /// [`CpuError`], where the view cannot be rendered.
     pub fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, CpuError> {
-        let own = self.take(self.chosen, camera, channels, 0)?;
+        let view = self.take(self.chosen, camera, channels, 0)?;
         self.tally.pictures += 1;
         if !self.compares {
-            return Ok(own.image);
+            return Ok(view.image);
         }
         let exact = self.take(self.exact, camera, channels, 1)?;
-        let apart = apart(&own.image, &over_background(&exact.image, self.background), self.background);
+        let apart = apart(&view.image, &over_background(&exact.image, self.background), self.background);
         if apart <= self.allowed {
             self.tally.kept = self.tally.kept.max(apart);
-            return Ok(own.image);
+            return Ok(view.image);
         }
         self.tally.replaced += 1;
         self.tally.beyond = self.tally.beyond.max(apart);
@@ -128,8 +128,8 @@ pub fn shares(
     let of = |compares: bool| {
         let mut verified = Verified::new(subject.clone(), reference, &certificate, compares)?;
         let share = |(camera, exact): &(Camera, Exact)| {
-            let own = over_background(&verified.view(camera, Channels::Color)?, subject.background);
-            let differences = own.iter().zip(&exact.colors.values).map(|(own, exact)| f64::from(*own) - exact);
+            let shown = over_background(&verified.view(camera, Channels::Color)?, subject.background);
+            let differences = shown.iter().zip(&exact.colors.values).map(|(value, exact)| f64::from(*value) - exact);
             Ok(root_mean_square(differences) / error)
         };
         views.iter().map(share).collect::<Result<Vec<_>, CpuError>>()
@@ -217,6 +217,6 @@ mod tests {
         assert_eq!(of_exact.cost[0], of_exact.cost[1], "what is most exact is not compared with itself");
 
         let (unverified, tally) = view(certificate, false);
-        assert!(unverified.values != most_exact.values && tally.replaced == 0, "it is the setting's own");
+        assert!(unverified.values != most_exact.values && tally.replaced == 0, "it is the picture of the setting");
     }
 }

@@ -466,9 +466,9 @@ fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
     if [map.width, map.height] != HDR_SIZE {
         return false;
     }
-    let own = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Y);
-    let radiance = own.rgb.iter().map(|radiance| f64::from(*radiance));
-    let differences = own.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
+    let stored = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Y);
+    let radiance = stored.rgb.iter().map(|radiance| f64::from(*radiance));
+    let differences = stored.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
     // The comparison is false for NaN, which an infinite radiance yields: that is no replacement.
     !(differences.sum::<f64>() > RGBE_ERROR * radiance.sum::<f64>())
 }

@@ -45,12 +45,16 @@ pub fn render(
     let surfaces: Option<Vec<&Surface>> = scene.iter().map(|(_, look)| look.surface()).collect();
     match surfaces.filter(|_| light_per == LightPer::Pixel) {
         Some(surfaces) => {
-            let channels: Vec<_> =
-                gaussians.iter().zip(surfaces).map(|(own, surface)| surface.channels(to_eye(own, view))).collect();
+            let channels: Vec<_> = gaussians
+                .iter()
+                .zip(surfaces)
+                .map(|(gaussian, surface)| surface.channels(to_eye(gaussian, view)))
+                .collect();
             shaded(&blend(&gaussians, &channels, view, order), light, view)
         }
         None => {
-            let color = |(own, look): &(Gaussian, Look)| look.color(to_eye(own, view), light).to_array().to_vec();
+            let color =
+                |(gaussian, look): &(Gaussian, Look)| look.color(to_eye(gaussian, view), light).to_array().to_vec();
             blend(&gaussians, &scene.iter().map(color).collect::<Vec<_>>(), view, order)
         }
     }
@@ -66,10 +70,10 @@ fn shaded(blended: &Image<Vec<f64>>, light: &Light<'_>, view: &View) -> Image<Ve
     let count = blended.pixel_count();
     let mut values = vec![0.0; 4 * count];
     for pixel in 0..count {
-        let own: [f64; SURFACE_CHANNELS] = core::array::from_fn(|plane| blended.values[plane * count + pixel]);
+        let surface: [f64; SURFACE_CHANNELS] = core::array::from_fn(|plane| blended.values[plane * count + pixel]);
         let transmittance = blended.values[SURFACE_CHANNELS * count + pixel];
         let to_eye = -(view.camera_from_world.transpose() * view.ray(pixel)).normalize();
-        let color = pixel_color(&own, transmittance, to_eye, light);
+        let color = pixel_color(&surface, transmittance, to_eye, light);
         (0..3).for_each(|c| values[c * count + pixel] = color[c]);
         values[3 * count + pixel] = transmittance;
     }

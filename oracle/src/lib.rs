@@ -241,8 +241,8 @@ pub fn loss<R: Number>(
     frozen: Option<&FrozenWeights>,
 ) -> R {
     let frame = render(gaussians, light, view.camera, view.rules);
-    let own = freeze_weights(&frame);
-    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, frozen.unwrap_or(&own));
+    let weights = freeze_weights(&frame);
+    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, frozen.unwrap_or(&weights));
     of_frame + attribute_loss(gaussians, view.weights)
 }
 

@@ -123,8 +123,8 @@ pub fn frame_loss_vjp<R: Number>(
     }
     if weights.dssim != 0.0 {
         let grad_ssim = -of_value(weights.dssim);
-        for (sum, own) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &target.srgb, grad_ssim)) {
-            *sum = *sum + own;
+        for (sum, x) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &target.srgb, grad_ssim)) {
+            *sum = *sum + x;
         }
     }
     for index in 0..3 * size {

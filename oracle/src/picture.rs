@@ -59,8 +59,8 @@ fn rows_of<R: Number>(
     let reach = bin::footprint_within(splat, cutoffs).reach;
     let (mean2d, variance) = match perspective {
         None => (splat.mean2d, splat.variance),
-        Some(own) => {
-            let (footprint, variance) = perspective::footprint_in_perspective(splat, own, reach);
+        Some(perspective) => {
+            let (footprint, variance) = perspective::footprint_in_perspective(splat, perspective, reach);
             (footprint.mean2d, variance)
         }
     };

@@ -82,15 +82,15 @@ pub fn shade_pixels_vjp<R: Number>(
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
         }
-        let own = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
-        store(grad, channel::COLOR, index, own.base);
-        for (plane, own) in [(channel::NORMAL, own.normal), (channel::TINT, own.tint)] {
-            let sum = vector_at(grad, plane, index) + own;
+        let of_surface = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
+        store(grad, channel::COLOR, index, of_surface.base);
+        for (plane, vector) in [(channel::NORMAL, of_surface.normal), (channel::TINT, of_surface.tint)] {
+            let sum = vector_at(grad, plane, index) + vector;
             store(grad, plane, index, sum);
         }
         let roughness = &mut grad.values[channel::ROUGHNESS * size + index];
-        *roughness = *roughness + own.roughness;
-        let passed = &mut grad.values[(surface.channels - 1) * size + index];
-        *passed = *passed - own.coverage - grad_coverage;
+        *roughness = *roughness + of_surface.roughness;
+        let transmittance = &mut grad.values[(surface.channels - 1) * size + index];
+        *transmittance = *transmittance - of_surface.coverage - grad_coverage;
     }
 }

@@ -81,7 +81,7 @@ impl Look {
     pub fn surface(&self) -> Option<&Surface> {
         match self {
             Self::Radiance(_) => None,
-            Self::Surface(own) => Some(own),
+            Self::Surface(surface) => Some(surface),
         }
     }
 
@@ -90,9 +90,9 @@ impl Look {
     pub fn color(&self, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
         match self {
             Self::Radiance(harmonics) => (sum_of_harmonics(harmonics, -to_eye) + 0.5).max(DVec3::ZERO),
-            Self::Surface(own) => {
-                let light = light(mirrored(to_eye, own.normal(to_eye)), own.roughness);
-                srgb(own.base(to_eye) + own.tint * light)
+            Self::Surface(surface) => {
+                let light = light(mirrored(to_eye, surface.normal(to_eye)), surface.roughness);
+                srgb(surface.base(to_eye) + surface.tint * light)
             }
         }
     }
