@@ -38,9 +38,13 @@ enum Record<'a> {
         version: &'static str,
     },
     Setting {
-        knobs: BTreeMap<&'static str, String>,
-        turned: Option<&'static str>,
-        is_usual: bool,
+        #[serde(rename = "knobs")]
+        parameters: BTreeMap<&'static str, String>,
+        /// The one parameter that is varied.
+        #[serde(rename = "turned")]
+        varied: Option<&'static str>,
+        #[serde(rename = "is_usual")]
+        is_default: bool,
         error: ErrorRecord,
         milliseconds: BTreeMap<&'static str, SpreadRecord>,
         filter_milliseconds: f64,
@@ -129,9 +133,9 @@ impl<'a> Record<'a> {
     fn setting(measured: &MeasuredSetting, findings: &Findings) -> Self {
         let work = measured.work;
         Self::Setting {
-            knobs: measured.setting.words().into_iter().collect(),
-            turned: measured.parameter.map(|parameter| PARAMETERS[parameter].name),
-            is_usual: measured.setting == findings.default,
+            parameters: measured.setting.words().into_iter().collect(),
+            varied: measured.parameter.map(|parameter| PARAMETERS[parameter].name),
+            is_default: measured.setting == findings.default,
             error: ErrorRecord::from(&measured.errors),
             milliseconds: STAGES.into_iter().zip(measured.times.map(SpreadRecord::from)).collect(),
             filter_milliseconds: measured.filter,
