@@ -134,7 +134,8 @@ fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count
     growing[growth_max..].iter().for_each(|index| actions[*index] = Action::Keep);
 }
 
-/// The Gaussians after densification: those that are kept in their order, then clones, then split children.
+/// The Gaussians after densification: those that are kept in their order, then clones, then the
+/// children of split ones.
 fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
     let of = |wanted: Action| {
         actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index)

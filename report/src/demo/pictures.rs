@@ -168,8 +168,8 @@ fn normal_map(camera: &Camera, normals: &Normals) -> RgbImage {
     picture::normals(camera.width as usize, camera.height as usize, &planes, &alpha)
 }
 
-/// Recovered light, scaled to the mean of the true one: its factor cannot be separated from that of the
-/// tints.
+/// Recovered light, scaled to the mean of the true one: its factor cannot be separated from that of
+/// the tints.
 fn lights(folder: &Path, scene: &Scene, truth: &LatLong) -> Result<Vec<Vec<Figure>>> {
     let mean = |map: &LatLong| map.rgb.iter().sum::<f32>() / map.rgb.len() as f32;
     let truth = preview(&latlong::to_cube(truth, 128, UpAxis::Z), 128);
