@@ -155,7 +155,11 @@ fn rounded_up(number: f64) -> String {
 
 fn certificate_text(certificate: &Certificate, subject: &Subject) -> String {
     let Certificate { setting, asked, rounding, chosen_by, tried_on, work: [chosen, default, _] } = certificate;
-    let difference = Difference(setting, &Setting::default_for(subject)).to_string();
+    let default_setting = Setting::default_for(subject);
+    let difference = match *setting == default_setting {
+        true => "nothing".to_owned(),
+        false => Difference(setting, &default_setting).to_string(),
+    };
     let share = chosen.cost() / default.cost();
     let views = |bounds: &Bounds| format!("{} view{}", bounds.views, if bounds.views == 1 { "" } else { "s" });
     let others = match tried_on.views {
@@ -164,7 +168,7 @@ fn certificate_text(certificate: &Certificate, subject: &Subject) -> String {
     };
     format!(
         "error {:.2e} (worst view {:.2e}) on {} that it was chosen by, where {asked:e} was allowed{others}; {rounding:.0e} of \
-         that for rounding; {share:.2} of the usual work; changed from the default: {difference}",
+         that for rounding; {share:.2} of the default work; changed from the default: {difference}",
         chosen_by.rms,
         chosen_by.worst,
         views(chosen_by)
