@@ -16,6 +16,7 @@ pub(crate) enum Failure {
     #[error("{0}")]
     Input(String),
     /// A device failed; another executor may succeed.
+    #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "GPUs alone are devices"))]
     #[error("{0}")]
     Device(String),
     /// Fault of the program.

@@ -1,5 +1,5 @@
-//! Trained models as scenes: opened under the shading model that they were trained with, rendered
-//! on any executor, put under another light, saved.
+//! Models as scenes: trained, opened under the shading model that they were trained with, rendered
+//! on any executor, put under another light, saved and exported.
 //!
 //! Attributes in a file are raw numbers; their colours depend on a [`ShadingModel`], which the file
 //! names. [`OpenedModel::open`] reads it, converts the numbers and keeps it beside them, so that
