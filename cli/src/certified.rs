@@ -19,5 +19,22 @@ impl From<CertificateError> for Failure {
 
 /// Sentence on the verified pictures, which names the option that leaves them unverified.
 pub(crate) fn report(certified: &CertifiedScene) -> String {
-    certified.report().replace("the work of unverified pictures", "the work of --no-verify")
+    with_option(&certified.report())
+}
+
+fn with_option(sentence: &str) -> String {
+    sentence.replace("the work of unverified pictures", "the work of --no-verify")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sentences_name_the_options() {
+        let sentence = with_option("verified 9 pictures; 3.50 times the work of unverified pictures");
+        assert!(sentence.ends_with("3.50 times the work of --no-verify"), "{sentence}");
+        let refused = Failure::from(CertificateError::Rounding { asked: 1e-4, rounding: 2.31e-4 });
+        assert!(refused.to_string().ends_with("; use --max-error 3e-4"), "{refused}");
+    }
 }

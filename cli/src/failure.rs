@@ -170,6 +170,12 @@ mod tests {
     use specula_io::Error;
 
     #[test]
+    fn a_locked_folder_is_bad_input_with_a_remedy() {
+        let failure = Failure::locked(SceneError::Locked("process 7 is writing".into()), "wait");
+        assert_eq!((failure.to_string().as_str(), failure.exit_code()), ("process 7 is writing; wait", 2));
+    }
+
+    #[test]
     fn errors_of_files_end_with_the_option_that_helps() {
         let (path, place, cause) = ("model".into(), "the header".to_owned(), "it is cut short".to_owned());
         let sentence = Failure::from(Error::Checkpoint { path, place, cause }).to_string();
