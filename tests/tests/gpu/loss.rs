@@ -49,9 +49,9 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &WithBackground, &uniform_rows(3, &[unit, [-1.0, 1.0], [-1.0, 1.0]]));
     assert_same(gpu, &CoverageLoss, &uniform_rows(4, &[[0.05, 0.95], byte, share, share, share]));
     assert_same(gpu, &MomentsDown, &uniform_rows(5, &[unit; 36]));
-    assert_same(gpu, &Windows::<3> { count: 8 }, &uniform_rows(6, &[[-1.0, 1.0]; 54]));
-    assert_same(gpu, &Windows::<3> { count: 4 }, &uniform_rows(7, &[[-1.0, 1.0]; 42]));
-    assert_same(gpu, &Windows::<4> { count: 4 }, &uniform_rows(8, &[unit; 56]));
+    assert_same(gpu, &Windows::<3> { name: "means_down", count: 8 }, &uniform_rows(6, &[[-1.0, 1.0]; 54]));
+    assert_same(gpu, &Windows::<3> { name: "means_across", count: 4 }, &uniform_rows(7, &[[-1.0, 1.0]; 42]));
+    assert_same(gpu, &Windows::<4> { name: "means_across", count: 4 }, &uniform_rows(8, &[unit; 56]));
     let means = uniform_rows(9, &[[0.1, 0.5], [0.1, 0.5], [0.6, 0.8], [0.2, 0.3], share]);
     assert_same(gpu, &Structure, &means);
     assert_same(gpu, &StructureGrad, &uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]));

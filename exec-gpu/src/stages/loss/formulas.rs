@@ -89,7 +89,7 @@ impl MomentsDown {
     pub const COUNT: usize = 8;
 }
 
-formula!(MomentsDown, |_, inputs| moments_down(..numbered("pair", Self::COUNT + SSIM_WINDOW - 1, 2)) -> (
+formula!(MomentsDown, |_, inputs| means_down(..numbered("pair", Self::COUNT + SSIM_WINDOW - 1, 2)) -> (
     ..numbered("mean", Self::COUNT, 4)
 ) {
     let products = |inputs: &mut Inputs<'_, R>| {
@@ -103,14 +103,16 @@ formula!(MomentsDown, |_, inputs| moments_down(..numbered("pair", Self::COUNT + 
 /// Means of `N` numbers over several consecutive windows ([`specula_core::loss::window_mean`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Windows<const N: usize> {
+    /// Name of the function.
+    pub name: &'static str,
     /// Number of windows.
     pub count: usize,
 }
 
-/// Written out, because its name has numbers in it.
+/// Written out, because its name is a parameter.
 impl<const N: usize> Formula for Windows<N> {
     fn name(&self) -> String {
-        format!("windows_{N}_{}", self.count)
+        self.name.to_owned()
     }
     fn parameters(&self) -> Vec<Field> {
         numbered("tap", self.count + SSIM_WINDOW - 1, N)

@@ -92,12 +92,15 @@ impl LossVariant {
     }
 }
 
-/// Appends the windows of SSIM: `mean` is the type of a mean, `down` that of eight vertical means.
-fn windows(source: Source, mean: &str, down: &str) -> Source {
-    source
-        .with(&format!("alias Means = {mean};\nalias MeansDown = {down};"))
-        .count("SSIM_WINDOW", SSIM_WINDOW)
-        .with(include_str!("windows.wgsl"))
+/// Appends the windows of SSIM over means of type `mean`; the kernel has the formulas `means_down`
+/// and [`means_across`], and the function `tap_at`.
+fn windows(source: Source, mean: &str) -> Source {
+    source.with(&format!("alias Means = {mean};")).count("SSIM_WINDOW", SSIM_WINDOW).with(include_str!("windows.wgsl"))
+}
+
+/// Means of the windows of an invocation's four pixels.
+const fn means_across<const N: usize>() -> Windows<N> {
+    Windows { name: "means_across", count: 4 }
 }
 
 pub(crate) fn mark_source(variant: &LossVariant) -> String {
@@ -105,10 +108,10 @@ pub(crate) fn mark_source(variant: &LossVariant) -> String {
 }
 
 pub(crate) fn structure_source(variant: &LossVariant) -> String {
-    windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f", "MomentsDown")
+    windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f")
         .formula(&ComparedColors)
         .formula(&MomentsDown)
-        .formula(&Windows::<4> { count: 4 })
+        .formula(&means_across::<4>())
         .formula(&Structure)
         .count("FIRST_STRUCTURE_SUM", PIXEL_SUMS)
         .with(include_str!("structure.wgsl"))
@@ -116,15 +119,15 @@ pub(crate) fn structure_source(variant: &LossVariant) -> String {
 }
 
 pub(crate) fn pixel_source(variant: &LossVariant) -> String {
-    windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f", "Windows38")
+    windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f")
         .flag("HAS_STRUCTURE", variant.has_structure)
         .flag("HAS_RESIDUAL", variant.has_residual)
         .formula(&ComparedColors)
         .formula(&ColorLoss)
         .formula(&WithBackground)
         .formula(&CoverageLoss)
-        .formula(&Windows::<3> { count: MomentsDown::COUNT })
-        .formula(&Windows::<3> { count: 4 })
+        .formula(&Windows::<3> { name: "means_down", count: MomentsDown::COUNT })
+        .formula(&means_across::<3>())
         .formula(&StructureGrad)
         .with(include_str!("pixels.wgsl"))
         .text()

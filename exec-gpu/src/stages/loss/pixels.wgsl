@@ -1,4 +1,11 @@
-
+// Losses of pixels, and their gradients (stage `loss`).
+//
+// Threads: one workgroup a tile, one invocation four pixels in a row.
+// Memory: means over SSIM's windows of the tile's rows in workgroup memory, colour by colour.
+// Inputs: colours, transmittance, target, marks of the tiles, gradients of SSIM's window means.
+// Outputs: gradients of the colours and of the transmittance, zero so far; sums over each tile.
+// Variants: number of channels, with or without SSIM and residual layer.
+// Early exit: tiles without a visible splat keep zero gradients.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read> partials: array<f32>;
@@ -9,56 +16,13 @@
 var<private> pixel_sums: vec3f;
 
 // Gradients of a window's means; zero outside the image.
-fn partials_at(pixel: vec2u, c: u32) -> vec3f {
+fn tap_at(pixel: vec2u, c: u32) -> vec3f {
     if !is_inside(pixel) {
         return vec3f(0.0);
     }
     let size = pixel_count();
     let index = 3u * c * size + index_of(pixel);
     return vec3f(partials[index], partials[index + size], partials[index + 2u * size]);
-}
-
-fn blur_down(first: vec2u, c: u32, index: u32) {
-    let step = vec2u(0u, 1u);
-    store_means(index, windows_3_8(
-        partials_at(first, c),
-        partials_at(first + step, c),
-        partials_at(first + 2u * step, c),
-        partials_at(first + 3u * step, c),
-        partials_at(first + 4u * step, c),
-        partials_at(first + 5u * step, c),
-        partials_at(first + 6u * step, c),
-        partials_at(first + 7u * step, c),
-        partials_at(first + 8u * step, c),
-        partials_at(first + 9u * step, c),
-        partials_at(first + 10u * step, c),
-        partials_at(first + 11u * step, c),
-        partials_at(first + 12u * step, c),
-        partials_at(first + 13u * step, c),
-        partials_at(first + 14u * step, c),
-        partials_at(first + 15u * step, c),
-        partials_at(first + 16u * step, c),
-        partials_at(first + 17u * step, c),
-    ));
-}
-
-fn blur_across(index: u32) -> Windows34 {
-    return windows_3_4(
-        rows[index],
-        rows[index + 1u],
-        rows[index + 2u],
-        rows[index + 3u],
-        rows[index + 4u],
-        rows[index + 5u],
-        rows[index + 6u],
-        rows[index + 7u],
-        rows[index + 8u],
-        rows[index + 9u],
-        rows[index + 10u],
-        rows[index + 11u],
-        rows[index + 12u],
-        rows[index + 13u],
-    );
 }
 
 fn texel_at(pixel: vec2u) -> u32 {
@@ -128,14 +92,14 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
         coverage_grad(transmittance.w, texel.w),
     );
     for (var color = 0u; color < 3u; color++) {
-        var windows = Windows34();
+        var windows = MeansAcross();
         if HAS_STRUCTURE && is_rendered {
             workgroupBarrier();
             if local < DOWN_GROUP {
-                blur_down(first_down(tile.xy, local), color, column_index(local));
+                blur_down(tile.xy, color, local);
             }
             workgroupBarrier();
-            windows = blur_across(row_index(local));
+            windows = blur_across(local);
         }
         let grad = vec4f(
             color_grad(a, color, transmittance.x, texel.x, windows.mean_0),

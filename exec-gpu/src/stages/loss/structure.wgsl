@@ -1,4 +1,10 @@
-
+// SSIM of two images, and its gradients with respect to the means of each window (stage `loss`).
+//
+// Threads: one workgroup a tile and colour, one invocation four pixels in a row.
+// Memory: means over SSIM's windows of the tile's rows in workgroup memory.
+// Inputs: colours, transmittance, target, marks of the tiles.
+// Outputs: gradients of each window's means; sums of SSIM over each tile.
+// Early exit: SSIM is 1 where both images show the background only.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read_write> partials: array<f32>;
@@ -17,7 +23,7 @@ fn is_marked(tile: vec2u) -> bool {
 }
 
 // Rendered and true colour; zero outside the image and where the target is masked.
-fn pair_at(pixel: vec2u, c: u32) -> vec2f {
+fn tap_at(pixel: vec2u, c: u32) -> vec2f {
     if !is_known(pixel) {
         return vec2f(0.0);
     }
@@ -26,30 +32,6 @@ fn pair_at(pixel: vec2u, c: u32) -> vec2f {
     let color = colors[c * pixel_count() + index];
     let transmittance = transmittance_at(index);
     return compared_colors(color, transmittance, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
-}
-
-fn blur_down(first: vec2u, c: u32, index: u32) {
-    let step = vec2u(0u, 1u);
-    store_means(index, moments_down(
-        pair_at(first, c),
-        pair_at(first + step, c),
-        pair_at(first + 2u * step, c),
-        pair_at(first + 3u * step, c),
-        pair_at(first + 4u * step, c),
-        pair_at(first + 5u * step, c),
-        pair_at(first + 6u * step, c),
-        pair_at(first + 7u * step, c),
-        pair_at(first + 8u * step, c),
-        pair_at(first + 9u * step, c),
-        pair_at(first + 10u * step, c),
-        pair_at(first + 11u * step, c),
-        pair_at(first + 12u * step, c),
-        pair_at(first + 13u * step, c),
-        pair_at(first + 14u * step, c),
-        pair_at(first + 15u * step, c),
-        pair_at(first + 16u * step, c),
-        pair_at(first + 17u * step, c),
-    ));
 }
 
 fn similarity(pixel: vec2u, c: u32, means: vec4f) -> f32 {
@@ -78,26 +60,10 @@ fn compare_structure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
         return;
     }
     if local < DOWN_GROUP {
-        blur_down(first_down(tile, local), c, column_index(local));
+        blur_down(tile, c, local);
     }
     workgroupBarrier();
-    let index = row_index(local);
-    let means = windows_4_4(
-        rows[index],
-        rows[index + 1u],
-        rows[index + 2u],
-        rows[index + 3u],
-        rows[index + 4u],
-        rows[index + 5u],
-        rows[index + 6u],
-        rows[index + 7u],
-        rows[index + 8u],
-        rows[index + 9u],
-        rows[index + 10u],
-        rows[index + 11u],
-        rows[index + 12u],
-        rows[index + 13u],
-    );
+    let means = blur_across(local);
     let pixel = first_pixel(tile, local);
     let near = similarity(pixel, c, means.mean_0) + similarity(pixel + vec2u(1u, 0u), c, means.mean_1);
     let far = similarity(pixel + vec2u(2u, 0u), c, means.mean_2) + similarity(pixel + vec2u(3u, 0u), c, means.mean_3);

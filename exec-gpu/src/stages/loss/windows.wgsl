@@ -1,4 +1,5 @@
-
+// Declarations: means over SSIM's windows, down and then across. Workgroup memory holds a row of
+// means for each row of a tile, with a border of half a window on either side.
 
 const REACH: u32 = SSIM_WINDOW / 2u;
 const WIDE: u32 = TILE_EDGE + 2u * REACH;
@@ -14,13 +15,31 @@ fn first_down(tile: vec2u, local: u32) -> vec2u {
     return tile * TILE_EDGE + vec2u(local % WIDE, local / WIDE * DOWN) - REACH;
 }
 
-// Index of an invocation's first vertical mean.
-fn column_index(local: u32) -> u32 {
-    return local / WIDE * DOWN * WIDE + local % WIDE;
-}
-
-// Stores the vertical means of an invocation.
-fn store_means(index: u32, means: MeansDown) {
+// Averages a colour down, over the taps of the kernel's `tap_at`: eight means an invocation.
+fn blur_down(tile: vec2u, c: u32, local: u32) {
+    let first = first_down(tile, local);
+    let step = vec2u(0u, 1u);
+    let means = means_down(
+        tap_at(first, c),
+        tap_at(first + step, c),
+        tap_at(first + 2u * step, c),
+        tap_at(first + 3u * step, c),
+        tap_at(first + 4u * step, c),
+        tap_at(first + 5u * step, c),
+        tap_at(first + 6u * step, c),
+        tap_at(first + 7u * step, c),
+        tap_at(first + 8u * step, c),
+        tap_at(first + 9u * step, c),
+        tap_at(first + 10u * step, c),
+        tap_at(first + 11u * step, c),
+        tap_at(first + 12u * step, c),
+        tap_at(first + 13u * step, c),
+        tap_at(first + 14u * step, c),
+        tap_at(first + 15u * step, c),
+        tap_at(first + 16u * step, c),
+        tap_at(first + 17u * step, c),
+    );
+    let index = local / WIDE * DOWN * WIDE + local % WIDE;
     rows[index] = means.mean_0;
     rows[index + WIDE] = means.mean_1;
     rows[index + 2u * WIDE] = means.mean_2;
@@ -31,7 +50,23 @@ fn store_means(index: u32, means: MeansDown) {
     rows[index + 7u * WIDE] = means.mean_7;
 }
 
-// Index of an invocation's first mean across.
-fn row_index(local: u32) -> u32 {
-    return local / 4u * WIDE + 4u * (local % 4u);
+// Averages the rows across: means of the four pixels of an invocation.
+fn blur_across(local: u32) -> MeansAcross {
+    let first = local / 4u * WIDE + 4u * (local % 4u);
+    return means_across(
+        rows[first],
+        rows[first + 1u],
+        rows[first + 2u],
+        rows[first + 3u],
+        rows[first + 4u],
+        rows[first + 5u],
+        rows[first + 6u],
+        rows[first + 7u],
+        rows[first + 8u],
+        rows[first + 9u],
+        rows[first + 10u],
+        rows[first + 11u],
+        rows[first + 12u],
+        rows[first + 13u],
+    );
 }

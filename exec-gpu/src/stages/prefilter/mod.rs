@@ -41,10 +41,19 @@ pub(crate) fn activation_source(activation: RadianceActivation) -> String {
     Source::new().part(|source| radiance(source, activation)).with(include_str!("activate.wgsl")).text()
 }
 
-pub(crate) fn product_source(storage: Storage) -> String {
-    let source = Source::new().count("ROW_SUMS", ROW_SUMS).part(|source| texels(source, storage));
-    source.with(include_str!("product.wgsl")).text()
+/// Kernel of a matrix product, named `entry`; `destination` appends the function `store_product`.
+fn product_source(entry: &str, destination: impl FnOnce(Source) -> Source) -> String {
+    let kernel = include_str!("product.wgsl").replace("fn multiply_rows(", &format!("fn {entry}("));
+    Source::new().count("ROW_SUMS", ROW_SUMS).with(&kernel).part(destination).text()
 }
+
+const STORED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] = texel;\n}\n";
+const ADDED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] += texel;\n}\n";
+const PADDED: &str = "@group(0) @binding(5) var<storage, read_write> padded: array<Texel>;
+fn store_product(index: u32, texel: vec4f) {
+    padded[index] = texel_of(texel);
+}
+";
 
 /// Words of a texel of a filtered light.
 fn texel_words(storage: Storage) -> usize {
@@ -111,6 +120,34 @@ pub(crate) enum Out<'a> {
     Other(&'a Array, Storage),
 }
 
+impl Out<'_> {
+    /// Name of the kernel.
+    fn entry(self) -> &'static str {
+        match self {
+            Self::Texels(_) => "filter_texels",
+            Self::AddedTexels(_) => "add_filtered_texels",
+            Self::Other(..) => "pad_texels",
+        }
+    }
+
+    /// Variant of the kernel.
+    fn key(self) -> String {
+        match self {
+            Self::Texels(_) | Self::AddedTexels(_) => "prefilter".to_owned(),
+            Self::Other(_, storage) => format!("prefilter {storage:?}"),
+        }
+    }
+
+    /// Source of the kernel.
+    fn source(self) -> String {
+        product_source(self.entry(), |source| match self {
+            Self::Texels(_) => source.with(STORED),
+            Self::AddedTexels(_) => source.with(ADDED),
+            Self::Other(_, storage) => texels(source, storage).with(PADDED),
+        })
+    }
+}
+
 /// Sparse matrix on the device, in parts that fit into arrays.
 #[derive(Debug)]
 pub(crate) struct Matrix {
@@ -163,24 +200,29 @@ impl RowRange {
         })
     }
 
-    fn apply(&self, context: &mut Context, texels: &Array, source: usize, out: Out<'_>) -> Result<(), GpuError> {
-        let none = context.allocate("nothing", TEXEL_LEN)?;
-        let (entry, first, other, storage) = match out {
-            Out::Texels(first) => ("filter_texels", first, &none, Storage::F32),
-            Out::AddedTexels(first) => ("add_filtered_texels", first, &none, Storage::F32),
-            Out::Other(array, storage) => ("pad_texels", 0, array, storage),
+    fn apply(&self, context: &mut Context, source: &Array, first: usize, out: Out<'_>) -> Result<(), GpuError> {
+        let out_first = match out {
+            Out::Texels(first) | Out::AddedTexels(first) => first,
+            Out::Other(..) => 0,
         };
-        let settings = [self.row_count as u32, source as u32, (first + self.first_row) as u32];
-        let bindings = [
+        let settings = [self.row_count as u32, first as u32, (out_first + self.first_row) as u32];
+        let mut bindings = vec![
             Uniform(bytemuck::cast_slice(&settings)),
             Buffer(&self.starts),
             Buffer(&self.columns),
             Buffer(&self.weights),
-            Buffer(texels),
-            Buffer(other),
+            Buffer(source),
         ];
-        let (key, source) = (format!("prefilter {storage:?}"), || product_source(storage));
-        context.dispatch(&key, entry, &source, &bindings, Dispatch::Invocations(ROW_SUMS * self.row_count))
+        if let Out::Other(array, _) = out {
+            bindings.push(Buffer(array));
+        }
+        context.dispatch(
+            &out.key(),
+            out.entry(),
+            &|| out.source(),
+            &bindings,
+            Dispatch::Invocations(ROW_SUMS * self.row_count),
+        )
     }
 }
 

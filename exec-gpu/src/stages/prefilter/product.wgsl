@@ -1,4 +1,10 @@
-
+// Product of a sparse matrix with texels (stages `prefilter` and `prefilter_vjp`).
+//
+// Threads: ROW_SUMS invocations a row, each with every fourth tap, as some rows are very long.
+// Memory: partial sums of the rows in workgroup memory.
+// Inputs: rows of the matrix, texels.
+// Outputs: texels, in place.
+// Variants: the product is stored, added, or stored in another array as levels with aprons.
 
 struct Product {
     row_count: u32,
@@ -11,7 +17,6 @@ struct Product {
 @group(0) @binding(2) var<storage, read> columns: array<u32>;
 @group(0) @binding(3) var<storage, read> weights: array<f32>;
 @group(0) @binding(4) var<storage, read_write> texels: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> padded: array<Texel>;
 
 var<workgroup> sums: array<vec4f, GROUP>;
 
@@ -30,9 +35,9 @@ fn product_of_row(row: u32, local: u32) -> vec4f {
     return (sums[first] + sums[first + 1u]) + (sums[first + 2u] + sums[first + 3u]);
 }
 
-// Stores the product in the texels.
+// `store_product` is the kernel's destination.
 @compute @workgroup_size(GROUP)
-fn filter_texels(
+fn multiply_rows(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
@@ -40,34 +45,6 @@ fn filter_texels(
     let row = linear_index(group, groups, local) / ROW_SUMS;
     let texel = product_of_row(row, local);
     if local % ROW_SUMS == 0u && row < product.row_count {
-        texels[product.out_first + row] = texel;
-    }
-}
-
-// Adds the product to the texels.
-@compute @workgroup_size(GROUP)
-fn add_filtered_texels(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let row = linear_index(group, groups, local) / ROW_SUMS;
-    let texel = product_of_row(row, local);
-    if local % ROW_SUMS == 0u && row < product.row_count {
-        texels[product.out_first + row] += texel;
-    }
-}
-
-// Stores the product in another array: levels with aprons.
-@compute @workgroup_size(GROUP)
-fn pad_texels(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let row = linear_index(group, groups, local) / ROW_SUMS;
-    let texel = product_of_row(row, local);
-    if local % ROW_SUMS == 0u && row < product.row_count {
-        padded[product.out_first + row] = texel_of(texel);
+        store_product(product.out_first + row, texel);
     }
 }
