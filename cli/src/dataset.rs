@@ -65,7 +65,7 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
             format!("{folder:?} is a part of a data set; did you mean the folder above, {whole:?}?")
         }
         Misplaced::Model => {
-            format!("{folder:?} is a model, not a data set; to go on with its training, use -m {folder:?} --resume")
+            format!("{folder:?} is a model, not a data set; to continue its training, use -m {folder:?} --resume")
         }
         Misplaced::ParentOf(meant) => {
             format!("{folder:?} is no data set, but there is one in it; did you mean {meant:?}?")

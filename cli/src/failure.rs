@@ -66,7 +66,7 @@ fn hint_of(error: &specula_io::Error) -> &'static str {
              start without --resume"
         }
         Checkpoint { .. } => "; copy the file again, or start without --resume",
-        CheckpointFormat { .. } => "; go on with the program that wrote it, or start without --resume",
+        CheckpointFormat { .. } => "; continue with the program that wrote it, or start without --resume",
         _ => "",
     }
 }

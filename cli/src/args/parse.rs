@@ -56,9 +56,9 @@ pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
 
 /// Token of letters and digits, which URLs and headers can contain.
 pub(super) fn token(text: &str) -> Result<String, String> {
-    const LEAST: usize = 8;
-    let is_fine = text.len() >= LEAST && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
-    if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LEAST} letters and digits or more")) }
+    const LENGTH_MIN: usize = 8;
+    let is_fine = text.len() >= LENGTH_MIN && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LENGTH_MIN} letters and digits or more")) }
 }
 
 pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {

@@ -20,7 +20,7 @@ const LOW_PASS: f64 = 0.3_f32 as f64;
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
 /// Smaller alphas are left out before what is left is sorted: all of a million of them together are
 /// a millionth.
-const ALPHA_LEAST: f64 = 1e-12;
+const ALPHA_MIN: f64 = 1e-12;
 
 /// Gaussian whose numbers are activated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,7 +147,7 @@ impl GaussianInCamera {
             depth: mean.z,
             distance: mean.length(),
             opacity: gaussian.opacity,
-            farthest: 2.0 * (gaussian.opacity / ALPHA_LEAST).ln(),
+            farthest: 2.0 * (gaussian.opacity / ALPHA_MIN).ln(),
         };
         (in_camera.mean.is_finite() && in_camera.opacity.is_finite()).then_some(in_camera)
     }

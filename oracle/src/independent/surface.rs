@@ -8,7 +8,7 @@ use specula_core::scene::{
 use super::rays::Gaussian;
 
 /// Pixels of less coverage count as this well covered, as the model's 32 bits hold it.
-const COVERAGE_LEAST: f64 = 1e-3_f32 as f64;
+const COVERAGE_MIN: f64 = 1e-3_f32 as f64;
 
 /// Surface of a Gaussian; all numbers after activation.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,9 +126,9 @@ pub const SURFACE_CHANNELS: usize = 10;
 pub fn pixel_color(blended: &[f64; SURFACE_CHANNELS], transmittance: f64, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
     let coverage = 1.0 - transmittance;
     let of = |first: usize| DVec3::from_slice(&blended[first..]);
-    let mean = |sum: DVec3| sum / coverage.max(COVERAGE_LEAST);
+    let mean = |sum: DVec3| sum / coverage.max(COVERAGE_MIN);
     let normal = of(3).try_normalize().unwrap_or(to_eye);
-    let light = light(mirrored(to_eye, normal), blended[9] / coverage.max(COVERAGE_LEAST));
+    let light = light(mirrored(to_eye, normal), blended[9] / coverage.max(COVERAGE_MIN));
     coverage * srgb(mean(of(0)) + mean(of(6)) * light)
 }
 

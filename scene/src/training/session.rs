@@ -415,7 +415,7 @@ mod tests {
     #[test]
     fn a_failure_of_the_processor_itself_is_one() {
         let folder = tempfile::tempdir().expect("a writable folder");
-        assert!(run(&mut training(false, folder.path(), 2)).is_err(), "nothing can go on");
+        assert!(run(&mut training(false, folder.path(), 2)).is_err(), "nothing can continue");
         assert_eq!(checkpoint_of(folder.path()), 2, "what was saved stays");
     }
 

@@ -25,7 +25,7 @@ pub(super) fn refuse_other_training(args: &Train) -> Result<(), Failure> {
         return Ok(());
     }
     let remedy = match io::checkpoint::path_in(folder).is_file() {
-        true => "go on with it (--resume), replace it (--overwrite), or name another folder with -m",
+        true => "continue it (--resume), replace it (--overwrite), or name another folder with -m",
         false => "replace it (--overwrite), or name another folder with -m",
     };
     Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", description_of(folder)?)))
@@ -83,7 +83,10 @@ pub(super) fn read_checkpoint(
         Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, earlier.iterations)? };
     let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
     if training::settings_text(&same) != earlier.settings {
-        return refuse(format!("is of specula {}, which trained otherwise; go on with that one", earlier.program));
+        return refuse(format!(
+            "is of specula {}, which trained otherwise; continue with that version",
+            earlier.program
+        ));
     }
     Ok(Resumed { seconds: earlier.seconds, state: saved.state })
 }
