@@ -3,10 +3,10 @@
 use crate::{
     error::Result,
     listing::{Listing, LoadOptions},
-    shot::Shot,
+    shot::{NormalFiles, Shot},
     transforms::{Frame, Transforms},
 };
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// List of training views, which identifies the format.
 pub(crate) const TRAIN: &str = "transforms_train.json";
@@ -21,7 +21,7 @@ pub(crate) fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     let test = read_test(folder, &mut listing.notes)?;
     listing.train = shots(&train, options, |_| None, &mut listing.notes)?;
     if let Some(test) = &test {
-        listing.test = shots(test, options, normal_beside, &mut listing.notes)?;
+        listing.test = shots(test, options, normals_beside, &mut listing.notes)?;
     }
     Ok(listing)
 }
@@ -38,7 +38,7 @@ fn read_test(folder: &Path, notes: &mut Vec<String>) -> Result<Option<Transforms
 fn shots(
     transforms: &Transforms,
     options: &LoadOptions,
-    normal_of: impl Fn(&Path) -> Option<PathBuf>,
+    normal_of: impl Fn(&Path) -> Option<NormalFiles>,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Shot>> {
     let mut shots = Vec::with_capacity(transforms.frames.len());
@@ -56,7 +56,7 @@ fn shot(
     transforms: &Transforms,
     frame: &Frame,
     options: &LoadOptions,
-    normal_of: &impl Fn(&Path) -> Option<PathBuf>,
+    normal_of: &impl Fn(&Path) -> Option<NormalFiles>,
 ) -> Result<Shot> {
     let image = transforms.image_of(frame)?;
     Ok(Shot {
@@ -72,8 +72,10 @@ fn shot(
     })
 }
 
-/// Normal map of an image: `r_0_normal.png` beside `r_0.png`.
-fn normal_beside(image: &Path) -> Option<PathBuf> {
-    let stem = image.file_stem()?.to_string_lossy().into_owned();
-    Some(image.with_file_name(format!("{stem}_normal.png"))).filter(|path| path.is_file())
+/// Normal map of an image, `r_0_normal.png` beside `r_0.png`. Opaque images, such as those of
+/// `ball` in Shiny Blender, have their coverage in `r_0_alpha.png`.
+fn normals_beside(image: &Path) -> Option<NormalFiles> {
+    let stem = image.file_stem()?.to_string_lossy();
+    let beside = |kind: &str| Some(image.with_file_name(format!("{stem}_{kind}.png"))).filter(|path| path.is_file());
+    Some(NormalFiles { map: beside("normal")?, coverage: beside("alpha") })
 }

@@ -207,15 +207,29 @@ impl Mask {
 
     /// Marks masked pixels of a picture as unknown. A mask of another size is stretched.
     pub(crate) fn applied(&self, mut picture: Pixels) -> Pixels {
-        let (width, height) = (picture.width as usize, picture.height as usize);
-        let column = |x: usize| x * self.width as usize / width;
-        let row = |y: usize| y * self.height as usize / height * self.width as usize;
-        for (index, pixel) in picture.rgba.chunks_exact_mut(4).enumerate() {
-            if !self.counts[row(index / width) + column(index % width)] {
-                pixel.copy_from_slice(&UNKNOWN);
-            }
+        let counts = self.stretched([picture.width, picture.height]);
+        for (pixel, _) in picture.rgba.chunks_exact_mut(4).zip(counts).filter(|(_, counts)| !counts) {
+            pixel.copy_from_slice(&UNKNOWN);
         }
         picture
+    }
+
+    /// Removes normals of masked pixels. A mask of another size is stretched.
+    pub(crate) fn applied_to_normals(&self, mut normals: Normals) -> Normals {
+        let counts = self.stretched([normals.width, normals.height]);
+        let pixels = normals.values.iter_mut().zip(&mut normals.mask);
+        for ((value, mask), _) in pixels.zip(counts).filter(|(_, counts)| !counts) {
+            (*value, *mask) = ([0.0; 3], false);
+        }
+        normals
+    }
+
+    /// Validity of each pixel of a picture of this size, rows from the top.
+    fn stretched(&self, size: [u32; 2]) -> impl Iterator<Item = bool> + '_ {
+        let [width, height] = size.map(|size| size as usize);
+        let column = move |x: usize| x * self.width as usize / width;
+        let row = move |y: usize| y * self.height as usize / height * self.width as usize;
+        (0..width * height).map(move |index| self.counts[row(index / width) + column(index % width)])
     }
 }
 

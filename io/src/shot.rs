@@ -47,8 +47,8 @@ pub(crate) struct Shot {
     pub(crate) image: PathBuf,
     /// Path of the mask.
     pub(crate) mask: Option<PathBuf>,
-    /// Path of the ground-truth normals.
-    pub(crate) normal: Option<PathBuf>,
+    /// Files of the ground-truth normals.
+    pub(crate) normal: Option<NormalFiles>,
     /// Pose of the camera.
     pub(crate) pose: Pose,
     /// Size for which the lens was calibrated, if known.
@@ -57,6 +57,15 @@ pub(crate) struct Shot {
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
     /// Factor by which the image is made smaller.
     pub(crate) downscale: u32,
+}
+
+/// Files of the ground-truth normals of a view.
+#[derive(Clone, Debug)]
+pub(crate) struct NormalFiles {
+    /// Normal map.
+    pub(crate) map: PathBuf,
+    /// Coverage of the picture, if stored apart from it; normals count from one half.
+    pub(crate) coverage: Option<PathBuf>,
 }
 
 impl core::fmt::Debug for Shot {
@@ -96,7 +105,7 @@ impl Shot {
         let is_undistorted = lens.distortion != Distortion::None;
         let image = if is_undistorted { lens.undistorted(&image) } else { image };
 
-        let normal = self.normal.as_deref().map(|path| normals_at(path, [width, height])).transpose()?;
+        let normal = self.normal.as_ref().map(|files| normals_at(files, [width, height])).transpose()?;
         let unknown = image.unknown_count();
         let view = View { name: self.name.clone(), camera: camera_of(&self.pose, &lens), image, normal };
         Ok(Opened { view, is_undistorted, is_turned, unknown })
@@ -121,9 +130,13 @@ impl Shot {
     }
 }
 
-/// Reads ground-truth normals at the size of their picture.
-fn normals_at(path: &Path, [width, height]: [u32; 2]) -> Result<Normals> {
-    let normals = Normals::read(path)?;
+/// Reads ground-truth normals at the size of their picture. Coverage applies at full size.
+fn normals_at(files: &NormalFiles, [width, height]: [u32; 2]) -> Result<Normals> {
+    let path = files.map.as_path();
+    let mut normals = Normals::read(path)?;
+    if let Some(coverage) = &files.coverage {
+        normals = Mask::read(coverage)?.applied_to_normals(normals);
+    }
     if [normals.width, normals.height] == [width, height] {
         return Ok(normals);
     }

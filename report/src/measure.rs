@@ -30,7 +30,7 @@ pub struct Measure {
 }
 
 /// Every measure, in the order of tables.
-pub const MEASURES: [Measure; 6] = [
+pub const MEASURES: [Measure; 7] = [
     Measure { name: "PSNR", label: "PSNR", unit: " dB", decimals: 2, higher_is_better: true },
     Measure { name: "SSIM", label: "SSIM", unit: "", decimals: 4, higher_is_better: true },
     Measure { name: "LPIPS", label: "LPIPS", unit: "", decimals: 4, higher_is_better: false },
@@ -43,6 +43,7 @@ pub const MEASURES: [Measure; 6] = [
         higher_is_better: true,
     },
     Measure { name: "MAE", label: "normal MAE", unit: "°", decimals: 2, higher_is_better: false },
+    Measure { name: "MAE_weighted", label: "weighted MAE", unit: "°", decimals: 2, higher_is_better: false },
 ];
 /// Index of the peak signal-to-noise ratio in [`MEASURES`].
 pub const PSNR: usize = 0;
@@ -56,6 +57,8 @@ pub const FLIP: usize = 3;
 pub const PSNR_FITTED: usize = 4;
 /// Index of the mean angle between normals in [`MEASURES`].
 pub const MAE: usize = 5;
+/// Index of the mean angle between normals, weighted by opacity, in [`MEASURES`].
+pub const MAE_WEIGHTED: usize = 6;
 
 impl Measure {
     /// Value with its significant decimal places.
@@ -187,7 +190,7 @@ mod tests {
     #[test]
     fn a_mean_is_that_of_the_views_that_have_the_measure() {
         let views = [view(30.0, None), view(20.0, Some(4.0))];
-        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0)]);
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0), None]);
         assert_eq!(summary(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
         let files = quality(&views);
         assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));

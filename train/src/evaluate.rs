@@ -1,6 +1,6 @@
 //! Metrics of a scene on held-out views.
 
-use crate::view::View;
+use crate::view::{Normals, View};
 use specula_core::{
     executor::Renderer,
     expose::{Exposure, IDENTITY, expose},
@@ -228,16 +228,43 @@ pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
 
 /// Mean angle between rendered and ground-truth normals in degrees.
 fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
-    const NOTHING_RENDERED: f64 = 90.0;
     let Some(normals) = &view.normals else { return f64::NAN };
     let (mut sum, mut count) = (0.0, 0.0);
     for pixel in (0..image.pixel_count()).filter(|pixel| normals.mask[*pixel] && view.rgba[4 * pixel + 3] > 127) {
-        let rendered = [0, 1, 2].map(|c| image.plane(channel::NORMAL + c)[pixel]);
-        let is_there = rendered.iter().any(|c| c.abs() > 1e-6);
-        sum += if is_there { angle_degrees(rendered, normals.values[pixel]) } else { NOTHING_RENDERED };
+        sum += normal_angle(image, normals, pixel);
         count += 1.0;
     }
     sum / f64::max(count, 1.0)
+}
+
+/// Mean angle between rendered and ground-truth normals in degrees, weighted by the product of
+/// rendered and ground-truth opacity (Ref-NeRF, Verbin et al. 2022):
+///
+/// ```text
+/// Σ A α arccos(n·n_gt) / Σ A α
+/// ```
+///
+/// over pixels with a ground-truth normal. None without ground truth, or where every weight is
+/// zero. Pixels in which nothing is rendered do not count.
+pub fn weighted_normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64> {
+    let normals = view.normals.as_ref()?;
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for pixel in (0..image.pixel_count()).filter(|pixel| normals.mask[*pixel]) {
+        let opacity = 1.0 - f64::from(image.plane(image.channels - 1)[pixel]);
+        let weight = opacity * f64::from(view.rgba[4 * pixel + 3]);
+        sum += weight * normal_angle(image, normals, pixel);
+        weights += weight;
+    }
+    (weights > 0.0).then(|| sum / weights)
+}
+
+/// Angle between the rendered normal of a pixel and its ground truth in degrees; 90 where there is
+/// no rendered normal.
+fn normal_angle(image: &Image<Vec<f32>>, truth: &Normals, pixel: usize) -> f64 {
+    const NOTHING_RENDERED: f64 = 90.0;
+    let rendered = [0, 1, 2].map(|c| image.plane(channel::NORMAL + c)[pixel]);
+    let is_there = rendered.iter().any(|c| c.abs() > 1e-6);
+    if is_there { angle_degrees(rendered, truth.values[pixel]) } else { NOTHING_RENDERED }
 }
 
 /// Mean SSIM of two pictures of three planes, quantised to 8 bits.
@@ -318,6 +345,47 @@ mod tests {
         assert!((noisy.psnr - one_level).abs() < 0.1, "{} dB", noisy.psnr);
         assert!(noisy.ssim > 0.9, "{}", noisy.ssim);
     }
+
+    #[test]
+    fn errors_of_normals_count_each_pixel_alike_or_by_both_opacities() {
+        /// Ground-truth alpha, rendered opacity and rendered normal of a pixel whose true normal is
+        /// +x: right; a faint edge, off by 90°; nothing rendered; off by 45°; without ground truth.
+        const PIXELS: [(u8, f32, [f32; 3]); 5] = [
+            (255, 1.0, [1.0, 0.0, 0.0]),
+            (51, 0.5, [0.0, 0.5, 0.0]),
+            (255, 0.0, [0.0; 3]),
+            (204, 0.25, [0.125, 0.0, 0.125]),
+            (255, 1.0, [0.0, 0.0, 1.0]),
+        ];
+        let (width, height) = (PIXELS.len(), 1);
+        let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width as u32, height as u32);
+        let channels = Channels::Training.count() + 1;
+        let mut image = Image { width, height, channels, values: vec![0.0; channels * width] };
+        for (pixel, (_, opacity, normal)) in PIXELS.iter().enumerate() {
+            let mut set = |plane: usize, value: f32| image.values[plane * width + pixel] = value;
+            normal.iter().enumerate().for_each(|(c, value)| set(channel::NORMAL + c, *value));
+            set(channels - 1, 1.0 - opacity);
+        }
+        let mask: Vec<bool> = (0..width).map(|pixel| pixel != 4).collect();
+        let values = mask.iter().map(|mask| [f32::from(u8::from(*mask)), 0.0, 0.0]).collect();
+        let rgba = PIXELS.iter().flat_map(|(alpha, ..)| [9, 9, 9, *alpha]).collect();
+        let view = View { name: "one".into(), camera, rgba, normals: Some(Normals { values, mask }) };
+
+        let alike = measure_view(&image, &view, [1.0; 3]).normal_mae.unwrap();
+        assert!((alike - (0.0 + 90.0 + 45.0) / 3.0).abs() < 1e-6, "{alike}°: the faint edge does not count");
+        let weighted = weighted_normal_error(&image, &view).unwrap();
+        let expected = (0.2 * 0.5 * 90.0 + 0.8 * 0.25 * 45.0) / (1.0 + 0.2 * 0.5 + 0.8 * 0.25);
+        assert!(
+            (weighted - expected).abs() < 1e-6,
+            "{weighted}°, not {expected}°: what is not rendered does not count"
+        );
+
+        let values = (0..channels * width).map(|k| if k < (channels - 1) * width { 0.0 } else { 1.0 }).collect();
+        let empty = Image { values, ..image.clone() };
+        assert_eq!(weighted_normal_error(&empty, &view), None, "an empty picture has no weight");
+        assert_eq!(weighted_normal_error(&image, &View { normals: None, ..view }), None);
+    }
+
     /// A rendered picture with a soft edge, and a view of it under an exposure.
     fn photographed(exposure: &Exposure<f32>) -> (Image<Vec<f32>>, View) {
         let (width, height) = (24, 16);

@@ -13,8 +13,9 @@ use std::path::PathBuf;
 ///
 /// PSNR, SSIM and FLIP are computed per 8-bit picture and averaged. The error of normals is the
 /// mean angle in degrees over pixels whose true alpha exceeds one half, for data sets with normal
-/// maps. For data sets with relit ground truth (relight/NAME.hdr and relight/NAME/), relighting is
-/// measured too, without scaling and with the best scale per colour channel.
+/// maps; the weighted one counts each pixel by the product of rendered and true opacity, as
+/// Ref-NeRF does. For data sets with relit ground truth (relight/NAME.hdr and relight/NAME/),
+/// relighting is measured too, without scaling and with the best scale per colour channel.
 ///
 /// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under
 /// ours_N, or, with settings that differ from training, under a longer name such as ours_N_f16 or

@@ -1,15 +1,11 @@
-//! `scripts/glossy-synthetic.py`, where there is a Python with what it needs: `python3`, or
-//! `$SPECULA_PYTHON`.
+//! `scripts/glossy-synthetic.py`, where there is a Python with what it needs.
 
+use crate::python::{has_python, python};
 use specula_io::{
     cameras,
     dataset::{self, LoadOptions},
 };
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use std::{fs, path::Path, process::Output};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../scripts/glossy-synthetic.py");
 /// Numbers go through text with seventeen digits, and then to `f32`.
@@ -50,17 +46,8 @@ pickle.dump(Evil(), open(folder / "evil.pkl", "wb"))
 json.dump(seen, open(folder / "seen.json", "w"))
 "#;
 
-fn python() -> Command {
-    Command::new(std::env::var_os("SPECULA_PYTHON").unwrap_or_else(|| "python3".into()))
-}
-
-fn has_python() -> bool {
-    let found = python().args(["-c", "import numpy, PIL"]).output().is_ok_and(|output| output.status.success());
-    if !found {
-        eprintln!("NOT TESTED, because there is no python3 with numpy and pillow");
-    }
-    found
-}
+/// Modules that the script imports.
+const MODULES: &str = "numpy, PIL";
 
 fn convert(scene: &Path, out: &Path, list: &str) -> Output {
     python().arg(SCRIPT).args([scene, out]).arg("--split").arg(scene.join(list)).output().unwrap()
@@ -68,7 +55,7 @@ fn convert(scene: &Path, out: &Path, list: &str) -> Output {
 
 #[test]
 fn a_scene_of_glossy_synthetic_becomes_one_of_nerf_synthetic() {
-    if !has_python() {
+    if !has_python(MODULES) {
         return;
     }
     let root = tempfile::tempdir().unwrap();
@@ -100,7 +87,7 @@ fn a_scene_of_glossy_synthetic_becomes_one_of_nerf_synthetic() {
 
 #[test]
 fn a_pickle_that_is_more_than_arrays_is_not_opened() {
-    if !has_python() {
+    if !has_python(MODULES) {
         return;
     }
     let root = tempfile::tempdir().unwrap();

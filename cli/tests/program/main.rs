@@ -1,6 +1,7 @@
 //! The program, through its commands: one test program, so that it is linked once.
 
 mod bad_input;
+mod benchmark;
 mod browser;
 mod compare;
 mod end_to_end;
@@ -11,6 +12,7 @@ mod library;
 mod pages;
 mod place;
 mod prefilter;
+mod python;
 mod report;
 mod resume;
 mod site;

@@ -142,6 +142,20 @@ fn normals_stand_beside_test_images() {
 }
 
 #[test]
+fn an_opaque_picture_has_normals_where_its_coverage_is_at_least_one_half() {
+    let folder = scene();
+    write_image(&folder, "test/r_0_normal.png", 8, 8, [255, 128, 128, 255]);
+    let coverage = |x: u32, y: u32| image::Luma([if y < 6 { [0, 127, 128, 255][x as usize / 2] } else { 0 }]);
+    image::GrayImage::from_fn(8, 8, coverage).save(folder.path().join("test/r_0_alpha.png")).unwrap();
+    let view = &load(folder.path()).unwrap().test[0];
+    let normals = view.normal.as_ref().unwrap();
+    let expected = |pixel: usize| pixel % 8 >= 4 && pixel / 8 < 6;
+    assert!((0..64).all(|pixel| normals.mask[pixel] == expected(pixel)), "{:?}", normals.mask);
+    assert!((0..64).all(|pixel| (normals.values[pixel] != [0.0; 3]) == expected(pixel)));
+    assert!(view.image.rgba.chunks(4).all(|pixel| pixel[3] == 255), "the picture stays as it is");
+}
+
+#[test]
 fn some_missing_normals_are_noted() {
     let folder = scene();
     write(&folder, "transforms_test.json", list(&[frame("test/r_0"), frame("train/r_0")]).to_string());

@@ -2,7 +2,7 @@
 
 use crate::{
     comparison::run::{CONDITIONS, Run},
-    measure::{LPIPS, MAE, MEASURES, Measure, PSNR, PSNR_FITTED},
+    measure::{LPIPS, MAE, MAE_WEIGHTED, MEASURES, Measure, PSNR, PSNR_FITTED},
 };
 use specula_scene::number::group_digits;
 
@@ -97,7 +97,7 @@ impl Quantity {
             Self::Measure(_) => true,
             Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => false,
         };
-        let needs_truth = matches!(self, Self::Measure(MAE) | Self::Relit { .. });
+        let needs_truth = matches!(self, Self::Measure(MAE | MAE_WEIGHTED) | Self::Relit { .. });
         let mut others = runs.iter().filter(|other| !needs_truth || other.scene == run.scene);
         self.value(run).is_none() && is_measurable && others.any(|other| self.value(other).is_some())
     }

@@ -1,11 +1,11 @@
 //! Measures of a view, and its pictures on a page.
 
-use crate::measure::{FLIP, ViewMeasures};
+use crate::measure::{FLIP, MAE_WEIGHTED, ViewMeasures};
 use specula_accuracy::flip::flip_map;
 use specula_core::{metrics::quantize, scene::Image};
 use specula_io::picture::{self, RgbImage};
 use specula_train::{
-    evaluate::{Pair, measure_pair},
+    evaluate::{Pair, measure_pair, weighted_normal_error},
     view::View,
 };
 
@@ -28,12 +28,13 @@ pub struct EvaluatedView {
 }
 
 impl EvaluatedView {
-    /// Measures a rendered view over a background: PSNR, SSIM, ꟻLIP, and normals where they are
-    /// known.
+    /// Measures a rendered view over a background: PSNR, SSIM, ꟻLIP, and normals in two ways where
+    /// they are known.
     pub fn new(view: &View, image: &Image<Vec<f32>>, background: [f32; 3], with_pictures: bool) -> Self {
         let pair = Pair::new(image, view, background);
         let mut measures: ViewMeasures = measure_pair(&pair, image, view).into();
         measures.values[FLIP] = Some(mean_flip(&pair));
+        measures.values[MAE_WEIGHTED] = weighted_normal_error(image, view);
         let size = [view.camera.width, view.camera.height];
         Self { measures, size, pictures: with_pictures.then(|| jpegs(&pair, size)) }
     }
