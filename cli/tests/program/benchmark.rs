@@ -23,7 +23,7 @@ const SEEDS: [&str; 2] = ["0", "1"];
 /// Tolerance of numbers that were summed in another order.
 const ROUNDING: f64 = 1e-9;
 
-/// `ball` and `car` as Ref-NeRF distributes them: pictures of `ball` are opaque, with their coverage
+/// `ball` and `car` in the layout of Ref-NeRF: pictures of `ball` are opaque, with their coverage
 /// beside them.
 struct Suite(Tiny);
 
