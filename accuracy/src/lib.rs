@@ -10,7 +10,7 @@
 //! * [`budget`]: the cheapest setting within an error, validated on other views
 //! * [`verify`]: pictures within an error, each compared with the most exact one in `f32`
 //! * [`mod@off_axis`]: error of projected alphas by the angle off the axis
-//! * [`mod@sort`]: error of one sort per picture against a sort per pixel
+//! * [`mod@sort`]: error and run time of orders of splats against a sort per pixel
 //! * [`stability`]: guarantees for scenes at the limits of valid input
 #![forbid(unsafe_code)]
 

@@ -214,7 +214,7 @@ pub const PARAMETERS: [Parameter; 10] = [
 
 /// Properties without alternatives, for reports.
 pub const FIXED: [(&str, &str); 3] = [
-    ("sort", "by depth of the mean; how far that is from an order for each pixel is said below"),
+    ("sort", "by depth of the mean, in exact pictures as well; errors and times of other orders are said below"),
     ("levels of light", "ten (exact) or by resolution (official)"),
     ("largest alpha", "0.99, which is part of the model"),
 ];

@@ -1,22 +1,49 @@
-//! Error of one sort per picture against a sort per pixel.
+//! Error and run time of orders of splats against an exact sort per pixel.
 //!
 //! Pipelines sort Gaussians by the depth of their means, once for a picture. Along a pixel's ray a
 //! Gaussian lies where its response is largest, which may be elsewhere, so that large overlapping
-//! Gaussians are blended in the wrong order in some pixels, and swap as the camera moves. All else
-//! is equal here: projection along rays in `f64`, no cutoffs, the same colours.
+//! Gaussians are blended in the wrong order in some pixels, and swap as the camera moves. The CPU
+//! executor also sorts within a window, or each pixel. All else is equal here: projection along
+//! rays, no cutoffs, the same colours. Run times are those of whole views within the default
+//! cutoffs.
 
 use crate::{
     budget::tile_of,
     error::{Errors, Sums},
     reference::{Exact, Reference},
+    setting::Setting,
     subject::Subject,
+    trial::{Spread, Trial, measured},
 };
 use rayon::prelude::*;
-use specula_core::{camera::Camera, double::Double, scene::Image};
+use specula_core::{
+    camera::Camera,
+    cutoffs::{
+        BlendOrder::{self, Mean, Pixel, Window},
+        Cutoffs,
+    },
+    double::Double,
+    scene::Image,
+};
+use specula_cpu::CpuError;
 use specula_oracle::{Frame, independent::rays::Order};
 
 /// Gaussians times pixels to render for each order, ten or twenty seconds of a core.
 const EVALUATIONS: usize = 1_000_000_000;
+
+/// Orders of the CPU executor, that of means first.
+const ORDERS: [BlendOrder; 5] = [Mean, Window(8), Window(16), Window(32), Pixel];
+
+/// Error and run time of an order.
+#[derive(Clone, Debug)]
+pub struct Sorted {
+    /// What splats are sorted by.
+    pub by: String,
+    /// Errors against a sort per pixel.
+    pub errors: Errors,
+    /// Milliseconds of a view within the default cutoffs; none where no executor has the order.
+    pub milliseconds: Option<f64>,
+}
 
 /// Errors of sort orders.
 #[derive(Clone, Debug)]
@@ -28,8 +55,8 @@ pub struct Sort {
     /// Largest difference of a colour between the pipeline and the independent renderer, both
     /// sorted by the depth of means: the precision of the comparison.
     pub apart: f64,
-    /// Errors against a sort per pixel.
-    pub orders: [(&'static str, Errors); 2],
+    /// Depth of the mean, distance of the mean, then the other orders of the CPU executor.
+    pub orders: Vec<Sorted>,
 }
 
 /// A tile in every order.
@@ -42,8 +69,18 @@ struct Tile {
 }
 
 impl Sort {
-    /// Measures a part of each view; `done` is called for each.
-    pub fn new(subject: &Subject, reference: &Reference, done: impl Fn() + Sync) -> Self {
+    /// Measures a part of each view; `done` is called for each. Run times are the minimum of
+    /// `repeats`.
+    ///
+    /// # Errors
+    ///
+    /// [`CpuError`], where a view cannot be rendered.
+    pub fn new(
+        subject: &Subject,
+        reference: &Reference,
+        repeats: u32,
+        done: impl Fn() + Sync,
+    ) -> Result<Self, CpuError> {
         let cameras: Vec<Camera> = subject.cameras.iter().map(|view| middle(view, subject)).collect();
         let tile = |camera: &Camera| {
             let orders = [Order::Mean, Order::Distance, Order::Response];
@@ -53,24 +90,70 @@ impl Sort {
             tile
         };
         let tiles: Vec<Tile> = cameras.par_iter().map(tile).collect();
+        let mut trial = Trial::under(subject.clone(), reference)?;
 
         let mut sums = [Sums::default(), Sums::default()];
+        let mut of_executor = ORDERS.map(|_| Sums::default());
         let mut apart = 0.0_f64;
-        for Tile { mean, ordered: [same, distance, response] } in &tiles {
+        for (Tile { mean, ordered: [same, distance, response] }, camera) in tiles.iter().zip(&cameras) {
             let exact = Exact::of(response, subject.background);
             for (sums, frame) in sums.iter_mut().zip([mean, distance]) {
                 sums.add(&narrow(frame), &exact, subject.background);
             }
+            for (sums, order) in of_executor.iter_mut().zip(ORDERS) {
+                let setting = in_order(&Setting::exact(subject), order);
+                sums.add(&trial.view(&measured(&setting), camera)?.image, &exact, subject.background);
+            }
             apart = apart.max(largest_difference(mean, same, subject.background));
         }
         let [mean, distance] = sums.map(Sums::errors);
-        Self {
-            tiles: tiles.len(),
-            size: cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]),
-            apart,
-            orders: [("depth of the mean", mean), ("distance of the mean", distance)],
+        let milliseconds = run_times(&mut trial, subject, repeats)?;
+        let of_executor = of_executor.map(Sums::errors).into_iter().zip(ORDERS).zip(milliseconds);
+        let sorted = |((errors, order), milliseconds): ((Errors, BlendOrder), Option<f64>)| Sorted {
+            by: name(order),
+            errors,
+            milliseconds,
+        };
+        let mut orders: Vec<Sorted> = of_executor.map(sorted).collect();
+        orders[0].errors = mean;
+        orders.insert(1, Sorted { by: "distance of the mean".to_owned(), errors: distance, milliseconds: None });
+        let size = cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]);
+        Ok(Self { tiles: tiles.len(), size, apart, orders })
+    }
+}
+
+/// Name of an order in reports.
+fn name(order: BlendOrder) -> String {
+    match order {
+        Mean => "depth of the mean".to_owned(),
+        Window(count) => format!("depth along the ray, window of {count}"),
+        Pixel => "depth along the ray".to_owned(),
+    }
+}
+
+fn in_order(setting: &Setting, order: BlendOrder) -> Setting {
+    Setting { cutoffs: setting.cutoffs.with_order(order), ..*setting }
+}
+
+/// Milliseconds of a view in each order within the default cutoffs: the minimum of some runs, in
+/// which the orders take turns; none without views or runs.
+fn run_times(
+    trial: &mut Trial<'_>,
+    subject: &Subject,
+    repeats: u32,
+) -> Result<[Option<f64>; ORDERS.len()], CpuError> {
+    let default = Setting { cutoffs: Cutoffs::DEFAULT, ..Setting::exact(subject) };
+    let mut samples = ORDERS.map(|_| Vec::new());
+    for _ in 0..repeats {
+        for (samples, order) in samples.iter_mut().zip(ORDERS) {
+            let mut total = 0.0;
+            for camera in &subject.cameras {
+                total += trial.view(&in_order(&default, order), camera)?.milliseconds();
+            }
+            samples.push(total / subject.cameras.len().max(1) as f64);
         }
     }
+    Ok(samples.map(|samples| (!samples.is_empty()).then(|| Spread::of(samples).min)))
 }
 
 /// Central crop of a view, within the number of pixels.
@@ -101,6 +184,8 @@ mod tests {
 
     /// Precision of core's `f32` constants.
     const SAME: f64 = 1e-6;
+    /// Rounding of `f32`, and a pixel in which two Gaussians are equally deep up to it.
+    const EXACT: f64 = 1e-4;
 
     fn sort(log_scale: f32) -> Sort {
         let mut gaussians = random_cloud(60, Layout::radiance(0), 5);
@@ -116,7 +201,7 @@ mod tests {
             cameras: vec![camera(32, 24), camera(32, 24)],
             background: [0.0; 3],
         };
-        Sort::new(&subject, &Reference::new(&subject), || {})
+        Sort::new(&subject, &Reference::new(&subject), 1, || {}).expect("the CPU renders")
     }
 
     #[test]
@@ -126,8 +211,13 @@ mod tests {
             assert_eq!((sort.tiles, sort.size), (2, [32, 24]), "there is time for all of it");
             assert!(sort.apart < SAME, "the same picture twice: {}", sort.apart);
         }
-        let rms = |sort: &Sort| sort.orders.map(|(_, errors)| errors.rms);
-        assert!(rms(&large).iter().all(|rms| *rms > 1e-3), "{large:?}");
+        let rms = |sort: &Sort| sort.orders.iter().map(|sorted| sorted.errors.rms).collect::<Vec<_>>();
+        assert!(rms(&large)[..2].iter().all(|rms| *rms > 1e-3), "{large:?}");
         assert!(rms(&small).iter().all(|rms| *rms < 1e-3), "{small:?}");
+        let [mean, _, eight, sixteen, thirty_two, pixel] = rms(&large)[..] else { panic!("six orders: {large:?}") };
+        assert!(mean > eight && eight > sixteen && sixteen > thirty_two && thirty_two >= pixel, "{large:?}");
+        assert!(pixel < EXACT, "the exact order is that of the independent renderer: {pixel:e}");
+        let times = large.orders.iter().map(|sorted| sorted.milliseconds.is_some());
+        assert!(times.eq([true, false, true, true, true, true]), "orders of executors take time: {large:?}");
     }
 }

@@ -1,8 +1,8 @@
-//! Culling and early-termination thresholds, and the projection model of splats.
+//! Culling and early-termination thresholds, and the projection model and order of splats.
 //!
 //! Cutoffs are data: the minimum alpha, the transmittance at which a pixel ends, the reach of
-//! splats into tiles, and their projection. Training uses the default ones alone, because gradients
-//! assume them; renderers accept any.
+//! splats into tiles, their projection, and their order in a pixel. Training uses the default ones
+//! alone, because gradients assume them; renderers accept any.
 
 use crate::real::Real;
 
@@ -31,6 +31,38 @@ pub enum ProjectionModel {
     Within(f32),
 }
 
+/// Order of the splats in a pixel; ties keep the order of the tile. Training supports
+/// [`BlendOrder::Mean`] alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BlendOrder {
+    /// Depth of the mean, for all pixels of a picture (3DGS).
+    #[default]
+    Mean,
+    /// Depth of the largest response along the pixel's ray ([`crate::order`]) within a window: the
+    /// splats that are visible in the pixel come by the depth of their means into a buffer of this
+    /// many, from 1 to [`WINDOW_MAX`], and the nearest is blended whenever it is full (after Radl
+    /// et al. 2024, StopThePop). A window of one is [`BlendOrder::Mean`].
+    Window(u32),
+    /// Depth of the largest response along the pixel's ray: exact.
+    Pixel,
+}
+
+/// Entries of a window by default.
+pub const WINDOW: u32 = 16;
+/// Largest window, which a pixel of a GPU can hold.
+pub const WINDOW_MAX: u32 = 64;
+
+impl BlendOrder {
+    /// Number of splats among which the nearest is blended; `None` for all.
+    pub const fn window(self) -> Option<usize> {
+        match self {
+            Self::Mean => Some(1),
+            Self::Window(count) => Some(count as usize),
+            Self::Pixel => None,
+        }
+    }
+}
+
 /// Culling and early-termination thresholds. Training and the free functions of [`crate::blend`]
 /// and [`mod@crate::bin`] use [`Cutoffs::DEFAULT`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +72,7 @@ pub struct Cutoffs {
     transmittance_min: f32,
     reach_max: f32,
     projection: ProjectionModel,
+    order: BlendOrder,
 }
 
 /// Floor of the thresholds: logarithms and products of larger ones are normal numbers.
@@ -47,13 +80,14 @@ const THRESHOLD_MIN: f32 = 1e-12;
 
 impl Cutoffs {
     /// INRIA's values: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold each splat as far as its
-    /// alpha is drawn, and projection is affine.
+    /// alpha is drawn, projection is affine, and splats are sorted by the depth of their means.
     pub const DEFAULT: Self = Self {
         alpha_min: ALPHA_MIN,
         log2_alpha_min: LOG2_ALPHA_MIN,
         transmittance_min: TRANSMITTANCE_MIN,
         reach_max: f32::INFINITY,
         projection: ProjectionModel::Affine,
+        order: BlendOrder::Mean,
     };
     /// Values of the reference renderer: 10⁻¹² of alpha and of transmittance, and projection along
     /// rays.
@@ -63,6 +97,7 @@ impl Cutoffs {
         transmittance_min: THRESHOLD_MIN,
         reach_max: f32::INFINITY,
         projection: ProjectionModel::Ray,
+        order: BlendOrder::Mean,
     };
 
     /// Sets the least alpha that is drawn, in (0, 1); smaller values count as 10⁻¹².
@@ -85,6 +120,10 @@ impl Cutoffs {
     pub fn with_projection(self, projection: ProjectionModel) -> Self {
         Self { projection, ..self }
     }
+    /// Sets the order of splats in a pixel.
+    pub fn with_order(self, order: BlendOrder) -> Self {
+        Self { order, ..self }
+    }
 
     /// Least alpha that is drawn.
     pub const fn alpha_min(&self) -> f32 {
@@ -101,6 +140,10 @@ impl Cutoffs {
     /// Projection model.
     pub const fn projection(&self) -> ProjectionModel {
         self.projection
+    }
+    /// Order of splats in a pixel.
+    pub const fn order(&self) -> BlendOrder {
+        self.order
     }
 
     /// Tests log₂ of a splat's strength against the least alpha.

@@ -18,7 +18,8 @@
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`]: the same pixel by pixel
-//! * [`bin`]: tiles that a splat touches; [`blend`]: one compositing step
+//! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
+//!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours
 //! * [`loss`], [`depth_normal`]: losses; [`optimise`], [`densify`]: updates; [`metrics`]: measures
 //! * [`morton`]: Morton order; [`pack`]: half precision; [`region`]: parts of space
@@ -99,6 +100,7 @@ pub mod metrics;
 pub mod morton;
 pub mod normal;
 pub mod optimise;
+pub mod order;
 pub mod pack;
 pub mod perspective;
 pub mod pipeline;

@@ -77,6 +77,15 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
+/// Visits the quads, or the lanes of one, whose bits are set.
+#[inline(always)]
+pub(crate) fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
+    while quads != 0 {
+        visit(quads.trailing_zeros() as usize % QUADS);
+        quads &= quads - 1;
+    }
+}
+
 /// Number of quads of a tile with `channels` channels: those of the channels, quad after quad, then
 /// the transmittances.
 pub(crate) const fn tile_len(channels: usize) -> usize {

@@ -3,6 +3,7 @@
 
 pub mod bin;
 pub(crate) mod blend;
+mod blend_in_order;
 pub mod blend_vjp;
 pub(crate) mod densify;
 pub(crate) mod expose;
@@ -14,4 +15,5 @@ pub mod prefilter;
 pub mod project;
 pub mod shade;
 pub(crate) mod shade_pixels;
+mod response_batch;
 mod splat_batch;

@@ -13,6 +13,7 @@ use crate::{
     stages::{
         bin::{Tiles, bin},
         blend::{blend, read},
+        blend_in_order::blend_in_order,
         blend_vjp::{ReplayDivision, SplatGrads, blend_vjp},
         densify::densify,
         expose::expose,
@@ -36,6 +37,7 @@ use crate::{
 use core::{fmt::Debug, mem, ops::Range};
 use specula_core::{
     camera::Camera,
+    cutoffs::BlendOrder,
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
     expose::Exposure,
@@ -81,6 +83,8 @@ impl Precision for Storage {
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,
     precision: P,
+    /// Order of splats in a pixel; training has that of means alone.
+    order: BlendOrder,
     /// Weights of the last prefilter.
     weights: Option<Arc<Weights>>,
     /// Counters of the current training step.
@@ -111,6 +115,12 @@ impl GpuExecutor<Storage> {
     pub fn set_storage(&mut self, storage: Storage) {
         self.precision = storage;
     }
+
+    /// Sets the order of splats in a pixel for the pictures that follow. Splats that were projected
+    /// before must not be used any more.
+    pub fn set_order(&mut self, order: BlendOrder) {
+        self.order = order;
+    }
 }
 
 impl<P> GpuExecutor<P> {
@@ -118,7 +128,17 @@ impl<P> GpuExecutor<P> {
         let replay = ReplayDivision::new(&gpu);
         let context = Context::new(gpu);
         let counters = StepCounters::new(&context);
-        Self { context, precision, weights: None, counters, capacity: None, replay, losses: None, exposure_sums: None }
+        Self {
+            context,
+            precision,
+            order: BlendOrder::Mean,
+            weights: None,
+            counters,
+            capacity: None,
+            replay,
+            losses: None,
+            exposure_sums: None,
+        }
     }
 
     /// The device.
@@ -255,7 +275,7 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn project(&mut self, gaussians: &Gaussians<ChunkedArray>, camera: &Camera) -> Result<Splats, GpuError> {
-        project(&mut self.context, gaussians, camera)
+        project(&mut self.context, gaussians, camera, self.order)
     }
 
     fn shade(
@@ -274,7 +294,12 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {
-        blend(&mut self.context, splats, colors, tiles, camera)
+        match &splats.responses {
+            None => blend(&mut self.context, splats, colors, tiles, camera),
+            Some(responses) => {
+                blend_in_order(&mut self.context, splats, responses, colors, tiles, camera, self.order.window())
+            }
+        }
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, GpuError> {

@@ -22,7 +22,9 @@ pub use light::{Light, LightGrad, Operator, look_up, look_up_vjp, prefilter, pre
 pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
 };
-pub use picture::{Frame, blend, blend_vjp, blend_within, composite, front_to_back, front_to_back_within};
+pub use picture::{
+    Frame, blend, blend_in_order, blend_vjp, blend_within, composite, front_to_back, front_to_back_within,
+};
 pub use shade_pixels::{shade_pixels, shade_pixels_vjp};
 
 use crate::{
@@ -35,8 +37,9 @@ use specula_core::{
         ShadedGaussian, shape_vjp,
     },
     camera::Camera,
-    cutoffs::{Cutoffs, ProjectionModel},
+    cutoffs::{BlendOrder, Cutoffs, ProjectionModel},
     loss::LossWeights,
+    order::{ResponseDepth, response_depth},
     perspective::{Perspective, perspective},
     project,
     rules::{Channels, RenderRules, channel},
@@ -70,6 +73,12 @@ pub fn project_within<R: Number>(
     };
     let (splats, perspectives) = (0..gaussians.count).map(of).unzip();
     (splats, Some(perspectives))
+}
+
+/// Depths of the largest responses of Gaussians.
+pub fn response_depths<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec<ResponseDepth<R>> {
+    let camera = camera.lift(R::of(0.0));
+    (0..gaussians.count).map(|index| response_depth(&gaussian(gaussians, index).shape(), &camera)).collect()
 }
 
 /// Splats to channels, one list for each Gaussian. Without a light there is no specular term.
@@ -215,7 +224,9 @@ pub fn render_within<R: Number>(
     let colors = shade(gaussians, camera, light, rules);
     leave_out(&mut splats, gaussians, camera, rules);
     let order = front_to_back_within(&splats, cutoffs);
-    let frame = blend_within(&splats, perspectives.as_deref(), &colors, &order, camera, cutoffs);
+    let responses = (cutoffs.order() != BlendOrder::Mean).then(|| response_depths(gaussians, camera));
+    let frame =
+        blend_in_order(&splats, perspectives.as_deref(), responses.as_deref(), &colors, &order, camera, cutoffs);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
 }
 

@@ -6,6 +6,7 @@ use specula_core::{
     blend::{self, Composite, OffsetMoments, PixelState, Replay, StepGrad},
     camera::Camera,
     cutoffs::Cutoffs,
+    order::ResponseDepth,
     perspective::{self, Perspective},
     scene::Image,
     splat::{Splat, Splat2d, SplatGrad},
@@ -74,12 +75,26 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
     blend_within(splats, None, colors, order, camera, &Cutoffs::DEFAULT)
 }
 
-/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them. Rows in which a
-/// splat is not seen are skipped, which changes nothing. Without perspectives projection was
-/// affine.
+/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them, nor is their
+/// order ([`blend_in_order`]). Without perspectives projection was affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,
+    colors: &[Vec<R>],
+    order: &[usize],
+    camera: &Camera,
+    cutoffs: &Cutoffs,
+) -> Frame<R> {
+    blend_in_order(splats, perspectives, None, colors, order, camera, cutoffs)
+}
+
+/// [`blend_within`] in the order of the cutoffs, for which the depths of responses are needed;
+/// without them it is `order`. Rows in which a splat is not seen are skipped, which changes
+/// nothing.
+pub fn blend_in_order<R: Number>(
+    splats: &[Splat<R>],
+    perspectives: Option<&[Perspective<R>]>,
+    responses: Option<&[ResponseDepth<R>]>,
     colors: &[Vec<R>],
     order: &[usize],
     camera: &Camera,
@@ -96,14 +111,17 @@ pub fn blend_within<R: Number>(
     for row in 0..height {
         let near: Vec<usize> = order.iter().copied().filter(|k| rows[*k][0] <= row && row < rows[*k][1]).collect();
         for pixel in row * width..(row + 1) * width {
+            let hit = |k: &usize| {
+                let offset = offset(&splats[*k], pixel % width, row);
+                let strength = log2_strength(&splats2d[*k], perspective(*k), offset);
+                let depth = responses.map_or(0.0, |responses| responses[*k].at(offset).value());
+                cutoffs.passes_alpha_test(strength).then_some(Hit { splat: *k, strength, depth })
+            };
+            let hits: Vec<Hit<R>> = near.iter().filter_map(hit).collect();
             let mut state = PixelState::open(R::of(1.0));
-            for &k in &near {
-                let strength = log2_strength(&splats2d[k], perspective(k), offset(&splats[k], pixel % width, row));
-                if !cutoffs.passes_alpha_test(strength) {
-                    continue;
-                }
-                let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), state);
-                for (channel, color) in colors[k].iter().enumerate() {
+            for hit in sorted(hits, cutoffs.order().window()) {
+                let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(hit.strength), state);
+                for (channel, color) in colors[hit.splat].iter().enumerate() {
                     let value = &mut values[channel * size + pixel];
                     *value = *value + weight * *color;
                 }
@@ -113,6 +131,27 @@ pub fn blend_within<R: Number>(
         }
     }
     Image { width, height, channels: channels + 1, values }
+}
+
+/// Splat that is visible in a pixel.
+struct Hit<R> {
+    splat: usize,
+    strength: R,
+    /// Depth of its largest response.
+    depth: f64,
+}
+
+/// Splats of a pixel as they leave a window of this many, of any number for none; ties in their
+/// order.
+fn sorted<R>(hits: Vec<Hit<R>>, window: Option<usize>) -> Vec<Hit<R>> {
+    let mut sorted: Vec<Hit<R>> = Vec::with_capacity(hits.len());
+    for (count, hit) in hits.into_iter().enumerate() {
+        // All but the last `window − 1` have been blended.
+        let blended = window.map_or(0, |window| (count + 1).saturating_sub(window));
+        let place = blended + sorted[blended..].partition_point(|other| other.depth <= hit.depth);
+        sorted.insert(place, hit);
+    }
+    sorted
 }
 
 /// Gradient of [`blend()`]: of each splat and of its channels.

@@ -2,7 +2,10 @@
 
 use crate::SceneError;
 use core::{fmt, str::FromStr};
-use specula_core::{cutoffs::ProjectionModel, pack::Storage};
+use specula_core::{
+    cutoffs::{BlendOrder, ProjectionModel},
+    pack::Storage,
+};
 #[cfg(feature = "gpu")]
 use specula_gpu::{AdapterReport, Gpu, adapters};
 
@@ -131,7 +134,7 @@ pub fn preferred_adapter(adapters: &[AdapterReport]) -> Option<&AdapterReport> {
     adapters.iter().find(|adapter| !adapter.is_software)
 }
 
-/// Executor of renderings, its numbers in memory, and its projection.
+/// Executor of renderings, its numbers in memory, its projection, and its order of splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderOptions {
     /// Executor.
@@ -140,6 +143,8 @@ pub struct RenderOptions {
     pub storage: Storage,
     /// Projection of Gaussians; models other than the affine one are computed by the CPU alone.
     pub projection: ProjectionModel,
+    /// Order of splats in a pixel.
+    pub order: BlendOrder,
 }
 
 impl Default for RenderOptions {
@@ -150,9 +155,9 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
-    /// Executor with 32-bit numbers and the affine projection of training.
+    /// Executor with 32-bit numbers, and the affine projection and the order of training.
     pub const fn full_precision(executor: ExecutorChoice) -> Self {
-        Self { executor, storage: Storage::F32, projection: ProjectionModel::Affine }
+        Self { executor, storage: Storage::F32, projection: ProjectionModel::Affine, order: BlendOrder::Mean }
     }
 
     /// Opens the device of the executor; the CPU for projection models that it alone has.

@@ -7,7 +7,10 @@ use crate::{
     camera_set::CameraSet,
     light_file::{LightOptions, MapUp},
 };
-use specula_core::{cutoffs::ProjectionModel, pack::Storage};
+use specula_core::{
+    cutoffs::{BlendOrder, ProjectionModel},
+    pack::Storage,
+};
 use specula_io::{Result, cameras, model_folder::method_of};
 use std::{
     fs,
@@ -27,7 +30,7 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference of pictures from those of the model by default:
-/// storage, projection, background, and the profile that the attributes were read with.
+/// storage, projection, order, background, and the profile that the attributes were read with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -41,6 +44,11 @@ pub fn differences(
         ProjectionModel::Ray => Some("ray".to_owned()),
         ProjectionModel::Within(alpha) => Some(format!("within-{alpha}")),
     };
+    let order = match options.order {
+        BlendOrder::Mean => None,
+        BlendOrder::Window(count) => Some(format!("window-{count}")),
+        BlendOrder::Pixel => Some("pixel-order".to_owned()),
+    };
     let background = background.and_then(|requested| match requested {
         BackgroundChoice::Environment => Some("on-env".to_owned()),
         BackgroundChoice::Color(color) => {
@@ -48,7 +56,7 @@ pub fn differences(
         }
     });
     let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
-    [storage, projection, background, profile].into_iter().flatten().collect()
+    [storage, projection, order, background, profile].into_iter().flatten().collect()
 }
 
 /// Parts of a name, one for each change to the light of a file.

@@ -123,7 +123,8 @@ fn upload(
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
-            let exec = GpuExecutor::viewer(*gpu, storage);
+            let mut exec = GpuExecutor::viewer(*gpu, storage);
+            exec.set_order(cutoffs.order());
             Box::new(Uploaded::new(exec, gaussians, |light, _| light, storage)?)
         }
     })
@@ -231,7 +232,7 @@ impl SceneRenderer {
         if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
             tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
-        let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection);
+        let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
         let backend = upload(options.open()?, &scene.gaussians, cutoffs, options.storage)?;
         Self { backend, rules }.lit_by(light)
     }

@@ -1,7 +1,7 @@
 //! Parsers of option values. Errors are sentences that name the valid values.
 
 use core::net::{Ipv4Addr, SocketAddr};
-use specula_core::cutoffs::ProjectionModel;
+use specula_core::cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX};
 use specula_io::budget::view_size;
 use specula_scene::{ExecutorChoice, device::InvalidExecutor};
 use std::net::ToSocketAddrs;
@@ -72,6 +72,23 @@ pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {
     }
 }
 
+/// Order of splats: mean, window, window:N or pixel.
+pub(super) fn order(text: &str) -> Result<BlendOrder, String> {
+    let window = |count: &str| {
+        let count = count.parse().ok().filter(|count| (1..=WINDOW_MAX).contains(count))?;
+        Some(BlendOrder::Window(count))
+    };
+    match text {
+        "mean" => Ok(BlendOrder::Mean),
+        "window" => Ok(BlendOrder::Window(WINDOW)),
+        "pixel" => Ok(BlendOrder::Pixel),
+        other => other
+            .strip_prefix("window:")
+            .and_then(window)
+            .ok_or_else(|| format!("use mean, pixel, window, or window:N with an N from 1 to {WINDOW_MAX}")),
+    }
+}
+
 pub(super) fn executor(text: &str) -> Result<ExecutorChoice, String> {
     text.parse().map_err(|error: InvalidExecutor| format!("{error}, where `specula doctor` lists the names"))
 }
@@ -110,6 +127,17 @@ pub(super) fn positive<N: TryFrom<u64> + Default + PartialEq>(text: &str) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_order_is_that_of_means_of_pixels_or_of_a_window() {
+        assert_eq!(order("mean"), Ok(BlendOrder::Mean));
+        assert_eq!(order("pixel"), Ok(BlendOrder::Pixel));
+        assert_eq!(order("window"), Ok(BlendOrder::Window(WINDOW)));
+        assert_eq!(order("window:8"), Ok(BlendOrder::Window(8)));
+        for text in ["", "Mean", "window:", "window:0", "window:65", "window:-1", "window8", "pixel:3"] {
+            assert!(order(text).is_err_and(|words| words.contains("window:N")), "{text:?} passed for an order");
+        }
+    }
 
     #[test]
     fn counts_are_read_as_people_write_them() {

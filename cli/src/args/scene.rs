@@ -1,9 +1,12 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
-use super::parse::{executor, finite, projection};
+use super::parse::{executor, finite, order, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use specula_core::{cutoffs::ProjectionModel, pack::Storage};
+use specula_core::{
+    cutoffs::{BlendOrder, ProjectionModel},
+    pack::Storage,
+};
 use specula_io::latlong::UpAxis;
 use specula_scene::{
     ExecutorChoice, RenderOptions,
@@ -40,6 +43,11 @@ pub(crate) struct RendererOptions {
     /// where the affine one is off by more than ALPHA (see docs/accuracy.md).
     #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
     pub(crate) projection: ProjectionModel,
+    /// Order in which splats are blended: by the depth of their means, as in training; by the depth
+    /// of their largest response along the ray of each pixel, exactly (pixel) or among N successive
+    /// splats (window, 16 by default); see docs/rendering.md.
+    #[arg(long, value_name = "mean|window[:N]|pixel", default_value = "mean", value_parser = order)]
+    pub(crate) order: BlendOrder,
 }
 
 impl RendererOptions {
@@ -149,6 +157,11 @@ impl Up {
 
 impl From<&RendererOptions> for RenderOptions {
     fn from(options: &RendererOptions) -> Self {
-        Self { executor: options.executor.clone(), storage: options.storage(), projection: options.projection }
+        Self {
+            executor: options.executor.clone(),
+            storage: options.storage(),
+            projection: options.projection,
+            order: options.order,
+        }
     }
 }

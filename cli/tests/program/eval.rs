@@ -39,6 +39,7 @@ fn measures_of_other_settings_take_no_ones_place() {
     for (words, method) in [
         (&["--storage", "f16"][..], "ours_30_f16"),
         (&["--projection", "ray"], "ours_30_ray"),
+        (&["--order", "pixel"], "ours_30_pixel-order"),
         (&["--storage", "f16", "--projection", "0.01"], "ours_30_f16_within-0.01"),
         (&["--background", "black"], "ours_30_on-0,0,0"),
         (&["-r", "2"], "ours_30_r2"),

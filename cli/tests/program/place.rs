@@ -30,6 +30,8 @@ fn pictures_of_another_setting_lie_in_a_folder_of_their_own() {
         (["--background", "env"], "ours_30_on-env"),
         (["--storage", "f16"], "ours_30_f16"),
         (["--projection", "ray"], "ours_30_ray"),
+        (["--order", "pixel"], "ours_30_pixel-order"),
+        (["--order", "window:8"], "ours_30_window-8"),
         (["--profile", "paper"], "ours_30_as-paper"),
         (["--max-error", "0.05"], "ours_30_error-0.05"),
     ] {

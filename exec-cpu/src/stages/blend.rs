@@ -12,7 +12,8 @@ use crate::{
     parts::{Pieces, each_part},
     stages::{
         bin::Tiles,
-        project::Splats,
+        blend_in_order::{Ordered, blend_in_order},
+        project::{ResponseRecord, Splats},
         shade::Colors,
         splat_batch::{BatchedSplat, SPLATS_AT_ONCE, SplatBatch, centers_of},
     },
@@ -52,12 +53,14 @@ pub(crate) fn blend_all(
     camera: &Camera,
     cutoffs: &Cutoffs,
 ) -> Frame {
+    let responses = splats.responses.as_deref();
     match &splats.in_perspective {
         None => {
-            with_channels!(colors.channels, blend_channels(context, &splats.records, colors, tiles, camera, cutoffs))
+            let records = &splats.records;
+            with_channels!(colors.channels, blend_channels(context, records, responses, colors, tiles, camera, cutoffs))
         }
         Some(splats) => {
-            with_channels!(colors.channels, blend_channels(context, splats, colors, tiles, camera, cutoffs))
+            with_channels!(colors.channels, blend_channels(context, splats, responses, colors, tiles, camera, cutoffs))
         }
     }
 }
@@ -65,6 +68,7 @@ pub(crate) fn blend_all(
 fn blend_channels<const C: usize>(
     context: &Context,
     splats: &[impl BatchedSplat],
+    responses: Option<&[ResponseRecord]>,
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
@@ -78,23 +82,20 @@ fn blend_channels<const C: usize>(
     let parts = (Pieces::new(&mut blended, &pixels_of), Pieces::new(&mut seen, &splats_of));
     each_part(count, parts, &|slot, (pixels, seen): (Pieces<'_, Quad>, Pieces<'_, u16>)| {
         let list = tiles.of_covered(slot);
-        let origin = cover.origin(slot);
-        dispatch!(context.level, simd => {
-            let (pixels, seen) = (pixels.only(), seen.only());
-            blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, cutoffs, pixels, seen);
-        });
+        let (origin, pixels, seen) = (cover.origin(slot), pixels.only(), seen.only());
+        match responses {
+            None => dispatch!(context.level, simd => {
+                blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, cutoffs, pixels, seen);
+            }),
+            Some(responses) => {
+                let (colors, channels) = (&colors.values, C);
+                let ordered = Ordered { splats, responses, colors, channels, list, origin, cutoffs };
+                blend_in_order(context.level, &ordered, pixels, seen);
+            }
+        }
     });
     let (width, height) = (camera.width as usize, camera.height as usize);
     Frame { width, height, channels: C, cover, blended, shaded: None, exposed: None, seen }
-}
-
-/// Visits the quads whose bits are set.
-#[inline(always)]
-pub(crate) fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
-    while quads != 0 {
-        visit(quads.trailing_zeros() as usize % QUADS);
-        quads &= quads - 1;
-    }
 }
 
 #[inline(always)]

@@ -6,12 +6,12 @@
 use crate::{
     buffer::Buffer,
     context::Context,
-    frame::{Frame, FrameGrad, QUADS, Quad, tile_len},
+    frame::{Frame, FrameGrad, QUADS, Quad, for_each_bit, tile_len},
     lanes::{Lanes, sum_each},
     parts::{Pieces, each_part},
     stages::{
         bin::Tiles,
-        blend::{CHANNELS_MAX, for_each_bit, read_colors, with_channels},
+        blend::{CHANNELS_MAX, read_colors, with_channels},
         project::{SplatRecord, Splats},
         shade::Colors,
         splat_batch::centers_of,

@@ -7,7 +7,8 @@ use specula_core::{
     attributes::AttributePlanes,
     bin::{footprint_within, half_extent},
     camera::Camera,
-    cutoffs::{Cutoffs, ProjectionModel},
+    cutoffs::{BlendOrder, Cutoffs, ProjectionModel},
+    order::{ResponseDepth, response_depth},
     perspective::{Perspective, footprint_in_perspective, perspective},
     project::project,
     real::Real,
@@ -49,6 +50,12 @@ pub(crate) struct PerspectiveRecord {
     pub(crate) curvature: f32,
 }
 
+/// Numbers of a [`ResponseDepth`]: mean, slope, root, depth.
+pub(crate) const RESPONSE_LEN: usize = 8;
+
+/// Depth of a Gaussian's largest response as a function of the pixel.
+pub(crate) type ResponseRecord = [f32; RESPONSE_LEN];
+
 /// All Gaussians on the screen, in their order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
@@ -57,6 +64,8 @@ pub struct Splats {
     pub(crate) records: Buffer<SplatRecord>,
     /// Splats as they are blended, if the projection is not affine.
     pub(crate) in_perspective: Option<Buffer<PerspectiveRecord>>,
+    /// Depths of their largest responses, if they are not blended by the depths of their means.
+    pub(crate) responses: Option<Buffer<ResponseRecord>>,
     /// For each block a bit for each Gaussian that is drawn.
     drawn: Buffer<u16>,
 }
@@ -126,6 +135,7 @@ pub(crate) fn project_all(
 ) -> Splats {
     let mut records = context.take::<SplatRecord>(gaussians.count);
     let mut drawn = context.take::<u16>(gaussians.count.div_ceil(BLOCK));
+    let responses = project_responses(context, gaussians, camera, cutoffs.order());
     let block_len = gaussians.block_len();
     let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
     let parts = parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)));
@@ -133,7 +143,7 @@ pub(crate) fn project_all(
         parts.for_each(|(blocks, (records, drawn))| {
             dispatch!(context.level, simd => project_blocks(simd, blocks, block_len, camera, cutoffs, records, drawn));
         });
-        return Splats { records, in_perspective: None, drawn };
+        return Splats { records, in_perspective: None, responses, drawn };
     }
     let mut splats = context.take::<PerspectiveRecord>(gaussians.count);
     parts.zip(splats.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|((blocks, (records, drawn)), splats)| {
@@ -141,7 +151,7 @@ pub(crate) fn project_all(
             project_in_perspective(simd, blocks, block_len, camera, cutoffs, records, splats, drawn);
         });
     });
-    Splats { records, in_perspective: Some(splats), drawn }
+    Splats { records, in_perspective: Some(splats), responses, drawn }
 }
 
 #[inline(always)]
@@ -234,5 +244,38 @@ fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes
             reach: reach[lane],
             half_extent: [half_x[lane], half_y[lane]],
         };
+    }
+}
+
+/// Responses of all Gaussians; none for the order of means.
+fn project_responses(
+    context: &Context,
+    gaussians: &Gaussians<Vec<f32>>,
+    camera: &Camera,
+    order: BlendOrder,
+) -> Option<Buffer<ResponseRecord>> {
+    if order == BlendOrder::Mean {
+        return None;
+    }
+    let mut records = context.take::<ResponseRecord>(gaussians.count);
+    let block_len = gaussians.block_len();
+    let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
+    parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|(blocks, records)| {
+        dispatch!(context.level, simd => {
+            let camera = camera.lift(Lanes::splat(simd, 0.0));
+            for (block, records) in blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK)) {
+                store_responses(&response_depth(&BlockPlanes { simd, values: block }.shape(), &camera), records);
+            }
+        });
+    });
+    Some(records)
+}
+
+#[inline(always)]
+fn store_responses<S: Simd>(response: &ResponseDepth<Lanes<S>>, records: &mut [ResponseRecord]) {
+    let ResponseDepth { mean2d: [x, y], slope: [lx, ly], root: [xx, yx, yy], depth } = *response;
+    let numbers = [x, y, lx, ly, xx, yx, yy, depth].map(Lanes::to_array);
+    for (lane, record) in records.iter_mut().enumerate() {
+        *record = numbers.each_ref().map(|lanes| lanes[lane]);
     }
 }

@@ -7,10 +7,12 @@
 
 pub mod bin;
 pub mod blend;
+pub mod blend_in_order;
 pub mod expose;
 pub mod loss;
 pub mod prefilter;
 pub mod project;
+pub mod response;
 pub mod shade;
 pub mod shade_pixels;
 

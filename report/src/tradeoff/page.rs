@@ -12,11 +12,10 @@ use crate::{
 use askama::Template;
 use plotters::style::RGBColor;
 use specula_accuracy::{
-    error::Errors,
     front::pareto,
     off_axis::{OffAxis, SCALES},
     setting::{Difference, FIXED, PARAMETERS},
-    sort::Sort,
+    sort::{Sort, Sorted},
     stability::{PROMISES, Row},
 };
 use specula_scene::number::group_digits;
@@ -164,19 +163,20 @@ fn parameter_plots(findings: &Findings) -> Result<Vec<String>> {
     Ok(plots)
 }
 
-/// Errors of one order per picture against an order per pixel.
+/// Errors of orders against an exact order per pixel, and their run times.
 fn order_table(sort: &Sort) -> Table {
-    let row = |(order, errors): &(&str, Errors)| {
+    let row = |Sorted { by, errors, milliseconds }: &Sorted| {
         [
-            (*order).to_owned(),
+            by.clone(),
             format!("{:.1} dB", errors.psnr),
             format!("{:.1e}", errors.rms),
             format!("{:.1e}", errors.max),
             format!("{:.1e}", errors.flip),
             format!("{:.2}°", errors.normal_mae),
+            milliseconds.map_or_else(|| "–".to_owned(), |milliseconds| format!("{milliseconds:.2}")),
         ]
     };
-    Table::new(["sorted by", "PSNR", "RMS", "max error", "FLIP", "normal MAE"], sort.orders.iter().map(row))
+    Table::new(["sorted by", "PSNR", "RMS", "max error", "FLIP", "normal MAE", "ms"], sort.orders.iter().map(row))
 }
 
 /// Shapes and angles in rows, scales in columns; each affine and on the tangent plane.

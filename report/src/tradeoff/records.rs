@@ -53,10 +53,11 @@ enum Record<'a> {
     },
     /// Errors against an order per pixel.
     Sort {
-        by: &'static str,
+        by: &'a str,
         tiles: usize,
         size: [u32; 2],
         error: ErrorRecord,
+        milliseconds: Option<f64>,
         renderers_apart: f64,
     },
     #[serde(rename = "off axis")]
@@ -153,12 +154,13 @@ impl<'a> Record<'a> {
         }
     }
 
-    fn orders(sort: &Sort) -> impl Iterator<Item = Self> {
-        sort.orders.iter().map(|(order, errors)| Self::Sort {
-            by: order,
+    fn orders(sort: &'a Sort) -> impl Iterator<Item = Self> {
+        sort.orders.iter().map(|sorted| Self::Sort {
+            by: &sorted.by,
             tiles: sort.tiles,
             size: sort.size,
-            error: ErrorRecord::from(errors),
+            error: ErrorRecord::from(&sorted.errors),
+            milliseconds: sorted.milliseconds,
             renderers_apart: sort.apart,
         })
     }

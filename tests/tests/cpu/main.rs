@@ -9,6 +9,7 @@ mod documentation;
 mod executor;
 mod exports;
 mod invariants;
+mod order;
 mod perspective;
 mod pipeline_gradients;
 mod plan;

@@ -6,6 +6,7 @@ mod densify;
 mod gone;
 mod light;
 mod loss;
+mod order;
 mod pieces;
 mod stages;
 mod stress;

@@ -78,7 +78,7 @@ pub struct BlendSplat {
 
 impl BlendSplat {
     /// State of all pixels, then the channels of one pixel after the other.
-    fn accumulators(&self) -> Vec<Field> {
+    pub(crate) fn accumulators(&self) -> Vec<Field> {
         let first = |pixel: usize| format!("{}u", pixel * self.channels.div_ceil(4));
         let sums = (0..self.block.count()).flat_map(|pixel| channel_fields("sums", &first(pixel), self.channels));
         state_fields(self.block).into_iter().chain(sums).collect()

@@ -38,7 +38,8 @@ pub(crate) fn pixels(source: Source, block: PixelBlock) -> Source {
         .with(include_str!("pixels.wgsl"))
 }
 
-pub(crate) fn source(block: PixelBlock, channel_count: usize) -> String {
+/// Source of a rasteriser: its inputs, the state of its pixels, and the picture.
+pub(crate) fn rasteriser(block: PixelBlock, channel_count: usize) -> Source {
     Source::new()
         .real()
         .part(camera)
@@ -47,8 +48,13 @@ pub(crate) fn source(block: PixelBlock, channel_count: usize) -> String {
         .part(|source| pixels(source, block))
         .number("TRANSMITTANCE_MIN", TRANSMITTANCE_MIN)
         .formula(&BlendStart { block })
-        .formula(&BlendSplat { block, channels: channel_count })
         .formula(&BlendEnd { block })
+        .with(include_str!("rasteriser.wgsl"))
+}
+
+pub(crate) fn source(block: PixelBlock, channel_count: usize) -> String {
+    rasteriser(block, channel_count)
+        .formula(&BlendSplat { block, channels: channel_count })
         .with(include_str!("blend.wgsl"))
         .text()
 }

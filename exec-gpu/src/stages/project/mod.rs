@@ -16,11 +16,13 @@ use crate::{
         camera::{CameraUniform, camera},
         gaussians::stored_planes,
         outline::outline,
+        response::respond,
     },
 };
 use formulas::SplatOf;
 use specula_core::{
     camera::Camera,
+    cutoffs::BlendOrder,
     pack::Storage,
     scene::{Gaussians, Layout},
 };
@@ -45,6 +47,8 @@ pub struct Splats {
     pub(crate) depth_keys: Array,
     /// Number of tiles that each splat touches.
     pub(crate) tile_counts: Array,
+    /// Depths of their largest responses, if they are not blended by the depths of their means.
+    pub(crate) responses: Option<Array>,
 }
 
 /// Appends the structure `Splat`, and the constants of splats.
@@ -64,7 +68,7 @@ pub(crate) fn source(layout: Layout, storage: Storage) -> String {
         .text()
 }
 
-/// Projects all Gaussians.
+/// Projects all Gaussians, with what the order of their splats needs.
 ///
 /// # Errors
 ///
@@ -73,6 +77,7 @@ pub(crate) fn project(
     context: &mut Context,
     gaussians: &Gaussians<ChunkedArray>,
     camera: &Camera,
+    order: BlendOrder,
 ) -> Result<Splats, GpuError> {
     let Gaussians { count, layout, ref values } = *gaussians;
     let storage = values.storage();
@@ -82,6 +87,7 @@ pub(crate) fn project(
         splats: context.allocate("splats", SPLAT_LEN * count)?,
         depth_keys: context.allocate("depths", count)?,
         tile_counts: context.allocate("numbers of tiles", count)?,
+        responses: respond(context, gaussians, camera, order)?,
     };
     let (key, source) = (format!("{layout:?} {storage:?}"), || source(layout, storage));
     for chunk in values.chunks(count) {

@@ -34,7 +34,7 @@ fn a_value_that_is_no_number_is_seen() {
 }
 
 /// Sources of the tests that `docs/stability.md` names.
-const SOURCES: [&str; 11] = [
+const SOURCES: [&str; 12] = [
     include_str!("blending.rs"),
     include_str!("naive.rs"),
     include_str!("numbers.rs"),
@@ -46,6 +46,7 @@ const SOURCES: [&str; 11] = [
     include_str!("../../gpu/stress.rs"),
     include_str!("../../gpu/train.rs"),
     include_str!("../invariants.rs"),
+    include_str!("../order.rs"),
 ];
 
 #[test]

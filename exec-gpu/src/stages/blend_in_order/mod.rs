@@ -1,0 +1,75 @@
+//! Compositing of the splats of each tile, each pixel in its own order
+//! ([`specula_core::cutoffs::BlendOrder`]).
+
+use crate::{
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::{
+        bin::Tiles,
+        blend::rasteriser,
+        camera::CameraUniform,
+        frame::Frame,
+        project::Splats,
+        response::response,
+        shade::Colors,
+    },
+};
+use formulas::{AlphaOf, BlendAlpha, DepthAt, PIXEL};
+use specula_core::camera::Camera;
+
+pub mod formulas;
+
+/// Splats that a pass of the exact order selects: as many as private memory easily holds.
+const SELECTED: usize = 32;
+
+/// Kernel of a window; without one, of the exact order.
+pub(crate) fn source(channel_count: usize, window: Option<usize>) -> String {
+    let source = rasteriser(PIXEL, channel_count)
+        .part(response)
+        .count("HITS", window.unwrap_or(SELECTED))
+        .formula(&AlphaOf)
+        .formula(&DepthAt)
+        .formula(&BlendAlpha { channels: channel_count })
+        .with(include_str!("hits.wgsl"));
+    source.with(if window.is_some() { include_str!("window.wgsl") } else { include_str!("pixel.wgsl") }).text()
+}
+
+/// Composites the splats of all tiles, whose responses have these depths.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn blend_in_order(
+    context: &mut Context,
+    splats: &Splats,
+    responses: &Array,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+    window: Option<usize>,
+) -> Result<Frame, GpuError> {
+    let view = CameraUniform::new(camera, splats.count);
+    let channels = colors.channels;
+    let blended = context.allocate("channels of a picture", (channels + 1) * view.pixel_count())?;
+    let bindings = [
+        Uniform(view.bytes()),
+        Buffer(&splats.splats),
+        Buffer(&colors.values),
+        Buffer(&tiles.ranges),
+        Buffer(&tiles.gaussians),
+        Buffer(&blended),
+        Buffer(responses),
+    ];
+    let entry = if window.is_some() { "blend_window" } else { "blend_pixel" };
+    let source = || source(channels, window);
+    let key = format!("{channels} channels, window {window:?}");
+    context.dispatch(&key, entry, &source, &bindings, Dispatch::Grid(view.tiles()))?;
+    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
+}

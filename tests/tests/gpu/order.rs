@@ -1,0 +1,148 @@
+//! Orders of splats in a pixel on the device: formulas, and pictures against the CPU's.
+
+use specula_core::{
+    camera::Camera,
+    cutoffs::{
+        BlendOrder::{self, Mean, Pixel, Window},
+        Cutoffs, WINDOW_MAX,
+    },
+    executor::Renderer,
+    pack::Storage,
+    pipeline::render,
+    prefilter::PrefilterScheme,
+    rules::{Channels, RenderRules},
+    scene::{Gaussians, Layout},
+    shade::ShadingRules,
+};
+use specula_cpu::CpuViewer;
+use specula_gpu::{
+    GpuExecutor,
+    stages::{
+        blend_in_order::formulas::{AlphaOf, BlendAlpha, DepthAt},
+        response::formulas::ResponseOf,
+    },
+};
+use specula_tests::{
+    compare::{assert_psnr, psnr},
+    device::{executor, executor_in_chunks_of},
+    formulas::{assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, uniform_rows},
+    strategies::random_cloud,
+    stress::{LAYOUT, every_case},
+};
+
+/// As for the order of means, but for pixels in which two splats are equally deep up to rounding.
+const SAME_FRAME: f64 = 70.0;
+/// As [`SAME_FRAME`] in extreme scenes, where more pixels hang on rounding.
+const EXTREME_FRAME: f64 = 45.0;
+const ORDERS: [BlendOrder; 5] = [Mean, Window(1), Window(3), Window(WINDOW_MAX), Pixel];
+
+fn viewer() -> Option<GpuExecutor<Storage>> {
+    executor().map(|exec| GpuExecutor::viewer(exec.gpu().clone(), Storage::F32))
+}
+
+fn picture<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, channels: Channels) -> Vec<f64>
+where
+    E::Error: core::fmt::Debug,
+{
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
+    let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
+    let frame = render(exec, &uploaded, None, camera, &rules).expect("the executor renders");
+    let mut values = vec![0.0; (channels.count() + 1) * (camera.width * camera.height) as usize];
+    exec.read_frame(&frame, &mut values).expect("the frame has that size");
+    values.iter().map(|x| f64::from(*x)).collect()
+}
+
+fn on_cpu(order: BlendOrder) -> CpuViewer {
+    CpuViewer::with_cutoffs(Cutoffs::DEFAULT.with_order(order))
+}
+
+#[test]
+fn every_formula_of_an_order_is_on_the_device_what_it_is_on_the_host() {
+    let Some(mut gpu) = executor() else { return };
+    let gpu = &mut gpu;
+    for layout in [Layout::radiance(3), Layout::shaded(Some(3))] {
+        assert_same(gpu, &ResponseOf { layout }, &gaussian_rows(layout));
+    }
+    let splat = [[0.1, 0.8], [-0.5, 0.5], [0.1, 0.8], [-3.0, 0.0], [-1.0, 1.0], [-1.0, 1.0]];
+    assert_same(gpu, &AlphaOf, &uniform_rows(1, &splat));
+    let response = [[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.05], [-0.05, 0.05], [0.0, 0.05], [0.5, 9.0]];
+    let rows = uniform_rows(2, &[&response[..], &[[-20.0, 20.0]; 2]].concat());
+    assert_same(gpu, &DepthAt, &rows);
+    for channels in [3, 8, 12] {
+        let mut bounds = vec![[0.0, 0.99]];
+        bounds.extend(vec![[-1.0, 1.0]; channels]);
+        bounds.extend([[0.05, 1.0]; 2]);
+        bounds.extend(vec![[-1.0, 1.0]; channels]);
+        assert_same(gpu, &BlendAlpha { channels }, &uniform_rows(3, &bounds));
+    }
+}
+
+#[test]
+fn no_formula_of_an_order_is_left_out() {
+    let formulas = [
+        include_str!("../../../exec-gpu/src/stages/blend_in_order/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/response/formulas.rs"),
+    ];
+    assert_every_formula_has_a_case(&formulas, include_str!("order.rs"), 4);
+}
+
+#[test]
+fn both_executors_render_the_same_pictures_in_every_order() {
+    let Some(mut gpu) = viewer() else { return };
+    let camera = camera(70, 45);
+    for (count, channels) in [(300, Channels::Training), (2000, Channels::Color)] {
+        let cloud = random_cloud(count, LAYOUT, 3);
+        let of_means = picture(&mut on_cpu(Mean), &cloud, &camera, channels);
+        for order in ORDERS {
+            gpu.set_order(order);
+            let ours = picture(&mut gpu, &cloud, &camera, channels);
+            let theirs = picture(&mut on_cpu(order), &cloud, &camera, channels);
+            println!("{count}, {order:?}: {:.1} dB", psnr(&ours, &theirs));
+            assert_psnr(&ours, &theirs, SAME_FRAME);
+            assert!(order != Pixel || psnr(&theirs, &of_means) < 45.0, "orders differ");
+        }
+    }
+}
+
+#[test]
+fn a_window_of_one_on_the_device_is_the_order_of_means() {
+    let Some(mut gpu) = viewer() else { return };
+    let (cloud, camera) = (random_cloud(500, LAYOUT, 4), camera(70, 45));
+    let mean = picture(&mut gpu, &cloud, &camera, Channels::Training);
+    gpu.set_order(Window(1));
+    // Another kernel, whose products a driver may fuse in another way.
+    assert_psnr(&picture(&mut gpu, &cloud, &camera, Channels::Training), &mean, 100.0);
+    gpu.set_order(Mean);
+    assert!(picture(&mut gpu, &cloud, &camera, Channels::Training) == mean, "the order can be changed back");
+}
+
+#[test]
+fn an_order_has_the_same_bits_twice_and_in_chunks() {
+    let (Some(mut gpu), Some(divided)) = (viewer(), executor_in_chunks_of(1 << 14)) else { return };
+    let mut divided = GpuExecutor::viewer(divided.gpu().clone(), Storage::F32);
+    let (cloud, camera) = (random_cloud(900, LAYOUT, 5), camera(70, 45));
+    for order in [Window(8), Pixel] {
+        gpu.set_order(order);
+        divided.set_order(order);
+        let first = picture(&mut gpu, &cloud, &camera, Channels::Color);
+        assert!(picture(&mut gpu, &cloud, &camera, Channels::Color) == first, "{order:?}: twice");
+        assert!(picture(&mut divided, &cloud, &camera, Channels::Color) == first, "{order:?}: in chunks");
+    }
+}
+
+#[test]
+fn extreme_scenes_on_the_device_are_those_of_the_cpu_in_every_order() {
+    let Some(mut gpu) = viewer() else { return };
+    let names = ["needles", "pancakes", "all at one depth", "dust", "a wall of opaque layers", "no Gaussians"];
+    for name in names {
+        let case = every_case().into_iter().find(|case| case.name == name).expect("a case of that name");
+        for order in [Window(4), Pixel] {
+            gpu.set_order(order);
+            let ours = picture(&mut gpu, &case.cloud, &case.camera, Channels::Color);
+            let theirs = picture(&mut on_cpu(order), &case.cloud, &case.camera, Channels::Color);
+            println!("{name}: {order:?}: {:.1} dB", psnr(&ours, &theirs));
+            assert!(ours.iter().all(|x| x.is_finite()), "{name}: {order:?}");
+            assert_psnr(&ours, &theirs, EXTREME_FRAME);
+        }
+    }
+}
