@@ -137,11 +137,7 @@ fn in_order(setting: &Setting, order: BlendOrder) -> Setting {
 
 /// Milliseconds of a view in each order within the default cutoffs: the minimum of some runs, in
 /// which the orders take turns; none without views or runs.
-fn run_times(
-    trial: &mut Trial<'_>,
-    subject: &Subject,
-    repeats: u32,
-) -> Result<[Option<f64>; ORDERS.len()], CpuError> {
+fn run_times(trial: &mut Trial<'_>, subject: &Subject, repeats: u32) -> Result<[Option<f64>; ORDERS.len()], CpuError> {
     let default = Setting { cutoffs: Cutoffs::DEFAULT, ..Setting::exact(subject) };
     let mut samples = ORDERS.map(|_| Vec::new());
     for _ in 0..repeats {

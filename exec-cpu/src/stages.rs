@@ -13,7 +13,7 @@ pub mod loss;
 pub(crate) mod optimise;
 pub mod prefilter;
 pub mod project;
+mod response_batch;
 pub mod shade;
 pub(crate) mod shade_pixels;
-mod response_batch;
 mod splat_batch;

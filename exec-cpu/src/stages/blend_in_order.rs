@@ -133,12 +133,7 @@ pub(crate) fn blend_in_order<T: BatchedSplat>(
 }
 
 #[inline(always)]
-fn blend_tile<S: Simd, T: BatchedSplat>(
-    simd: S,
-    ordered: &Ordered<'_, T>,
-    pixels: &mut [Quad],
-    seen: &mut [u16],
-) {
+fn blend_tile<S: Simd, T: BatchedSplat>(simd: S, ordered: &Ordered<'_, T>, pixels: &mut [Quad], seen: &mut [u16]) {
     let (channels, last) = pixels.split_at_mut(QUADS * ordered.channels);
     let count = ordered.list.len().div_ceil(SPLATS_AT_ONCE);
     let window = ordered.cutoffs.order().window();

@@ -45,8 +45,7 @@ pub type StartProgress<'a> = dyn Fn(&str, u64) -> Box<dyn Fn(u64) + Sync> + 'a;
 pub fn measure(scene: &str, subject: &Subject, options: Options, progress: &StartProgress<'_>) -> Result<Findings> {
     let reference = Reference::new(subject);
     let views = view_by_view("in f64", subject, progress, |done| reference.views(subject, done));
-    let sort =
-        view_by_view("sorted", subject, progress, |done| Sort::new(subject, &reference, options.repeats, done))?;
+    let sort = view_by_view("sorted", subject, progress, |done| Sort::new(subject, &reference, options.repeats, done))?;
     let mut bench = Bench { subject, views, trial: Trial::new(subject), repeats: options.repeats };
     let exact = Setting::exact(subject);
     let (settings, parameters) = one_at_a_time(subject, &exact);

@@ -17,7 +17,9 @@ use specula_core::{
     project::BLUR,
     random,
     rules::{Channels, RenderRules},
-    scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation},
+    scene::{
+        DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values,
+    },
     shade::ShadingRules,
 };
 use specula_cpu::CpuViewer;
@@ -222,7 +224,8 @@ fn a_wider_window_is_closer_to_the_exact_order_and_a_full_one_is_it() {
 
 /// Two opaque discs that cross, red and green, seen by a camera that turns in place by this angle.
 fn crossing(order: BlendOrder, angle: f32) -> Vec<f64> {
-    let mut cloud = Gaussians { count: 2, layout: Layout::radiance(0), values: vec![0.0; 16 * 14] };
+    let layout = Layout::radiance(0);
+    let mut cloud = Gaussians { count: 2, layout, values: vec![0.0; len_of_values(2, layout)] };
     for (k, side) in [-1.0_f32, 1.0].into_iter().enumerate() {
         let turn = Quat::from_rotation_y(side * 0.6);
         cloud.set(k, MEAN, [0.05 * side, 0.0, 0.0]);
@@ -233,7 +236,8 @@ fn crossing(order: BlendOrder, angle: f32) -> Vec<f64> {
     }
     let eye = Vec3::new(0.0, 0.0, -4.0);
     let straight = Camera::look_at(eye, Vec3::ZERO, Vec3::NEG_Y, 0.7, 64, 48);
-    let turned = Mat3::from_rotation_y(angle) * straight.camera_from_world;
+    // Rolled, so that the line in which they cross meets the centres of pixels one by one.
+    let turned = Mat3::from_rotation_z(0.3) * Mat3::from_rotation_y(angle) * straight.camera_from_world;
     wide(&picture(&cloud, &Camera { camera_from_world: turned, ..straight }, in_order(order)))
 }
 
@@ -263,7 +267,8 @@ fn equal_depths_keep_the_order_of_the_gaussians() {
     let mut cloud = random_cloud(150, LAYOUT, 9);
     for k in 0..cloud.count {
         // Fifty in each of three places, of different colours and opacities.
-        for (plane, len) in [(MEAN, 3), (LOG_SCALE, 3), (QUAT, 4)] {
+        cloud.set(k, LOG_SCALE, [-0.2, -0.6, -1.5]);
+        for (plane, len) in [(MEAN, 3), (QUAT, 4)] {
             for entry in plane..plane + len {
                 let number = cloud.get::<1>(k % 3, entry);
                 cloud.set(k, entry, number);

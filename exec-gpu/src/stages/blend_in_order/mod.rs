@@ -12,12 +12,7 @@ use crate::{
         memory::Array,
     },
     stages::{
-        bin::Tiles,
-        blend::rasteriser,
-        camera::CameraUniform,
-        frame::Frame,
-        project::Splats,
-        response::response,
+        bin::Tiles, blend::rasteriser, camera::CameraUniform, frame::Frame, project::Splats, response::response,
         shade::Colors,
     },
 };
