@@ -37,7 +37,7 @@ const ORDERS: [BlendOrder; 5] = [Mean, Window(8), Window(16), Window(32), Pixel]
 /// Error and run time of an order.
 #[derive(Clone, Debug)]
 pub struct Sorted {
-    /// What splats are sorted by.
+    /// Depth that splats are sorted by.
     pub by: String,
     /// Errors against a sort per pixel.
     pub errors: Errors,

@@ -8,11 +8,11 @@
 //! t* = dᵀ Σ⁻¹ μ / dᵀ Σ⁻¹ d = z u / (u² + κ |W δ|²),    u = max(1 + l·δ, 0)
 //! ```
 //!
-//! (Radl et al. 2024, StopThePop, eq. 6), where z is the depth of the mean and l, κ, W and δ are
-//! those of [`crate::perspective`]: its q is 1/κ − (dᵀ Σ⁻¹ μ)² / dᵀ Σ⁻¹ d, and dᵀ Σ⁻¹ μ = u / (z κ).
-//! A response that is largest behind the eye counts as at the eye, where its strength along a ray is
-//! taken. t* does not depend on the projection model: an affine splat is sorted along the ray as
-//! well.
+//! (Radl et al. 2024, StopThePop), where z is the depth of the mean and l, κ, W and δ are
+//! those of [`crate::perspective`]: its q is 1/κ − (dᵀ Σ⁻¹ μ)² / dᵀ Σ⁻¹ d, and dᵀ Σ⁻¹ μ is
+//! u / (z κ). A response that is largest behind the eye counts as at the eye, where its strength
+//! along a ray is taken. t* does not depend on the projection model: an affine splat is sorted
+//! along the ray as well.
 
 use crate::{
     camera::CameraOf,
@@ -72,8 +72,8 @@ impl<R: Real> ResponseDepth<R> {
         let scale = ray_scale.max(ray_scale.zero());
         self.depth * scale / (scale.mul_add(scale, squared) + LENGTH_MIN)
     }
-    /// Lower bound of t* in a box of offsets, its rounding to `f32` included: t* falls with |W δ| and
-    /// has no minimum between two values of u. Zero where a number is not finite.
+    /// Lower bound of t* in a box of offsets, its rounding to `f32` included: t* falls with |W δ|
+    /// and has no minimum between two values of u. Zero where a number is not finite.
     #[inline(always)]
     pub fn least(&self, dx: [R; 2], dy: [R; 2]) -> R {
         let ([lx, ly], [xx, yx, yy]) = (self.slope, self.root);

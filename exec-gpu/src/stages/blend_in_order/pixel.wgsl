@@ -1,5 +1,5 @@
-// Tile rasteriser in the exact order of each pixel: passes over the splats of a tile select the next
-// HITS by depth, behind those of the pass before.
+// Tile rasteriser in the exact order of each pixel: passes over the splats of a tile select the
+// next HITS by depth, behind those of the pass before.
 //
 // Threads: one workgroup a tile, one invocation a pixel.
 // Memory: an invocation keeps the selected splats, sorted, in private memory.
