@@ -1,6 +1,7 @@
 //! Error of projected alphas against those along rays, by the angle off the axis.
 
 use specula_core::{
+    antialias::LowPass,
     blend,
     camera::Camera,
     cutoffs::ProjectionModel,
@@ -58,6 +59,8 @@ fn shape(degrees: f64, scale: f64, thickness: f64, tilt: f64) -> Shape<Double> {
         log_scales: vec3(Double(scale.ln()), Double(scale.ln()), Double((scale * thickness).ln())),
         quat: [half_cos, 0.0, half_sin, 0.0].map(Double),
         opacity_logit: Double(40.0),
+        low_pass: LowPass::Dilated,
+        filter: None,
     }
 }
 

@@ -69,7 +69,7 @@ impl Subject {
             ("quats", QUAT..OPACITY),
             ("opacities", OPACITY..DIFFUSE),
             ("surfaces", DIFFUSE..layout.sh_start()),
-            ("harmonics", layout.sh_start()..layout.plane_count()),
+            ("harmonics", layout.sh_start()..layout.sh_end()),
         ];
         for (kind, planes) in kinds.into_iter().filter(|(_, planes)| !planes.is_empty()) {
             print(kind, &self.rounded(planes), light.as_ref());

@@ -6,7 +6,7 @@ use crate::{
     output, progress,
 };
 use glam::Vec3;
-use specula_core::{scene::Image, shade::ShadingForm};
+use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
     Error,
     latlong::{LatLong, MapOrientation},
@@ -25,9 +25,21 @@ use specula_train::view::View;
 use std::path::{Path, PathBuf};
 
 /// Opens the folder of a model, or a PLY file, under the shading model that it names, or that of a
-/// profile.
-pub(crate) fn open(path: &Path, profile: Option<ProfileName>) -> Result<OpenedModel, Failure> {
-    let model = open_model(path)?;
+/// profile, and under the low-pass that it names, or another.
+pub(crate) fn open(
+    path: &Path,
+    profile: Option<ProfileName>,
+    low_pass: Option<LowPass>,
+) -> Result<OpenedModel, Failure> {
+    let mut model = open_model(path)?;
+    if let Some(low_pass) = low_pass {
+        if model.gaussians.layout.is_smoothed {
+            return Err(Failure::Input(format!(
+                "{path:?} has the filters of Mip-Splatting, and is shown with them; omit --antialiased"
+            )));
+        }
+        model.gaussians.layout.low_pass = low_pass;
+    }
     let shading_model = shading_model_of(&model, profile)?;
     Ok(OpenedModel::under(path, model, shading_model))
 }

@@ -4,7 +4,7 @@ use crate::{
     args::{Densify, LightPer, Losses, Start, Train},
     failure::Failure,
 };
-use specula_core::{scene::Layout, shade::ShadingForm};
+use specula_core::shade::ShadingForm;
 use specula_train::profile::{self, Ablation, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations`.
@@ -30,8 +30,10 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     set(&mut profile.coarse_until, args.coarse_until);
     // -1 stands for the degree of the profile.
     if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
-        let is_shaded = profile.layout.is_shaded();
-        profile.layout = if is_shaded { Layout::shaded(Some(degree)) } else { Layout::radiance(degree) };
+        profile.layout.sh_degree = Some(degree);
+    }
+    if args.antialias {
+        profile.layout = profile.layout.antialiased();
     }
     if let Some(light_per) = args.light_per {
         if profile.light.is_none() || profile.shading.form == ShadingForm::Official {

@@ -53,14 +53,16 @@ pub trait AttributePlanes<R: Real> {
     fn quat(&self) -> Quat<R> {
         [self.number(QUAT), self.number(QUAT + 1), self.number(QUAT + 2), self.number(QUAT + 3)]
     }
-    /// Mean, scales, orientation and opacity, before activation.
+    /// Mean, scales, orientation and opacity, before activation, and the filters of a layout.
     #[inline(always)]
-    fn shape(&self) -> Shape<R> {
+    fn shape(&self, layout: Layout) -> Shape<R> {
         Shape {
             mean: self.vec3(MEAN),
             log_scales: self.vec3(LOG_SCALE),
             quat: self.quat(),
             opacity_logit: self.number(OPACITY),
+            low_pass: layout.low_pass,
+            filter: layout.filter_plane().map(|plane| self.number(plane)),
         }
     }
 }
@@ -336,7 +338,7 @@ impl GaussianShading {
         planes: &impl AttributePlanes<R>,
         camera: &CameraOf<R>,
     ) -> (LayerChannels<R>, R::Mask) {
-        let shape = planes.shape();
+        let shape = planes.shape(self.layout);
         let mut channels = LayerChannels::with_depth(camera.to_camera(shape.mean).z);
         let sum = self.harmonics(planes, camera.position).sum;
         if self.layout.is_shaded() {

@@ -38,6 +38,8 @@ pub enum CullReason {
     NonfiniteResidual,
     /// A coefficient of its harmonics is not finite.
     NonfiniteHarmonics,
+    /// The deviation of its filter in space is not finite.
+    NonfiniteFilter,
     /// Its opacity is below the least alpha.
     Faint,
     /// It lies behind the eye, or nearer than [`Camera::near`].
@@ -50,7 +52,7 @@ pub enum CullReason {
 
 impl CullReason {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Drawn,
         Self::NonfiniteMean,
         Self::NonfiniteScale,
@@ -60,6 +62,7 @@ impl CullReason {
         Self::NonfiniteRoughness,
         Self::NonfiniteResidual,
         Self::NonfiniteHarmonics,
+        Self::NonfiniteFilter,
         Self::Faint,
         Self::Near,
         Self::TooLarge,
@@ -68,7 +71,7 @@ impl CullReason {
 
     /// Whether a number of the Gaussian is not finite.
     pub const fn is_nonfinite(self) -> bool {
-        Self::NonfiniteMean as usize <= self as usize && self as usize <= Self::NonfiniteHarmonics as usize
+        Self::NonfiniteMean as usize <= self as usize && self as usize <= Self::NonfiniteFilter as usize
     }
 
     /// Short name of the reason, or of the attribute that is not finite.
@@ -83,6 +86,7 @@ impl CullReason {
             Self::NonfiniteRoughness => "roughness",
             Self::NonfiniteResidual => "normal residual",
             Self::NonfiniteHarmonics => "harmonics",
+            Self::NonfiniteFilter => "filter",
             Self::Faint => "too faint",
             Self::Near => "behind the eye or too near",
             Self::TooLarge => "too large for a number",
@@ -137,7 +141,10 @@ const MATERIAL: [(usize, usize, CullReason); 3] = [
 fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Option<CullReason> {
     let layout = gaussians.layout;
     let material = if layout.is_shaded() { &MATERIAL[..] } else { &[] };
-    let harmonics = [(layout.sh_start(), layout.plane_count(), CullReason::NonfiniteHarmonics)];
+    let harmonics = [
+        (layout.sh_start(), layout.sh_end(), CullReason::NonfiniteHarmonics),
+        (layout.sh_end(), layout.plane_count(), CullReason::NonfiniteFilter),
+    ];
     let is_finite = |plane: usize| gaussians.get::<1>(gaussian, plane)[0].is_finite();
     let mut attributes = GEOMETRY.iter().chain(material).chain(&harmonics);
     attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, reason)| *reason)
@@ -145,7 +152,7 @@ fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Opti
 
 fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &Camera) -> CullReason {
     let planes = StoredGaussian { gaussians, index: gaussian };
-    let shape: Shape<f32> = planes.shape();
+    let shape: Shape<f32> = planes.shape(gaussians.layout);
     let lifted = camera.lift(0.0_f32);
     let splat = project(&shape, &lifted);
     let reach = footprint(&splat).reach;

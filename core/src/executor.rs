@@ -451,6 +451,14 @@ pub trait Executor: Renderer {
         key: RandomKey,
     ) -> Result<DensifyReport, Self::Error>;
 
+    /// Sets the filter in space of Gaussians that have one: the least sampling interval of these
+    /// views at the mean ([`mod@crate::antialias`]). Other Gaussians stay as they are.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
+    fn sampling(&mut self, gaussians: &mut Gaussians<Self::Array>, views: &[Camera]) -> Result<(), Self::Error>;
+
     /// Limits one plane to at most `ceiling` and resets its momentum, as the opacity reset does; if
     /// a ball is given, only of Gaussians whose means lie outside.
     ///

@@ -14,7 +14,7 @@
 //! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`],
 //!   [`cubemap`])
 //! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`],
-//!   [`perspective`]); [`cull`]: reasons for which Gaussians are not drawn
+//!   [`perspective`], [`antialias`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`]: the same pixel by pixel
@@ -75,6 +75,7 @@ extern crate std;
 compile_error!("specula-core needs the feature `std` or the feature `libm` for its mathematics");
 
 pub mod activation;
+pub mod antialias;
 pub mod attributes;
 pub mod bin;
 pub mod blend;

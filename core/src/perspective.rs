@@ -17,16 +17,16 @@
 //! than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½
 //! r²).
 //!
-//! Σ holds the low-pass as [`crate::project::BLUR`] does, in the plane of the screen at the mean's
-//! depth.
+//! Σ holds the low-pass ([`crate::antialias::LowPass`]), in the plane of the screen at the mean's
+//! depth; its compensation is that of the affine projection at the mean, and so in the opacity.
 
 use crate::{
     blend::least_squared,
     camera::CameraOf,
-    covariance::{rotation, scales},
+    covariance::rotation,
     cutoffs::{Cutoffs, ProjectionModel},
     each,
-    project::{BLUR, EXTENT_MAX, Shape, root_of_conic},
+    project::{EXTENT_MAX, Shape, root_of_conic},
     real::Real,
     splat::{Footprint, ROOT_SCALE, Splat, Splat2d},
     vector::{Vec3, vec3},
@@ -110,7 +110,7 @@ fn along_ray<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Perspective<R> 
     let mean = mean_in_camera(shape, camera);
     let Axes { axes: [a, b, c], unit } = axes_in_pixels(shape, mean.z, camera);
     let mean = in_pixels(mean, mean.z, camera);
-    let blur = unit * unit.constant(BLUR).sqrt();
+    let blur = unit * unit.constant(shape.low_pass.variance()).sqrt();
     let zero = blur.zero();
     let pairs = [a.cross(b), b.cross(c), c.cross(a)];
     let across = |axis: Vec3<R>| vec3(zero, axis.z, -axis.y) * blur;
@@ -143,7 +143,7 @@ struct Axes<R> {
 #[inline(always)]
 fn axes_in_pixels<R: Real>(shape: &Shape<R>, depth: R, camera: &CameraOf<R>) -> Axes<R> {
     let world_from_local = rotation(shape.quat);
-    let scales = scales(shape.log_scales).to_array();
+    let scales = shape.scales_and_opacity().0.to_array();
     let most = depth.constant(EXTENT_MAX);
     let mut longest = depth.constant(1.0);
     let mut axes = [Vec3::zero(depth); 3];

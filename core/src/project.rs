@@ -3,6 +3,7 @@
 
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
+    antialias::{COMPENSATION_MIN, LowPass, smoothed, smoothed_vjp},
     camera::CameraOf,
     covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
     each,
@@ -10,10 +11,6 @@ use crate::{
     splat::{Splat, SplatGrad},
     vector::{Mat3, Vec3, vec3},
 };
-
-/// Variance, in px², that every splat is widened by, so that none is smaller than a pixel (INRIA's
-/// low-pass).
-pub const BLUR: f32 = 0.3;
 
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
 /// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
@@ -30,15 +27,41 @@ pub struct Shape<R> {
     pub quat: Quat<R>,
     /// Opacity before the sigmoid.
     pub opacity_logit: R,
+    /// Low-pass of its splat.
+    pub low_pass: LowPass,
+    /// Deviation of its filter in space, in world units ([`crate::antialias`]), if it has one.
+    pub filter: Option<R>,
 }
 
 impl<R: Real> Shape<R> {
+    /// Scales and opacity after activation, under the filter in space.
+    #[inline(always)]
+    pub fn scales_and_opacity(&self) -> (Vec3<R>, R) {
+        let (scales, opacity) = (scales(self.log_scales), sigmoid(self.opacity_logit));
+        match self.filter {
+            Some(filter) => smoothed(scales, opacity, filter),
+            None => (scales, opacity),
+        }
+    }
+    /// Gradients of the logarithms of the scales and of the opacity's logit, from those of
+    /// [`Shape::scales_and_opacity`].
+    #[inline(always)]
+    pub fn scales_and_opacity_vjp(&self, grad_scales: Vec3<R>, grad_opacity: R) -> (Vec3<R>, R) {
+        let (scales, opacity) = (scales(self.log_scales), sigmoid(self.opacity_logit));
+        let (grad_scales, grad_opacity) = match self.filter {
+            Some(filter) => smoothed_vjp(scales, opacity, filter, grad_scales, grad_opacity),
+            None => (grad_scales, grad_opacity),
+        };
+        (scales_vjp(self.log_scales, scales, grad_scales), sigmoid_vjp(opacity, grad_opacity))
+    }
     /// Mask of Gaussians whose numbers are all finite: no others are drawn.
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [w, x, y, z] = self.quat;
         let of_quat = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
-        self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite()
+        let of_attributes =
+            self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite();
+        self.filter.map_or(of_attributes, |filter| of_attributes & filter.is_finite())
     }
     /// The same where the mask holds, zero elsewhere.
     #[inline(always)]
@@ -49,6 +72,7 @@ impl<R: Real> Shape<R> {
             log_scales: each!(self.log_scales, x => x.keep(mask)),
             quat: [w.keep(mask), x.keep(mask), y.keep(mask), z.keep(mask)],
             opacity_logit: self.opacity_logit.keep(mask),
+            ..self
         }
     }
 }
@@ -63,21 +87,57 @@ struct EwaProjection<R> {
     slope_is_free: [R; 2],
     camera_from_local: Mat3<R>,
     scales: Vec3<R>,
+    /// Opacity, without the compensation of the low-pass.
+    opacity: R,
     /// Rows of J · (camera from world) · R · S: the half matrix whose square is cov2d.
     half: [Vec3<R>; 2],
     normal: Vec3<R>,
     variance_x: R,
+    variance_y: R,
     covariance_xy: R,
     determinant: R,
+    /// Variance of the low-pass, in px².
+    blur: f32,
+    /// Factor of the opacity, if the low-pass is compensated.
+    compensation: Option<Compensation<R>>,
+}
+
+/// Compensation of a splat's opacity for its low-pass: √(det Σ₂ / det(Σ₂ + b I)), no less than the
+/// root of [`COMPENSATION_MIN`].
+#[derive(Clone, Copy, Debug)]
+struct Compensation<R> {
+    factor: R,
+    /// Share of det(Σ₂ + b I) that the low-pass adds; zero at the floor, where the factor is
+    /// constant.
+    added: R,
+    /// 1 / det Σ₂; zero at the floor.
+    inverse: R,
+}
+
+impl<R: Real> Compensation<R> {
+    /// Of det Σ₂, det(Σ₂ + b I) − det Σ₂ and det(Σ₂ + b I).
+    #[inline(always)]
+    fn new(unblurred: R, added: R, blurred: R) -> Self {
+        let ratio = unblurred / blurred;
+        let floor = ratio.constant(COMPENSATION_MIN);
+        let is_free = floor.less(ratio);
+        let one = ratio.constant(1.0);
+        Self {
+            factor: ratio.max(floor).sqrt(),
+            added: (added / blurred).keep(is_free),
+            inverse: R::select(is_free, unblurred, one).recip().keep(is_free),
+        }
+    }
 }
 
 /// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do
 /// those with a number that is not finite: they must not be drawn. What else their splat holds
 /// means nothing.
 ///
-/// cov2d = V Vᵀ + 0.3 I with V = J · R_camera · R · S. Its determinant comes from the two rows of V
-/// by Cauchy and Binet, |v₁ × v₂|² + λ(|v₁|² + |v₂|²) + λ²: every term is positive, so needles of
-/// 10⁵ px keep their digits.
+/// cov2d = V Vᵀ + b I with b of the [`LowPass`] and V = J · R_camera · R · S. Its determinant comes from the two rows of V
+/// by Cauchy and Binet, |v₁ × v₂|² + b(|v₁|² + |v₂|²) + b²: every term is positive, so needles of
+/// 10⁵ px keep their digits, as does |v₁ × v₂|², the determinant without the low-pass, by which its
+/// compensation divides.
 #[inline(always)]
 pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let p = projection(shape, camera);
@@ -92,8 +152,8 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
         ],
         root_conic: [xx, yx, yy],
         depth: R::select(is_drawn, p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
-        opacity: sigmoid(shape.opacity_logit),
-        variance: [p.variance_x, p.half[1].length_squared() + BLUR],
+        opacity: p.compensation.map_or(p.opacity, |compensation| p.opacity * compensation.factor),
+        variance: [p.variance_x, p.variance_y],
     }
 }
 
@@ -102,7 +162,7 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
-    let [grad_first, grad_second] = half_grad(&p, grad.root_conic);
+    let [grad_first, grad_second] = half_grad(&p, grad.root_conic, grad.opacity);
 
     // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes
     // and the depth.
@@ -135,11 +195,15 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
 
     let turn = |k: usize| camera.camera_from_world.transform_transposed(grad_columns[k]);
     let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
+    let grad_opacity = p.compensation.map_or(grad.opacity, |compensation| grad.opacity * compensation.factor);
+    let (log_scales, opacity_logit) = shape.scales_and_opacity_vjp(grad_scales, grad_opacity);
     let grad = Shape {
         mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
-        log_scales: scales_vjp(shape.log_scales, p.scales, grad_scales),
+        log_scales,
         quat: rotation_vjp(shape.quat, &Mat3::from_columns([turn(0), turn(1), turn(2)])),
-        opacity_logit: sigmoid_vjp(sigmoid(shape.opacity_logit), grad.opacity),
+        opacity_logit,
+        low_pass: shape.low_pass,
+        filter: None,
     };
     grad.keep(shape.is_finite())
 }
@@ -160,7 +224,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let world_from_local = rotation(shape.quat);
     let turn = |k: usize| camera.camera_from_world.transform(world_from_local.column(k));
     let camera_from_local = Mat3::from_columns([turn(0), turn(1), turn(2)]);
-    let scales = scales(shape.log_scales);
+    let (scales, opacity) = shape.scales_and_opacity();
     let [x, y, z] = camera_from_local.rows;
     let half = [
         (x - z * slope[0]).times(scales) * (camera.focal_px[0] * inverse_depth),
@@ -170,6 +234,13 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
 
     let normal = half[0].cross(half[1]);
     let (first, second) = (half[0].length_squared(), half[1].length_squared());
+    let blur = shape.low_pass.variance();
+    let unblurred = normal.length_squared();
+    let determinant = unblurred + (first + second) * blur + blur * blur;
+    let compensation = shape.low_pass.is_compensated().then(|| {
+        let added = (first + second) * blur + blur * blur;
+        Compensation::new(unblurred, added, determinant)
+    });
     EwaProjection {
         mean_in_camera,
         inverse_depth,
@@ -177,11 +248,15 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
         slope_is_free,
         camera_from_local,
         scales,
+        opacity,
         half,
         normal,
-        variance_x: first + BLUR,
+        variance_x: first + blur,
+        variance_y: second + blur,
         covariance_xy: half[0].dot(half[1]),
-        determinant: normal.length_squared() + (first + second) * BLUR + BLUR * BLUR,
+        determinant,
+        blur,
+        compensation,
     }
 }
 
@@ -192,10 +267,13 @@ pub(crate) fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
     (a.sqrt().recip(), -(b / a) * yy, yy)
 }
 
-/// Gradient of both rows of the half matrix, from that of the root of the conic; zero where they
-/// were bounded.
+/// Gradient of both rows of the half matrix, from those of the root of the conic and of the
+/// compensated opacity; zero where they were bounded.
+///
+/// With D₀ = |v₁ × v₂|² and D = D₀ + b(|v₁|² + |v₂|²) + b², the logarithm of the compensation has
+/// the slopes (D − D₀) / (2 D D₀) along D₀ and −b / (2 D) along |v₁|² and |v₂|².
 #[inline(always)]
-fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3]) -> [Vec3<R>; 2] {
+fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3], grad_opacity: R) -> [Vec3<R>; 2] {
     let (a, b, determinant) = (p.variance_x, p.covariance_xy, p.determinant);
     let (xx, yx, yy) = root_of_conic(a, b, determinant);
     let grad_yy = grad_yy - grad_yx * (b / a);
@@ -203,10 +281,17 @@ fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3])
     let grad_a = (grad_yy * yy - grad_xx * xx) * 0.5 / a - grad_yx * yx / a;
     let grad_determinant = -grad_yy * yy * 0.5 / determinant;
 
-    let blurred = (grad_a + grad_determinant * BLUR) * 2.0;
-    let first = (p.half[0] * blurred).add_scaled(grad_b, p.half[1]);
-    let second = (p.half[1] * (grad_determinant * (2.0 * BLUR))).add_scaled(grad_b, p.half[0]);
-    let grad_normal = p.normal * (grad_determinant * 2.0);
+    let blurred = (grad_a + grad_determinant * p.blur) * 2.0;
+    let mut first = (p.half[0] * blurred).add_scaled(grad_b, p.half[1]);
+    let mut second = (p.half[1] * (grad_determinant * (2.0 * p.blur))).add_scaled(grad_b, p.half[0]);
+    let mut grad_normal = p.normal * (grad_determinant * 2.0);
+    if let Some(Compensation { factor, added, inverse }) = p.compensation {
+        let grad = grad_opacity * p.opacity * factor;
+        let along_length = -(grad / determinant * p.blur).keep(inverse.zero().less(inverse));
+        first = first.add_scaled(along_length, p.half[0]);
+        second = second.add_scaled(along_length, p.half[1]);
+        grad_normal = grad_normal.add_scaled(grad * added * inverse, p.normal);
+    }
     [
         bounded_vjp(p.half[0], first + p.half[1].cross(grad_normal)),
         bounded_vjp(p.half[1], second + grad_normal.cross(p.half[0])),

@@ -68,7 +68,7 @@ impl RenderRules {
             true if self.normal_residuals => layout.sh_start(),
             true => NORMAL_RESIDUAL_1,
         };
-        shading_end + 3 * self.sh_count(layout)
+        shading_end + 3 * self.sh_count(layout) + usize::from(layout.is_smoothed)
     }
 }
 

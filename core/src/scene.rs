@@ -5,6 +5,8 @@
 //! memory for one task, and a plane of it is one vector. Parameters, gradients and the moments of
 //! Adam share this layout.
 
+use crate::antialias::LowPass;
+
 /// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Appearance {
@@ -19,14 +21,31 @@ pub enum Appearance {
 ///
 /// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then,
 /// shaded only, diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23;
-/// then the spherical harmonics, plane 3k + c for coefficient k and colour c. All values are kept
-/// before activation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// then the spherical harmonics, plane 3k + c for coefficient k and colour c; then, anti-aliased
+/// only, the deviation of the filter in space. All values are kept before activation.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Layout {
     /// Source of colours.
     pub appearance: Appearance,
     /// Degree of the spherical harmonics, 0–3; `None` is no harmonics at all.
     pub sh_degree: Option<u8>,
+    /// Low-pass of splats that the opacities were trained under.
+    pub low_pass: LowPass,
+    /// Whether each Gaussian has a filter in space ([`crate::antialias`]).
+    pub is_smoothed: bool,
+}
+
+/// Names filters only where there are any: checkpoints hold the text of their settings.
+impl core::fmt::Debug for Layout {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { appearance, sh_degree, low_pass, is_smoothed } = self;
+        let mut text = out.debug_struct("Layout");
+        text.field("appearance", appearance).field("sh_degree", sh_degree);
+        if (*low_pass, *is_smoothed) != (LowPass::Dilated, false) {
+            text.field("low_pass", low_pass).field("is_smoothed", is_smoothed);
+        }
+        text.finish()
+    }
 }
 
 /// First plane of the means, in world space.
@@ -54,11 +73,20 @@ pub const BLOCK: usize = 16;
 impl Layout {
     /// Plain Gaussian splatting.
     pub const fn radiance(sh_degree: u8) -> Self {
-        Self { appearance: Appearance::Radiance, sh_degree: Some(sh_degree) }
+        Self {
+            appearance: Appearance::Radiance,
+            sh_degree: Some(sh_degree),
+            low_pass: LowPass::Dilated,
+            is_smoothed: false,
+        }
     }
     /// The paper's attributes, with or without residual harmonics.
     pub const fn shaded(sh_degree: Option<u8>) -> Self {
-        Self { appearance: Appearance::Shaded, sh_degree }
+        Self { appearance: Appearance::Shaded, sh_degree, low_pass: LowPass::Dilated, is_smoothed: false }
+    }
+    /// The same attributes with both filters of Mip-Splatting.
+    pub const fn antialiased(self) -> Self {
+        Self { low_pass: LowPass::Mip, is_smoothed: true, ..self }
     }
     /// Whether the shading attributes are there.
     pub const fn is_shaded(self) -> bool {
@@ -75,9 +103,17 @@ impl Layout {
             None => 0,
         }
     }
+    /// Past the last plane of the spherical harmonics.
+    pub const fn sh_end(self) -> usize {
+        self.sh_start() + 3 * self.sh_count()
+    }
+    /// Plane of the deviations of the filter in space, in world units, if Gaussians have one.
+    pub const fn filter_plane(self) -> Option<usize> {
+        if self.is_smoothed { Some(self.sh_end()) } else { None }
+    }
     /// Number of planes.
     pub const fn plane_count(self) -> usize {
-        self.sh_start() + 3 * self.sh_count()
+        self.sh_end() + self.is_smoothed as usize
     }
 }
 

@@ -15,6 +15,7 @@ use crate::{
         optimise::{StepSize, adam_all, adam_blocks},
         prefilter::{Light, LightGrad},
         project::{Splats, project_all},
+        sampling::sampling,
         shade::{Colors, Scene, shade_all},
         shade_pixels::{shade_pixels, shade_pixels_vjp},
     },
@@ -395,6 +396,11 @@ impl Executor for CpuExecutor {
         key: RandomKey,
     ) -> Result<DensifyReport, CpuError> {
         Ok(densify::densify(gaussians, moments, statistics, rules, count_max, key))
+    }
+
+    fn sampling(&mut self, gaussians: &mut Gaussians<Vec<f32>>, views: &[Camera]) -> Result<(), CpuError> {
+        sampling(&self.context, gaussians, views);
+        Ok(())
     }
 
     fn limit_plane(

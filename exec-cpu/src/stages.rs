@@ -14,6 +14,7 @@ pub(crate) mod optimise;
 pub mod prefilter;
 pub mod project;
 mod response_batch;
+pub(crate) mod sampling;
 pub mod shade;
 pub(crate) mod shade_pixels;
 mod splat_batch;

@@ -28,6 +28,7 @@ use crate::{
         prefilter::{Light, Weights, prefilter},
         prefilter_vjp::prefilter_vjp,
         project::{Splats, project},
+        sampling::sampling,
         shade::{Colors, shade},
         shade_pixels::shade_pixels,
         shade_pixels_vjp::shade_pixels_vjp,
@@ -460,6 +461,10 @@ impl Executor for GpuExecutor {
         key: RandomKey,
     ) -> Result<DensifyReport, GpuError> {
         densify(&mut self.context, &self.counters, gaussians, moments, statistics, rules, count_max, key)
+    }
+
+    fn sampling(&mut self, gaussians: &mut Gaussians<ChunkedArray>, views: &[Camera]) -> Result<(), GpuError> {
+        sampling(&mut self.context, gaussians, views)
     }
 
     fn limit_plane(

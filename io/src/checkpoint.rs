@@ -34,7 +34,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
     expose::Exposure,
-    scene::{Appearance, BLOCK, Environment, Gaussians, Layout, RadianceActivation},
+    scene::{BLOCK, Environment, Gaussians, Layout, RadianceActivation},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use std::{
@@ -135,6 +135,9 @@ struct Header {
     gaussians: usize,
     is_shaded: bool,
     sh_degree: Option<u8>,
+    /// Whether Gaussians have both filters of Mip-Splatting.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    is_antialiased: bool,
     light: Option<LightHeader>,
     /// Number of photographs with exposures.
     exposures: Option<usize>,
@@ -235,6 +238,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
         gaussians: gaussians.count,
         is_shaded: gaussians.layout.is_shaded(),
         sh_degree: gaussians.layout.sh_degree,
+        is_antialiased: gaussians.layout.is_smoothed,
         light: light.as_ref().map(|(light, _)| LightHeader {
             resolution: light.resolution,
             is_exponential: light.activation == RadianceActivation::Exponential,
@@ -271,15 +275,16 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 /// [`Error::TooLarge`] beyond the memory budget, [`Error::Read`].
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
-    let Header { facts, gaussians: count, is_shaded, sh_degree, light, exposures, .. } = reader.header()?;
+    let Header { facts, gaussians: count, is_shaded, sh_degree, is_antialiased, light, exposures, .. } =
+        reader.header()?;
     if let Some(fault) = facts.fault() {
         return Err(reader.refuse("the header", fault));
     }
     if sh_degree.is_some_and(|degree| degree > 3) {
         return Err(reader.refuse("the header", "harmonics have a degree from 0 to 3"));
     }
-    let appearance = if is_shaded { Appearance::Shaded } else { Appearance::Radiance };
-    let layout = Layout { appearance, sh_degree };
+    let layout = Layout { sh_degree, ..if is_shaded { Layout::shaded(None) } else { Layout::radiance(0) } };
+    let layout = if is_antialiased { layout.antialiased() } else { layout };
     let blocks = shape_of_gaussians(count, layout);
     let values = reader.numbers("gaussians", &blocks)?;
     let scene = SceneState {

@@ -7,6 +7,7 @@
 //!   without f_dc), opacity, scale, rot
 //! * GaussianShader: x y z, nx ny nz (Δn₁), nx2 ny2 nz2 (Δn₂), f_dc (diffuse), f_rest (coefficient
 //!   by coefficient, with the first), opacity, scale, rot, roughness, specular
+//! * Mip-Splatting: either, then filter_3D, the deviation of each Gaussian's filter in space
 
 use crate::{
     error::{Error, Result},
@@ -22,6 +23,8 @@ use std::{
     path::Path,
 };
 
+/// Property of Mip-Splatting's files.
+const FILTER: &str = "filter_3D";
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout (it has \"roughness\")";
 
@@ -49,7 +52,8 @@ enum Holds {
     Normal(usize),
 }
 
-/// Reads Gaussians of either layout; the property `roughness` identifies GaussianShader's.
+/// Reads Gaussians of either layout; the property `roughness` identifies GaussianShader's, and
+/// `filter_3D` both filters of Mip-Splatting.
 ///
 /// # Errors
 ///
@@ -101,7 +105,8 @@ fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
         Appearance::Shaded if count == 0 => (Some(None), ""),
         Appearance::Shaded => (degree_of(count).map(Some), "0, 3, 12, 27 or 48"),
     };
-    let layout = Layout { appearance, sh_degree: sh_degree.flatten() };
+    let layout = Layout { appearance, sh_degree: sh_degree.flatten(), ..Layout::radiance(0) };
+    let layout = if table.has(FILTER) { layout.antialiased() } else { layout };
     match sh_degree {
         Some(_) => Ok(layout),
         None => Err(Error::HarmonicsCount { path: path.to_owned(), count, layout: name_of(layout), allowed }),
@@ -129,7 +134,11 @@ fn names_by_plane(layout: Layout) -> Vec<String> {
 
 /// Columns of a layout in the order of the file.
 fn columns(layout: Layout) -> Vec<Column> {
-    if layout.is_shaded() { shaded_columns(layout) } else { radiance_columns(layout) }
+    let mut columns = if layout.is_shaded() { shaded_columns(layout) } else { radiance_columns(layout) };
+    if let Some(plane) = layout.filter_plane() {
+        name_planes(&mut columns, [FILTER], plane);
+    }
+    columns
 }
 
 fn radiance_columns(layout: Layout) -> Vec<Column> {

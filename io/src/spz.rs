@@ -114,7 +114,7 @@ fn scale_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> [u8; 3] {
 /// Harmonics above degree 0, coefficient by coefficient.
 fn rest_bytes(gaussians: &Gaussians<Vec<f32>>, gaussian: usize) -> Vec<u8> {
     let Layout { sh_degree: Some(_), .. } = gaussians.layout else { return Vec::new() };
-    let rest = gaussians.layout.sh_start() + 3..gaussians.layout.plane_count();
+    let rest = gaussians.layout.sh_start() + 3..gaussians.layout.sh_end();
     rest.map(|plane| byte(128.0 * gaussians.get::<1>(gaussian, plane)[0] + 128.0)).collect()
 }
 

@@ -52,7 +52,9 @@ use specula_core::{
 /// Gaussians to splats.
 pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec<Splat<R>> {
     let camera = camera.lift(R::of(0.0));
-    (0..gaussians.count).map(|index| project::project(&gaussian(gaussians, index).shape(), &camera)).collect()
+    (0..gaussians.count)
+        .map(|index| project::project(&gaussian(gaussians, index).shape(gaussians.layout), &camera))
+        .collect()
 }
 
 /// Gaussians to splats, in another projection; the perspective inside of them, where it is not
@@ -67,7 +69,7 @@ pub fn project_within<R: Number>(
     }
     let camera = camera.lift(R::of(0.0)).for_projection(projection);
     let of = |index: usize| {
-        let shape = gaussian(gaussians, index).shape();
+        let shape = gaussian(gaussians, index).shape(gaussians.layout);
         let splat = project::project(&shape, &camera);
         (splat, perspective(projection, &shape, &splat, &camera))
     };
@@ -78,7 +80,9 @@ pub fn project_within<R: Number>(
 /// Depths of the largest responses of Gaussians.
 pub fn response_depths<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec<ResponseDepth<R>> {
     let camera = camera.lift(R::of(0.0));
-    (0..gaussians.count).map(|index| response_depth(&gaussian(gaussians, index).shape(), &camera)).collect()
+    (0..gaussians.count)
+        .map(|index| response_depth(&gaussian(gaussians, index).shape(gaussians.layout), &camera))
+        .collect()
 }
 
 /// Splats to channels, one list for each Gaussian. Without a light there is no specular term.
@@ -197,7 +201,7 @@ pub fn project_vjp<R: Number>(
     let camera = camera.lift(R::of(0.0));
     for (index, grad) in grads.iter().enumerate() {
         let none = PoseGrad::zero(grad.opacity);
-        let shape = gaussian(gaussians, index).shape();
+        let shape = gaussian(gaussians, index).shape(gaussians.layout);
         shape_vjp(&shape, &camera, grad, &none, &mut AddedGrads { gaussians: out, index });
     }
 }

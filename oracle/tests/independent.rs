@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use specula_core::{
+    antialias::LowPass,
     cutoffs::Cutoffs,
     double::Double,
     prefilter::PrefilterScheme,
@@ -146,6 +147,7 @@ fn crossing() -> (Vec<Gaussian>, Vec<Vec<f64>>) {
         mean: DVec3::new(0.0, 0.0, depth),
         axes: DMat3::from_rotation_y(turn) * DMat3::from_diagonal(DVec3::new(0.8, 0.3, 0.02)),
         opacity: 0.95,
+        low_pass: LowPass::Dilated,
     };
     (vec![long(0.5, 3.0), long(-0.5, 3.01)], vec![vec![1.0, 0.0], vec![0.0, 1.0]])
 }
@@ -212,7 +214,7 @@ fn turning_the_whole_world_changes_nothing() {
     let (scene, view) = (gaussians(&cloud(Layout::radiance(0), 11, 1.5)), view());
     let turn = DMat3::from_quat(DQuat::from_xyzw(0.3, -0.5, 0.2, 0.8).normalize());
     let turned = |(own, look): &(Gaussian, Look)| {
-        (Gaussian { mean: turn * own.mean, axes: turn * own.axes, opacity: own.opacity }, look.clone())
+        (Gaussian { mean: turn * own.mean, axes: turn * own.axes, ..*own }, look.clone())
     };
     let turned: Vec<_> = scene.iter().map(turned).collect();
     let other =
@@ -256,7 +258,12 @@ fn turning_the_camera_alone_pops_only_where_depths_of_means_decide() {
 
 #[test]
 fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_those_pixels() {
-    let ball = |mean: DVec3| Gaussian { mean, axes: DMat3::from_diagonal(DVec3::splat(0.3)), opacity: 0.9 };
+    let ball = |mean: DVec3| Gaussian {
+        mean,
+        axes: DMat3::from_diagonal(DVec3::splat(0.3)),
+        opacity: 0.9,
+        low_pass: LowPass::Dilated,
+    };
     let drawn = |mean: DVec3, order: Order| {
         let picture = blend(&[ball(mean)], &[vec![1.0]], &straight(), order);
         picture.values[..1200].iter().filter(|weight| **weight > 0.0).count()

@@ -136,6 +136,9 @@ impl Contents {
         add("position z", MEAN + 2, 1, |z| z);
         add("scale", LOG_SCALE, 3, f32::exp);
         add("opacity", OPACITY, 1, sigmoid);
+        if let Some(plane) = gaussians.layout.filter_plane() {
+            add("filter", plane, 1, |deviation| deviation);
+        }
         if gaussians.layout.is_shaded() {
             add("diffuse, raw", DIFFUSE, 3, |raw| raw);
             add("tint", TINT, 3, sigmoid);

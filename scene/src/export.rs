@@ -37,15 +37,18 @@ use crate::{
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
     number::group_digits,
+    plain::{subset, unfiltered},
     upright::{AxisConvention, Upright},
 };
 use serde_json::json;
 use specula_core::{
-    activation::sigmoid,
+    antialias::LowPass,
+    attributes::{AttributePlanes, StoredGaussian},
     camera::Camera,
     cull::CullReason,
     executor::ReadBack,
-    scene::{Gaussians, Layout, OPACITY, len_of_values},
+    project::Shape,
+    scene::{Gaussians, Layout},
 };
 use specula_io::{
     Result, gaussian_ply,
@@ -155,7 +158,8 @@ pub struct PlainGaussians {
 
 impl PlainGaussians {
     /// Gaussians of these indices in a scene, with harmonics of `degree` at most. Shaded ones are
-    /// baked from cameras; the harmonics of others are truncated.
+    /// baked from cameras; the harmonics of others are truncated. Filters in space become part of
+    /// scales and opacities; the low-pass on the screen becomes that of plain viewers.
     ///
     /// `progress` is given the number of steps that are done, and of all steps.
     ///
@@ -172,12 +176,13 @@ impl PlainGaussians {
         progress: impl FnMut(usize, usize),
     ) -> core::result::Result<Self, E::Error> {
         let layout = scene.gaussians.layout;
+        let gaussians = unfiltered(&subset(&scene.gaussians, &kept, layout));
         if !layout.is_shaded() {
-            let truncated = Layout { sh_degree: layout.sh_degree.min(Some(degree)), ..layout };
-            let gaussians = subset(&scene.gaussians, &kept, truncated);
-            return Ok(Self { gaussians, normals: None, kept });
+            let truncated = Layout::radiance(layout.sh_degree.unwrap_or(0).min(degree));
+            let all: Vec<usize> = (0..gaussians.count).collect();
+            return Ok(Self { gaussians: subset(&gaussians, &all, truncated), normals: None, kept });
         }
-        let scene = Scene { gaussians: subset(&scene.gaussians, &kept, layout), ..scene.clone() };
+        let scene = Scene { gaussians, ..scene.clone() };
         let Baked { gaussians, normals } = match method {
             BakeMethod::Harmonics => bake(exec, &scene, cameras, degree, progress)?,
             BakeMethod::Diffuse => bake_diffuse(exec, &scene, cameras, progress)?,
@@ -265,11 +270,20 @@ impl PlainGaussians {
             GaussianFormat::Glb if is_shaded => "and are beside them as SPECULA_shading",
             GaussianFormat::Glb => "",
         };
+        let low_pass = match scene.gaussians.layout.low_pass {
+            LowPass::Dilated => String::new(),
+            low_pass => format!(
+                "splats below the size of a pixel are larger and brighter unless the viewer widens by {} px² and \
+                 compensates opacity",
+                low_pass.variance()
+            ),
+        };
         let omitted = match scene.gaussians.count - self.kept.len() {
             0 => String::new(),
             count => format!("{} invisible Gaussians are omitted", group_digits(count)),
         };
-        let parts: Vec<&str> = [&baked, of_format, &omitted].into_iter().filter(|part| !part.is_empty()).collect();
+        let parts: Vec<&str> =
+            [&baked, of_format, &low_pass, &omitted].into_iter().filter(|part| !part.is_empty()).collect();
         if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
     }
 
@@ -300,17 +314,9 @@ impl PlainGaussians {
 /// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.
 pub fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
     let is_finite = |index: usize| !CullReason::of(gaussians, index, None).is_nonfinite();
-    let is_opaque = |index: usize| sigmoid(gaussians.get::<1>(index, OPACITY)[0]) >= min_opacity;
+    let is_opaque = |index: usize| {
+        let shape: Shape<f32> = StoredGaussian { gaussians, index }.shape(gaussians.layout);
+        shape.scales_and_opacity().1 >= min_opacity
+    };
     (0..gaussians.count).filter(|index| is_opaque(*index) && is_finite(*index)).collect()
-}
-
-/// Some Gaussians, with the first planes of a layout that begins alike.
-fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: Layout) -> Gaussians<Vec<f32>> {
-    let mut some = Gaussians { count: kept.len(), layout, values: vec![0.0; len_of_values(kept.len(), layout)] };
-    for (target, source) in kept.iter().enumerate() {
-        for plane in 0..layout.plane_count() {
-            some.set(target, plane, gaussians.get::<1>(*source, plane));
-        }
-    }
-    some
 }

@@ -6,11 +6,12 @@ use crate::{SceneError, SceneRenderer, layer::alpha};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
-    activation::sigmoid,
+    attributes::{AttributePlanes, StoredGaussian},
     camera::Camera,
     cutoffs::ALPHA_MIN,
+    project::Shape,
     rules::{Channels, channel},
-    scene::{Gaussians, Image, MEAN, OPACITY},
+    scene::{Gaussians, Image, MEAN},
     tsdf::{CORNERS, Voxel, vertex},
 };
 use specula_io::mesh::Mesh;
@@ -104,7 +105,11 @@ struct Volume {
 impl Volume {
     /// Volume of the Gaussians with an opacity of one half or more, without outliers.
     fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
-        let is_solid: Vec<bool> = gaussians.plane(OPACITY).map(|logit| sigmoid(logit) >= COVERAGE_SURFACE).collect();
+        let is_solid = |index: usize| {
+            let shape: Shape<f32> = StoredGaussian { gaussians, index }.shape(gaussians.layout);
+            shape.scales_and_opacity().1 >= COVERAGE_SURFACE
+        };
+        let is_solid: Vec<bool> = (0..gaussians.count).map(is_solid).collect();
         let all_are_thin = !is_solid.contains(&true);
         let bounds = |axis: usize| {
             let of_solid = gaussians.plane(MEAN + axis).zip(&is_solid).filter(|(_, solid)| **solid || all_are_thin);

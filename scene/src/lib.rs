@@ -52,6 +52,7 @@ pub mod orbit;
 pub mod orientation;
 pub mod overlap;
 pub mod picture_folder;
+mod plain;
 pub mod prefiltered;
 mod renderer;
 pub mod rendering;

@@ -8,6 +8,7 @@ use crate::{
     light_file::{LightOptions, MapUp},
 };
 use specula_core::{
+    antialias::LowPass,
     cutoffs::{BlendOrder, ProjectionModel},
     pack::Storage,
 };
@@ -30,7 +31,8 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference of pictures from those of the model by default:
-/// storage, projection, order, background, and the profile that the attributes were read with.
+/// storage, projection, order, low-pass, background, and the profile that the attributes were read
+/// with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -49,6 +51,12 @@ pub fn differences(
         BlendOrder::Window(count) => Some(format!("window-{count}")),
         BlendOrder::Pixel => Some("pixel-order".to_owned()),
     };
+    let layout = opened.scene.gaussians.layout;
+    let low_pass = match layout.low_pass {
+        LowPass::Compensated => Some("antialiased".to_owned()),
+        LowPass::Mip if !layout.is_smoothed => Some("antialiased-mip".to_owned()),
+        LowPass::Dilated | LowPass::Mip => None,
+    };
     let background = background.and_then(|requested| match requested {
         BackgroundChoice::Environment => Some("on-env".to_owned()),
         BackgroundChoice::Color(color) => {
@@ -56,7 +64,7 @@ pub fn differences(
         }
     });
     let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
-    [storage, projection, order, background, profile].into_iter().flatten().collect()
+    [storage, projection, order, low_pass, background, profile].into_iter().flatten().collect()
 }
 
 /// Parts of a name, one for each change to the light of a file.

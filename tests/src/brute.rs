@@ -15,8 +15,6 @@ use specula_oracle::independent::{
 
 /// Gaussians nearer than this are not drawn.
 const NEAR: f64 = 0.2;
-/// Added to both variances on the screen, in px².
-const LOW_PASS: f64 = 0.3;
 /// Beyond this share of the half field of view the Jacobian is taken at its limit.
 const FRUSTUM_MARGIN: f64 = 1.3;
 const ALPHA_MAX: f64 = 0.99;
@@ -82,7 +80,7 @@ impl Blot {
 fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
     let from_eye = gaussian.mean - view.position;
     let DVec3 { x, y, z } = view.camera_from_world * from_eye;
-    if z <= NEAR || gaussian.opacity < ALPHA_MIN {
+    if z <= NEAR {
         return None;
     }
     let [fx, fy] = view.focal_px;
@@ -96,17 +94,21 @@ fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
 
     let half = jacobian * view.camera_from_world * gaussian.axes;
     let covariance = half * half.transpose();
-    let (a, b, c) = (covariance.x_axis.x + LOW_PASS, covariance.x_axis.y, covariance.y_axis.y + LOW_PASS);
+    let low_pass = f64::from(gaussian.low_pass.variance());
+    let (a, b, c) = (covariance.x_axis.x + low_pass, covariance.x_axis.y, covariance.y_axis.y + low_pass);
     let determinant = a * c - b * b;
-    if determinant.is_nan() || determinant <= 0.0 {
+    let own = covariance.x_axis.x * covariance.y_axis.y - b * b;
+    let kept = if gaussian.low_pass.is_compensated() { (own / determinant).max(0.0).sqrt() } else { 1.0 };
+    let opacity = gaussian.opacity * kept;
+    if determinant.is_nan() || determinant <= 0.0 || opacity < ALPHA_MIN {
         return None;
     }
-    let reach = (2.0 * (gaussian.opacity / ALPHA_MIN).ln()).sqrt();
+    let reach = (2.0 * (opacity / ALPHA_MIN).ln()).sqrt();
     Some(Blot {
         depth: z,
         center: [fx * x / z + view.principal_px[0], fy * y / z + view.principal_px[1]],
         conic: [c / determinant, -b / determinant, a / determinant],
-        opacity: gaussian.opacity,
+        opacity,
         color: look.color(-from_eye.normalize(), &|_, _| DVec3::ZERO),
         extent: [reach * a.sqrt(), reach * c.sqrt()],
     })
@@ -116,6 +118,7 @@ fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
 mod tests {
     use super::*;
     use crate::compare::assert_close;
+    use specula_core::antialias::{BLUR, LowPass};
 
     const VIEW: View = View {
         camera_from_world: DMat3::IDENTITY,
@@ -131,7 +134,7 @@ mod tests {
     fn ball(depth: f64, opacity: f64, color: [f64; 3]) -> (Gaussian, Look) {
         let axes = DMat3::from_diagonal(DVec3::splat(0.05));
         let harmonic = (DVec3::from_array(color) - 0.5) / Y0;
-        (Gaussian { mean: DVec3::Z * depth, axes, opacity }, Look::Radiance(vec![harmonic]))
+        (Gaussian { mean: DVec3::Z * depth, axes, opacity, low_pass: LowPass::Dilated }, Look::Radiance(vec![harmonic]))
     }
 
     #[test]
@@ -155,7 +158,7 @@ mod tests {
     #[test]
     fn a_round_splat_falls_off_with_its_blurred_variance() {
         let picture = render(&[ball(2.0, 0.5, [1.0; 3])], &VIEW, [0.0; 3]);
-        let variance = (100.0_f64 * 0.05 / 2.0).powi(2) + LOW_PASS;
+        let variance = (100.0_f64 * 0.05 / 2.0).powi(2) + f64::from(BLUR);
         assert_close(picture[10 * 21 + 13][0], 0.5 * (-0.5 * 9.0 / variance).exp(), 1e-12);
         assert_close(picture[0][0], 0.0, 0.0);
     }

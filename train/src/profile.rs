@@ -97,7 +97,7 @@ pub struct GaussianStart {
 pub struct Profile {
     /// Name on the command line.
     pub name: &'static str,
-    /// Attributes of the Gaussians.
+    /// Attributes of the Gaussians, and their filters.
     pub layout: Layout,
     /// Shading function.
     pub shading: ShadingRules,
@@ -370,7 +370,7 @@ impl Profile {
             self.weights.normal = 0.0;
         }
         if ablation.no_residual && self.layout.is_shaded() {
-            self.layout = Layout::shaded(None);
+            self.layout.sh_degree = None;
         }
         if ablation.no_axis {
             self.shading.axis = AxisRule::None;

@@ -95,6 +95,7 @@ impl<E: Executor> Trainer<E> {
         let exposures = settings.profile.exposure.map(|_| exposure::identities(views.len()));
         let mut trainer = Self::resume(exec, settings, views, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
+        trainer.sample()?;
         Ok(trainer)
     }
 
@@ -262,7 +263,20 @@ impl<E: Executor> Trainer<E> {
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
             self.disable_background_specular()?;
         }
+        // The last parameters are fitted to filters that stay, as Mip-Splatting's.
+        if k.is_multiple_of(plan.every) && k + plan.every <= self.settings.iterations {
+            self.sample()?;
+        }
         Ok(report)
+    }
+
+    /// Sets the filters in space of Gaussians that have one, from the views at full size.
+    fn sample(&mut self) -> Result<(), TrainError<E::Error>> {
+        if self.settings.profile.layout.is_smoothed {
+            let views: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
+            self.exec.sampling(&mut self.state.scene.gaussians, &views)?;
+        }
+        Ok(())
     }
 
     /// Disables specular reflection of Gaussians outside of the foreground.

@@ -3,7 +3,7 @@
 use super::{
     parse::downscale,
     render::SplitName,
-    scene::{ProfileName, RendererOptions},
+    scene::{AntialiasedOption, ProfileName, RendererOptions},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -46,6 +46,8 @@ pub(crate) struct Eval {
     /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    #[command(flatten)]
+    pub(crate) antialiased: AntialiasedOption,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
     /// Also measure PSNR after the affine colour map that best fits each ground-truth picture, as

@@ -4,6 +4,7 @@ use super::parse::{executor, finite, order, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use specula_core::{
+    antialias::LowPass,
     cutoffs::{BlendOrder, ProjectionModel},
     pack::Storage,
 };
@@ -20,12 +21,43 @@ pub(crate) struct SceneOptions {
     /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
     pub(crate) profile: Option<ProfileName>,
+    #[command(flatten)]
+    pub(crate) antialiased: AntialiasedOption,
     /// Up direction of the scene, instead of that of the model: an axis such as z or -y, or a
     /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
+}
+
+/// Low-pass of files that do not name theirs.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct AntialiasedOption {
+    /// Low-pass that a PLY file without the property filter_3D was trained under: 0.3 px² with
+    /// compensated opacity (gsplat, which alone is the default; INRIA's --antialiasing), or 0.1 px²
+    /// (mip, a fused file of Mip-Splatting).
+    #[arg(long, value_enum, value_name = "gsplat|mip", num_args = 0..=1, require_equals = true, default_missing_value = "gsplat", hide_possible_values = true)]
+    pub(crate) antialiased: Option<AntialiasedName>,
+}
+
+impl AntialiasedOption {
+    /// The low-pass, if the option is given.
+    pub(crate) fn low_pass(self) -> Option<LowPass> {
+        self.antialiased.map(|name| match name {
+            AntialiasedName::Gsplat => LowPass::Compensated,
+            AntialiasedName::Mip => LowPass::Mip,
+        })
+    }
+}
+
+/// Trainers with a compensated low-pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AntialiasedName {
+    /// 0.3 px².
+    Gsplat,
+    /// 0.1 px².
+    Mip,
 }
 
 /// Executor of renderings.

@@ -250,6 +250,11 @@ pub(crate) struct Start {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i8).range(-1..=3))]
     #[serde(skip_serializing_if = "is_of_profile")]
     pub(crate) sh_degree: Option<i8>,
+    /// Train anti-aliased, as Mip-Splatting does: pictures at other resolutions and distances than
+    /// those of the training keep their brightness and show no needles. Other programs show such a
+    /// model right only if they do the same.
+    #[arg(long)]
+    pub(crate) antialias: bool,
     /// Look up the light per Gaussian, as in the paper, or per pixel (deferred).
     #[arg(long, value_enum)]
     pub(crate) light_per: Option<LightPer>,

@@ -35,7 +35,7 @@ use std::{
 
 /// Measures, prints, and writes results and page.
 pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
-    let opened = scene::open(&args.scene, args.profile)?;
+    let opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
     note_oddities(&opened);
     let source = source_of(args, &opened)?;
     let views = views_of(args, &opened, &source)?;

@@ -42,7 +42,7 @@ const DEGREE: u8 = 3;
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| format_of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
-    let mut opened = scene::open(&args.model, args.scene_options.profile)?;
+    let mut opened = scene::open(&args.model, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
     if let Some(path) = args.output.iter().find(|path| is_of_model(path, &args.model, opened.folder.as_deref())) {
         let path = path.canonicalize().unwrap_or_else(|_| path.clone());
         return Err(Failure::Input(format!("{path:?} is a file of the model itself; name another with -o")));

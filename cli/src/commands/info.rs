@@ -11,7 +11,7 @@ pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     let contents = if specula_io::dataset::is_dataset(&args.path) {
         Contents::of_dataset(&args.path, &dataset::load(&args.path, &LoadOptions::default())?)
     } else {
-        match scene::open(&args.path, None) {
+        match scene::open(&args.path, None, None) {
             Ok(opened) => of_model(&args.path, &opened)?,
             Err(Failure::File(Error::MissingProperty { path, property, layout })) => {
                 let points = points_ply::read(&path);

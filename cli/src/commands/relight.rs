@@ -25,7 +25,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         ));
     }
     let ViewOptions { background, scene_options, .. } = &args.views;
-    let mut opened = scene::open(&args.scene, scene_options.profile)?;
+    let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
     let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);

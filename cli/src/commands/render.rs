@@ -25,7 +25,7 @@ use std::path::Path;
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
     let ViewOptions { scene_options, .. } = &args.views;
-    let mut opened = scene::open(&args.scene, scene_options.profile)?;
+    let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_oddities(&opened);
     let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);

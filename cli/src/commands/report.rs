@@ -49,7 +49,7 @@ fn demo_model(folder: &Path) -> Result<PathBuf, Failure> {
 }
 
 fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
-    let opened = scene::open(model, None)?;
+    let opened = scene::open(model, None, None)?;
     let cameras: Vec<Camera> = opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
     let cameras = spread_cameras(&cameras, args.views.into(), args.size);
     let background = background_of(&opened, None).0;

@@ -17,7 +17,7 @@ use std::{
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
-    let opened = scene::open(&args.scene, args.scene_options.profile)?;
+    let opened = scene::open(&args.scene, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
     note_oddities(&opened);
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;

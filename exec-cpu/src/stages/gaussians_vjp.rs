@@ -107,7 +107,7 @@ pub(crate) fn update(
 }
 
 /// The most planes that a cloud can have.
-const PLANES_MAX: usize = Layout::shaded(Some(3)).plane_count();
+const PLANES_MAX: usize = Layout::shaded(Some(3)).antialiased().plane_count();
 
 /// Division of blocks among tasks.
 struct BlockParts {
@@ -226,7 +226,7 @@ fn block_vjp<S: Simd>(
         depth: grads.channels.0[channel::DEPTH],
         opacity: g[5],
     };
-    shape_vjp(&planes.shape(), camera, &splat_grad, &pose, &mut out);
+    shape_vjp(&planes.shape(scene.shading.layout), camera, &splat_grad, &pose, &mut out);
 }
 
 /// Writes the gradients of the shading attributes and adds those of the light.

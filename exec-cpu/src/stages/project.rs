@@ -12,7 +12,7 @@ use specula_core::{
     perspective::{Perspective, footprint_in_perspective, perspective},
     project::project,
     real::Real,
-    scene::{BLOCK, Gaussians},
+    scene::{BLOCK, Gaussians, Layout},
     splat::Splat,
 };
 
@@ -136,19 +136,19 @@ pub(crate) fn project_all(
     let mut records = context.take::<SplatRecord>(gaussians.count);
     let mut drawn = context.take::<u16>(gaussians.count.div_ceil(BLOCK));
     let responses = project_responses(context, gaussians, camera, cutoffs.order());
-    let block_len = gaussians.block_len();
+    let (layout, block_len) = (gaussians.layout, gaussians.block_len());
     let parts = gaussians.values.par_chunks(BLOCKS_AT_ONCE * block_len);
     let parts = parts.zip(records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK).zip(drawn.par_chunks_mut(BLOCKS_AT_ONCE)));
     if cutoffs.projection() == ProjectionModel::Affine {
         parts.for_each(|(blocks, (records, drawn))| {
-            dispatch!(context.level, simd => project_blocks(simd, blocks, block_len, camera, cutoffs, records, drawn));
+            dispatch!(context.level, simd => project_blocks(simd, blocks, layout, camera, cutoffs, records, drawn));
         });
         return Splats { records, in_perspective: None, responses, drawn };
     }
     let mut splats = context.take::<PerspectiveRecord>(gaussians.count);
     parts.zip(splats.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK)).for_each(|((blocks, (records, drawn)), splats)| {
         dispatch!(context.level, simd => {
-            project_in_perspective(simd, blocks, block_len, camera, cutoffs, records, splats, drawn);
+            project_in_perspective(simd, blocks, layout, camera, cutoffs, records, splats, drawn);
         });
     });
     Splats { records, in_perspective: Some(splats), responses, drawn }
@@ -158,16 +158,16 @@ pub(crate) fn project_all(
 fn project_blocks<S: Simd>(
     simd: S,
     blocks: &[f32],
-    block_len: usize,
+    layout: Layout,
     camera: &Camera,
     cutoffs: &Cutoffs,
     records: &mut [SplatRecord],
     drawn: &mut [u16],
 ) {
     let camera = camera.lift(Lanes::splat(simd, 0.0));
-    let blocks = blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK));
+    let blocks = blocks.chunks_exact(BLOCK * layout.plane_count()).zip(records.chunks_mut(BLOCK));
     for ((block, records), drawn) in blocks.zip(drawn) {
-        let splat = project(&BlockPlanes { simd, values: block }.shape(), &camera);
+        let splat = project(&BlockPlanes { simd, values: block }.shape(layout), &camera);
         let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
         store_records(&splat, reach, half_extent(&splat, reach), records);
     }
@@ -177,7 +177,7 @@ fn project_blocks<S: Simd>(
 fn project_in_perspective<S: Simd>(
     simd: S,
     blocks: &[f32],
-    block_len: usize,
+    layout: Layout,
     camera: &Camera,
     cutoffs: &Cutoffs,
     records: &mut [SplatRecord],
@@ -186,8 +186,9 @@ fn project_in_perspective<S: Simd>(
 ) {
     let camera = camera.lift(Lanes::splat(simd, 0.0)).for_projection(cutoffs.projection());
     let records = records.chunks_mut(BLOCK).zip(splats.chunks_mut(BLOCK));
-    for ((block, (records, splats)), drawn) in blocks.chunks_exact(block_len).zip(records).zip(drawn) {
-        let shape = BlockPlanes { simd, values: block }.shape();
+    for ((block, (records, splats)), drawn) in blocks.chunks_exact(BLOCK * layout.plane_count()).zip(records).zip(drawn)
+    {
+        let shape = BlockPlanes { simd, values: block }.shape(layout);
         let splat = project(&shape, &camera);
         let reach = reach_of(simd, &splat, cutoffs, records.len(), drawn);
         let perspective = perspective(cutoffs.projection(), &shape, &splat, &camera);
@@ -264,7 +265,7 @@ fn project_responses(
         dispatch!(context.level, simd => {
             let camera = camera.lift(Lanes::splat(simd, 0.0));
             for (block, records) in blocks.chunks_exact(block_len).zip(records.chunks_mut(BLOCK)) {
-                store_responses(&response_depth(&BlockPlanes { simd, values: block }.shape(), &camera), records);
+                store_responses(&response_depth(&BlockPlanes { simd, values: block }.shape(gaussians.layout), &camera), records);
             }
         });
     });

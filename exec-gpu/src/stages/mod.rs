@@ -26,6 +26,7 @@ pub mod shade_pixels_vjp;
 
 pub mod densify;
 pub mod limit_plane;
+pub mod sampling;
 
 // Shared by several stages.
 pub(crate) mod camera;

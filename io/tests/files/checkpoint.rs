@@ -83,7 +83,8 @@ fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
 
 #[test]
 fn every_bit_comes_back() {
-    for layout in [Layout::shaded(Some(3)), Layout::shaded(None), Layout::radiance(0)] {
+    let layouts = [Layout::shaded(Some(3)), Layout::shaded(None), Layout::radiance(0)];
+    for layout in layouts.into_iter().chain([Layout::shaded(Some(1)).antialiased()]) {
         let folder = tempfile::tempdir().unwrap();
         let written = example(layout);
         checkpoint::write(folder.path(), &written).unwrap();

@@ -11,7 +11,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-const LAYOUTS: [Layout; 9] = [
+const LAYOUTS: [Layout; 11] = [
     Layout::radiance(0),
     Layout::radiance(1),
     Layout::radiance(2),
@@ -21,6 +21,8 @@ const LAYOUTS: [Layout; 9] = [
     Layout::shaded(Some(1)),
     Layout::shaded(Some(2)),
     Layout::shaded(Some(3)),
+    Layout::radiance(2).antialiased(),
+    Layout::shaded(Some(1)).antialiased(),
 ];
 
 /// Plane p of Gaussian i is p + i / 64: exact in every format.

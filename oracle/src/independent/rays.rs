@@ -5,18 +5,21 @@
 //! − t w|² is its squared distance from the mean in standard deviations. As d is (x, y, 1), t is a
 //! depth.
 //!
-//! Σ holds the low-pass: a variance of 0.3 px² across and down, in the plane of the screen at the
-//! mean's depth. L comes from rows of length five, the three axes and two of the low-pass, made
+//! Σ holds the low-pass: a variance of 0.3 px² across and down, or another, in the plane of the
+//! screen at the mean's depth. If it is compensated, the opacity is multiplied by the root of the
+//! ratio of determinants on the screen, without and with it. L comes from rows of length five, the three axes and two of the low-pass, made
 //! orthogonal one after the other (Gram and Schmidt), so that discs and needles keep the digits
 //! that a covariance would have lost.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use specula_core::{camera::Camera, scene::Image};
+use specula_core::{
+    antialias::{COMPENSATION_MIN, LowPass},
+    camera::Camera,
+    scene::Image,
+};
 
-/// Variance of the low-pass in px² (INRIA's), and the largest alpha: as the model's 32 bits hold
-/// them.
-const LOW_PASS: f64 = 0.3_f32 as f64;
+/// Largest alpha, as the model's 32 bits hold it.
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
 /// Smaller alphas are left out before what is left is sorted: all of a million of them together are
 /// a millionth.
@@ -31,6 +34,8 @@ pub struct Gaussian {
     pub axes: DMat3,
     /// Opacity, in (0, 1).
     pub opacity: f64,
+    /// Low-pass on the screen.
+    pub low_pass: LowPass,
 }
 
 /// A pinhole camera that looks along +z, y down.
@@ -139,15 +144,20 @@ impl GaussianInCamera {
     /// None for numbers that are not finite.
     fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
         let mean = view.camera_from_world * (gaussian.mean - view.position);
-        let root = root_of_covariance(view.camera_from_world * gaussian.axes, mean.z, view.focal_px);
+        let axes = view.camera_from_world * gaussian.axes;
+        let variance = gaussian.low_pass.variance().into();
+        let root = root_of_covariance(axes, mean.z, view.focal_px, variance);
+        let compensation =
+            if gaussian.low_pass.is_compensated() { compensation(axes, mean, view.focal_px, variance) } else { 1.0 };
+        let opacity = gaussian.opacity * compensation;
         let in_camera = Self {
             index,
             mean: root.solved(mean),
             root,
             depth: mean.z,
             distance: mean.length(),
-            opacity: gaussian.opacity,
-            farthest: 2.0 * (gaussian.opacity / ALPHA_MIN).ln(),
+            opacity,
+            farthest: 2.0 * (opacity / ALPHA_MIN).ln(),
         };
         (in_camera.mean.is_finite() && in_camera.opacity.is_finite()).then_some(in_camera)
     }
@@ -167,9 +177,23 @@ impl GaussianInCamera {
     }
 }
 
+/// √(det Σ₂ / det(Σ₂ + b I)) of the screen's Σ₂ = Σ u uᵀ over the images u of the axes: without the
+/// low-pass its determinant is the sum of the squared areas of their pairs.
+fn compensation(axes: DMat3, mean: DVec3, focal_px: [f64; 2], variance: f64) -> f64 {
+    let image = |axis: DVec3| {
+        let along = |k: usize| focal_px[k] * (axis[k] - mean[k] / mean.z * axis.z) / mean.z;
+        DVec2::new(along(0), along(1))
+    };
+    let [a, b, c] = [0, 1, 2].map(|k| image(axes.col(k)));
+    let areas = a.perp_dot(b).powi(2) + b.perp_dot(c).powi(2) + c.perp_dot(a).powi(2);
+    let trace = a.length_squared() + b.length_squared() + c.length_squared();
+    let blurred = areas + variance * trace + variance * variance;
+    (areas / blurred).max(COMPENSATION_MIN.into()).sqrt()
+}
+
 /// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each less its parts along those before it.
-fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2]) -> Root {
-    let widened = |axis: usize| LOW_PASS.sqrt() * depth / focal_px[axis];
+fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2], variance: f64) -> Root {
+    let widened = |axis: usize| variance.sqrt() * depth / focal_px[axis];
     let row = |k: usize, across: f64, down: f64| {
         let axes = axes.row(k);
         [axes.x, axes.y, axes.z, across, down]

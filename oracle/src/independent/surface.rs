@@ -50,7 +50,15 @@ pub fn gaussians(cloud: &Gaussians<Vec<f32>>) -> Vec<(Gaussian, Look)> {
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let scales = wide(k, LOG_SCALE).exp();
         let opacity = sigmoid(cloud.get::<1>(k, OPACITY)[0].into());
-        let gaussian = Gaussian { mean: wide(k, MEAN), axes: rotation * DMat3::from_diagonal(scales), opacity };
+        // Σ + s² I has the same axes.
+        let deviation = cloud.layout.filter_plane().map_or(0.0, |plane| f64::from(cloud.get::<1>(k, plane)[0]));
+        let wider = scales.map(|scale| scale.hypot(deviation));
+        let gaussian = Gaussian {
+            mean: wide(k, MEAN),
+            axes: rotation * DMat3::from_diagonal(wider),
+            opacity: opacity * (scales / wider).element_product(),
+            low_pass: cloud.layout.low_pass,
+        };
         if !cloud.layout.is_shaded() {
             return (gaussian, Look::Radiance(harmonics(k)));
         }

@@ -7,6 +7,7 @@
 
 use core::panic::PanicInfo;
 use specula_core::{
+    antialias::LowPass,
     blend,
     camera::Camera,
     prefilter::{Levels, PrefilterScheme, level_of_roughness},
@@ -32,6 +33,8 @@ pub extern "C" fn specula_alpha(opacity_logit: f32) -> f32 {
         log_scales: vec3(-2.0, -2.5, -3.0),
         quat: [1.0, 0.2, 0.3, 0.4],
         opacity_logit,
+        low_pass: LowPass::Dilated,
+        filter: None,
     };
     let splat = project(&shape, &camera().lift(0.0));
     let footprint = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());

@@ -7,6 +7,7 @@
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
     activation,
+    antialias::{self, LowPass},
     attributes::{
         self, AttributeGrads, AttributeLosses, AttributePlanes, GaussianShading, LayerChannels, LightSample,
         LookupGrad, ShadedGaussian,
@@ -402,13 +403,16 @@ proptest! {
         scales in [-4.0..0.5_f64, -4.0..0.5, -4.0..0.5],
         quat in quat(),
         opacity_logit in -3.0..3.0_f64,
+        filter in prop::option::of(-4.0..0.5_f64),
+        low_pass in prop_oneof![Just(LowPass::Dilated), Just(LowPass::Compensated), Just(LowPass::Mip)],
     ) {
         prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
         let inputs = [&mean[..], &scales, &quat, &[opacity_logit]].concat();
         assert_vjp(
             &inputs,
             |x| {
-                let splat = project::project(&shape(x), &camera.lift(x[0]));
+                let shape = shape(x, low_pass, filter.map(|filter| x[0].constant(filter.exp() as f32)));
+                let splat = project::project(&shape, &camera.lift(x[0]));
                 join(&[&splat.mean2d, &splat.root_conic, &[splat.depth, splat.opacity]])
             },
             |x, g| {
@@ -418,8 +422,53 @@ proptest! {
                     depth: g[5],
                     opacity: g[6],
                 };
-                let grad = project::project_vjp(&shape(x), &camera.lift(x[0]), &grad);
+                let shape = shape(x, low_pass, filter.map(|filter| x[0].constant(filter.exp() as f32)));
+                let grad = project::project_vjp(&shape, &camera.lift(x[0]), &grad);
                 join(&[&grad.mean.to_array(), &grad.log_scales.to_array(), &grad.quat, &[grad.opacity_logit]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// A filter in space widens scales and makes opacity less.
+    #[test]
+    fn filters_in_space_are_derived_right(
+        scales in [0.01..2.0_f64, 0.01..2.0, 0.01..2.0],
+        opacity in 0.01..0.99_f64,
+        filter in 0.0..2.0_f32,
+    ) {
+        let inputs = [&scales[..], &[opacity]].concat();
+        assert_vjp(
+            &inputs,
+            |x| {
+                let (scales, opacity) = antialias::smoothed(take3(x), x[3], x[0].constant(filter));
+                join(&[&scales.to_array(), &[opacity]])
+            },
+            |x, g| {
+                let filter = x[0].constant(filter);
+                let (scales, opacity) = antialias::smoothed_vjp(take3(x), x[3], filter, take3(g), g[3]);
+                join(&[&scales.to_array(), &[opacity]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// Of activated scales and opacity, from what is stored.
+    #[test]
+    fn scales_and_opacities_are_derived_right(
+        stored in vec(-3.0..1.0_f64, 8),
+        filter in prop::option::of(0.0..2.0_f32),
+    ) {
+        assert_vjp(
+            &stored,
+            |x| {
+                let shape = stored_shape(x, filter);
+                let (scales, opacity) = shape.scales_and_opacity();
+                join(&[&scales.to_array(), &[opacity]])
+            },
+            |x, g| {
+                let (scales, opacity) = stored_shape(x, filter).scales_and_opacity_vjp(take3(g), g[3]);
+                join(&[&scales.to_array(), &[x[0].zero(); 4], &[opacity]])
             },
             SAME_DERIVATIVE,
         );
@@ -433,6 +482,7 @@ proptest! {
         scales in log_scales(-3.0..0.5),
         quat in quat(),
         rest in vec(-0.4..0.4_f64, 26),
+        low_pass in prop_oneof![Just(LowPass::Dilated), Just(LowPass::Mip)],
     ) {
         prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
         let shaded = [&mean[..], &scales, &quat, &rest].concat();
@@ -441,6 +491,7 @@ proptest! {
         let shadings = shadings.map(|shading| (Layout::shaded(Some(1)), shading));
         for (layout, shading) in shadings.into_iter().chain([(Layout::radiance(1), ShadingRules::PAPER)]) {
             let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
+            let layout = Layout { low_pass, ..layout };
             let shading = GaussianShading { layout, rules };
             let inputs = if layout.is_shaded() { &shaded } else { plain };
             assert_vjp(
@@ -702,7 +753,7 @@ fn channels_with_grad(shading: &GaussianShading) -> Vec<usize> {
 /// Centre, root of the conic and opacity of the splat, then the channels.
 fn splat_and_channels<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R]) -> Vec<R> {
     let planes = PlaneRow(x);
-    let splat = project::project(&planes.shape(), camera);
+    let splat = project::project(&planes.shape(shading.layout), camera);
     let channels = if shading.layout.is_shaded() {
         let shaded = shading.shaded(&planes, camera.position);
         shading.surface_channels(&shaded, &shaded.terms(&light_of(&shaded)), camera)
@@ -730,7 +781,7 @@ fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraO
     };
     let depth = channels.0[channel::DEPTH];
     let splat = SplatGrad { mean2d: [g[0], g[1]], root_conic: [g[2], g[3], g[4]], depth, opacity: g[5] };
-    attributes::shape_vjp(&planes.shape(), camera, &splat, &pose, &mut out);
+    attributes::shape_vjp(&planes.shape(shading.layout), camera, &splat, &pose, &mut out);
     out.0
 }
 
@@ -766,9 +817,16 @@ fn depth_of(camera: &Camera, mean: [f64; 3]) -> f64 {
     camera.lift(Double(0.0)).to_camera(vector(mean)).z.0
 }
 
+/// Log scales, quat, opacity.
+fn stored_shape<R: Number>(x: &[R], filter: Option<f32>) -> Shape<R> {
+    let numbers = join(&[&[x[0].zero(); 3], x]);
+    shape(&numbers, LowPass::Dilated, filter.map(|filter| x[0].constant(filter)))
+}
+
 /// mean, log scales, quat, opacity.
-fn shape<R: Number>(x: &[R]) -> Shape<R> {
-    Shape { mean: take3(x), log_scales: take3(&x[3..]), quat: [x[6], x[7], x[8], x[9]], opacity_logit: x[10] }
+fn shape<R: Number>(x: &[R], low_pass: LowPass, filter: Option<R>) -> Shape<R> {
+    let quat = [x[6], x[7], x[8], x[9]];
+    Shape { mean: take3(x), log_scales: take3(&x[3..]), quat, opacity_logit: x[10], low_pass, filter }
 }
 
 /// mean, quat, log scales, diffuse, tint, roughness, residuals.

@@ -2,6 +2,7 @@
 //! itself on other threads.
 
 use specula_core::{
+    antialias::LowPass,
     camera::Camera,
     double::Double,
     executor::{Executor, Renderer, StepReport, TrainingStep},
@@ -87,10 +88,15 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
-    for (seed, shading) in [(1, ShadingRules::PAPER), (2, ShadingRules::DEFERRED)] {
+    let plain = Layout::shaded(Some(3));
+    for (seed, shading, layout) in [
+        (1, ShadingRules::PAPER, plain),
+        (2, ShadingRules::DEFERRED, plain),
+        (3, ShadingRules::DEFERRED, plain.antialiased()),
+        (4, ShadingRules::PAPER, Layout { low_pass: LowPass::Compensated, ..plain }),
+    ] {
         let activation = [RadianceActivation::Identity, RadianceActivation::Exponential][seed as usize % 2];
-        let (cloud, environment) =
-            (random_cloud(80, Layout::shaded(Some(3)), seed), random_environment(RESOLUTION, activation, seed));
+        let (cloud, environment) = (random_cloud(80, layout, seed), random_environment(RESOLUTION, activation, seed));
         let camera = camera(70, 45);
         let mut exec = CpuExecutor::new();
         let light =
@@ -136,7 +142,9 @@ fn an_exposure_of_a_picture_is_one_of_every_gaussian() {
 #[test]
 fn gradients_are_those_of_the_plain_pipeline() {
     for seed in 5..9 {
-        BOTH.into_iter().for_each(|shading| gradients_agree(shading, seed));
+        let layout = Layout::shaded(Some(3));
+        BOTH.into_iter().for_each(|shading| gradients_agree(shading, layout, seed));
+        gradients_agree(ShadingRules::DEFERRED, layout.antialiased(), seed);
     }
 }
 
@@ -189,9 +197,9 @@ const GROUPS: [(&str, core::ops::Range<usize>); 10] = [
     ("residual harmonics", NORMAL_RESIDUAL_2 + 3..NORMAL_RESIDUAL_2 + 3 + 48),
 ];
 
-fn gradients_agree(shading: ShadingRules, seed: u64) {
-    let cloud = random_cloud(40, Layout::shaded(Some(3)), seed);
-    assert_eq!(GROUPS[9].1.end, cloud.layout.plane_count(), "no plane is left out");
+fn gradients_agree(shading: ShadingRules, layout: Layout, seed: u64) {
+    let cloud = random_cloud(40, layout, seed);
+    assert_eq!(GROUPS[9].1.end, layout.sh_end(), "no plane is left out");
     let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, seed);
     let (camera, rules, weights) = (camera(40, 33), rules(shading, Channels::Training), weights());
     let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
@@ -222,6 +230,8 @@ fn gradients_agree(shading: ShadingRules, seed: u64) {
     let lifted = (lift_environment(&environment), lift_gaussians(&cloud));
     let (_, exact, _) = plain::loss_and_gradient(&lifted.1, Some((&lifted.0, &operator)), &view);
 
+    let of_filters = layout.filter_plane().into_iter().flat_map(|plane| grad.plane(plane));
+    assert!(of_filters.into_iter().all(|grad| grad == 0.0), "filters have no gradient");
     for (name, planes) in GROUPS {
         let ours: Vec<f64> = planes.clone().flat_map(|plane| wide(&grad.plane(plane).collect::<Vec<_>>())).collect();
         let theirs: Vec<f64> = planes
@@ -336,9 +346,11 @@ fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
 #[test]
 fn a_plain_cloud_renders_as_the_field_renders_it() {
     for seed in 1..4 {
-        let [ours, independent] = both(&random_cloud(300, Layout::radiance(3), seed), &camera(100, 80));
-        println!("seed {seed}: {:.1} dB", psnr(&ours, &independent));
-        assert_psnr(&ours, &independent, AS_THE_FIELD_RENDERS);
+        for layout in [Layout::radiance(3), Layout::radiance(3).antialiased()] {
+            let [ours, independent] = both(&random_cloud(300, layout, seed), &camera(100, 80));
+            println!("seed {seed}: {:.1} dB", psnr(&ours, &independent));
+            assert_psnr(&ours, &independent, AS_THE_FIELD_RENDERS);
+        }
     }
 }
 
@@ -374,6 +386,13 @@ fn settings(name: &str) -> Settings {
     profile.densification.every = 10;
     profile.exposure = (name == "specula").then(|| exposure_rate(60));
     Settings { profile, iterations: 60, seed: 3, background: [1.0; 3], random_points: 0 }
+}
+
+/// The same, anti-aliased.
+fn antialiased(name: &str) -> Settings {
+    let mut settings = settings(name);
+    settings.profile.layout = settings.profile.layout.antialiased();
+    settings
 }
 
 /// Short training on a number of threads.
@@ -416,12 +435,24 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
 #[test]
 fn a_resumed_training_continues_to_the_last_bit() {
     for name in ["specula", "3dgs"] {
-        assert_eq!(
-            train(2, name),
-            train_with_pause(2, &settings(name), Some(33)),
-            "{name} does not continue as it would have"
-        );
+        for settings in [settings(name), antialiased(name)] {
+            assert_eq!(
+                train_with_pause(2, &settings, None),
+                train_with_pause(2, &settings, Some(33)),
+                "{name} does not continue as it would have"
+            );
+        }
     }
+}
+
+#[test]
+fn an_antialiased_training_is_the_same_to_the_last_bit_on_any_number_of_threads() {
+    let settings = antialiased("specula");
+    let once = train_with_pause(1, &settings, None);
+    assert_ne!(once.0.gaussians.count, 700, "densification took part");
+    let plane = settings.profile.layout.filter_plane().expect("it has a filter");
+    assert!(once.0.gaussians.plane(plane).all(|deviation| deviation > 0.0), "children have filters");
+    assert_eq!(once, train_with_pause(5, &settings, None), "it differs on five threads");
 }
 
 #[test]

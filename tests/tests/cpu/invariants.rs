@@ -3,7 +3,9 @@
 use core::f64::consts::{FRAC_PI_2, LN_2, PI, SQRT_2, TAU};
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    activation, blend,
+    activation,
+    antialias::LowPass,
+    blend,
     camera::{Camera, CameraOf},
     color, covariance, cubemap,
     cutoffs::LOG2_ALPHA_MIN,
@@ -237,7 +239,14 @@ mod symmetries {
     }
 
     fn shape(mean: [f64; 3], log_scales: [f64; 3], quat: [f64; 4]) -> Shape<Double> {
-        Shape { mean: vector(mean), log_scales: vector(log_scales), quat: quat.map(Double), opacity_logit: Double(0.0) }
+        Shape {
+            mean: vector(mean),
+            log_scales: vector(log_scales),
+            quat: quat.map(Double),
+            opacity_logit: Double(0.0),
+            low_pass: LowPass::Dilated,
+            filter: None,
+        }
     }
 
     fn product_of_quats([a, b, c, d]: [f64; 4], [w, x, y, z]: [f64; 4]) -> [f64; 4] {
@@ -708,6 +717,8 @@ mod numbers {
             log_scales: take3(&n[3..]),
             quat: [n[6], n[7], n[8], n[9]],
             opacity_logit: n[0].zero(),
+            low_pass: LowPass::Dilated,
+            filter: None,
         };
         let [xx, _, yy] = project::project(&shape, &camera.lift(n[0])).root_conic.map(R::value);
         (xx * yy).powi(2)

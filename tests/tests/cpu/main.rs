@@ -2,6 +2,7 @@
 //! code is compiled and linked once. Tests that replace the global allocator are programs of
 //! their own.
 
+mod antialias;
 mod brute;
 mod cutoffs;
 mod derivatives;

@@ -4,6 +4,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use proptest::prelude::*;
 use specula_core::{
+    antialias::{BLUR, LowPass},
     bin::footprint,
     camera::Camera,
     cutoffs::ProjectionModel,
@@ -11,7 +12,7 @@ use specula_core::{
     perspective::{
         Perspective, affine_error, footprint_in_perspective, log2_strength, perspective, ray_scale, scaled_curvature,
     },
-    project::{BLUR, Shape, project},
+    project::{Shape, project},
     real::Real,
     splat::{ROOT_SCALE, Splat},
     vector::vec3,
@@ -43,6 +44,8 @@ impl Ball {
             quat: [self.quat.w, self.quat.x, self.quat.y, self.quat.z].map(Double),
             // As good as one.
             opacity_logit: Double(40.0),
+            low_pass: LowPass::Dilated,
+            filter: None,
         }
     }
 
@@ -196,6 +199,8 @@ proptest! {
             log_scales: narrow(shape.log_scales),
             quat: shape.quat.map(|x| x.0 as f32),
             opacity_logit: 40.0,
+            low_pass: LowPass::Dilated,
+            filter: None,
         };
         let lifted = camera.lift(0.0_f32).for_projection(ProjectionModel::Ray);
         let splat = project(&own, &lifted);

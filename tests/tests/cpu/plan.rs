@@ -70,7 +70,7 @@ impl Scene {
     fn clear_band(&mut self, band: usize) {
         let layout = self.gaussians.layout;
         let first = layout.sh_start();
-        let end = layout.plane_count();
+        let end = layout.sh_end();
         self.fill((first + 3 * band * band).min(end)..(first + 3 * (band + 1) * (band + 1)).min(end), 0.0);
     }
 
@@ -156,6 +156,8 @@ fn scene() -> impl Strategy<Value = Scene> {
     let layout = prop_oneof![4 => shaded, 1 => (0..4_u8).prop_map(Layout::radiance)];
     let shading = prop_oneof![Just(ShadingRules::PAPER), Just(ShadingRules::DEFERRED), Just(ShadingRules::OFFICIAL)];
     let channels = prop_oneof![Just(Channels::Color), Just(Channels::Training), Just(Channels::Layers)];
+    let layout =
+        (layout, any::<bool>()).prop_map(|(layout, filtered)| if filtered { layout.antialiased() } else { layout });
     (layout, shading, channels, any::<u64>(), cleared()).prop_map(|(layout, shading, channels, seed, cleared)| {
         let mut scene = Scene::new(layout, shading, channels, seed);
         cleared.of(&mut scene);

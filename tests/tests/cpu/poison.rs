@@ -167,16 +167,32 @@ fn every_plane_of_a_shaded_gaussian_may_be_anything() {
     let mut exec = CpuExecutor::new();
     let (light, cloud) = (light(), random_cloud(COUNT, LAYOUT, 51));
     let planes = 0..LAYOUT.plane_count();
+    assert_may_be_anything(&mut exec, &cloud, &light, planes);
+    // Of filters all that a splat is made of.
+    let layout = LAYOUT.antialiased();
+    let planes = (0..=OPACITY).chain(layout.filter_plane());
+    assert_may_be_anything(&mut exec, &random_cloud(COUNT, layout, 51), &light, planes);
+}
+
+fn assert_may_be_anything(
+    exec: &mut CpuExecutor,
+    cloud: &Cloud,
+    light: &Environment<Vec<f32>>,
+    planes: impl Iterator<Item = usize>,
+) {
     let cases = planes.flat_map(|plane| WRONG.into_iter().chain(HUGE).map(move |number| (plane, number)));
     for ((plane, number), shading) in cases.flat_map(|case| SHADINGS.map(|shading| (case, shading))) {
-        let fault = fault(&mut exec, &with_plane(&cloud, plane, number), Some(&light), shading);
+        let fault = fault(exec, &with_plane(cloud, plane, number), Some(light), shading);
         assert_eq!(fault, None, "plane {plane} is {number}, {:?}", shading.form);
     }
 }
 
 #[test]
 fn every_plane_of_a_plain_gaussian_may_be_anything() {
-    let layout = Layout::radiance(3);
+    [Layout::radiance(3), Layout::radiance(0).antialiased()].into_iter().for_each(assert_plain_may_be_anything);
+}
+
+fn assert_plain_may_be_anything(layout: Layout) {
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);
     let mut exec = CpuExecutor::new();
     let mut render =
@@ -224,15 +240,16 @@ fn reason(plane: usize) -> CullReason {
         11..17 => CullReason::NonfiniteColor,
         17 => CullReason::NonfiniteRoughness,
         18..24 => CullReason::NonfiniteResidual,
+        plane if plane == LAYOUT.sh_end() => CullReason::NonfiniteFilter,
         _ => CullReason::NonfiniteHarmonics,
     }
 }
 
 #[test]
 fn what_is_not_finite_is_counted_by_reason() {
-    let cloud = random_cloud(COUNT, LAYOUT, 54);
+    let cloud = random_cloud(COUNT, LAYOUT.antialiased(), 54);
     assert_eq!(CullStats::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");
-    for plane in 0..LAYOUT.plane_count() {
+    for plane in 0..cloud.layout.plane_count() {
         for number in WRONG {
             let cloud = with_plane(&cloud, plane, number);
             for camera in [None, Some(camera(48, 32))] {

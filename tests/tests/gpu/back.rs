@@ -111,6 +111,7 @@ fn every_shading() -> Vec<(GaussianShading, usize)> {
             shadings.push(GaussianShading { layout, rules: rules(shading, channels) });
             let rules = RenderRules { normal_residuals: false, sh_degree: None, ..rules(shading, channels) };
             shadings.push(GaussianShading { layout, rules });
+            shadings.push(GaussianShading { layout: layout.antialiased(), rules });
         }
     }
     shadings.into_iter().map(|shading| (shading, shading.channels().count())).collect()
@@ -344,6 +345,7 @@ fn gradients_of_splats_are_those_of_the_cpu_and_of_the_plain_pipeline() {
         (Layout::radiance(0), rules(ShadingRules::PAPER, Channels::Training)),
         (Layout::shaded(Some(1)), rules(ShadingRules::PAPER, Channels::Training)),
         (Layout::shaded(Some(1)), rules(ShadingRules::DEFERRED, Channels::Training)),
+        (Layout::shaded(Some(1)).antialiased(), rules(ShadingRules::DEFERRED, Channels::Training)),
     ];
     for (seed, (layout, rules)) in (1..).zip(variants) {
         for (size, count) in [([70, 45], 80), ([17, 16], 33), ([1, 1], 20), ([33, 40], 1), ([20, 20], 0)] {

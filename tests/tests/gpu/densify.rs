@@ -270,7 +270,7 @@ fn assert_densified_alike(
 fn densified_clouds_are_those_of_the_cpu_twice() {
     let Some(mut gpu) = executor() else { return };
     for (seed, count) in [0, 1, 17, 5000].into_iter().enumerate() {
-        for layout in [Layout::radiance(0), Layout::shaded(Some(1))] {
+        for layout in [Layout::radiance(0), Layout::shaded(Some(1)), Layout::radiance(0).antialiased()] {
             for (name, rules, count_max) in cases(count) {
                 let scene = HostScene::new(count, layout, seed as u64);
                 let (report, once) = assert_densified_alike(&mut gpu, &scene, name, &rules, count_max);

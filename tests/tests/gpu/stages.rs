@@ -1,9 +1,10 @@
 //! The GPU executor against core, and against the CPU executor.
 
 use specula_core::{
+    antialias::LowPass,
     attributes::GaussianShading,
     camera::Camera,
-    executor::Renderer,
+    executor::{Executor, Renderer},
     pack::{self, FULL_PLANES, Storage},
     pipeline::render,
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -20,6 +21,7 @@ use specula_gpu::{
         light::formulas::{LevelOf, TexelsAt},
         outline::formulas::{OutlineOf, TileColumns, TileRows},
         project::formulas::SplatOf,
+        sampling::formulas::{DeviationOf, IntervalOf, LeastInterval},
         shade::formulas::{ColorsOf, LitColorsOf, SurfaceOf},
         shade_pixels::formulas::{ColorOfPixel, SurfaceOfPixel},
     },
@@ -76,9 +78,14 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &TileColumns, &rows);
     assert_same(gpu, &ColorOfPixel, &uniform_rows(7, &[[0.0, 1.0]; 10]));
 
-    for layout in [Layout::radiance(3), Layout::shaded(Some(3))] {
+    let compensated = Layout { low_pass: LowPass::Compensated, ..Layout::radiance(0) };
+    for layout in [Layout::radiance(3), Layout::shaded(Some(3)), compensated, Layout::shaded(None).antialiased()] {
         assert_same(gpu, &SplatOf { layout }, &gaussian_rows(layout));
     }
+    let points = uniform_rows(13, &[[-5.0, 5.0]; 3]);
+    assert_same(gpu, &IntervalOf, &side_by_side(&points, &numbers_of(&camera(70, 45)).repeat(ROWS)));
+    assert_same(gpu, &LeastInterval, &uniform_rows(14, &[[0.0, 1.0]; 4]));
+    assert_same(gpu, &DeviationOf, &uniform_rows(15, &[[0.0, 1.0]; 2]));
     let plain = Layout::radiance(3);
     for channels in [Channels::Color, Channels::Training] {
         let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
@@ -106,11 +113,12 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/codegen/real.rs"),
         include_str!("../../../exec-gpu/src/stages/project/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/outline/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/sampling/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade_pixels/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 13);
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 16);
 }
 
 /// A scene for both executors.
@@ -182,8 +190,12 @@ fn every_variant() -> Vec<(Layout, RenderRules)> {
         if channels != Channels::Layers {
             let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
             variants.push((Layout::radiance(3), rules));
+            variants.push((Layout::radiance(1).antialiased(), rules));
+            variants.push((Layout { low_pass: LowPass::Compensated, ..Layout::radiance(1) }, rules));
         }
     }
+    let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training);
+    variants.push((Layout::shaded(Some(1)).antialiased(), rules));
     variants
 }
 
@@ -258,6 +270,33 @@ fn a_viewer_of_halves_shows_the_picture_of_rounded_attributes_on_the_cpu() {
         println!("{:?}: {:.1} dB; {in_full:.1} dB from full", rules.shading.form, psnr(&ours, &theirs));
         assert_psnr(&ours, &theirs, SAME_FRAME);
         assert!(psnr(&ours, &theirs) > in_full, "rounding counts for more than what the executors differ by");
+    }
+}
+
+/// Roundings of a matrix product, a root and a quotient.
+const SAME_DEVIATION: f32 = 1e-6;
+
+#[test]
+fn both_executors_find_the_same_filters_in_space() {
+    for pieces in [false, true] {
+        let Some(mut gpu) = (if pieces { executor_in_chunks_of(1) } else { executor() }) else { return };
+        let mut cpu = CpuExecutor::new();
+        let layout = Layout::shaded(Some(1)).antialiased();
+        let plane = layout.filter_plane().expect("it has a filter");
+        let views = [camera(70, 45), Camera { focal_px: [300.0, 280.0], ..camera(40, 40) }, camera(9, 300)];
+        for count in [0, 1, 75] {
+            let mut theirs = random_cloud(count, layout, 4);
+            let mut ours = gpu.upload_gaussians(&theirs).expect("they fit");
+            cpu.sampling(&mut theirs, &views).expect("the CPU samples");
+            gpu.sampling(&mut ours, &views).expect("the device samples");
+            let mut values = theirs.values.clone();
+            gpu.download(&ours.values, &mut values).expect("there are as many");
+            let ours = theirs.with_values(values);
+            for gaussian in 0..count {
+                let [[ours], [theirs]] = [&ours, &theirs].map(|cloud| cloud.get::<1>(gaussian, plane));
+                assert!((ours / theirs - 1.0).abs() < SAME_DEVIATION, "{ours} for {theirs} of {gaussian}");
+            }
+        }
     }
 }
 

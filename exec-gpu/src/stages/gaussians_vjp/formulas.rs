@@ -94,7 +94,7 @@ formula!(PlanesVjp, |this, inputs| planes_vjp(
     } else {
         this.shading.radiance_vjp(&planes, camera.position, &channels, &mut out)
     };
-    shape_vjp(&planes.shape(), &camera, &splat, &pose, &mut out);
+    shape_vjp(&planes.shape(this.shading.layout), &camera, &splat, &pose, &mut out);
     out.0
 });
 

@@ -27,7 +27,7 @@ formula!(SplatOf, |this, inputs| splat_of(..planes_field(this.layout), ..camera_
     mean2d: 2, log2_opacity: 1, opacity: 1, root: 3, reach: 1, half_extent: 2, depth: 1, root_conic: 3
 ) {
     let planes = Planes(inputs.slice(this.layout.plane_count()));
-    let splat = project(&planes.shape(), &take_camera(inputs));
+    let splat = project(&planes.shape(this.layout), &take_camera(inputs));
     let reach = footprint(&splat).reach;
     let Splat2d { mean2d, root, log2_opacity } = Splat2d::new(splat.mean2d, splat.root_conic, splat.opacity.log2());
     let half_extent = half_extent(&splat, reach);

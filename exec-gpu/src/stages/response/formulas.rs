@@ -24,7 +24,7 @@ pub struct ResponseOf {
 formula!(ResponseOf, |this, inputs| response_of(..planes_field(this.layout), ..camera_fields()) -> (
     mean2d: 2, slope: 2, root: 3, depth: 1
 ) {
-    let shape = Planes(inputs.slice(this.layout.plane_count())).shape();
+    let shape = Planes(inputs.slice(this.layout.plane_count())).shape(this.layout);
     let ResponseDepth { mean2d, slope, root, depth } = response_depth(&shape, &take_camera(inputs));
     (mean2d, slope, root, [depth])
 });

@@ -7,13 +7,13 @@ use super::{
 };
 use specula_core::{
     activation::softplus,
+    antialias::BLUR,
     bin::footprint,
     blend::MAX_ALPHA,
     cutoffs::ALPHA_MIN,
     double::Double,
     ggx,
     loss::sparse,
-    project::BLUR,
     real::Real,
     vector::{Vec3, vec3},
 };

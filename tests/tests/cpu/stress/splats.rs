@@ -2,6 +2,7 @@
 
 use super::{assert_at_most, worst};
 use specula_core::{
+    antialias::{BLUR, LowPass},
     bin::footprint,
     blend,
     camera::Camera,
@@ -11,7 +12,7 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     prefilter::PrefilterScheme,
-    project::{BLUR, Shape, project, project_vjp},
+    project::{Shape, project, project_vjp},
     random,
     rules::{Channels, RenderRules},
     scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
@@ -56,6 +57,8 @@ pub(crate) fn shape<R: Number>(mean: [f32; 3], log_scales: [f32; 3], quat: [f32;
         log_scales: wide(log_scales),
         quat: quat.map(|x| R::of(f64::from(x))),
         opacity_logit: R::of(f64::from(logit)),
+        low_pass: LowPass::Dilated,
+        filter: None,
     }
 }
 

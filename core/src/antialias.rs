@@ -1,0 +1,163 @@
+//! Anti-aliasing of splats (Mip-Splatting, Yu et al. 2024): a low-pass on the screen that keeps
+//! brightness, and a low-pass in space at the sampling rate of the training views.
+//!
+//! * On the screen (section 5.2, the 2D Mip filter) the covariance Σ₂ of a splat is widened to
+//!   Σ₂ + b I, and its opacity is multiplied by √(det Σ₂ / det(Σ₂ + b I)), so that opacity times
+//!   area stays: a splat much smaller than a pixel becomes faint rather than large
+//!   ([`LowPass`], in [`mod@crate::project`]).
+//! * In space (section 5.1, the 3D smoothing filter) the covariance Σ of a Gaussian is widened to
+//!   Σ + s² I, and its opacity is multiplied by √(det Σ / det(Σ + s² I)) ([`smoothed`]). The
+//!   deviation s is √0.2 times the smallest distance of two samples, depth / focal length, over the
+//!   views that see the Gaussian ([`sampling_interval`]).
+//!
+//! The deviations are the last plane of a cloud ([`crate::scene::Layout::filter_plane`]), one of
+//! its numbers that no gradient reaches. As a plane they go wherever a Gaussian goes: into the
+//! children of densification, the order in memory, checkpoints, uploads and files; an array beside
+//! the cloud would repeat each of these. A cloud without the plane is neither longer nor slower.
+
+use crate::{
+    camera::CameraOf,
+    each,
+    real::Real,
+    vector::{Vec3, vec3},
+};
+
+/// Low-pass of splats on the screen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum LowPass {
+    /// Widened by [`BLUR`] without compensation (INRIA).
+    #[default]
+    Dilated,
+    /// Widened by [`BLUR`], opacity compensated: `antialiased` of gsplat, `antialiasing` of INRIA.
+    Compensated,
+    /// Widened by [`MIP_BLUR`], opacity compensated (Mip-Splatting).
+    Mip,
+}
+
+/// Variance, in px², that splats are widened by, so that none is smaller than a pixel (INRIA's
+/// low-pass).
+pub const BLUR: f32 = 0.3;
+/// Variance of Mip-Splatting's low-pass, in px²: about that of a pixel's box, 1/12.
+pub const MIP_BLUR: f32 = 0.1;
+
+impl LowPass {
+    /// Variance b, in px².
+    #[inline(always)]
+    pub const fn variance(self) -> f32 {
+        match self {
+            Self::Dilated | Self::Compensated => BLUR,
+            Self::Mip => MIP_BLUR,
+        }
+    }
+    /// Tests whether opacity is multiplied by √(det Σ₂ / det(Σ₂ + b I)).
+    #[inline(always)]
+    pub const fn is_compensated(self) -> bool {
+        matches!(self, Self::Compensated | Self::Mip)
+    }
+}
+
+/// Least det Σ₂ / det(Σ₂ + b I) that compensation tells from smaller ones: its root, 1/1000, makes
+/// any splat too faint for an 8-bit picture, and the slope of the root is finite above it.
+pub const COMPENSATION_MIN: f32 = 1e-6;
+
+/// Deviations of the filter in space are kept below this, e^40, the limit of scales.
+const DEVIATION_MAX: f32 = 2.353_852_7e17;
+
+/// Deviation of the filter in space, as a share of the distance between two samples: √0.2.
+pub const DEVIATION_SHARE: f32 = 0.447_213_6;
+
+/// Deviation s of the filter, without its sign and within its limits.
+#[inline(always)]
+fn deviation<R: Real>(filter: R) -> R {
+    filter.abs().min(filter.constant(DEVIATION_MAX))
+}
+
+/// Scales and opacity of a Gaussian under the filter in space of deviation s: √(s_k² + s²), and
+/// opacity · Π s_k / √(s_k² + s²).
+///
+/// Exact: a Gaussian convolved with another.
+#[inline(always)]
+pub fn smoothed<R: Real>(scales: Vec3<R>, opacity: R, filter: R) -> (Vec3<R>, R) {
+    let deviation = deviation(filter);
+    let wider = widened(scales, deviation);
+    (wider, opacity * share(scales, wider))
+}
+
+/// Gradient of [`smoothed`] with respect to scales and opacity; the filter has none.
+#[inline(always)]
+pub fn smoothed_vjp<R: Real>(
+    scales: Vec3<R>,
+    opacity: R,
+    filter: R,
+    grad_scales: Vec3<R>,
+    grad_opacity: R,
+) -> (Vec3<R>, R) {
+    let deviation = deviation(filter);
+    let wider = widened(scales, deviation);
+    let share = share(scales, wider);
+    let through_opacity = grad_opacity * opacity * share;
+    let along = |scale: R, wider: R, grad: R| {
+        grad * (scale / wider) + through_opacity * ((deviation / wider).squared() / scale)
+    };
+    let grad = vec3(
+        along(scales.x, wider.x, grad_scales.x),
+        along(scales.y, wider.y, grad_scales.y),
+        along(scales.z, wider.z, grad_scales.z),
+    );
+    (grad, grad_opacity * share)
+}
+
+#[inline(always)]
+fn widened<R: Real>(scales: Vec3<R>, deviation: R) -> Vec3<R> {
+    each!(scales, scale => scale.mul_add(scale, deviation * deviation).sqrt())
+}
+
+#[inline(always)]
+fn share<R: Real>(scales: Vec3<R>, wider: Vec3<R>) -> R {
+    (scales.x / wider.x) * (scales.y / wider.y) * (scales.z / wider.z)
+}
+
+/// Distances of two samples of views at a point, in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SamplingInterval<R> {
+    /// Depth / focal length, least of the views that see the point; `f32::MAX` for none.
+    pub seen: R,
+    /// Distance / focal length, least of all views: the interval of a view that turns to the point.
+    pub turned: R,
+}
+
+impl<R: Real> SamplingInterval<R> {
+    /// That of no view.
+    #[inline(always)]
+    pub fn none(like: R) -> Self {
+        Self { seen: like.constant(f32::MAX), turned: like.constant(f32::MAX) }
+    }
+    /// The smaller intervals of two sets of views.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        Self { seen: other.seen.min(self.seen), turned: other.turned.min(self.turned) }
+    }
+    /// Deviation of the filter in space, [`DEVIATION_SHARE`] of the interval; a point that no view
+    /// sees has that of the view for which it would be least.
+    #[inline(always)]
+    pub fn filter(self) -> R {
+        let is_seen = self.seen.less(self.seen.constant(f32::MAX));
+        deviation(R::select(is_seen, self.seen, self.turned) * DEVIATION_SHARE)
+    }
+}
+
+/// Sampling interval of one view at a point. Views see as far as their splats are projected
+/// ([`crate::camera::SLOPE_MARGIN`]): the picture and 15 % around it, Mip-Splatting's margin, from
+/// the near plane on. The focal length is the longer one.
+#[inline(always)]
+pub fn sampling_interval<R: Real>(point: Vec3<R>, camera: &CameraOf<R>) -> SamplingInterval<R> {
+    let p = camera.to_camera(point);
+    let inverse_focal = camera.focal_px[0].max(camera.focal_px[1]).recip();
+    let is_seen = camera.near.less(p.z)
+        & p.x.abs().less(camera.slope_limit[0] * p.z)
+        & p.y.abs().less(camera.slope_limit[1] * p.z);
+    SamplingInterval {
+        seen: R::select(is_seen, p.z * inverse_focal, p.z.constant(f32::MAX)),
+        turned: p.length_squared().sqrt() * inverse_focal,
+    }
+}
