@@ -254,6 +254,7 @@ pub(crate) struct Start {
     /// those of the training keep their brightness and show no needles. Other programs show such a
     /// model right only if they do the same.
     #[arg(long)]
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) antialias: bool,
     /// Look up the light per Gaussian, as in the paper, or per pixel (deferred).
     #[arg(long, value_enum)]

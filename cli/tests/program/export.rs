@@ -551,6 +551,46 @@ fn what_cannot_be_exported_is_refused_in_one_sentence() {
     refuses(tiny, &none, "ball.obj", &["--quiet"], &["none.ply", "no Gaussian"]);
 }
 
+#[test]
+fn an_antialiased_scene_is_exported_with_its_filter_in_scales_and_opacities() {
+    let tiny = Tiny::new();
+    let (scene, layout) = (tiny.path("scene.ply"), Layout::radiance(0).antialiased());
+    let plane = layout.filter_plane().unwrap();
+    let mut gaussians = Gaussians { count: 20, layout, values: vec![0.0; len_of_values(20, layout)] };
+    for k in 0..20 {
+        gaussians.set(k, MEAN, on_sphere(k, 20).to_array());
+        gaussians.set(k, LOG_SCALE, [-2.0, -2.5, -6.0]);
+        gaussians.set(k, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        gaussians.set(k, OPACITY, [3.0]);
+        gaussians.set(k, plane, [0.02]);
+    }
+    gaussian_ply::write(&scene, &gaussians, &[]).unwrap();
+
+    let plain = tiny.path("plain.ply");
+    let said = specula().arg("export").arg(&scene).arg("-o").arg(&plain).args(["--no-error", "--quiet"]).assert();
+    let said = String::from_utf8(said.success().get_output().stdout.clone()).unwrap();
+    assert!(said.contains("0.1 px²") && said.contains("compensates opacity"), "{said}");
+    let rows = ply_rows(&plain);
+    assert_eq!(rows.len(), 20);
+    let scales = [-2.0_f32, -2.5, -6.0].map(f32::exp);
+    let wider = scales.map(|scale| scale.hypot(0.02));
+    let opacity = sigmoid(3.0) * scales.iter().zip(wider).map(|(scale, wider)| scale / wider).product::<f32>();
+    for row in &rows {
+        assert!(!row.contains_key("filter_3D"), "plain viewers know no filter");
+        assert_near(&columns(row, ["scale_0", "scale_1", "scale_2"]), &wider.map(f32::ln), ROUNDED, "scales");
+        assert_near(&[sigmoid(row["opacity"])], &[opacity], ROUNDED, "opacity");
+    }
+
+    // The file says that it is anti-aliased; another one is told by the option.
+    refuses(&tiny, &scene, "other.ply", &["--antialiased"], &["scene.ply", "omit --antialiased"]);
+    for option in ["--antialiased", "--antialiased=mip"] {
+        let mut command = specula();
+        command.arg("export").arg(&plain).arg("-o").arg(tiny.path("again.splat")).args([option, "--no-error"]);
+        let said = command.arg("--quiet").assert().success().get_output().stdout.clone();
+        assert!(String::from_utf8(said).unwrap().contains("compensates opacity"), "{option}");
+    }
+}
+
 /// Up direction of the scenes that are rotated upright; its length is arbitrary.
 const ABOVE: Vec3 = Vec3::new(0.9, -0.72, 0.96);
 /// Harmonics and places that went through a rotation of `f64` and were rounded to `f32`.
