@@ -15,7 +15,7 @@ use specula_oracle::{
     independent::{
         LightPer,
         lobe::{CubeMap, filtered},
-        rays::{Gaussian, Order, View, blend},
+        rays::{self, Gaussian, Order, View, blend},
         render,
         surface::{Look, gaussians},
     },
@@ -151,7 +151,7 @@ fn crossing() -> (Vec<Gaussian>, Vec<Vec<f64>>) {
         mean: DVec3::new(0.0, 0.0, depth),
         axes: DMat3::from_rotation_y(turn) * DMat3::from_diagonal(DVec3::new(0.8, 0.3, 0.02)),
         opacity: 0.95,
-        low_pass: LowPass::Dilated,
+        low_pass: rays::LowPass::INRIA,
     };
     (vec![long(0.5, 3.0), long(-0.5, 3.01)], vec![vec![1.0, 0.0], vec![0.0, 1.0]])
 }
@@ -266,7 +266,7 @@ fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_thos
         mean,
         axes: DMat3::from_diagonal(DVec3::splat(0.3)),
         opacity: 0.9,
-        low_pass: LowPass::Dilated,
+        low_pass: rays::LowPass::INRIA,
     };
     let drawn = |mean: DVec3, order: Order| {
         let picture = blend(&[ball(mean)], &[vec![1.0]], &straight(), order);

@@ -94,11 +94,11 @@ fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
 
     let half = jacobian * view.camera_from_world * gaussian.axes;
     let covariance = half * half.transpose();
-    let low_pass = f64::from(gaussian.low_pass.variance());
+    let low_pass = gaussian.low_pass.variance;
     let (a, b, c) = (covariance.x_axis.x + low_pass, covariance.x_axis.y, covariance.y_axis.y + low_pass);
     let determinant = a * c - b * b;
     let own = covariance.x_axis.x * covariance.y_axis.y - b * b;
-    let kept = if gaussian.low_pass.is_compensated() { (own / determinant).max(0.0).sqrt() } else { 1.0 };
+    let kept = if gaussian.low_pass.is_compensated { (own / determinant).max(0.0).sqrt() } else { 1.0 };
     let opacity = gaussian.opacity * kept;
     if determinant.is_nan() || determinant <= 0.0 || opacity < ALPHA_MIN {
         return None;
@@ -118,7 +118,7 @@ fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
 mod tests {
     use super::*;
     use crate::compare::assert_close;
-    use specula_core::antialias::{BLUR, LowPass};
+    use specula_oracle::independent::rays::LowPass;
 
     const VIEW: View = View {
         camera_from_world: DMat3::IDENTITY,
@@ -134,7 +134,7 @@ mod tests {
     fn ball(depth: f64, opacity: f64, color: [f64; 3]) -> (Gaussian, Look) {
         let axes = DMat3::from_diagonal(DVec3::splat(0.05));
         let harmonic = (DVec3::from_array(color) - 0.5) / Y0;
-        (Gaussian { mean: DVec3::Z * depth, axes, opacity, low_pass: LowPass::Dilated }, Look::Radiance(vec![harmonic]))
+        (Gaussian { mean: DVec3::Z * depth, axes, opacity, low_pass: LowPass::INRIA }, Look::Radiance(vec![harmonic]))
     }
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn a_round_splat_falls_off_with_its_blurred_variance() {
         let picture = render(&[ball(2.0, 0.5, [1.0; 3])], &VIEW, [0.0; 3]);
-        let variance = (100.0_f64 * 0.05 / 2.0).powi(2) + f64::from(BLUR);
+        let variance = (100.0_f64 * 0.05 / 2.0).powi(2) + LowPass::INRIA.variance;
         assert_close(picture[10 * 21 + 13][0], 0.5 * (-0.5 * 9.0 / variance).exp(), 1e-12);
         assert_close(picture[0][0], 0.0, 0.0);
     }

@@ -13,17 +13,30 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use specula_core::{
-    antialias::{COMPENSATION_MIN, LowPass},
-    camera::Camera,
-    scene::Image,
-};
+use specula_core::{camera::Camera, scene::Image};
 
 /// Largest alpha, as the model's 32 bits hold it.
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
 /// Smaller alphas are left out before what is left is sorted: all of a million of them together are
 /// a millionth.
 const ALPHA_MIN: f64 = 1e-12;
+
+/// Least compensation of a low-pass, squared, as the model's 32 bits hold it.
+const COMPENSATION_MIN: f64 = 1e-6_f32 as f64;
+
+/// Low-pass on the screen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPass {
+    /// Variance, in px².
+    pub variance: f64,
+    /// Whether opacity makes up for the larger area.
+    pub is_compensated: bool,
+}
+
+impl LowPass {
+    /// INRIA's, as the model's 32 bits hold it.
+    pub const INRIA: Self = Self { variance: 0.3_f32 as f64, is_compensated: false };
+}
 
 /// Gaussian whose numbers are activated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -145,10 +158,9 @@ impl GaussianInCamera {
     fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
         let mean = view.camera_from_world * (gaussian.mean - view.position);
         let axes = view.camera_from_world * gaussian.axes;
-        let variance = gaussian.low_pass.variance().into();
+        let LowPass { variance, is_compensated } = gaussian.low_pass;
         let root = root_of_covariance(axes, mean.z, view.focal_px, variance);
-        let compensation =
-            if gaussian.low_pass.is_compensated() { compensation(axes, mean, view.focal_px, variance) } else { 1.0 };
+        let compensation = if is_compensated { compensation(axes, mean, view.focal_px, variance) } else { 1.0 };
         let opacity = gaussian.opacity * compensation;
         let in_camera = Self {
             index,
@@ -188,7 +200,7 @@ fn compensation(axes: DMat3, mean: DVec3, focal_px: [f64; 2], variance: f64) -> 
     let areas = a.perp_dot(b).powi(2) + b.perp_dot(c).powi(2) + c.perp_dot(a).powi(2);
     let trace = a.length_squared() + b.length_squared() + c.length_squared();
     let blurred = areas + variance * trace + variance * variance;
-    (areas / blurred).max(COMPENSATION_MIN.into()).sqrt()
+    (areas / blurred).max(COMPENSATION_MIN).sqrt()
 }
 
 /// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each less its parts along those before it.

@@ -5,7 +5,7 @@ use specula_core::scene::{
     DIFFUSE, Gaussians, LOG_SCALE, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
 };
 
-use super::rays::Gaussian;
+use super::rays::{Gaussian, LowPass};
 
 /// Pixels of less coverage count as this well covered, as the model's 32 bits hold it.
 const COVERAGE_MIN: f64 = 1e-3_f32 as f64;
@@ -57,7 +57,10 @@ pub fn gaussians(cloud: &Gaussians<Vec<f32>>) -> Vec<(Gaussian, Look)> {
             mean: wide(k, MEAN),
             axes: rotation * DMat3::from_diagonal(wider),
             opacity: opacity * (scales / wider).element_product(),
-            low_pass: cloud.layout.low_pass,
+            low_pass: LowPass {
+                variance: cloud.layout.low_pass.variance().into(),
+                is_compensated: cloud.layout.low_pass.is_compensated(),
+            },
         };
         if !cloud.layout.is_shaded() {
             return (gaussian, Look::Radiance(harmonics(k)));
