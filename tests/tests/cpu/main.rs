@@ -3,8 +3,10 @@
 //! their own.
 
 mod antialias;
+mod attributes;
 mod brute;
 mod cutoffs;
+mod densify;
 mod derivatives;
 mod documentation;
 mod executor;
