@@ -175,6 +175,24 @@ mod tests {
         assert_eq!((failure.to_string().as_str(), failure.exit_code()), ("process 7 is writing; wait", 2));
     }
 
+    #[cfg(feature = "gpu")]
+    #[test]
+    fn errors_of_devices_name_the_options_that_help() {
+        let too_large = GpuError::TooLarge { what: "the pairs", bytes: 1 << 31, limit: 1 << 27 };
+        for error in [GpuError::OutOfMemory, too_large] {
+            let sentence = Failure::from(error).to_string();
+            assert!(sentence.contains("fewer Gaussians (--max-gaussians)"), "{sentence}");
+            assert!(sentence.ends_with(" the CPU with --executor cpu"), "{sentence}");
+        }
+        let lost = GpuError::Lost { reason: "it was unplugged".into() };
+        let absent = GpuError::NoAdapter { wanted: String::new() };
+        let refused = GpuError::NoDevice { adapter: "lavapipe".into(), reason: "it is busy".into() };
+        for error in [lost, absent, refused] {
+            let sentence = Failure::from(error).to_string();
+            assert!(sentence.ends_with(" the CPU with --executor cpu"), "{sentence}");
+        }
+    }
+
     #[test]
     fn errors_of_files_end_with_the_option_that_helps() {
         let (path, place, cause) = ("model".into(), "the header".to_owned(), "it is cut short".to_owned());

@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     output::say(&folder.path.display().to_string())?;
     check.map_or(Ok(()), |check| {
         output::say(&format!("largest difference: {}", check.largest()))?;
-        refuse_difference(check.largest())
+        refuse_omissions(&check)
     })
 }
 
@@ -109,11 +109,11 @@ fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJ
 }
 
 /// Refuses a plan whose omissions change pictures, which is a fault of the program.
-fn refuse_difference(largest: f32) -> Result<(), Failure> {
-    if largest == 0.0 {
-        return Ok(());
+fn refuse_omissions(check: &OmissionCheck) -> Result<(), Failure> {
+    match check.largest() {
+        0.0 => Ok(()),
+        largest => Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {largest}"))),
     }
-    Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {largest}")))
 }
 
 /// Requested layers that the scene has.
@@ -147,12 +147,37 @@ fn views_of(info: &ModelInfo, test: bool, train: bool) -> Result<Vec<View>, Fail
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::{
+        camera::Camera,
+        rules::Channels,
+        scene::{Gaussians, Layout, QUAT, len_of_values},
+    };
+    use specula_scene::{Scene, ShadingModel};
+
+    /// A Gaussian in front of the camera, grey from everywhere.
+    fn scene() -> Scene {
+        let layout = Layout::radiance(0);
+        let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
+        gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        Scene { gaussians, light: None, shading_model: ShadingModel::PAPER }
+    }
 
     #[test]
     fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
-        assert!(refuse_difference(0.0).is_ok());
-        let failure = refuse_difference(0.25).unwrap_err();
+        let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
+        let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+        let mut renderer = SceneRenderer::new(scene(), Channels::Color, &options).expect("the CPU renders");
+        let mut image = renderer.render(&camera).expect("the CPU renders");
+        let mut check = OmissionCheck::new(scene(), Channels::Color, &options).expect("the CPU renders");
+        check.compare(&camera, &image).expect("the CPU renders");
+        assert!(refuse_omissions(&check).is_ok(), "nothing is lacking");
+
+        let number = &mut image.plane_mut(1)[70];
+        let added = (*number + 0.25) - *number;
+        *number += added;
+        check.compare(&camera, &image).expect("the CPU renders");
+        let failure = refuse_omissions(&check).unwrap_err();
         assert_eq!(failure.exit_code(), 1);
-        assert!(failure.to_string().contains("0.25"), "{failure}");
+        assert!(failure.to_string().contains(&format!("by up to {added};")), "{failure}");
     }
 }

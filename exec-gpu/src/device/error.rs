@@ -28,8 +28,8 @@ pub enum GpuError {
     OutOfMemory,
     /// An array is larger than the adapter lets a shader see.
     #[error(
-        "{what} take {bytes} bytes, and the adapter lets shaders see {limit} of an array; use fewer Gaussians \
-            , smaller pictures or a smaller light, another adapter, or the CPU"
+        "{what} take {bytes} bytes, and the adapter lets shaders see {limit} of an array; use fewer Gaussians, \
+             smaller pictures or a smaller light, another adapter, or the CPU"
     )]
     TooLarge {
         /// Name of the array.
