@@ -3,6 +3,7 @@
 
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 use specula_core::{
+    antialias::BLUR,
     camera::Camera,
     cutoffs::{
         BlendOrder::{self, Mean, Pixel, Window},
@@ -14,7 +15,6 @@ use specula_core::{
     pipeline::render,
     plan::{Needs, Plan},
     prefilter::{LevelRange, Levels, PrefilterScheme},
-    project::BLUR,
     random,
     rules::{Channels, RenderRules},
     scene::{
