@@ -34,9 +34,8 @@ pub(crate) struct SceneOptions {
 /// Low-pass of files that do not name theirs.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct AntialiasedOption {
-    /// Low-pass that a PLY file without the property filter_3D was trained under: 0.3 px² with
-    /// compensated opacity (gsplat, which alone is the default; INRIA's --antialiasing), or 0.1 px²
-    /// (mip, a fused file of Mip-Splatting).
+    /// Compensated low-pass of a PLY file that does not say so: 0.3 px² (gsplat, the default; also
+    /// INRIA's --antialiasing) or 0.1 px² (mip, a fused file of Mip-Splatting).
     #[arg(long, value_enum, value_name = "gsplat|mip", num_args = 0..=1, require_equals = true, default_missing_value = "gsplat", hide_possible_values = true)]
     pub(crate) antialiased: Option<AntialiasedName>,
 }
