@@ -134,10 +134,10 @@ impl<R: Real> Compensation<R> {
 /// those with a number that is not finite: they must not be drawn. What else their splat holds
 /// means nothing.
 ///
-/// cov2d = V Vᵀ + b I with b of the [`LowPass`] and V = J · R_camera · R · S. Its determinant comes from the two rows of V
-/// by Cauchy and Binet, |v₁ × v₂|² + b(|v₁|² + |v₂|²) + b²: every term is positive, so needles of
-/// 10⁵ px keep their digits, as does |v₁ × v₂|², the determinant without the low-pass, by which its
-/// compensation divides.
+/// cov2d = V Vᵀ + b I with b of the [`LowPass`] and V = J · R_camera · R · S. Its determinant comes
+/// from the two rows of V by Cauchy and Binet, |v₁ × v₂|² + b(|v₁|² + |v₂|²) + b²: every term is
+/// positive, so needles of 10⁵ px keep their digits, as does |v₁ × v₂|², the determinant without
+/// the low-pass, by which its compensation divides.
 #[inline(always)]
 pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let p = projection(shape, camera);

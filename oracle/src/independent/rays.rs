@@ -7,9 +7,9 @@
 //!
 //! Σ holds the low-pass: a variance of 0.3 px² across and down, or another, in the plane of the
 //! screen at the mean's depth. If it is compensated, the opacity is multiplied by the root of the
-//! ratio of determinants on the screen, without and with it. L comes from rows of length five, the three axes and two of the low-pass, made
-//! orthogonal one after the other (Gram and Schmidt), so that discs and needles keep the digits
-//! that a covariance would have lost.
+//! ratio of determinants on the screen, without and with it. L comes from rows of length five, the
+//! three axes and two of the low-pass, made orthogonal one after the other (Gram and Schmidt), so
+//! that discs and needles keep the digits that a covariance would have lost.
 
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;

@@ -156,7 +156,7 @@ fn a_splat_without_area_is_as_faint_as_can_be_and_has_no_gradient_of_its_size() 
     assert_eq!(grad.log_scales.to_array().map(|x| x.0), [0.0; 3]);
 }
 
-/// Pixels of the pictures of a training along an edge; shown at a quarter and at four times as many.
+/// Pixels of the pictures of a training along an edge.
 const SIZE: u32 = 40;
 const VIEWS: usize = 12;
 const ITERATIONS: u32 = 150;
