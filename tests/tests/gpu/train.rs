@@ -1,6 +1,6 @@
 //! Whole trainings on the GPU executor, against those on the CPU executor and against themselves.
 
-use core::cell::RefCell;
+use core::{cell::RefCell, ops::RangeInclusive};
 use specula_core::{
     camera::Camera,
     executor::{Executor, Renderer},
@@ -15,7 +15,7 @@ use specula_core::{
     state::{AdamMoments, Statistics},
     vector::vec3,
 };
-use specula_cpu::CpuExecutor;
+use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_gpu::{
     GpuExecutor, SplatGrads,
     stages::blend_vjp::{ReplayDivision, formulas::GEOMETRY},
@@ -31,6 +31,7 @@ use specula_train::{
     trainer::{HostScene, Settings, Trainer},
     view::View,
 };
+use std::sync::LazyLock;
 
 /// Tolerance in dB between two trainings that start equal and diverge by rounding.
 const SAME_QUALITY: f64 = 0.05;
@@ -49,17 +50,31 @@ const UNSEEN: usize = 6;
 const POINTS: u64 = 400;
 const ITERATIONS: u32 = 200;
 
-/// A cloud that shines, seen from a place on a circle around it.
+/// Views 1 to `VIEWS + UNSEEN`, rendered once for all tests of a process.
+static ALL_VIEWS: LazyLock<Vec<View>> = LazyLock::new(|| {
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    let environment = random_environment(16, RadianceActivation::Exponential, 21);
+    let mut exec = CpuExecutor::new();
+    let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
+    (1..=VIEWS + UNSEEN).map(|number| rendered_view(&mut exec, &light, &rules, number)).collect()
+});
+
+/// Copy of a view, counted from 1.
 fn view(number: usize) -> View {
+    ALL_VIEWS[number - 1].clone()
+}
+
+fn views(numbers: RangeInclusive<usize>) -> Vec<View> {
+    numbers.map(view).collect()
+}
+
+/// A cloud that shines, seen from a place on a circle around it.
+fn rendered_view(exec: &mut CpuExecutor, light: &Light, rules: &RenderRules, number: usize) -> View {
     let turn = number as f32 * 0.7;
     let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
     let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, SIZE, SIZE);
-    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
-    let (cloud, environment) =
-        (random_cloud(60, Layout::shaded(Some(1)), 21), random_environment(16, RadianceActivation::Exponential, 21));
-    let mut exec = CpuExecutor::new();
-    let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
-    let image = render_view(&mut exec, &cloud, Some(&light), &camera, &rules).expect("the CPU renders");
+    let cloud = random_cloud(60, Layout::shaded(Some(1)), 21);
+    let image = render_view(exec, &cloud, Some(light), &camera, rules).expect("the CPU renders");
     let size = (SIZE * SIZE) as usize;
     let rgba = (0..size).flat_map(|pixel| {
         let alpha = 1.0 - image.values[3 * size + pixel];
@@ -102,7 +117,7 @@ fn train_with<E: Executor<Error: core::fmt::Debug>>(
     steps: u32,
     before: impl Fn(&mut E, u32),
 ) -> (HostScene, usize) {
-    let views: Vec<View> = (1..=VIEWS).map(view).collect();
+    let views = views(1..=VIEWS);
     let mut trainer = Trainer::new(exec, settings, &views, points).expect("there are views");
     for step in 0..steps {
         before(trainer.executor(), step);
@@ -112,17 +127,17 @@ fn train_with<E: Executor<Error: core::fmt::Debug>>(
 }
 
 /// Mean PSNR of views that no training saw, in dB.
-fn quality(scene: &HostScene, settings: &Settings) -> f64 {
-    quality_on(scene, settings, &(VIEWS + 1..=VIEWS + UNSEEN).map(view).collect::<Vec<View>>())
+fn quality(exec: &mut CpuExecutor, scene: &HostScene, settings: &Settings) -> f64 {
+    quality_on(exec, scene, settings, &views(VIEWS + 1..=VIEWS + UNSEEN))
 }
 
-fn quality_on(scene: &HostScene, settings: &Settings, views: &[View]) -> f64 {
-    let (mut exec, profile) = (CpuExecutor::new(), &settings.profile);
+fn quality_on(exec: &mut CpuExecutor, scene: &HostScene, settings: &Settings, views: &[View]) -> f64 {
+    let profile = &settings.profile;
     let rules = RenderRules::full(profile.shading, profile.scheme, Channels::Color);
     let light = scene.environment.as_ref();
     let light = light.map(|light| exec.prefilter(light, rules.scheme, rules.levels).expect("it was filtered before"));
     let measured = views.iter().map(|view| {
-        let image = render_view(&mut exec, &scene.gaussians, light.as_ref(), &view.camera, &rules);
+        let image = render_view(exec, &scene.gaussians, light.as_ref(), &view.camera, &rules);
         measure_view(&image.expect("the CPU renders"), view, settings.background)
     });
     mean_quality(&measured.collect::<Vec<_>>()).psnr
@@ -142,12 +157,13 @@ fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_l
     let Some(gpu) = executor() else { return };
     let settings = settings("specula");
     let (grown, nonfinite) = train(gpu, settings.clone(), ITERATIONS);
-    let ours = quality(&grown, &settings);
+    let mut cpu = CpuExecutor::new();
+    let ours = quality(&mut cpu, &grown, &settings);
     assert_eq!(nonfinite, 0, "every gradient is finite");
 
     let trainings = (0..GROWN).map(|variant| {
         let (scene, _) = train_with(CpuExecutor::new(), settings.clone(), &points(variant), ITERATIONS, |_, _| ());
-        (quality(&scene, &settings), scene.gaussians.count)
+        (quality(&mut cpu, &scene, &settings), scene.gaussians.count)
     });
     let (qualities, counts): (Vec<f64>, Vec<usize>) = trainings.unzip();
     let low = qualities.iter().copied().fold(f64::INFINITY, f64::min);
@@ -173,7 +189,8 @@ fn compare(settings: &Settings, apart: f64) {
     let (ours, nonfinite) = train(gpu, settings.clone(), ITERATIONS);
     let (theirs, _) = train(CpuExecutor::new(), settings.clone(), ITERATIONS);
     let (start, _) = train(CpuExecutor::new(), settings.clone(), 0);
-    let [one, other, before] = [&ours, &theirs, &start].map(|scene| quality(scene, settings));
+    let mut cpu = CpuExecutor::new();
+    let [one, other, before] = [&ours, &theirs, &start].map(|scene| quality(&mut cpu, scene, settings));
     let name = settings.profile.name;
     println!("{name}: {one:.3} and {other:.3} dB, {} and {} Gaussians", ours.gaussians.count, theirs.gaussians.count);
     assert_eq!(nonfinite, 0, "{name}: every gradient is finite");
@@ -199,7 +216,7 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
 /// Training of a number of steps that is interrupted after some of them, and resumes from its
 /// snapshot on the other executor.
 fn train_in_turns([first, second]: [GpuExecutor; 2], settings: &Settings, turns: [u32; 2]) -> (HostScene, usize) {
-    let views: Vec<View> = (1..=VIEWS).map(view).collect();
+    let views = views(1..=VIEWS);
     let mut trainer = Trainer::new(first, settings.clone(), &views, &points(0)).expect("there are views");
     for _ in 0..turns[0] {
         trainer.step().expect("the executor trains");
@@ -374,7 +391,8 @@ fn exposures_are_found_and_leave_the_scene_its_look() {
     let mean = mean_exposure();
     let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
     let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &mean)).collect();
-    let learn = |exposure: Option<Schedule>| {
+    let mut cpu = CpuExecutor::new();
+    let mut learn = |exposure: Option<Schedule>| {
         let mut settings = settings_for("specula", EXPOSED_ITERATIONS);
         settings.profile.densification.until = 0;
         settings.profile.exposure = exposure;
@@ -384,7 +402,7 @@ fn exposures_are_found_and_leave_the_scene_its_look() {
             trainer.step().expect("the CPU trains");
         }
         let scene = trainer.download().expect("the CPU gives back");
-        (quality_on(&scene, &settings, &unseen), trainer.exposures().cloned())
+        (quality_on(&mut cpu, &scene, &settings, &unseen), trainer.exposures().cloned())
     };
     let ((without, none), (with, found)) = (learn(None), learn(Some(exposure_rate(EXPOSED_ITERATIONS))));
     assert_eq!(none, None, "nothing is learned that was not asked for");
