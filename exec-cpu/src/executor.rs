@@ -163,7 +163,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         match &self.operator {
             Some((key, operator)) if *key == (scheme, resolution, levels) => Ok(operator.clone()),
             _ => {
-                let operator = Arc::new(Operator::new(scheme, resolution, levels));
+                let operator = Operator::shared(scheme, resolution, levels);
                 self.operator = Some(((scheme, resolution, levels), operator.clone()));
                 Ok(operator)
             }

@@ -28,12 +28,22 @@ use specula_core::{
     split_sum::{RESOLUTION, integrate},
     vector::{Vec3, vec3},
 };
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Coarsest resolution of the light's pyramid.
 const COARSEST: usize = 4;
 /// Operators with more weights than this are computed anew at each use instead of being kept.
 const STORED_WEIGHTS_MAX: usize = 1 << 26;
+
+/// Scheme, resolution of the base and kept levels of an operator.
+type OperatorKey = (PrefilterScheme, usize, LevelRange);
+
+/// Operators of small bases that were asked for last, the newest at the end.
+static SHARED: Mutex<Vec<(OperatorKey, Arc<Operator>)>> = Mutex::new(Vec::new());
+/// Operators in [`SHARED`].
+const SHARED_MAX: usize = 4;
+/// Finest base of an operator in [`SHARED`]: the default light's, with some ten megabytes of weights.
+const SHARED_RESOLUTION_MAX: usize = 64;
 
 /// The table of the authors' shading, made at its first use: n·v across, roughness down.
 pub static SPLIT_SUM: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
@@ -151,6 +161,28 @@ impl Operator {
     /// are zero.
     pub fn new(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Self {
         Self::of_levels(scheme, Levels::new(scheme, resolution), kept)
+    }
+
+    /// [`Operator::new`], shared within the process: weights of small bases are worked out once for
+    /// the executors that use them by turns.
+    pub fn shared(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Arc<Self> {
+        let key = (scheme, resolution, kept);
+        let operators = || SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, operator)) = operators().iter().find(|(of, _)| *of == key) {
+            return operator.clone();
+        }
+        // Not under the lock: a thread of rayon that waits for its weights may take up work that
+        // asks for others.
+        let operator = Arc::new(Self::new(scheme, resolution, kept));
+        if resolution <= SHARED_RESOLUTION_MAX {
+            let mut operators = operators();
+            operators.retain(|(of, _)| *of != key);
+            if operators.len() == SHARED_MAX {
+                operators.remove(0);
+            }
+            operators.push((key, operator.clone()));
+        }
+        operator
     }
 
     /// The operator for a base as fine as the first of these levels, with the weights of a scheme.
@@ -478,6 +510,18 @@ fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn operators_of_one_key_are_shared_until_others_take_their_place() {
+        let of_first = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
+        let first = of_first(1);
+        assert!(Arc::ptr_eq(&first, &of_first(1)), "weights are worked out once");
+        assert!(!Arc::ptr_eq(&first, &of_first(2)), "other levels have other weights");
+        (2..2 + SHARED_MAX).for_each(|end| drop(of_first(end)));
+        assert!(!Arc::ptr_eq(&first, &of_first(1)), "no more than {SHARED_MAX} are kept");
+        let fine = || Operator::shared(PrefilterScheme::Exact, 2 * SHARED_RESOLUTION_MAX, LevelRange::NONE);
+        assert!(!Arc::ptr_eq(&fine(), &fine()), "large ones belong to their executors");
+    }
 
     #[test]
     fn pieces_are_the_rows_that_are_kept() {

@@ -390,7 +390,7 @@ fn shaded() -> Layout {
 }
 
 /// Every form of shading, plain Gaussians, colours alone; pictures of every shape; nothing, one and
-/// many Gaussians.
+/// many Gaussians. Those of one prefilter follow one another: executors keep the weights of one.
 fn scenes() -> Vec<(String, Scene)> {
     let [paper, deferred, official] =
         [ShadingRules::PAPER, ShadingRules::DEFERRED, ShadingRules::OFFICIAL].map(training);
@@ -418,6 +418,7 @@ fn scenes() -> Vec<(String, Scene)> {
             scenes.push((format!("{count} in {size:?}, {truth:?}"), scene));
         }
     }
+    scenes.sort_by_key(|(_, scene)| scene.rules.scheme == PrefilterScheme::Official);
     scenes
 }
 

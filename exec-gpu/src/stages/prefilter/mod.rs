@@ -80,7 +80,7 @@ pub struct Light {
 pub(crate) struct Weights {
     /// Scheme, resolution and levels.
     pub(crate) key: (PrefilterScheme, usize, LevelRange),
-    pub(crate) operator: Operator,
+    pub(crate) operator: Arc<Operator>,
     forward: Matrices,
     /// Transposed matrices, uploaded for the first gradient.
     transposed: OnceLock<Matrices>,
@@ -246,13 +246,13 @@ pub(crate) fn apply_parts(
 impl Weights {
     pub(crate) fn new(context: &mut Context, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Self>, GpuError> {
         let (scheme, resolution, kept) = key;
-        Self::of(context, key, Operator::new(scheme, resolution, kept))
+        Self::of(context, key, Operator::shared(scheme, resolution, kept))
     }
 
     fn of(
         context: &mut Context,
         key: (PrefilterScheme, usize, LevelRange),
-        operator: Operator,
+        operator: Arc<Operator>,
     ) -> Result<Arc<Self>, GpuError> {
         let forward = Matrices::new(context, &operator, |linear| &linear.forward)?;
         Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new() }))
@@ -354,7 +354,7 @@ mod tests {
         let kept = Weights::new(&mut context, key).expect("weights fit");
         let mut operator = Operator::new(key.0, key.1, key.2);
         operator.forget_rows();
-        let forgotten = Weights::of(&mut context, key, operator).expect("weights fit");
+        let forgotten = Weights::of(&mut context, key, Arc::new(operator)).expect("weights fit");
         assert!(kept.forward.rows.is_some() && forgotten.forward.rows.is_none(), "both ways are taken");
         let [light, grad] = there_and_back(&mut context, &kept);
         let [same_light, same_grad] = there_and_back(&mut context, &forgotten);
