@@ -42,7 +42,7 @@ type OperatorKey = (PrefilterScheme, usize, LevelRange);
 static SHARED: Mutex<Vec<(OperatorKey, Arc<Operator>)>> = Mutex::new(Vec::new());
 /// Operators in [`SHARED`].
 const SHARED_MAX: usize = 4;
-/// Finest base of an operator in [`SHARED`]: the default light's, with some ten megabytes of weights.
+/// Finest base of an operator in [`SHARED`]: the default light's.
 const SHARED_RESOLUTION_MAX: usize = 64;
 
 /// The table of the authors' shading, made at its first use: n·v across, roughness down.

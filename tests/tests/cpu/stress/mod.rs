@@ -34,13 +34,14 @@ fn a_value_that_is_no_number_is_seen() {
 }
 
 /// Sources of the tests that `docs/stability.md` names.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 13] = [
     include_str!("blending.rs"),
     include_str!("naive.rs"),
     include_str!("numbers.rs"),
     include_str!("scenes.rs"),
     include_str!("splats.rs"),
     include_str!("training.rs"),
+    include_str!("../antialias.rs"),
     include_str!("../executor.rs"),
     include_str!("../../gpu/stages.rs"),
     include_str!("../../gpu/stress.rs"),
