@@ -8,6 +8,7 @@ use specula_core::{
     prefilter::PrefilterScheme,
     random,
     rules::{Channels, RenderRules},
+    scene::Environment,
     shade::ShadingForm,
 };
 
@@ -106,10 +107,12 @@ pub const PARAMETERS: [Parameter; 10] = [
         name: "prefilter",
         words: |setting| if setting.scheme == PrefilterScheme::Exact { "exact" } else { "official" }.into(),
         copy: |from, to| to.scheme = from.scheme,
-        values: |_, base| {
+        values: |subject, base| {
             let schemes = [PrefilterScheme::Exact, PrefilterScheme::Official].into_iter();
+            let is_network = subject.light.as_ref().is_some_and(Environment::is_network);
             schemes
                 .filter(|scheme| base.light >= scheme.resolution_min())
+                .filter(|scheme| !is_network || *scheme == PrefilterScheme::Exact)
                 .map(|scheme| Setting { scheme, ..*base })
                 .collect()
         },

@@ -50,9 +50,12 @@ impl Subject {
 }
 
 /// Halves the resolution of a light: means of radiance over 2 × 2 texels, weighted by solid angle,
-/// which preserves total radiance.
+/// which preserves total radiance. A network stays as it is, evaluated in fewer texels.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
+    if light.is_network() {
+        return Environment { resolution, ..light.clone() };
+    }
     let radiance = |texel: usize, c: usize| radiance(light.activation, light.values[3 * texel + c]);
     let mut values = Vec::with_capacity(3 * FACE_COUNT * resolution * resolution);
     for index in 0..FACE_COUNT * resolution * resolution {
@@ -84,6 +87,7 @@ mod tests {
             let radiance: f64 = match light.activation {
                 RadianceActivation::Identity => light.values[3 * index].into(),
                 RadianceActivation::Exponential => f64::from(light.values[3 * index]).exp(),
+                RadianceActivation::Network => unreachable!("the light is a cube map"),
             };
             radiance * texel_solid_angle(index % size, index / size % size, size)
         };

@@ -1,19 +1,24 @@
 //! Profile of a training from its arguments.
 
 use crate::{
-    args::{Densify, LightPer, Losses, Start, Train},
+    args::{Densify, LightKind, LightPer, Losses, Start, Train},
     failure::Failure,
 };
-use specula_core::shade::ShadingForm;
+use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, shade::ShadingForm};
 use specula_train::profile::{self, Ablation, Profile};
 
-/// Requested profile with the other settings of the arguments, for a run of `iterations`.
+/// Requested profile with the other settings of the arguments, for a run of `iterations` on
+/// pictures of objects or of whole scenes.
 ///
 /// # Errors
 /// [`Failure::Input`] for settings that the profile does not have.
-pub(crate) fn profile_of(args: &Train, iterations: u32) -> Result<Profile, Failure> {
+pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Result<Profile, Failure> {
     let mut profile = profile::by_name(args.profile.name(), iterations).expect("every name has a profile");
+    if of_objects {
+        profile = profile.for_objects();
+    }
     set_start(&mut profile, &args.start)?;
+    let mut profile = with_light(profile, args.start.light, iterations)?;
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
     profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(iterations));
@@ -63,6 +68,22 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     Ok(())
 }
 
+fn with_light(profile: Profile, kind: LightKind, iterations: u32) -> Result<Profile, Failure> {
+    let fault = match (kind, &profile.light) {
+        (LightKind::Cube, _) => return Ok(profile),
+        (LightKind::Mlp, None) => format!("--profile {} has no light; omit --light mlp", profile.name),
+        (LightKind::Mlp, Some(_)) if profile.scheme == PrefilterScheme::Official => {
+            format!("--profile {} has a prefilter for cube maps alone; use --profile paper or specula", profile.name)
+        }
+        (LightKind::Mlp, Some(light)) if light.resolution > RESOLUTION_MAX => format!(
+            "--light mlp is evaluated in cube maps of a resolution up to {RESOLUTION_MAX}; set a smaller \
+             --light-resolution"
+        ),
+        (LightKind::Mlp, Some(_)) => return Ok(profile.with_light_network(iterations)),
+    };
+    Err(Failure::Input(fault))
+}
+
 fn set_losses(profile: &mut Profile, args: &Losses) {
     let weights = &mut profile.weights;
     if let Some(dssim) = args.lambda_dssim {
@@ -77,6 +98,7 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     set(profile.residual_weight_mut(), args.lambda_reg);
     set(&mut profile.normal_from, args.normal_from);
     set(&mut profile.normal_last, args.normal_last);
+    set(&mut profile.normal_residuals_from, args.normal_residuals_from);
     set(&mut profile.harmonics_from, args.residual_from);
 }
 

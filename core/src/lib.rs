@@ -12,7 +12,7 @@
 //! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination
 //!   thresholds; [`plan`]: rules without the terms that a scene does not need
 //! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`],
-//!   [`cubemap`])
+//!   [`cubemap`]); [`light_network`]: levels from a network
 //! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`],
 //!   [`perspective`], [`antialias`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
@@ -95,6 +95,7 @@ pub mod executor;
 pub mod expose;
 pub mod ggx;
 pub mod least_squares;
+pub mod light_network;
 pub mod loss;
 pub mod math;
 pub mod metrics;

@@ -130,6 +130,8 @@ fn radiance_bound(activation: RadianceActivation, number: f32) -> f32 {
         RadianceActivation::Exponential if number < EXPONENT_OF_ZERO => 0.0,
         RadianceActivation::Exponential => radiance(activation, number).max(f32::MIN_POSITIVE),
         RadianceActivation::Identity => number,
+        // A weight says nothing about the radiance of any level.
+        RadianceActivation::Network => f32::INFINITY,
     }
 }
 

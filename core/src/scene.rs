@@ -5,7 +5,7 @@
 //! memory for one task, and a plane of it is one vector. Parameters, gradients and the moments of
 //! Adam share this layout.
 
-use crate::antialias::LowPass;
+use crate::{antialias::LowPass, light_network::WEIGHT_COUNT};
 
 /// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -178,17 +178,21 @@ pub enum RadianceActivation {
     Identity,
     /// exp(x): positive and unbounded, with the same relative step at every brightness.
     Exponential,
+    /// The numbers are the weights of a network ([`crate::light_network`]), which answers with the
+    /// logarithm of radiance; texels come from [`crate::environment::texels`] alone.
+    Network,
 }
 
 /// Light from far away: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution²
-/// RGB texels, row by row, in the texel order of OpenGL, Vulkan and WebGPU.
+/// RGB texels, row by row, in the texel order of OpenGL, Vulkan and WebGPU; or a network that is
+/// evaluated in such texels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment<A> {
     /// Texels along an edge of a face.
     pub resolution: usize,
     /// Activation of the numbers.
     pub activation: RadianceActivation,
-    /// 6 · resolution² · 3 numbers.
+    /// 6 · resolution² · 3 numbers, or the weights of a network.
     pub values: A,
 }
 
@@ -197,9 +201,13 @@ impl<A> Environment<A> {
     pub fn with_values<B>(&self, values: B) -> Environment<B> {
         Environment { resolution: self.resolution, activation: self.activation, values }
     }
-    /// Numbers in all texels.
+    /// Whether the numbers are the weights of a network.
+    pub fn is_network(&self) -> bool {
+        self.activation == RadianceActivation::Network
+    }
+    /// Numbers in all texels, or in all weights of a network.
     pub fn len_of_values(&self) -> usize {
-        6 * self.resolution * self.resolution * 3
+        if self.is_network() { WEIGHT_COUNT } else { 6 * self.resolution * self.resolution * 3 }
     }
 }
 

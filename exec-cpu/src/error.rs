@@ -1,6 +1,6 @@
 //! Errors of the stages.
 
-use specula_core::executor::BufferLength;
+use specula_core::{executor::BufferLength, light_network::LightNetworkError};
 
 /// Why a stage could not run.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -25,6 +25,9 @@ pub enum CpuError {
         /// The smallest that can be.
         least: usize,
     },
+    /// A light's network cannot be evaluated.
+    #[error(transparent)]
+    LightNetwork(LightNetworkError),
     /// Tiles hold more splats than are counted.
     #[error(
         "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"

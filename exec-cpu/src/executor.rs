@@ -27,6 +27,7 @@ use specula_core::{
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport, TrainingStep},
     expose::Exposure,
+    light_network::LightNetworkError,
     loss::LossWeights,
     prefilter::{LevelRange, Levels, PrefilterScheme},
     region::Ball,
@@ -34,7 +35,7 @@ use specula_core::{
     scene::{Environment, Gaussians, RadianceActivation},
     state::{AdamMoments, Statistics},
 };
-use specula_prefilter::Operator;
+use specula_prefilter::{Operator, encoded::EncodedTexels};
 use std::sync::Arc;
 
 /// Source of an executor's [`Cutoffs`].
@@ -68,6 +69,8 @@ pub struct CpuExecutor<C = DefaultCutoffs> {
     cutoffs: C,
     /// Prefilter operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
+    /// Texels of the last light that is a network.
+    encoded: Option<Arc<EncodedTexels>>,
     /// Results of the stages since the last report.
     report: StepReport,
 }
@@ -109,7 +112,7 @@ impl CpuViewer {
 
 impl<C: CutoffPolicy> CpuExecutor<C> {
     fn with_policy(cutoffs: C) -> Self {
-        Self { context: Context::new(), cutoffs, operator: None, report: StepReport::default() }
+        Self { context: Context::new(), cutoffs, operator: None, encoded: None, report: StepReport::default() }
     }
 
     /// Name of the vectors that it computes with.
@@ -138,6 +141,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         levels: Levels,
     ) -> Result<Light, CpuError> {
         let first = levels.as_slice()[0].resolution;
+        assert!(!environment.is_network(), "a network has levels of its own; filter its texels");
         if environment.resolution != first {
             return Err(CpuError::LightResolution { resolution: environment.resolution, least: first });
         }
@@ -147,7 +151,26 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
     /// Filters light with an operator for a base of its resolution.
     pub fn filter(&mut self, environment: &Environment<Vec<f32>>, operator: &Arc<Operator>) -> Light {
         assert_eq!(environment.resolution, operator.base_resolution(), "weights are for one resolution");
+        assert!(!environment.is_network(), "a network has levels of its own; filter its texels");
         Light::new(&self.context, operator.clone(), environment)
+    }
+
+    fn evaluate_network(
+        &mut self,
+        environment: &Environment<Vec<f32>>,
+        scheme: PrefilterScheme,
+        levels: LevelRange,
+    ) -> Result<Light, CpuError> {
+        let Environment { resolution, values, .. } = environment;
+        LightNetworkError::check(environment, values.len(), scheme).map_err(CpuError::LightNetwork)?;
+        LightNetworkError::check_weights(values).map_err(CpuError::LightNetwork)?;
+        check_resolution(scheme, *resolution)?;
+        let encoded = match &self.encoded {
+            Some(encoded) if (encoded.resolution(), encoded.kept_levels()) == (*resolution, levels) => encoded.clone(),
+            _ => Arc::new(EncodedTexels::new(*resolution, levels)),
+        };
+        self.encoded = Some(encoded.clone());
+        Ok(Light::of_network(&self.context, &encoded, values))
     }
 
     fn operator(
@@ -156,10 +179,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         resolution: usize,
         levels: LevelRange,
     ) -> Result<Arc<Operator>, CpuError> {
-        let least = scheme.resolution_min();
-        if resolution < least || !resolution.is_power_of_two() {
-            return Err(CpuError::LightResolution { resolution, least });
-        }
+        check_resolution(scheme, resolution)?;
         match &self.operator {
             Some((key, operator)) if *key == (scheme, resolution, levels) => Ok(operator.clone()),
             _ => {
@@ -169,6 +189,12 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
             }
         }
     }
+}
+
+fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), CpuError> {
+    let least = scheme.resolution_min();
+    let is_valid = resolution >= least && resolution.is_power_of_two();
+    if is_valid { Ok(()) } else { Err(CpuError::LightResolution { resolution, least }) }
 }
 
 impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
@@ -202,6 +228,9 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Light, CpuError> {
+        if environment.is_network() {
+            return self.evaluate_network(environment, scheme, levels);
+        }
         let operator = self.operator(scheme, environment.resolution, levels)?;
         Ok(Light::new(&self.context, operator, environment))
     }
@@ -318,7 +347,7 @@ impl Executor for CpuExecutor {
         light: &Light,
         grad: &LightGrad,
     ) -> Result<Vec<f32>, CpuError> {
-        Ok(light.vjp(&self.context, environment.activation, grad))
+        Ok(light.vjp(&self.context, environment, grad))
     }
 
     fn optimise(

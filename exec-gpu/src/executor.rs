@@ -21,6 +21,7 @@ use crate::{
         frame::{Frame, FrameGrad},
         gaussians_vjp::{BackwardInputs, gaussians_vjp},
         light::LightGrad,
+        light_network::{NetworkTexels, evaluate},
         limit_plane::limit_plane,
         loss::{Losses, Target, loss},
         observe::observe,
@@ -42,6 +43,7 @@ use specula_core::{
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
     expose::Exposure,
+    light_network::LightNetworkError,
     loss::{LossReport, LossWeights},
     pack::{Storage, pack, unpack},
     prefilter::{LevelRange, PrefilterScheme},
@@ -88,6 +90,8 @@ pub struct GpuExecutor<P = Full> {
     order: BlendOrder,
     /// Weights of the last prefilter.
     weights: Option<Arc<Weights>>,
+    /// Texels of the last light that is a network.
+    network: Option<Arc<NetworkTexels>>,
     /// Counters of the current training step.
     pub(crate) counters: StepCounters,
     /// Capacity of training steps, once the first has counted its pairs.
@@ -134,6 +138,7 @@ impl<P> GpuExecutor<P> {
             precision,
             order: BlendOrder::Mean,
             weights: None,
+            network: None,
             counters,
             capacity: None,
             replay,
@@ -196,10 +201,7 @@ impl<P> GpuExecutor<P> {
 
     fn weights(&mut self, key: (PrefilterScheme, usize, LevelRange)) -> Result<Arc<Weights>, GpuError> {
         let (scheme, resolution, _) = key;
-        let least = scheme.resolution_min();
-        if resolution < least || !resolution.is_power_of_two() {
-            return Err(GpuError::LightResolution { resolution, least });
-        }
+        check_resolution(scheme, resolution)?;
         match &self.weights {
             Some(weights) if weights.key == key => Ok(weights.clone()),
             _ => {
@@ -219,6 +221,34 @@ impl<P> GpuExecutor<P> {
         let chunked = self.context.upload_chunks("Gaussians", &words, count, chunking)?;
         Ok(chunked.packed_from(gaussians.layout))
     }
+}
+
+impl<P: Precision> GpuExecutor<P> {
+    /// Evaluates a light that is a network. Weights that are not finite are not looked for, as they
+    /// are on the device.
+    fn evaluate_network(
+        &mut self,
+        environment: &Environment<ChunkedArray>,
+        scheme: PrefilterScheme,
+        levels: LevelRange,
+    ) -> Result<Light, GpuError> {
+        let resolution = environment.resolution;
+        LightNetworkError::check(environment, environment.values.len(), scheme).map_err(GpuError::LightNetwork)?;
+        check_resolution(scheme, resolution)?;
+        let network = match &self.network {
+            Some(network) if network.key() == (resolution, levels) => network.clone(),
+            _ => NetworkTexels::new(&mut self.context, resolution, levels)?,
+        };
+        self.network = Some(network.clone());
+        let environment = environment.with_values(environment.values.whole());
+        evaluate(&mut self.context, &network, &environment, self.precision.storage())
+    }
+}
+
+fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), GpuError> {
+    let least = scheme.resolution_min();
+    let is_valid = resolution >= least && resolution.is_power_of_two();
+    if is_valid { Ok(()) } else { Err(GpuError::LightResolution { resolution, least }) }
 }
 
 impl<P: Precision> Renderer for GpuExecutor<P> {
@@ -270,6 +300,9 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         scheme: PrefilterScheme,
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
+        if environment.is_network() {
+            return self.evaluate_network(environment, scheme, levels);
+        }
         let weights = self.weights((scheme, environment.resolution, levels))?;
         let environment = environment.with_values(environment.values.whole());
         prefilter(&mut self.context, &weights, &environment, self.precision.storage())

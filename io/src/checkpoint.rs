@@ -5,7 +5,8 @@
 //! header: JSON of safetensors; "__metadata__" has one entry, "specula", which is JSON
 //! gaussians, gaussians.mean, gaussians.square   f32 [blocks, planes, 16], with Adam's moments
 //! grad_sum, view_count                          f32 [Gaussians]: statistics for densification
-//! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light
+//! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light;
+//!                                               f32 [weights] where it is a network
 //! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], with learned exposures
 //! order                                         u32 [views]: remaining views of the current pass
 //! ```
@@ -34,6 +35,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     cubemap::FACE_COUNT,
     expose::Exposure,
+    light_network::WEIGHT_COUNT,
     scene::{BLOCK, Environment, Gaussians, Layout, RadianceActivation},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
@@ -147,6 +149,9 @@ struct Header {
 struct LightHeader {
     resolution: usize,
     is_exponential: bool,
+    /// Whether the numbers are the weights of a network.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    is_network: bool,
 }
 
 /// Part of the header that all versions share.
@@ -195,7 +200,7 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         numbers("view_count", &[gaussians.count], &statistics.view_count),
     ];
     if let Some((light, moments)) = light {
-        let faces = shape_of_light(light.resolution);
+        let faces = shape_of_light(light.resolution, light.is_network());
         tensors.push(numbers("light", &faces, &light.values));
         tensors.push(numbers("light.mean", &faces, &moments.mean));
         tensors.push(numbers("light.square", &faces, &moments.square));
@@ -218,8 +223,8 @@ fn shape_of_gaussians(count: usize, layout: Layout) -> [usize; 3] {
     [count.div_ceil(BLOCK), layout.plane_count(), BLOCK]
 }
 
-fn shape_of_light(resolution: usize) -> [usize; 4] {
-    [FACE_COUNT, resolution, resolution, 3]
+fn shape_of_light(resolution: usize, is_network: bool) -> Vec<usize> {
+    if is_network { vec![WEIGHT_COUNT] } else { vec![FACE_COUNT, resolution, resolution, 3] }
 }
 
 fn shape_of_exposures(count: usize) -> [usize; 3] {
@@ -242,6 +247,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
         light: light.as_ref().map(|(light, _)| LightHeader {
             resolution: light.resolution,
             is_exponential: light.activation == RadianceActivation::Exponential,
+            is_network: light.is_network(),
         }),
         exposures: exposures.as_ref().map(|exposures| exposures.maps.len()),
     };
@@ -387,9 +393,13 @@ impl Reader {
     }
 
     fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)> {
-        let LightHeader { resolution, is_exponential } = header;
-        let faces = shape_of_light(resolution);
-        let activation = if is_exponential { RadianceActivation::Exponential } else { RadianceActivation::Identity };
+        let LightHeader { resolution, is_exponential, is_network } = header;
+        let faces = shape_of_light(resolution, is_network);
+        let activation = match (is_network, is_exponential) {
+            (true, _) => RadianceActivation::Network,
+            (false, true) => RadianceActivation::Exponential,
+            (false, false) => RadianceActivation::Identity,
+        };
         let light = Environment { resolution, activation, values: self.numbers("light", &faces)? };
         Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
     }

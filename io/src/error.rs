@@ -298,6 +298,14 @@ pub enum Error {
         /// Version that this program reads.
         known: u32,
     },
+    /// The network of a light is invalid.
+    #[error("cannot read the light's network {path:?}: {cause}")]
+    LightNetwork {
+        /// The file.
+        path: PathBuf,
+        /// Fault.
+        cause: String,
+    },
     /// A folder has no trained model.
     #[error(
         "no point_cloud/iteration_{iteration}/point_cloud.ply in {path:?}; name the folder that training wrote to, \

@@ -55,6 +55,7 @@ mod listing;
 pub mod mesh;
 pub mod model_folder;
 mod nerfstudio;
+mod network;
 pub mod orientation;
 mod photographs;
 pub mod picture;

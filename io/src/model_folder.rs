@@ -3,6 +3,7 @@
 //! ```text
 //! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians, written last
 //!         light/iteration_N/environment.exr         lossless light: six faces in a column
+//!         light/iteration_N/network.safetensors     light that is a network
 //!         brdf_mlp/iteration_N/brdf_mlp.hdr         light for GaussianShader: lat-long, y up
 //!         cameras.json                              test views, then training views
 //!         input.ply                                 initial points
@@ -23,6 +24,7 @@ use crate::{
     error::{Error, Result},
     exposure, gaussian_ply, json,
     latlong::{self, LatLong, UpAxis},
+    network,
     orientation::Orientation,
     points_ply::{self, PointCloud},
     whole_file,
@@ -30,7 +32,7 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use specula_core::{
-    environment::radiance,
+    environment::texels,
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use std::{
@@ -111,7 +113,8 @@ pub struct Model {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of their file.
     pub comments: Vec<String>,
-    /// Light as radiance ([`RadianceActivation::Identity`]); none for plain Gaussian splatting.
+    /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; none for plain
+    /// Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
     /// Whether the light is a `brdf_mlp.hdr` that replaced the saved one.
     pub is_relit: bool,
@@ -244,13 +247,18 @@ fn remove(path: &Path) -> Result<()> {
 fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {
     let radiance = radiance_of(light);
     latlong::write_cube_exr(&light_at(folder, iteration), &radiance, light.resolution)?;
+    if light.is_network() {
+        network::write(&network_at(folder, iteration), light)?;
+    } else {
+        remove(&network_at(folder, iteration))?;
+    }
     let [width, height] = HDR_SIZE;
     let map = latlong::from_cube(&radiance, light.resolution, width, height, UpAxis::Y);
     latlong::write(&hdr_at(folder, iteration), &map)
 }
 
 fn radiance_of(light: &Environment<Vec<f32>>) -> Vec<f32> {
-    light.values.iter().map(|number| radiance(light.activation, *number)).collect()
+    texels(light).flatten().collect()
 }
 
 /// Metrics on the test views: name, mean, and the value of each view.
@@ -446,6 +454,11 @@ fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f
     let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
     let exact = if exact.is_file() { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
     let map = if hdr.is_file() { Some(latlong::read(&hdr)?.0) } else { None };
+    let network = network_at(folder, iteration);
+    let exact = match exact {
+        Some(exact) if network.is_file() => Some(network::read_beside(&network, &exact)?),
+        exact => exact,
+    };
     Ok(match (exact, map) {
         (Some(exact), Some(map)) if is_of(&exact, &map) => (Some(exact), false),
         (exact, Some(map)) => {
@@ -466,7 +479,7 @@ fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
     if [map.width, map.height] != HDR_SIZE {
         return false;
     }
-    let stored = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Y);
+    let stored = latlong::from_cube(&radiance_of(light), light.resolution, width, height, UpAxis::Y);
     let radiance = stored.rgb.iter().map(|radiance| f64::from(*radiance));
     let differences = stored.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
     // The comparison is false for NaN, which an infinite radiance yields: that is no replacement.
@@ -481,6 +494,11 @@ pub fn gaussians_at(folder: &Path, iteration: u32) -> PathBuf {
 /// Path of the lossless light of an iteration.
 pub fn light_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("light/iteration_{iteration}/environment.exr"))
+}
+
+/// Path of the network of an iteration's light.
+pub fn network_at(folder: &Path, iteration: u32) -> PathBuf {
+    folder.join(format!("light/iteration_{iteration}/network.safetensors"))
 }
 
 /// Path of the light of an iteration for GaussianShader.

@@ -5,9 +5,10 @@ use rayon::prelude::*;
 use specula_core::{
     cubemap::{self, FACE_COUNT},
     environment::{self, radiance_vjp},
+    light_network::{ENCODING, WEIGHT_MAX, attenuations, bounded, bounded_vjp, encode, evaluate, evaluate_vjp},
     prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
     scene::Environment,
-    vector::Vec3,
+    vector::{Vec3, vec3},
 };
 
 /// Nodes of this resolution are where every row begins.
@@ -176,9 +177,58 @@ fn radiance<R: Number>(environment: &Environment<Vec<R>>) -> Vec<Vec3<R>> {
     environment.values.chunks_exact(3).map(|rgb| take3(rgb).map(activate)).collect()
 }
 
+/// Weights of a network within their bounds.
+fn bounded_weights<R: Number>(environment: &Environment<Vec<R>>) -> Vec<R> {
+    environment.values.iter().map(|weight| bounded(*weight, WEIGHT_MAX)).collect()
+}
+
+/// Encoding of each texel of each level.
+fn encodings<R: Number>(operator: &Operator) -> impl Iterator<Item = Vec<[R; ENCODING]>> + '_ {
+    operator.levels.as_slice().iter().map(|level| {
+        let attenuations = attenuations(level.roughness).map(R::of);
+        let encoded = |texel: Node| encode(texel.direction().map(|x| R::of(x.0)), &attenuations);
+        texels_of(level.resolution).map(encoded).collect()
+    })
+}
+
+/// Every level of a light that is a network, without aprons.
+fn network_levels<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator) -> Vec<Vec<Vec3<R>>> {
+    let weights = bounded_weights(environment);
+    let texel = |encoding: &[R; ENCODING]| {
+        let [x, y, z] = evaluate(&weights, encoding).numbers();
+        vec3(x, y, z).map(|number| environment::radiance(environment.activation, number))
+    };
+    encodings(operator).map(|of_level| of_level.iter().map(texel).collect()).collect()
+}
+
+/// Gradient of [`network_levels`] with respect to the weights.
+fn network_levels_vjp<R: Number>(
+    environment: &Environment<Vec<R>>,
+    operator: &Operator,
+    grads: &[Vec<Vec3<R>>],
+) -> Vec<R> {
+    let weights = bounded_weights(environment);
+    let mut out = vec![R::of(0.0); weights.len()];
+    for (encoding, grad) in encodings(operator).flatten().zip(grads.iter().flatten()) {
+        let answers = evaluate(&weights, &encoding);
+        let (numbers, grad) = (answers.numbers(), grad.to_array());
+        let of_numbers = core::array::from_fn(|c| {
+            let radiance = environment::radiance(environment.activation, numbers[c]);
+            radiance_vjp(environment.activation, radiance, grad[c])
+        });
+        evaluate_vjp(&weights, &encoding, &answers, of_numbers, &mut out);
+    }
+    let gates = out.iter().zip(&environment.values);
+    gates.map(|(grad, weight)| bounded_vjp(*weight, WEIGHT_MAX, *grad)).collect()
+}
+
 /// Light into levels.
 pub fn prefilter<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator) -> Light<R> {
-    let filtered = operator.apply(&radiance(environment));
+    let filtered = if environment.is_network() {
+        network_levels(environment, operator)
+    } else {
+        operator.apply(&radiance(environment))
+    };
     let pad = |(texels, level): (&Vec<Vec3<R>>, &specula_core::prefilter::Level)| {
         let mut map = vec![Vec3::zero(R::of(0.0)); cubemap::padded_len(level.resolution)];
         for (index, apron) in aprons(level.resolution) {
@@ -204,6 +254,9 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
         texels
     };
     let grads: Vec<_> = grad.maps.iter().zip(operator.levels.as_slice()).map(unpad).collect();
+    if environment.is_network() {
+        return network_levels_vjp(environment, operator, &grads);
+    }
     let base = operator.apply_transposed(&grads);
     let radiance = radiance(environment);
     let components =

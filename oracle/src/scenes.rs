@@ -3,6 +3,7 @@
 use specula_core::{
     camera::Camera,
     environment::number_of,
+    light_network::initial_weight,
     random,
     scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values},
 };
@@ -13,8 +14,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
 }
 
 /// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from
-/// 0.27 to 0.95, attributes within 1.2 of zero,
-/// filters in space up to 0.2.
+/// 0.27 to 0.95, attributes within 1.2 of zero, filters in space up to 0.2.
 pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f32>> {
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
     for gaussian in 0..count {
@@ -37,9 +37,16 @@ pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f3
     gaussians
 }
 
-/// The light of a seed: every texel on its own, from 0.1 to 2 (or the logarithm of that).
+/// The light of a seed: every texel on its own, from 0.1 to 2 (or the logarithm of that); or a
+/// network of random weights.
 pub fn random_environment(resolution: usize, activation: RadianceActivation, seed: u64) -> Environment<Vec<f32>> {
     let mut environment = Environment { resolution, activation, values: Vec::new() };
+    if environment.is_network() {
+        let added = |index: usize| 0.1 * (random::uniform(seed, 0x12, index as u64) - 0.5);
+        let weight = |index: usize| initial_weight(index, 0.0, seed) + added(index);
+        environment.values = (0..environment.len_of_values()).map(weight).collect();
+        return environment;
+    }
     let radiance = |index: usize| 0.1 + 1.9 * random::uniform(seed, 0x11, index as u64);
     environment.values =
         (0..environment.len_of_values()).map(radiance).map(|radiance| number_of(activation, radiance)).collect();

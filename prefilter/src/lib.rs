@@ -14,6 +14,7 @@
 //! formula with core.
 #![forbid(unsafe_code)]
 
+pub mod encoded;
 pub mod sparse;
 
 use crate::sparse::{Linear, Sparse};

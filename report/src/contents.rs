@@ -10,11 +10,11 @@ use specula_core::{
     expose::expose,
     plan::{Plan, Unlit},
     rules::{Channels, RenderRules, channel},
-    scene::{DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
+    scene::{DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
     vector::Vec3,
 };
 use specula_io::{model_folder::ModelInfo, points_ply::PointCloud};
-use specula_scene::{OpenedModel, Scene, dataset::Dataset, number::group_digits};
+use specula_scene::{OpenedModel, Scene, dataset::Dataset, environment::radiance, number::group_digits};
 use specula_train::view::View;
 use std::path::Path;
 
@@ -151,13 +151,20 @@ impl Contents {
         if !scene.gaussians.layout.is_shaded() {
             return;
         }
-        let Some(Environment { resolution, values, .. }) = &scene.light else {
+        let Some(light) = &scene.light else {
             self.add("light", "none".into(), Value::Null);
             return;
         };
-        let range = Range::of(values.iter().copied()).unwrap_or(Range([0.0; 3]));
+        let resolution = light.resolution;
+        let range = Range::of(radiance(light).into_iter()).unwrap_or(Range([0.0; 3]));
         let text = format!("six faces of {resolution} × {resolution} texels, radiance {}", range.text());
-        self.add("light", text, json!({"resolution": resolution, "radiance": range.json()}));
+        let mut facts = json!({"resolution": resolution, "radiance": range.json()});
+        if light.is_network() {
+            facts["weights"] = light.values.len().into();
+            let weights = group_digits(light.values.len());
+            return self.add("light", format!("network of {weights} weights, in {text}"), facts);
+        }
+        self.add("light", text, facts);
     }
 
     /// Adds the data that rendering colours skips, and the savings.

@@ -185,7 +185,7 @@ pub fn environment_colors(light: &Environment<Vec<f32>>, camera: &Camera) -> Vec
         (world_from_camera * camera.ray_in_camera(x, y)).as_dvec3().to_array()
     };
     let directions: Vec<[f64; 3]> = (0..camera.width * camera.height).map(direction).collect();
-    let seen = latlong::radiance_along(&radiance(light.activation, &light.values), light.resolution, &directions);
+    let seen = latlong::radiance_along(&radiance(light), light.resolution, &directions);
     seen.into_iter().map(|color| color.map(|channel| srgb_from_linear(channel).clamp(0.0, 1.0))).collect()
 }
 

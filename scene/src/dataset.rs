@@ -65,6 +65,11 @@ impl Dataset {
         Ok(Self { train, test, points: points.map(|cloud| points_of(&cloud)), orientation, source, notes })
     }
 
+    /// Returns whether alpha cuts objects out of all training pictures.
+    pub fn holds_objects(&self) -> bool {
+        self.train.iter().all(View::has_alpha)
+    }
+
     /// Source, number of views, their sizes, and number of points on one line.
     pub fn summary(&self) -> String {
         let Self { train, test, points, source, .. } = self;

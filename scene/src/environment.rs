@@ -3,16 +3,16 @@
 use specula_core::{
     environment,
     prefilter::{Levels, PrefilterScheme},
-    scene::{Environment, RadianceActivation},
+    scene::Environment,
 };
 use specula_io::latlong::{self, UpAxis};
 
 /// Resolution from which on the exact prefilter takes seconds or more.
 pub const RESOLUTION_SLOW: usize = 256;
 
-/// Linear radiance of an environment's numbers.
-pub fn radiance(activation: RadianceActivation, values: &[f32]) -> Vec<f32> {
-    values.iter().map(|number| environment::radiance(activation, *number)).collect()
+/// Linear radiance of an environment's texels; those of a network are at roughness 0.
+pub fn radiance(light: &Environment<Vec<f32>>) -> Vec<f32> {
+    environment::texels(light).flatten().collect()
 }
 
 /// Roughness levels that an environment is filtered into, at the resolution of [`fitting`].
@@ -32,10 +32,14 @@ pub fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Enviro
     resampled(light, fitting_resolution(light.resolution, scheme))
 }
 
-/// Environment at another resolution, by way of a lat-long map of four by two times its size.
+/// Environment at another resolution, by way of a lat-long map of four by two times its size; a
+/// network is evaluated at any.
 pub fn resampled(light: &Environment<Vec<f32>>, resolution: usize) -> Environment<Vec<f32>> {
     if resolution == light.resolution {
         return light.clone();
+    }
+    if light.is_network() {
+        return Environment { resolution, ..light.clone() };
     }
     let (width, height) = (4 * resolution, 2 * resolution);
     let map = latlong::from_cube(&light.values, light.resolution, width, height, UpAxis::Z);

@@ -37,17 +37,15 @@ use crate::{
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
     number::group_digits,
-    plain::{subset, unfiltered},
+    plain::{opacity, subset, unfiltered},
     upright::{AxisConvention, Upright},
 };
 use serde_json::json;
 use specula_core::{
     antialias::LowPass,
-    attributes::{AttributePlanes, StoredGaussian},
     camera::Camera,
     cull::CullReason,
     executor::ReadBack,
-    project::Shape,
     scene::{Gaussians, Layout},
 };
 use specula_io::{
@@ -306,7 +304,7 @@ impl PlainGaussians {
         let [form, axis, filter] = shading_model.names();
         let properties = json!({"form": form, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
-        let light = light.as_ref().map(|light| (radiance(light.activation, &light.values), light.resolution));
+        let light = light.as_ref().map(|light| (radiance(light), light.resolution));
         Some(Shading { properties, attributes, light })
     }
 }
@@ -314,9 +312,5 @@ impl PlainGaussians {
 /// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.
 pub fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {
     let is_finite = |index: usize| !CullReason::of(gaussians, index, None).is_nonfinite();
-    let is_opaque = |index: usize| {
-        let shape: Shape<f32> = StoredGaussian { gaussians, index }.shape(gaussians.layout);
-        shape.scales_and_opacity().1 >= min_opacity
-    };
-    (0..gaussians.count).filter(|index| is_opaque(*index) && is_finite(*index)).collect()
+    (0..gaussians.count).filter(|index| opacity(gaussians, *index) >= min_opacity && is_finite(*index)).collect()
 }

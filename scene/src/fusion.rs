@@ -2,14 +2,12 @@
 //! truncated signed distance field ([`specula_core::tsdf`]), whose zero level set becomes
 //! triangles.
 
-use crate::{SceneError, SceneRenderer, layer::alpha};
+use crate::{SceneError, SceneRenderer, layer::alpha, plain::opacity};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
-    attributes::{AttributePlanes, StoredGaussian},
     camera::Camera,
     cutoffs::ALPHA_MIN,
-    project::Shape,
     rules::{Channels, channel},
     scene::{Gaussians, Image, MEAN},
     tsdf::{CORNERS, Voxel, vertex},
@@ -105,11 +103,8 @@ struct Volume {
 impl Volume {
     /// Volume of the Gaussians with an opacity of one half or more, without outliers.
     fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
-        let is_solid = |index: usize| {
-            let shape: Shape<f32> = StoredGaussian { gaussians, index }.shape(gaussians.layout);
-            shape.scales_and_opacity().1 >= COVERAGE_SURFACE
-        };
-        let is_solid: Vec<bool> = (0..gaussians.count).map(is_solid).collect();
+        let is_solid: Vec<bool> =
+            (0..gaussians.count).map(|index| opacity(gaussians, index) >= COVERAGE_SURFACE).collect();
         let all_are_thin = !is_solid.contains(&true);
         let bounds = |axis: usize| {
             let of_solid = gaussians.plane(MEAN + axis).zip(&is_solid).filter(|(_, solid)| **solid || all_are_thin);

@@ -1,6 +1,6 @@
 //! Environment maps from files of other programs.
 
-use crate::SceneError;
+use crate::{SceneError, environment::radiance};
 use glam::Vec3;
 use serde::Deserialize;
 use specula_core::scene::Environment;
@@ -117,5 +117,5 @@ pub fn write_preview(
 ///
 /// A file that cannot be written.
 pub fn write_light_preview(path: &Path, light: &Environment<Vec<f32>>, up: Vec3) -> specula_io::Result<()> {
-    write_preview(path, &light.values, light.resolution, MapUp::Scene.orientation(up))
+    write_preview(path, &radiance(light), light.resolution, MapUp::Scene.orientation(up))
 }

@@ -1,6 +1,16 @@
 //! Parts of clouds for other programs: some Gaussians, fewer planes, no filter in space.
 
-use specula_core::scene::{Gaussians, LOG_SCALE, Layout, OPACITY, len_of_values};
+use specula_core::{
+    attributes::{AttributePlanes, StoredGaussian},
+    project::Shape,
+    scene::{Gaussians, LOG_SCALE, Layout, OPACITY, len_of_values},
+};
+
+/// Opacity of a Gaussian under its filter in space.
+pub(crate) fn opacity(gaussians: &Gaussians<Vec<f32>>, index: usize) -> f32 {
+    let shape: Shape<f32> = StoredGaussian { gaussians, index }.shape(gaussians.layout);
+    shape.scales_and_opacity().1
+}
 
 /// Some Gaussians, with the first planes of a layout that begins alike.
 pub(crate) fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: Layout) -> Gaussians<Vec<f32>> {
@@ -43,11 +53,7 @@ fn logit_of_share(logit: f32, share: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::{
-        activation::sigmoid,
-        attributes::{AttributePlanes, StoredGaussian},
-        project::Shape,
-    };
+    use specula_core::activation::sigmoid;
 
     /// Roundings of scales and opacities in `f32`, through a logarithm and a logit.
     const ROUNDING: f32 = 1e-5;

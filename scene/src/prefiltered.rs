@@ -147,14 +147,26 @@ pub fn light_of_map(map: &LatLong, resolution: Option<usize>, up: UpAxis) -> Env
 }
 
 /// Light of a model, whose world is z-up, in a world with this up axis, times two to the power of
-/// the exposure.
+/// the exposure; that of a network at roughness 0.
 pub fn light_of_model(light: &Environment<Vec<f32>>, exposure: f32, up: UpAxis) -> Environment<Vec<f32>> {
-    let mut values = radiance(light.activation, &light.values);
+    let mut values = radiance_to_filter(light);
     values.iter_mut().for_each(|number| *number *= exposure.exp2());
     if up == UpAxis::Y {
         values = latlong::y_up_from_z_up(&values, light.resolution);
     }
     Environment { resolution: light.resolution, activation: RadianceActivation::Identity, values }
+}
+
+/// Radiance of a light whose levels are filtered for other programs; says so where a network has
+/// levels of its own.
+pub fn radiance_to_filter(light: &Environment<Vec<f32>>) -> Vec<f32> {
+    if light.is_network() {
+        tracing::warn!(
+            "the light is a network; the levels are filtered from its light at roughness 0, and rough ones differ from \
+             those that it was trained with"
+        );
+    }
+    radiance(light)
 }
 
 /// Light at a resolution, by default its own rounded up to one that the chain takes.

@@ -11,6 +11,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     executor::Renderer,
+    light_network::LightNetworkError,
     pack::Storage,
     plan::Plan,
     rules::{Channels, RenderRules},
@@ -97,6 +98,9 @@ where
     }
 
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError> {
+        if light.is_network() {
+            LightNetworkError::check_weights(&light.values).map_err(|error| SceneError::Executor(Box::new(error)))?;
+        }
         let values = self.exec.upload(&light.values).map_err(Into::into)?;
         let light = self.exec.prefilter(&light.with_values(values), rules.scheme, rules.levels).map_err(Into::into)?;
         let count = self.lights.len().max(slot + 1);

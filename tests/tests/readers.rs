@@ -13,6 +13,7 @@ use proptest::{
 use specula_accuracy::lpips::Network;
 use specula_core::{
     expose::IDENTITY,
+    light_network::{WEIGHT_COUNT, initial_weight},
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
@@ -241,6 +242,16 @@ fn map() -> LatLong {
     LatLong { width: 24, height: 12, rgb: numbers(2, 3 * 24 * 12) }
 }
 
+fn make_network(folder: &Path) {
+    let values = (0..WEIGHT_COUNT).map(|index| initial_weight(index, -0.5, 3)).collect();
+    let light = Environment { resolution: 2, activation: RadianceActivation::Network, values };
+    let gaussians = cloud(3, Layout::shaded(None));
+    let info = model_folder::ModelInfo::default();
+    let snapshot = model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: Some(&light), info: &info };
+    model_folder::save(folder, 1, &snapshot).unwrap();
+    fs::remove_file(model_folder::hdr_at(folder, 1)).unwrap();
+}
+
 fn make_checkpoint(folder: &Path) {
     let layout = Layout::shaded(Some(0));
     let len = len_of_values(3, layout);
@@ -396,6 +407,12 @@ const CHECKPOINT: Target = Target {
     read: |folder| checkpoint::read(folder).map(|_| ()).map_err(sentence),
     ..GAUSSIANS
 };
+const LIGHT_NETWORK: Target = Target {
+    file: "light/iteration_1/network.safetensors",
+    make: make_network,
+    read: |folder| model_folder::open(folder).map(|_| ()).map_err(sentence),
+    ..GAUSSIANS
+};
 const CAMERAS: Target = Target {
     file: "cameras.json",
     make: make_cameras,
@@ -485,6 +502,7 @@ shapes! {
     shapes_of_ply: POINTS, shapes::ply();
     shapes_of_png: PNG, shapes::png();
     shapes_of_safetensors: CHECKPOINT, shapes::safetensors();
+    shapes_of_networks: LIGHT_NETWORK, shapes::safetensors();
     shapes_of_onnx: NETWORK, shapes::onnx();
     shapes_of_exr: EXR, shapes::exr();
     shapes_of_hdr: HDR, shapes::hdr();
@@ -520,6 +538,7 @@ targets! {
     points: POINTS;
     text_points: TEXT_POINTS;
     checkpoints: CHECKPOINT;
+    networks_of_lights: LIGHT_NETWORK;
     camera_lists: CAMERAS;
     transforms: TRANSFORMS;
     one_list_of_transforms: LIST;

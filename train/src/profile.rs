@@ -119,6 +119,9 @@ pub struct Profile {
     /// Final weight of the normal loss relative to its start; it falls linearly over the second
     /// half.
     pub normal_last: f32,
+    /// Share of the training during which normal residuals stay zero, so that geometry alone makes
+    /// the normals.
+    pub normal_residuals_from: f32,
     /// Share of the training after which residual harmonics are enabled, band by band.
     pub harmonics_from: f32,
     /// Share of the training between two bands.
@@ -173,6 +176,7 @@ fn plain(iterations: u32) -> Profile {
         coarse_until: 0.25,
         normal_from: 0.0,
         normal_last: 1.0,
+        normal_residuals_from: 0.0,
         harmonics_from: 0.0,
         harmonics_step: 1000.0 / 30_000.0,
         rates: Rates {
@@ -339,7 +343,39 @@ pub struct Ablation {
     pub no_axis: bool,
 }
 
+/// Learning rate of a light's network: those of Ref-NeRF's networks, falling to a tenth.
+const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
+
 impl Profile {
+    /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
+    /// normals more and splits Gaussians that are smaller: surfaces seen from all around gain in
+    /// normals and in sharpness, photographs would lose (docs/trials.md).
+    pub fn for_objects(mut self) -> Self {
+        if self.name == "specula" {
+            self.weights.normal = 0.2;
+            self.densification.split_share = 0.004;
+        }
+        self
+    }
+
+    /// Light from a network instead of a cube map ([`specula_core::light_network`]), of the same
+    /// initial radiance; unchanged without a light.
+    pub fn with_light_network(mut self, iterations: u32) -> Self {
+        if let Some(light) = &mut self.light {
+            light.activation = RadianceActivation::Network;
+            let [first, last] = NETWORK_RATE;
+            self.rates.environment = Schedule { first, last, steps: iterations };
+        }
+        self
+    }
+
+    /// Learning rates at a progress in \[0, 1\].
+    pub fn rates_at(&self, done: f32) -> Rates {
+        let held = [Schedule::constant(0.0); 2];
+        let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
+        Rates { normal_residual, ..self.rates }
+    }
+
     /// Loss weights at a progress in \[0, 1\]. The normal loss begins after surfaces have formed,
     /// and falls at the end, when colours locate them to the pixel.
     pub fn weights_at(&self, done: f32) -> LossWeights {
@@ -410,6 +446,26 @@ mod tests {
         let share = |done: f32| profile.weights_at(done).normal / profile.weights.normal;
         assert_eq!([0.0, 0.09, 0.1, 0.5, 0.75, 1.0].map(share), [0.0, 0.0, 1.0, 1.0, 0.625, 0.25]);
         assert_eq!(profile.weights_at(0.0).coverage, profile.weights.coverage);
+    }
+
+    #[test]
+    fn objects_have_settings_of_their_own_in_the_default_profile_alone() {
+        for profile in NAMES.map(|name| by_name(name, 1000).expect("a profile")) {
+            let objects = profile.clone().for_objects();
+            assert_eq!(objects != profile, profile.name == "specula", "{}", profile.name);
+            assert!(objects.densification.split_share <= profile.densification.split_share);
+            assert!(objects.weights.normal >= profile.weights.normal);
+        }
+    }
+
+    #[test]
+    fn normal_residuals_are_held_for_a_share_of_the_training() {
+        let profile = Profile { normal_residuals_from: 0.3, ..by_name("specula", 1000).expect("a profile") };
+        let rate = |done: f32| profile.rates_at(done).normal_residual.map(|schedule| schedule.at(1) > 0.0);
+        assert_eq!([0.0, 0.29, 0.3, 1.0].map(rate), [[false; 2], [false; 2], [true; 2], [true; 2]]);
+        assert_eq!(profile.rates_at(0.1).tint, profile.rates.tint);
+        let free = by_name("specula", 1000).expect("a profile");
+        assert_eq!(free.rates_at(0.0), free.rates);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use specula_core::{
     densify::DensifyRules,
     environment::number_of,
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
+    light_network::initial_weight,
     metrics::psnr,
     pipeline::train_step,
     random,
@@ -91,7 +92,7 @@ impl<E: Executor> Trainer<E> {
             return Err(TrainError::NoPoints);
         }
         let start = gaussians(points, &settings.profile, settings.seed);
-        let light = start_light(&settings.profile);
+        let light = start_light(&settings.profile, settings.seed);
         let exposures = settings.profile.exposure.map(|_| exposure::identities(views.len()));
         let mut trainer = Self::resume(exec, settings, views, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
@@ -168,7 +169,8 @@ impl<E: Executor> Trainer<E> {
         let is_coarse = self.done(self.state.iteration) < profile.coarse_until;
         let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
         let (camera, target) = &pictures[view];
-        let rates = rates_by_plane(profile.layout, &profile.rates, self.extent, self.state.iteration);
+        let rates = profile.rates_at(self.done(self.state.iteration));
+        let rates = rates_by_plane(profile.layout, &rates, self.extent, self.state.iteration);
         let step = TrainingStep {
             camera,
             target,
@@ -482,9 +484,11 @@ fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Resu
     views.iter().map(&mut upload).collect()
 }
 
-fn start_light(profile: &Profile) -> Option<Environment<Vec<f32>>> {
+fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {
     let start = profile.light?;
     let number = number_of(start.activation, start.radiance);
-    let values = vec![number; 6 * start.resolution * start.resolution * 3];
-    Some(Environment { resolution: start.resolution, activation: start.activation, values })
+    let empty = Environment { resolution: start.resolution, activation: start.activation, values: Vec::new() };
+    let first = |index| if empty.is_network() { initial_weight(index, number, seed) } else { number };
+    let values = (0..empty.len_of_values()).map(first).collect();
+    Some(Environment { values, ..empty })
 }

@@ -1,8 +1,12 @@
 //! Lights of a scene: its own, and environment maps that were added.
 
 use crate::{ViewerError, request::LightSetting};
+use core::f32::consts::LN_2;
 use glam::Vec3;
-use specula_core::scene::{Environment, RadianceActivation};
+use specula_core::{
+    light_network::CHANNELS,
+    scene::{Environment, RadianceActivation},
+};
 use specula_io::latlong::{self, LatLong};
 use specula_scene::{
     environment::radiance,
@@ -98,10 +102,16 @@ impl Lights {
         Some(cube.map(|cube| self.adjusted(&cube, setting)))
     }
 
+    /// Whether a setting turns a network, whose levels a turned cube map would not have.
+    pub(crate) fn turns_network(&self, setting: LightSetting) -> bool {
+        let is_network = self.lock().scene_light.as_ref().is_some_and(|light| light.is_network());
+        is_network && setting.id == SCENE_LIGHT && setting.turn != 0.0
+    }
+
     /// Lat-long preview of a light with its rotation and exposure.
     pub(crate) fn preview(&self, setting: LightSetting) -> Option<LatLong> {
         let cube = self.get(setting)??;
-        let values = radiance(cube.activation, &cube.values);
+        let values = radiance(&cube);
         let [width, height] = PREVIEW_SIZE;
         let orientation = MapUp::Scene.orientation(self.up);
         Some(latlong::from_cube(&values, cube.resolution, width, height, orientation))
@@ -112,7 +122,13 @@ impl Lights {
         if turn == 0.0 && stops == 0.0 {
             return cube.clone();
         }
-        let mut values = radiance(cube.activation, &cube.values);
+        if turn == 0.0 && cube.is_network() {
+            let mut brighter = cube.clone();
+            let biases = brighter.values.len() - CHANNELS;
+            brighter.values[biases..].iter_mut().for_each(|bias| *bias += stops * LN_2);
+            return brighter;
+        }
+        let mut values = radiance(cube);
         values.iter_mut().for_each(|number| *number *= stops.exp2());
         let axis = self.up.as_dvec3().to_array();
         let values = latlong::rotated(&values, cube.resolution, axis, f64::from(turn).to_radians());
@@ -127,6 +143,7 @@ impl Lights {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::light_network::{WEIGHT_COUNT, initial_weight};
     use specula_io::latlong::UpAxis;
 
     const UNCHANGED: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
@@ -141,6 +158,25 @@ mod tests {
         assert_eq!(lights.get(UNCHANGED), Some(Some(grey())));
         let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..UNCHANGED }).unwrap().unwrap();
         assert!(brighter.values.iter().all(|number| (number - 2.0 * 0.5_f32.exp()).abs() < 1e-5), "twice as bright");
+    }
+
+    #[test]
+    fn a_network_is_made_brighter_as_one_and_is_not_turned() {
+        let weight = |index| initial_weight(index, -0.5, 3) + 0.001 * (index % 7) as f32;
+        let values = (0..WEIGHT_COUNT).map(weight).collect();
+        let network = Cube { resolution: 16, activation: RadianceActivation::Network, values };
+        let lights = Lights::new(Some(network.clone()), 16, Vec3::Z);
+        assert_eq!(lights.get(UNCHANGED), Some(Some(network.clone())));
+        let brighter = lights.get(LightSetting { stops: 2.0, ..UNCHANGED }).unwrap().unwrap();
+        assert!(brighter.is_network(), "other levels become brighter as well");
+        for (bright, own) in radiance(&brighter).iter().zip(radiance(&network)) {
+            assert!((bright / own - 4.0).abs() < 1e-4, "{bright} is not four times {own}");
+        }
+        let turned = LightSetting { turn: 30.0, ..UNCHANGED };
+        assert!(lights.turns_network(turned) && !lights.turns_network(LightSetting { id: 1, ..turned }));
+        assert!(!lights.turns_network(UNCHANGED) && lights.preview(turned).is_some());
+        lights.set_scene_light(Some(grey()));
+        assert!(!lights.turns_network(turned), "a map can be turned");
     }
 
     #[test]

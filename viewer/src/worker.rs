@@ -218,6 +218,11 @@ impl RenderWorker {
 
     /// Light of a setting; none for a scene that does not look it up.
     fn light(&self, setting: LightSetting) -> Result<Option<Cube>, ViewerError> {
+        if self.lights.turns_network(setting) {
+            return Err(ViewerError::Request(
+                "the scene's light is a network, which cannot be turned; add its exported map as a light".to_owned(),
+            ));
+        }
         let light = self.lights.get(setting).ok_or_else(|| no_light(setting.id))?;
         Ok(light.filter(|_| self.layout.is_shaded()))
     }

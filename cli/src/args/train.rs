@@ -259,9 +259,32 @@ pub(crate) struct Start {
     /// Look up the light per Gaussian, as in the paper, or per pixel (deferred).
     #[arg(long, value_enum)]
     pub(crate) light_per: Option<LightPer>,
-    /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64).
+    /// Light from the texels of a cube map, or from a small network over directions (mlp), as in
+    /// the paper's ablation.
+    #[arg(long, value_enum, default_value_t = LightKind::Cube)]
+    #[serde(skip_serializing_if = "LightKind::is_cube")]
+    pub(crate) light: LightKind,
+    /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
+    /// with --light mlp.
     #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]
     pub(crate) light_resolution: Option<usize>,
+}
+
+/// Representation of a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum LightKind {
+    /// Texels of a cube map.
+    Cube,
+    /// Network over directions.
+    Mlp,
+}
+
+impl LightKind {
+    /// True for the default, which is not written to `config.toml`.
+    fn is_cube(&self) -> bool {
+        *self == Self::Cube
+    }
 }
 
 /// Sample of a light look-up.
@@ -288,7 +311,8 @@ pub(crate) struct Losses {
     /// Weight of (C − C_gt)².
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_squared: Option<f32>,
-    /// Weight of the difference between normals and the normals of the depth map.
+    /// Weight of the difference between normals and the normals of the depth map; specula: 0.1, of
+    /// objects cut out by alpha 0.2.
     #[arg(long, alias = "lambda-predicted-normal", value_name = "X", value_parser = weight)]
     pub(crate) lambda_normal: Option<f32>,
     /// Weight of the sparsity loss, which drives opacities to 0 or 1.
@@ -306,6 +330,9 @@ pub(crate) struct Losses {
     /// Fraction of its weight that the normal loss keeps at the end.
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) normal_last: Option<f32>,
+    /// Fraction of the run after which normals may differ from those of the geometry [default: 0].
+    #[arg(long, value_name = "0..1", value_parser = share)]
+    pub(crate) normal_residuals_from: Option<f32>,
     /// Fraction of the run after which the residual colour is trained.
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) residual_from: Option<f32>,
@@ -350,7 +377,8 @@ pub(crate) struct Densify {
     /// Mean screen-space gradient from which a Gaussian is cloned or split.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) densify_grad_threshold: Option<f32>,
-    /// Size, as a fraction of the scene extent, above which a Gaussian is split rather than cloned.
+    /// Size, as a fraction of the scene extent, above which a Gaussian is split rather than cloned;
+    /// 0.01, with specula of objects cut out by alpha 0.004.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) percent_dense: Option<f32>,
     /// Maximum number of Gaussians.

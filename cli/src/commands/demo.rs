@@ -97,7 +97,7 @@ fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
 
 fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<TrainedScene, Failure> {
     let settings = Settings {
-        profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names"),
+        profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names").for_objects(),
         iterations: args.iterations,
         seed: SEED,
         background: BackgroundColor::WHITE.0,

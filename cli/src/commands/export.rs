@@ -19,6 +19,7 @@ use specula_scene::{
     number::group_digits,
     orbit::evenly_spaced,
     orientation,
+    prefiltered::radiance_to_filter,
     upright::{AxisConvention, Upright},
 };
 use std::{
@@ -209,7 +210,7 @@ impl Exporter<'_> {
         let (light, up) = (self.light(path)?, self.args.up.axis());
         let height = ROWS * light.resolution;
         let orientation = self.upright_light().map_or(up.into(), |upright| upright.map_orientation(up));
-        let values = radiance(light.activation, &light.values);
+        let values = radiance(light);
         let map = latlong::from_cube(&values, light.resolution, 2 * height, height, orientation);
         latlong::write(path, &map)?;
         self.say(
@@ -223,7 +224,7 @@ impl Exporter<'_> {
         let (light, args) = (self.light(path)?, self.prefilter(path));
         match self.upright_light() {
             Some(upright) => {
-                let values = radiance(light.activation, &light.values);
+                let values = radiance_to_filter(light);
                 prefilter::write(&args, &upright.light(&values, light.resolution))
             }
             None => prefilter::run(&args),

@@ -4,7 +4,7 @@ mod folder;
 mod result;
 
 use crate::{
-    args::{AT_MOST_1600, Photographs, Train},
+    args::{AT_MOST_1600, Photographs, ProfileName, Train},
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -35,12 +35,18 @@ use std::{path::Path, sync::Arc};
 pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     warn_of_ignored(args);
     let args = &with_resolution(args)?;
-    let mut profile = settings::profile_of(args, args.iterations)?;
+    // Refused before the data is read.
+    settings::profile_of(args, args.iterations, false)?;
     // A folder that does not exist is created and locked once everything else is known to be valid.
     let lock = if args.model_path.is_dir() { Some(folder::lock(args)?) } else { None };
     refuse_data_set(args)?;
     folder::refuse_other_training(args)?;
     let mut data = load(args)?;
+    let of_objects = data.holds_objects();
+    let mut profile = settings::profile_of(args, args.iterations, of_objects)?;
+    if of_objects && args.profile == ProfileName::Specula {
+        tracing::info!("every picture has alpha: settings for objects (docs/training.md)");
+    }
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
         profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
@@ -51,7 +57,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     let info = info_of(args, &settings, &data)?;
     let facts = training::describe(&settings, config::text_of(args)?, &data.train);
     let saved = if args.resuming.resume {
-        Some(folder::read_checkpoint(args, source_of(args)?, &settings, &facts)?)
+        Some(folder::read_checkpoint(args, source_of(args)?, &settings, of_objects, &facts)?)
     } else {
         None
     };

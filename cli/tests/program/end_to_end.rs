@@ -66,6 +66,22 @@ fn photographs_are_trained_measured_and_rendered() {
 }
 
 #[test]
+fn objects_are_told_from_scenes_by_the_alpha_of_all_pictures() {
+    const NOTE: &str = "settings for objects";
+    let tiny = Tiny::new();
+    let notes = |model: &str, options: &[&str]| {
+        let mut train = specula();
+        train.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model)).args(["--iterations", "3"]).args(options);
+        String::from_utf8(train.assert().success().get_output().stderr.clone()).unwrap()
+    };
+    assert!(notes("objects", &[]).contains(NOTE));
+    assert!(!notes("plain", &["--profile", "3dgs"]).contains(NOTE), "other profiles have no such settings");
+    let picture = tiny.file("train/r_0.png");
+    image::open(&picture).unwrap().to_rgb8().save(&picture).unwrap();
+    assert!(!notes("scene", &[]).contains(NOTE), "one picture is opaque");
+}
+
+#[test]
 fn exposures_of_photographs_are_learned_kept_and_told() {
     let tiny = Tiny::new();
     let (data, model) = (tiny.path("photographs"), tiny.path("model"));

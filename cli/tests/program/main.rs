@@ -9,6 +9,7 @@ mod eval;
 mod export;
 mod glossy;
 mod library;
+mod light_network;
 mod pages;
 mod place;
 mod prefilter;

@@ -30,9 +30,10 @@ fn model_of(folder: &Path, iteration: u32) -> [Vec<u8>; 2] {
         .map(|path| fs::read(path).unwrap())
 }
 
-fn started(tiny: &Tiny, model: &str) -> assert_cmd::Command {
+fn started(tiny: &Tiny, model: &str, more: &[&str]) -> assert_cmd::Command {
     let mut command = specula();
     command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model)).args(WORDS).args(["--executor", "cpu"]);
+    command.args(more);
     command
 }
 
@@ -59,13 +60,13 @@ mod killed {
 
     /// The training of `WORDS` as a process: from its start, or from its checkpoint where there is
     /// one.
-    fn spawned(tiny: &Tiny, model: &str) -> Child {
+    fn spawned(tiny: &Tiny, model: &str, more: &[&str]) -> Child {
         let mut command = Command::new(cargo_bin!("specula"));
         command.arg("train").arg("-m").arg(tiny.path(model));
         if checkpoint::path_in(&tiny.path(model)).is_file() {
             command.arg("--resume");
         } else {
-            command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu"]);
+            command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu"]).args(more);
         }
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     }
@@ -78,21 +79,21 @@ mod killed {
     }
 
     /// Ends a training again and again, wherever it happens to be; then lets it come to its end.
-    fn ends_as_if_nothing_had_happened(signal: &str, codes: &[Option<i32>]) {
+    fn ends_as_if_nothing_had_happened(signal: &str, codes: &[Option<i32>], more: &[&str]) {
         const TIMES: u64 = 6;
         const LONGEST: u64 = 500;
         let tiny = Tiny::new();
-        started(&tiny, "whole").assert().success();
+        started(&tiny, "whole", more).assert().success();
         let model = tiny.path("model");
         for k in 0..TIMES {
-            let code = end(spawned(&tiny, "model"), signal, random::bits(5, 0, k) % LONGEST);
+            let code = end(spawned(&tiny, "model", more), signal, random::bits(5, 0, k) % LONGEST);
             assert!(codes.contains(&code), "{signal} ended the program with {code:?}");
             if checkpoint::path_in(&model).is_file() {
                 let saved = checkpoint::read(&model).unwrap();
                 assert!(saved.state.iteration <= ITERATIONS, "a checkpoint from beyond the end");
             }
         }
-        assert!(spawned(&tiny, "model").wait().unwrap().success(), "nothing ended the last one");
+        assert!(spawned(&tiny, "model", more).wait().unwrap().success(), "nothing ended the last one");
         assert!(model_of(&model, ITERATIONS) == model_of(&tiny.path("whole"), ITERATIONS), "the models differ");
         let names = fs::read_dir(&model).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
         let left: Vec<String> = names.filter(|name| name.starts_with('.')).collect();
@@ -126,13 +127,18 @@ mod killed {
 
     #[test]
     fn a_training_that_is_killed_continues_to_the_same_bits() {
-        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)]);
+        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &[]);
+    }
+
+    #[test]
+    fn a_training_of_a_network_that_is_killed_continues_to_the_same_bits() {
+        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &["--light", "mlp"]);
     }
 
     #[test]
     fn a_training_that_is_interrupted_continues_to_the_same_bits() {
         // Before it watches for signals, one ends it as it ends any program.
-        ends_as_if_nothing_had_happened("-INT", &[None, Some(130), Some(0)]);
+        ends_as_if_nothing_had_happened("-INT", &[None, Some(130), Some(0)], &[]);
     }
 }
 

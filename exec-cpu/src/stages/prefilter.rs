@@ -1,6 +1,7 @@
 //! Light into roughness levels: a sparse linear operator, built once for a resolution and applied
 //! at every step.
 
+use super::light_network::{evaluate_all, evaluate_all_vjp};
 use crate::{buffer::Buffer, context::Context};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
@@ -11,7 +12,7 @@ use specula_core::{
     prefilter::Level,
     scene::{Environment, RadianceActivation},
 };
-use specula_prefilter::{Operator, sparse::Sparse};
+use specula_prefilter::{Operator, encoded::EncodedTexels, sparse::Sparse};
 use std::sync::Arc;
 
 /// Red, green, blue and nothing: a texel as wide as a small vector.
@@ -26,6 +27,8 @@ pub struct Light {
     /// Inputs of the texels: the pyramid of the base's radiance, finest first, then the filtered
     /// rows.
     nodes: Buffer<Texel>,
+    /// Texels of a network, which takes the place of the pyramid; none for a cube map.
+    encoded: Option<Arc<EncodedTexels>>,
 }
 
 /// Gradient of a [`Light`], texel by texel.
@@ -109,12 +112,25 @@ impl Light {
         filter(context.level, &operator, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
-        Self { operator, texels, nodes }
+        Self { operator, texels, nodes, encoded: None }
+    }
+    /// Evaluates a light's network in every texel.
+    pub(crate) fn of_network(context: &Context, encoded: &Arc<EncodedTexels>, values: &[f32]) -> Self {
+        let operator = encoded.operator().clone();
+        let mut nodes = context.take_cleared::<Texel>(operator.node_count() + operator.row_count());
+        evaluate_all(context, encoded, values, &mut nodes);
+        let mut texels = context.take::<Texel>(operator.padded_count());
+        apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
+        Self { operator, texels, nodes, encoded: Some(encoded.clone()) }
     }
     /// Gradient with respect to the environment's numbers.
-    pub(crate) fn vjp(&self, context: &Context, activation: RadianceActivation, grad: &LightGrad) -> Vec<f32> {
+    pub(crate) fn vjp(&self, context: &Context, environment: &Environment<Vec<f32>>, grad: &LightGrad) -> Vec<f32> {
+        let activation = environment.activation;
         let mut nodes = context.take::<Texel>(self.nodes.len());
         apply(context.level, self.operator.aprons().transposed(), &grad.texels, &mut nodes, false);
+        if let Some(encoded) = &self.encoded {
+            return evaluate_all_vjp(context, encoded, &environment.values, &self.nodes, &nodes);
+        }
         filter_vjp(context.level, &self.operator, &mut nodes);
         let resolution = self.operator.base_resolution();
         let mut out = context.take::<f32>(3 * FACE_COUNT * resolution * resolution);

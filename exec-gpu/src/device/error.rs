@@ -1,6 +1,6 @@
 //! Errors of the executor.
 
-use specula_core::executor::BufferLength;
+use specula_core::{executor::BufferLength, light_network::LightNetworkError};
 
 /// Errors of devices, and of inputs that stages refuse.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
@@ -39,6 +39,9 @@ pub enum GpuError {
         /// Largest size, in bytes.
         limit: u64,
     },
+    /// A light's network cannot be evaluated.
+    #[error(transparent)]
+    LightNetwork(LightNetworkError),
     /// The device of another program allows too little.
     #[error(
         "the device that {adapter:?} gave the program allows less than WebGPU does by default ({reason}); ask for \

@@ -33,6 +33,7 @@ pub(crate) mod camera;
 pub mod frame;
 pub(crate) mod gaussians;
 pub mod light;
+pub mod light_network;
 pub mod outline;
 pub(crate) mod sort;
 pub(crate) mod step_counters;

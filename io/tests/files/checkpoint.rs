@@ -4,6 +4,7 @@
 use serde_json::{Value, json};
 use specula_core::{
     expose::Exposure,
+    light_network::WEIGHT_COUNT,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
@@ -100,6 +101,19 @@ fn every_bit_comes_back() {
         };
         assert_eq!(kinds(&read), kinds(&written));
     }
+}
+
+#[test]
+fn the_weights_of_a_light_that_is_a_network_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut written = example(Layout::shaded(Some(1)));
+    let network =
+        Environment { resolution: 64, activation: RadianceActivation::Network, values: numbers(20, WEIGHT_COUNT) };
+    let moments = AdamMoments { mean: numbers(21, WEIGHT_COUNT), square: numbers(22, WEIGHT_COUNT) };
+    written.state.scene.light = Some((network, moments));
+    checkpoint::write(folder.path(), &written).unwrap();
+    let read = checkpoint::read(folder.path()).unwrap();
+    assert_eq!(read.state.scene.light, written.state.scene.light);
 }
 
 #[test]

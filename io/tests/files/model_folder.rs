@@ -4,6 +4,8 @@ use glam::Vec3;
 use serde_json::{Value, json};
 use specula_core::{
     camera::Camera,
+    environment::texels,
+    light_network::{WEIGHT_COUNT, initial_weight},
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
 use specula_io::{
@@ -309,6 +311,68 @@ fn the_hdr_of_a_saved_light_leads_back_to_it() {
     let mean = |face: usize| back[face * 12288..(face + 1) * 12288].iter().sum::<f32>() / 12288.0;
     assert!((mean(0) - 2.0).abs() < 0.05, "{}", mean(0));
     assert!((1..6).all(|face| mean(face) < 0.15));
+}
+
+/// A network that differs from direction to direction.
+fn network() -> Environment<Vec<f32>> {
+    let weight = |index| initial_weight(index, -0.5, 3) + 0.001 * (index % 7) as f32;
+    let values = (0..WEIGHT_COUNT).map(weight).collect();
+    Environment { resolution: 16, activation: RadianceActivation::Network, values }
+}
+
+#[test]
+fn a_light_that_is_a_network_comes_back_bit_by_bit_beside_its_texels() {
+    let folder = tempfile::tempdir().unwrap();
+    let light = network();
+    save(folder.path(), 3, Some(&light));
+    let opened = model_folder::open(folder.path()).unwrap();
+    assert_eq!((opened.light.as_ref(), opened.is_relit), (Some(&light), false));
+
+    // Programs that do not know the network see its texels.
+    fs::remove_file(model_folder::network_at(folder.path(), 3)).unwrap();
+    let shown = model_folder::open(folder.path()).unwrap().light.unwrap();
+    assert_eq!(shown.activation, RadianceActivation::Identity);
+    assert_eq!(shown.values, texels(&light).flatten().collect::<Vec<f32>>());
+
+    // A light that takes its place leaves no network behind.
+    save(folder.path(), 3, Some(&light));
+    save(folder.path(), 3, Some(&shown));
+    assert!(!model_folder::network_at(folder.path(), 3).exists());
+    assert_eq!(model_folder::open(folder.path()).unwrap().light, Some(shown));
+}
+
+#[test]
+fn a_network_that_is_broken_or_not_that_of_the_light_beside_it_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = model_folder::network_at(folder.path(), 3);
+    let refused = || match model_folder::open(folder.path()) {
+        Err(error) => error.to_string(),
+        Ok(_) => panic!("it was read"),
+    };
+    let mut other = network();
+    other.values[WEIGHT_COUNT - 1] += 0.1;
+    save(folder.path(), 3, Some(&other));
+    let another = fs::read(&file).unwrap();
+    save(folder.path(), 3, Some(&network()));
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, another).unwrap();
+    assert!(refused().contains("another light"), "{}", refused());
+
+    let mut broken = bytes.clone();
+    let end = broken.len();
+    broken[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(&file, broken).unwrap();
+    assert!(refused().contains("1 weights of the light's network are NaN"), "{}", refused());
+
+    fs::write(&file, &bytes[..end - 1]).unwrap();
+    assert!(refused().contains("network.safetensors"), "{}", refused());
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    assert!(text.contains("layer1.weight") && text.contains("layer3.bias"), "names of layers");
+    let at = bytes.windows(10).position(|word| word == b"resolution").unwrap() + 13;
+    let mut odd = bytes;
+    odd[at] = b'9';
+    fs::write(&file, odd).unwrap();
+    assert!(refused().contains("another light"), "{}", refused());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Pictures of the demo: comparisons, layers, lights, relit views, and an animation.
 
 use crate::error::{Error, Result};
-use specula_core::{camera::Camera, rules::Channels, scene::Environment, shade::ShadingForm};
+use specula_core::{camera::Camera, rules::Channels, shade::ShadingForm};
 use specula_io::{
     latlong::{self, LatLong, UpAxis},
     picture::{self, RgbImage},
@@ -174,8 +174,8 @@ fn lights(folder: &Path, scene: &Scene, truth: &LatLong) -> Result<Vec<Vec<Figur
     let mean = |map: &LatLong| map.rgb.iter().sum::<f32>() / map.rgb.len() as f32;
     let truth = preview(&latlong::to_cube(truth, 128, UpAxis::Z), 128);
     let mut row = Vec::new();
-    if let Some(Environment { resolution, activation, values }) = &scene.light {
-        let mut recovered = preview(&radiance(*activation, values), *resolution);
+    if let Some(light) = &scene.light {
+        let mut recovered = preview(&radiance(light), light.resolution);
         let factor = mean(&truth) / mean(&recovered).max(f32::MIN_POSITIVE);
         recovered.rgb.iter_mut().for_each(|radiance| *radiance *= factor);
         row.push(figure(folder, "light-recovered", &picture::tone_map_latlong(&recovered), "recovered light")?);

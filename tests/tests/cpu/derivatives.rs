@@ -20,6 +20,7 @@ use specula_core::{
     environment,
     expose::{self, Exposure},
     ggx,
+    light_network::{self, Answers, DEGREES, HIDDEN_MAX, NUMBER_MAX, WEIGHT_COUNT, WEIGHT_MAX},
     loss::{self, NormalForm, NormalPatch},
     normal::{self, AxisRule},
     prefilter::{self, Levels, PrefilterScheme},
@@ -35,9 +36,9 @@ use specula_core::{
 };
 use specula_tests::{
     compare::SAME_DERIVATIVE,
-    derivative::assert_vjp,
+    derivative::{assert_vjp, random_cotangent},
     number::{Number, numbers_of, take3, take9, vector},
-    strategies::{any_vector, camera, log_scales, quat, rotation, same_every_time, unit_vector},
+    strategies::{any_vector, camera, log_scales, quat, random_environment, rotation, same_every_time, unit_vector},
 };
 
 /// Twelve numbers, row by row.
@@ -69,7 +70,9 @@ proptest! {
             |x, g| vec![activation::softplus_vjp(x[0], g[0])],
             SAME_DERIVATIVE,
         );
-        for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+        for activation in
+            [RadianceActivation::Identity, RadianceActivation::Exponential, RadianceActivation::Network]
+        {
             assert_vjp(
                 &[x],
                 |x| vec![environment::radiance(activation, x[0])],
@@ -785,8 +788,80 @@ fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraO
     out.0
 }
 
-/// A `_vjp` that nobody holds against anything is found here. Methods are called on a value.
+#[test]
+fn layers_of_a_network_are_derived_right() {
+    const IN: usize = 5;
+    let numbers = |count: usize, stream: u64| random_cotangent(count, stream);
+    let weights = numbers((IN + 1) * 3, 1);
+    let inputs = numbers(IN, 2);
+    assert_vjp(
+        &inputs,
+        |x| light_network::dense::<_, 3>(&weights.iter().map(|w| Dual::of(*w)).collect::<Vec<_>>(), x).to_vec(),
+        |_, g| {
+            let weights: Vec<Double> = weights.iter().map(|w| Double(*w)).collect();
+            let grads: [Double; IN] = light_network::dense_vjp(&weights, &[g[0], g[1], g[2]]);
+            grads.to_vec()
+        },
+        SAME_DERIVATIVE,
+    );
+    assert_vjp(
+        &weights,
+        |w| light_network::dense::<_, 3>(w, &inputs.iter().map(|x| Dual::of(*x)).collect::<Vec<_>>()).to_vec(),
+        |w, g| {
+            let inputs: Vec<Double> = inputs.iter().map(|x| Double(*x)).collect();
+            let mut out = vec![Double(0.0); w.len()];
+            light_network::dense_weights_vjp(&inputs, &[g[0], g[1], g[2]], &mut out);
+            out
+        },
+        SAME_DERIVATIVE,
+    );
+}
 
+#[test]
+fn bounds_of_a_network_are_derived_right() {
+    let (weight, hidden) = (f64::from(WEIGHT_MAX), f64::from(HIDDEN_MAX));
+    for x in [-2.0 * weight, -0.7, 0.4, 2.0 * weight] {
+        assert_vjp(
+            &[x],
+            |x| vec![light_network::bounded(x[0], WEIGHT_MAX)],
+            |x, g| vec![light_network::bounded_vjp(x[0], WEIGHT_MAX, g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+    for x in [-3.0, 0.4, 0.5 * hidden, 2.0 * hidden] {
+        assert_vjp(
+            &[x],
+            |x| vec![light_network::rectify(x[0])],
+            |x, g| vec![light_network::rectify_vjp(light_network::rectify(x[0]), g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+}
+
+#[test]
+fn the_network_is_derived_right() {
+    let light = random_environment(16, RadianceActivation::Network, 3);
+    let weights: Vec<f64> = light.values.iter().map(|weight| f64::from(*weight)).collect();
+    for direction in [[0.6, -0.48, 0.64], [0.0, 0.28, -0.96]].map(vector) {
+        let encoding = light_network::encode(direction, &[Double(0.9); DEGREES.len()]);
+        let numbers = encoding.map(|x| x.0);
+        assert_vjp(
+            &weights,
+            |w| light_network::evaluate(w, &core::array::from_fn(|k| Dual::of(numbers[k]))).numbers().to_vec(),
+            |w, g| {
+                let mut out = vec![Double(0.0); WEIGHT_COUNT];
+                let answers = light_network::evaluate(w, &encoding);
+                light_network::evaluate_vjp(w, &encoding, &answers, [g[0], g[1], g[2]], &mut out);
+                out
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+    let far = Answers { hidden: [[0.0_f32; 64]; 2], sums: [1e9_f32, -1e9, 1.0] };
+    assert_eq!(far.numbers(), [NUMBER_MAX, -NUMBER_MAX, 1.0]);
+}
+
+/// A `_vjp` that nobody holds against anything is found here. Methods are called on a value.
 #[test]
 fn every_vjp_of_core_is_held_against_dual_numbers() {
     let here = include_str!("derivatives.rs");

@@ -5,6 +5,7 @@ use specula_core::{
     antialias::LowPass,
     camera::Camera,
     double::Double,
+    environment::texels,
     executor::{Executor, Renderer, StepReport, TrainingStep},
     expose::expose,
     loss::{LossWeights, NormalForm},
@@ -456,6 +457,22 @@ fn an_antialiased_training_is_the_same_to_the_last_bit_on_any_number_of_threads(
 }
 
 #[test]
+fn a_training_under_a_network_is_the_same_to_the_last_bit_on_any_number_of_threads_and_resumed() {
+    for name in ["specula", "paper"] {
+        let mut settings = settings(name);
+        settings.profile = settings.profile.with_light_network(settings.iterations);
+        let once = train_with_pause(1, &settings, None);
+        let light = once.0.environment.as_ref().expect("it has a light");
+        assert!(light.is_network() && light.values.iter().all(|weight| weight.is_finite()), "{name}: weights");
+        let radiance = texels(light).flatten();
+        let [least, most] = radiance.fold([f32::MAX, 0.0], |[least, most], x| [least.min(x), most.max(x)]);
+        assert!(least < 0.9 * most, "{name}: the light was learned, from {least} to {most}");
+        assert_eq!(once, train_with_pause(2, &settings, None), "{name} differs on two threads");
+        assert_eq!(once, train_with_pause(2, &settings, Some(settings.iterations / 2)), "{name} differs when resumed");
+    }
+}
+
+#[test]
 fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
     for name in ["specula", "3dgs"] {
         let once = train(1, name);
@@ -476,7 +493,7 @@ fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_
         let light = settings.profile.light.expect("it has a light");
         let start = match light.activation {
             RadianceActivation::Identity => light.radiance,
-            RadianceActivation::Exponential => light.radiance.ln(),
+            _ => light.radiance.ln(),
         };
         let farthest_from_start = |scene: &HostScene| {
             let light = &scene.environment.as_ref().expect("it has a light").values;

@@ -12,6 +12,7 @@ mod documentation;
 mod executor;
 mod exports;
 mod invariants;
+mod light_network;
 mod order;
 mod perspective;
 mod pipeline_gradients;

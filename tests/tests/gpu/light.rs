@@ -6,6 +6,7 @@ use specula_core::{
     double::Double,
     dual::Dual,
     executor::{Executor, Renderer},
+    light_network::{LightNetworkError, WEIGHT_COUNT, WEIGHT_MAX},
     prefilter::{IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, PrefilterScheme, level_of_roughness},
     random::uniform,
     rules::{Channels, RenderRules, channel},
@@ -15,9 +16,12 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    GpuExecutor,
+    GpuError, GpuExecutor,
     stages::{
         light::formulas::{DirectionVjp, RoughnessVjp, TexelShares, TexelsMean, TexelsVjp},
+        light_network::formulas::{
+            BoundedNumber, BoundedNumberVjp, BoundedWeight, BoundedWeightVjp, Rectify, RectifyVjp,
+        },
         prefilter::formulas::RadianceOf,
         prefilter_vjp::formulas::RadianceVjp,
         shade_pixels::formulas::SurfaceOfPixel,
@@ -25,7 +29,7 @@ use specula_gpu::{
     },
 };
 use specula_tests::{
-    compare::{assert_all_close, assert_close},
+    compare::{assert_all_close, assert_close, relative_difference},
     derivative::pull_back,
     device::{executor, executor_with_arrays_of},
     formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
@@ -69,9 +73,18 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         let grads = uniform_rows(6, &[signed; 3]);
         assert_same(gpu, &RoughnessVjp { levels }, &side_by_side(&uniform_rows(5, &bounds), &grads));
     }
-    for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
+    for activation in [RadianceActivation::Identity, RadianceActivation::Exponential, RadianceActivation::Network] {
         assert_same(gpu, &RadianceOf { activation }, &uniform_rows(11, &[[-6.0, 3.0]]));
         assert_same(gpu, &RadianceVjp { activation }, &uniform_rows(12, &[[0.0, 20.0], [-1.0, 1.0]]));
+    }
+    for bound in [1.0, 3.0 * WEIGHT_MAX] {
+        let (numbers, rows) = ([-bound, bound], uniform_rows(13, &[[-bound, bound], signed]));
+        assert_same(gpu, &BoundedWeight, &uniform_rows(14, &[numbers]));
+        assert_same(gpu, &BoundedWeightVjp, &rows);
+        assert_same(gpu, &BoundedNumber, &uniform_rows(15, &[numbers]));
+        assert_same(gpu, &BoundedNumberVjp, &rows);
+        assert_same(gpu, &Rectify, &uniform_rows(16, &[numbers]));
+        assert_same(gpu, &RectifyVjp, &rows);
     }
     let surfaces = uniform_rows(7, &[[0.0, 1.0]; 10]);
     assert_same(gpu, &ColorOfPixelVjp, &side_by_side(&surfaces, &uniform_rows(8, &[signed; 3])));
@@ -88,13 +101,14 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 fn no_formula_is_left_out() {
     let formulas = [
         include_str!("../../../exec-gpu/src/stages/light/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/light_network/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/prefilter/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/prefilter_vjp/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade_pixels_vjp/formulas.rs"),
     ];
     // The lookup itself has its cases beside those of the other stages.
     let cases = [include_str!("light.rs"), include_str!("stages.rs")].concat();
-    assert_every_formula_has_a_case(&formulas, &cases, 11);
+    assert_every_formula_has_a_case(&formulas, &cases, 17);
 }
 
 /// Colours to add to a few texels: of either sign and of any size.
@@ -617,6 +631,122 @@ fn the_prefilter_goes_back_as_on_the_cpu() {
             assert_all_close(&to_f64(&actual), &to_f64(&expected), SAME_SUM);
         }
     }
+}
+
+/// Texels of a network and gradients of its weights: sums of tens of products in other roundings,
+/// then an exponential; as a share of the largest.
+const SAME_NETWORK: f64 = 5e-6;
+
+#[track_caller]
+fn assert_same_network(actual: &[f64], expected: &[f64]) {
+    let apart = relative_difference(actual, expected);
+    assert!(apart <= SAME_NETWORK, "{apart:e} of the largest apart, allowed are {SAME_NETWORK:e}");
+}
+
+/// Gradient of the weights of a network from that of its levels.
+fn network_there_and_back<E: Executor<Error: core::fmt::Debug>>(
+    exec: &mut E,
+    light: &E::Light,
+    environment: &Environment<Vec<f32>>,
+    grad: &E::LightGrad,
+) -> Vec<f32> {
+    let on_device = upload(exec, environment);
+    let grad = exec.prefilter_vjp(&on_device, light, grad).expect("the executor goes back");
+    let mut weights = vec![0.0; environment.len_of_values()];
+    exec.download(&grad, &mut weights).expect("a gradient can be read");
+    weights
+}
+
+#[test]
+fn a_network_is_evaluated_there_and_back_as_on_the_cpu() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    // The finer one has more texels than are gone back through at once.
+    for (resolution, seed) in [(16, 3), (64, 4)] {
+        let network = random_environment(resolution, RadianceActivation::Network, seed);
+        let expected = light_of(&mut cpu, &network, PrefilterScheme::Exact);
+        let light = light_of(&mut gpu, &network, PrefilterScheme::Exact);
+        let levels = to_f64(&gpu.read_light(&light).expect("a light can be read"));
+        let of_cpu = to_f64(expected.texels().as_flattened());
+        println!("{resolution}: levels {:.1e}", difference(&levels, &of_cpu));
+        assert_same_network(&levels, &of_cpu);
+        let other = random_environment(resolution, RadianceActivation::Network, seed + 1);
+        let other = light_of(&mut cpu, &other, PrefilterScheme::Exact);
+        assert!(difference(&levels, &to_f64(other.texels().as_flattened())) > 1e-2, "the comparison can fail");
+
+        let texels = random_texels(levels.len() / 4);
+        let grad = expected.grad(texels.as_chunks().0);
+        let expected = network_there_and_back(&mut cpu, &expected, &network, &grad);
+        let grad = gpu.light_grad(&texels).expect("texels fit");
+        let actual = network_there_and_back(&mut gpu, &light, &network, &grad);
+        println!("{resolution}: gradient {:.1e}", difference(&to_f64(&actual), &to_f64(&expected)));
+        assert_same_network(&to_f64(&actual), &to_f64(&expected));
+        let again = network_there_and_back(&mut gpu, &light, &network, &grad);
+        assert!(again == actual, "a gradient is the same bits twice");
+    }
+}
+
+#[test]
+#[should_panic(expected = "of the largest apart")]
+fn a_network_with_one_weight_changed_is_another_light() {
+    let (mut cpu, network) = (CpuExecutor::new(), random_environment(16, RadianceActivation::Network, 3));
+    let mut changed = network.clone();
+    changed.values[WEIGHT_COUNT / 2] += 0.01;
+    let [one, other] = [network, changed]
+        .map(|light| to_f64(light_of(&mut cpu, &light, PrefilterScheme::Exact).texels().as_flattened()));
+    assert_same_network(&one, &other);
+}
+
+#[test]
+fn weights_of_every_size_are_evaluated_to_finite_light_on_the_device() {
+    let Some(mut gpu) = executor() else { return };
+    for (stream, size) in [f32::MAX, 1e20, WEIGHT_MAX, 1.0, 1e-30].into_iter().enumerate() {
+        let mut network = random_environment(16, RadianceActivation::Network, 5);
+        for (index, weight) in network.values.iter_mut().enumerate() {
+            *weight = size * (2.0 * uniform(6, stream as u64, index as u64) - 1.0);
+        }
+        let light = light_of(&mut gpu, &network, PrefilterScheme::Exact);
+        let levels = gpu.read_light(&light).expect("a light can be read");
+        assert!(levels.iter().all(|x| x.is_finite() && *x >= 0.0), "weights up to {size:e}");
+        let grad = gpu.light_grad(&random_texels(levels.len() / 4)).expect("texels fit");
+        let back = network_there_and_back(&mut gpu, &light, &network, &grad);
+        assert!(back.iter().all(|x| x.is_finite()), "weights up to {size:e}: gradients");
+    }
+}
+
+#[test]
+fn levels_of_a_network_that_are_not_kept_are_zero_and_the_others_the_same_bits() {
+    let Some(mut gpu) = executor() else { return };
+    let network = random_environment(16, RadianceActivation::Network, 7);
+    let on_device = upload(&mut gpu, &network);
+    let mut levels = |kept: LevelRange| {
+        let light = gpu.prefilter(&on_device, PrefilterScheme::Exact, kept).expect("it can be evaluated");
+        gpu.read_light(&light).expect("a light can be read")
+    };
+    let (all, some) = (levels(LevelRange::ALL), levels(LevelRange { first: 3, end: 6 }));
+    let none = levels(LevelRange::NONE);
+    let len = 4 * padded_len(16);
+    for (level, (all, some)) in all.chunks(len).zip(some.chunks(len)).enumerate() {
+        assert!(if (3..6).contains(&level) { some == all } else { some.iter().all(|x| *x == 0.0) }, "level {level}");
+    }
+    assert!(none.iter().all(|x| *x == 0.0));
+}
+
+#[test]
+fn what_is_no_network_is_refused_by_the_device() {
+    let Some(mut gpu) = executor() else { return };
+    let mut refused = |environment: &Environment<Vec<f32>>, scheme: PrefilterScheme| {
+        let on_device = upload(&mut gpu, environment);
+        gpu.prefilter(&on_device, scheme, LevelRange::ALL).map(drop).expect_err("it is no network")
+    };
+    let network = random_environment(64, RadianceActivation::Network, 8);
+    let is = GpuError::LightNetwork;
+    assert_eq!(refused(&network, PrefilterScheme::Official), is(LightNetworkError::Scheme));
+    let fine = Environment { resolution: 256, ..network.clone() };
+    assert_eq!(refused(&fine, PrefilterScheme::Exact), is(LightNetworkError::Resolution { resolution: 256 }));
+    let short = network.with_values(network.values[1..].to_vec());
+    let count = LightNetworkError::Count { found: WEIGHT_COUNT - 1 };
+    assert_eq!(refused(&short, PrefilterScheme::Exact), is(count));
 }
 
 #[test]

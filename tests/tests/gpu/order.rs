@@ -34,8 +34,8 @@ use specula_tests::{
 const SAME_FRAME: f64 = 70.0;
 /// As [`SAME_FRAME`] in extreme scenes, where more pixels hang on rounding.
 const EXTREME_FRAME: f64 = 45.0;
-/// Layers of a stack: many more than a pass of the exact order selects, and few enough for
-/// llvmpipe, which ends the loops of an invocation after 65 535 iterations.
+/// Layers of a stack: many more than a pass of the exact order selects. llvmpipe renders 600
+/// exactly and is wrong from some thousands on: 5000 are 26.6 dB from the CPU.
 const LAYERS: usize = 600;
 const ORDERS: [BlendOrder; 5] = [Mean, Window(1), Window(3), Window(WINDOW_MAX), Pixel];
 

@@ -153,6 +153,21 @@ fn trainings_on_both_executors_end_as_good() {
 }
 
 #[test]
+fn trainings_under_a_network_end_as_good_on_both_executors_and_the_same_twice() {
+    /// Fewer than other trainings take: a software driver needs a second for each.
+    const STEPS: [u32; 2] = [60, 12];
+    let mut settings = settings_for("paper", STEPS[0]);
+    settings.profile = settings.profile.with_light_network(STEPS[0]);
+    settings.profile.densification.until = 0;
+    compare(&settings, SAME_QUALITY);
+    let Some(gpu) = executor() else { return };
+    let (once, _) = train(gpu, settings.clone(), STEPS[1]);
+    let (twice, _) = train(executor().expect("there was one before"), settings, STEPS[1]);
+    assert!(once.environment.as_ref().is_some_and(|light| light.is_network()), "the light is a network");
+    assert!(once == twice, "a second run differs");
+}
+
+#[test]
 fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_little() {
     let Some(gpu) = executor() else { return };
     let settings = settings("specula");
@@ -186,8 +201,8 @@ fn within(least: f64, most: f64) -> [f64; 2] {
 
 fn compare(settings: &Settings, apart: f64) {
     let Some(gpu) = executor() else { return };
-    let (ours, nonfinite) = train(gpu, settings.clone(), ITERATIONS);
-    let (theirs, _) = train(CpuExecutor::new(), settings.clone(), ITERATIONS);
+    let (ours, nonfinite) = train(gpu, settings.clone(), settings.iterations);
+    let (theirs, _) = train(CpuExecutor::new(), settings.clone(), settings.iterations);
     let (start, _) = train(CpuExecutor::new(), settings.clone(), 0);
     let mut cpu = CpuExecutor::new();
     let [one, other, before] = [&ours, &theirs, &start].map(|scene| quality(&mut cpu, scene, settings));

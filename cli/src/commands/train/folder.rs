@@ -54,6 +54,7 @@ pub(super) fn read_checkpoint(
     args: &Train,
     source: &Path,
     settings: &Settings,
+    of_objects: bool,
     facts: &Facts,
 ) -> Result<Resumed, Failure> {
     let saved = io::checkpoint::read(&args.model_path)?;
@@ -79,8 +80,10 @@ pub(super) fn read_checkpoint(
             saved.state.iteration, args.iterations
         ));
     }
-    let profile =
-        Profile { foreground: settings.profile.foreground, ..settings::profile_of(args, earlier.iterations)? };
+    let profile = Profile {
+        foreground: settings.profile.foreground,
+        ..settings::profile_of(args, earlier.iterations, of_objects)?
+    };
     let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
     if training::settings_text(&same) != earlier.settings {
         return refuse(format!(

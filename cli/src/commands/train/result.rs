@@ -68,7 +68,7 @@ pub(super) fn finish(
     let scene = training.scene()?;
     let count = scene.gaussians.count;
     info.rest.insert("gaussians".into(), count.into());
-    info.rest.insert("seconds".into(), ((seconds * 10.0).round() / 10.0).into());
+    info.rest.insert("seconds".into(), ((seconds * 1000.0).round() / 1000.0).into());
     save(args, training, &scene, &info, views)?;
     let path = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {

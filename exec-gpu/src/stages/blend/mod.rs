@@ -11,9 +11,10 @@ use crate::{
         error::GpuError,
         gpu::Gpu,
         kernels::{
-            Binding::{Buffer, Uniform},
+            Binding::{self, Buffer, Uniform},
             Dispatch,
         },
+        memory::Array,
     },
     stages::{
         bin::Tiles,
@@ -23,6 +24,7 @@ use crate::{
         shade::{Colors, channels},
     },
 };
+use core::iter;
 use formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock};
 use specula_core::{camera::Camera, cutoffs::TRANSMITTANCE_MIN};
 use wgpu::DeviceType;
@@ -71,26 +73,49 @@ pub(crate) fn blend(
     tiles: &Tiles,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
+    let block = block_of(&context.gpu);
+    let channels = colors.channels;
+    let kernel = Kernel {
+        key: &format!("{channels} channels, {block:?}"),
+        entry: "blend",
+        source: &|| source(block, channels),
+        others: &[],
+    };
+    rasterise(context, splats, colors, tiles, camera, &kernel)
+}
+
+/// Kernel of a rasteriser.
+pub(crate) struct Kernel<'a> {
+    /// Variant among the kernels of an entry point.
+    pub(crate) key: &'a str,
+    /// Entry point.
+    pub(crate) entry: &'static str,
+    /// Source.
+    pub(crate) source: &'a dyn Fn() -> String,
+    /// Arrays bound after those of every rasteriser.
+    pub(crate) others: &'a [&'a Array],
+}
+
+/// Composites the splats of all tiles by a kernel.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn rasterise(
+    context: &mut Context,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    camera: &Camera,
+    kernel: &Kernel<'_>,
+) -> Result<Frame, GpuError> {
     let view = CameraUniform::new(camera, splats.count);
     let channels = colors.channels;
     let blended = context.allocate("channels of a picture", (channels + 1) * view.pixel_count())?;
-    let bindings = [
-        Uniform(view.bytes()),
-        Buffer(&splats.splats),
-        Buffer(&colors.values),
-        Buffer(&tiles.ranges),
-        Buffer(&tiles.gaussians),
-        Buffer(&blended),
-    ];
-    let block = block_of(&context.gpu);
-    let source = || source(block, channels);
-    context.dispatch(
-        &format!("{channels} channels, {block:?}"),
-        "blend",
-        &source,
-        &bindings,
-        Dispatch::Grid(view.tiles()),
-    )?;
+    let arrays = [&splats.splats, &colors.values, &tiles.ranges, &tiles.gaussians, &blended];
+    let arrays = arrays.into_iter().chain(kernel.others.iter().copied()).map(Buffer);
+    let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
+    context.dispatch(kernel.key, kernel.entry, kernel.source, &bindings, Dispatch::Grid(view.tiles()))?;
     Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
 }
 

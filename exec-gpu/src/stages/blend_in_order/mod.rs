@@ -2,17 +2,13 @@
 //! ([`specula_core::cutoffs::BlendOrder`]).
 
 use crate::{
-    device::{
-        context::Context,
-        error::GpuError,
-        kernels::{
-            Binding::{Buffer, Uniform},
-            Dispatch,
-        },
-        memory::Array,
-    },
+    device::{context::Context, error::GpuError, memory::Array},
     stages::{
-        bin::Tiles, blend::rasteriser, camera::CameraUniform, frame::Frame, project::Splats, response::response,
+        bin::Tiles,
+        blend::{Kernel, rasterise, rasteriser},
+        frame::Frame,
+        project::Splats,
+        response::response,
         shade::Colors,
     },
 };
@@ -50,21 +46,12 @@ pub(crate) fn blend_in_order(
     camera: &Camera,
     window: Option<usize>,
 ) -> Result<Frame, GpuError> {
-    let view = CameraUniform::new(camera, splats.count);
     let channels = colors.channels;
-    let blended = context.allocate("channels of a picture", (channels + 1) * view.pixel_count())?;
-    let bindings = [
-        Uniform(view.bytes()),
-        Buffer(&splats.splats),
-        Buffer(&colors.values),
-        Buffer(&tiles.ranges),
-        Buffer(&tiles.gaussians),
-        Buffer(&blended),
-        Buffer(responses),
-    ];
-    let entry = if window.is_some() { "blend_window" } else { "blend_pixel" };
-    let source = || source(channels, window);
-    let key = format!("{channels} channels, window {window:?}");
-    context.dispatch(&key, entry, &source, &bindings, Dispatch::Grid(view.tiles()))?;
-    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
+    let kernel = Kernel {
+        key: &format!("{channels} channels, window {window:?}"),
+        entry: if window.is_some() { "blend_window" } else { "blend_pixel" },
+        source: &|| source(channels, window),
+        others: &[responses],
+    };
+    rasterise(context, splats, colors, tiles, camera, &kernel)
 }

@@ -11,7 +11,10 @@ use crate::{
         },
         memory::Array,
     },
-    stages::light::{LightLayout, TEXEL_LEN, formulas::LevelOf, texels},
+    stages::{
+        light::{LightLayout, TEXEL_LEN, formulas::LevelOf, texels},
+        light_network::NetworkTexels,
+    },
 };
 use core::ops::Range;
 use formulas::RadianceOf;
@@ -56,7 +59,7 @@ fn store_product(index: u32, texel: vec4f) {
 ";
 
 /// Words of a texel of a filtered light.
-fn texel_words(storage: Storage) -> usize {
+pub(crate) fn texel_words(storage: Storage) -> usize {
     match storage {
         Storage::F32 => TEXEL_LEN,
         Storage::F16 => TEXEL_LEN / 2,
@@ -71,8 +74,17 @@ pub struct Light {
     pub(crate) texels: Array,
     /// Split-sum table of the authors' shading; one entry in other schemes.
     pub(crate) split_sum: Array,
+    /// Source of its texels.
+    pub(crate) source: LightSource,
+}
+
+/// Source of a light's texels.
+#[derive(Clone, Debug)]
+pub(crate) enum LightSource {
     /// Weights of the prefilter.
-    pub(crate) weights: Arc<Weights>,
+    Weights(Arc<Weights>),
+    /// Texels in which a network is evaluated.
+    Network(Arc<NetworkTexels>),
 }
 
 /// The weights of a prefilter on the device.
@@ -265,16 +277,17 @@ impl Weights {
         let transposed = Matrices::new(context, &self.operator, Linear::transposed)?;
         Ok(self.transposed.get_or_init(|| transposed))
     }
+}
 
-    fn layout(&self, storage: Storage) -> LightLayout {
-        let levels = self.operator.levels().to_vec();
-        let offsets = self.operator.offsets();
-        let maps = offsets[..offsets.len() - 1].iter().enumerate();
-        LightLayout {
-            maps: maps.map(|(level, first)| (*first, self.operator.resolution(level))).collect(),
-            levels: LevelOf { levels },
-            storage,
-        }
+/// Levels of an operator in a storage format.
+pub(crate) fn layout_of(operator: &Operator, storage: Storage) -> LightLayout {
+    let levels = operator.levels().to_vec();
+    let offsets = operator.offsets();
+    let maps = offsets[..offsets.len() - 1].iter().enumerate();
+    LightLayout {
+        maps: maps.map(|(level, first)| (*first, operator.resolution(level))).collect(),
+        levels: LevelOf { levels },
+        storage,
     }
 }
 
@@ -313,7 +326,7 @@ pub(crate) fn prefilter(
         PrefilterScheme::Official => context.upload("split sums", &SPLIT_SUM)?,
         PrefilterScheme::Exact => context.upload("split sums", &[[0.0_f32; 2]])?,
     };
-    Ok(Light { layout: weights.layout(storage), texels, split_sum, weights: weights.clone() })
+    Ok(Light { layout: layout_of(operator, storage), texels, split_sum, source: LightSource::Weights(weights.clone()) })
 }
 
 /// Texels of an environment.

@@ -13,7 +13,8 @@ use crate::{
     },
     stages::{
         light::{LightGrad, TEXEL_LEN},
-        prefilter::{Light, Matrix, Out, apply_parts, radiance, texel_count},
+        light_network::evaluate_vjp,
+        prefilter::{Light, LightSource, Matrix, Out, apply_parts, radiance, texel_count},
     },
 };
 use formulas::RadianceVjp;
@@ -40,8 +41,12 @@ pub(crate) fn prefilter_vjp(
     light: &Light,
     grad: &LightGrad,
 ) -> Result<Array, GpuError> {
-    let operator = &light.weights.operator;
-    let transposed = light.weights.transposed(context)?;
+    let weights = match &light.source {
+        LightSource::Weights(weights) => weights,
+        LightSource::Network(network) => return evaluate_vjp(context, network, environment, grad),
+    };
+    let operator = &weights.operator;
+    let transposed = weights.transposed(context)?;
     let nodes = context.allocate("gradient of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
     transposed.aprons.apply(context, &grad.texels, 0, Out::Other(&nodes, Storage::F32))?;
     let first_row = operator.node_count();
