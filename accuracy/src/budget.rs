@@ -350,6 +350,7 @@ mod tests {
     use crate::error::errors_of;
     use glam::Vec3;
     use specula_core::{
+        cutoffs::BlendOrder,
         prefilter::PrefilterScheme,
         scene::{Layout, RadianceActivation},
         shade::ShadingRules,
@@ -380,6 +381,7 @@ mod tests {
             scheme: PrefilterScheme::Exact,
             cameras: (0..SEEN).map(|k| orbit(k as f32, size)).collect(),
             background: [1.0; 3],
+            order: BlendOrder::Mean,
         }
     }
 
@@ -433,6 +435,32 @@ mod tests {
         let costs = [0.001, 0.01, 0.1].map(cost);
         assert!(costs[0] >= costs[1] && costs[1] >= costs[2], "{costs:?}");
         assert!(costs[2] < 0.9 * costs[0], "something is saved: {costs:?}");
+    }
+
+    #[test]
+    fn an_order_is_as_coarse_as_the_error_allows() {
+        let subject = Subject { order: BlendOrder::Pixel, ..subject(8, SMALL) };
+        let order = |error: f64| cheapest(&subject, error).expect("it can be met").setting.cutoffs.order();
+        assert_ne!(order(1e-4), BlendOrder::Mean, "large splats cross");
+        assert_eq!(order(0.5), BlendOrder::Mean, "nothing is 0.5 off");
+    }
+
+    #[test]
+    fn a_certificate_holds_in_the_order_of_exact_pictures() {
+        for order in [BlendOrder::Pixel, BlendOrder::Window(16)] {
+            let subject = Subject { order, ..subject(9, SMALL) };
+            let reference = Reference::new(&subject);
+            let certificate = cheapest_within(&subject, &reference, 0.02).expect("it can be met");
+            let views = [0.5, 3.3].map(|place| (orbit(place, SMALL), reference.view(&subject, &orbit(place, SMALL))));
+            let mut trial = Trial::under(subject.clone(), &reference).expect("the light is filtered");
+            let (errors, _) = errors_of(&mut trial, &subject, &certificate.setting, &views).expect("it renders");
+            assert!(errors.is_within(0.02), "{order:?}: {errors:?}");
+            let by_means = Subject { order: BlendOrder::Mean, ..subject };
+            let other = Reference::new(&by_means);
+            let views = [0.5, 3.3].map(|place| (orbit(place, SMALL), other.view(&by_means, &orbit(place, SMALL))));
+            let (errors, _) = errors_of(&mut trial, &by_means, &certificate.setting, &views).expect("it renders");
+            assert!(!errors.is_within(0.02), "pictures of another order are not those: {order:?}, {errors:?}");
+        }
     }
 
     #[test]

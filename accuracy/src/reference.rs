@@ -4,7 +4,6 @@ use crate::{setting::Setting, subject::Subject};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
-    cutoffs::Cutoffs,
     double::Double,
     rules::{Channels, channel},
     scene::{Gaussians, Image},
@@ -77,9 +76,11 @@ impl Reference {
     }
 
     /// Renders an exact view by the independent renderer, which shares only the colour formulas
-    /// with core, sorted by the depth of means like the model.
+    /// with core, in the order of the subject; it sorts all splats of a pixel where that is within
+    /// a window.
     pub fn independent_view(&self, subject: &Subject, camera: &Camera) -> Exact {
-        Exact::of(&self.frame_in_order(subject, camera, Order::Mean), subject.background)
+        let order = if subject.order.window() == Some(1) { Order::Mean } else { Order::Response };
+        Exact::of(&self.frame_in_order(subject, camera, order), subject.background)
     }
 
     /// Channels to blend and shade of an exact view.
@@ -88,7 +89,7 @@ impl Reference {
             return nothing(camera);
         }
         let rules = self.setting.rules(subject);
-        oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &Cutoffs::REFERENCE)
+        oracle::render_within(&self.gaussians, self.light.as_ref(), camera, &rules, &self.setting.cutoffs)
     }
 
     /// Blends the same channels in a given order by the independent renderer.

@@ -3,7 +3,11 @@
 use crate::subject::Subject;
 use core::fmt;
 use specula_core::{
-    cutoffs::{ALPHA_MIN, Cutoffs, ProjectionModel, TRANSMITTANCE_MIN},
+    cutoffs::{
+        ALPHA_MIN,
+        BlendOrder::{self, Mean, Pixel, Window},
+        Cutoffs, ProjectionModel, TRANSMITTANCE_MIN, WINDOW_MAX,
+    },
     pack::Storage,
     prefilter::PrefilterScheme,
     random,
@@ -25,16 +29,16 @@ pub struct Setting {
     pub sh_degree: Option<u8>,
     /// Shading form: light per Gaussian or per pixel.
     pub form: ShadingForm,
-    /// Culling and termination thresholds, and the projection.
+    /// Culling and termination thresholds, the projection, and the order of splats.
     pub cutoffs: Cutoffs,
     /// Channels to blend.
     pub channels: Channels,
 }
 
 impl Setting {
-    /// Default setting of `render`.
+    /// Default setting of `render`, with splats in the order of exact pictures.
     pub fn default_for(subject: &Subject) -> Self {
-        Self { cutoffs: Cutoffs::DEFAULT, ..Self::exact(subject) }
+        Self { cutoffs: Cutoffs::DEFAULT.with_order(subject.order), ..Self::exact(subject) }
     }
 
     /// Most exact setting: only the rounding of `f32` and the prefilter of the light remain.
@@ -45,7 +49,7 @@ impl Setting {
             light: subject.light.as_ref().filter(|_| subject.is_lit()).map_or(0, |light| light.resolution),
             sh_degree: subject.gaussians.layout.sh_degree,
             form: subject.shading.form,
-            cutoffs: Cutoffs::REFERENCE,
+            cutoffs: Cutoffs::REFERENCE.with_order(subject.order),
             channels: Channels::Color,
         }
     }
@@ -96,7 +100,7 @@ pub struct Parameter {
 }
 
 /// All parameters.
-pub const PARAMETERS: [Parameter; 10] = [
+pub const PARAMETERS: [Parameter; 11] = [
     Parameter {
         name: "storage",
         words: |setting| if setting.storage == Storage::F16 { "f16" } else { "f32" }.into(),
@@ -189,6 +193,20 @@ pub const PARAMETERS: [Parameter; 10] = [
         },
     },
     Parameter {
+        name: "order",
+        words: |setting| match setting.cutoffs.order() {
+            Mean => "of means".into(),
+            Window(count) => format!("window of {count}"),
+            Pixel => "per pixel".into(),
+        },
+        copy: |from, to| to.cutoffs = to.cutoffs.with_order(from.cutoffs.order()),
+        values: |subject, base| {
+            let coarser = ORDERS.into_iter().filter(|order| is_coarser(*order, subject.order));
+            let orders = core::iter::once(subject.order).chain(coarser);
+            orders.map(|order| limited(base, base.cutoffs.with_order(order))).collect()
+        },
+    },
+    Parameter {
         name: "light per",
         words: |setting| if setting.form == ShadingForm::Deferred { "pixel" } else { "Gaussian" }.into(),
         copy: |from, to| to.form = from.form,
@@ -215,7 +233,18 @@ pub const PARAMETERS: [Parameter; 10] = [
     },
 ];
 
-/// Properties without alternatives, for reports.
+/// Orders below that of a pixel, the most exact first.
+const ORDERS: [BlendOrder; 5] = [Window(WINDOW_MAX), Window(32), Window(16), Window(8), Mean];
+
+/// Whether an order sorts fewer splats of a pixel than another.
+fn is_coarser(order: BlendOrder, other: BlendOrder) -> bool {
+    match (order.window(), other.window()) {
+        (Some(count), Some(other)) => count < other,
+        (count, other) => count.is_some() && other.is_none(),
+    }
+}
+
+/// Properties without alternatives in a report, whose exact pictures are sorted by means.
 pub const FIXED: [(&str, &str); 3] = [
     ("sort", "by depth of the mean, in exact pictures as well; errors and times of other orders are said below"),
     ("levels of light", "ten (exact) or by resolution (official)"),
@@ -307,7 +336,22 @@ mod tests {
             scheme: PrefilterScheme::Exact,
             cameras: vec![camera(8, 8)],
             background: [0.0; 3],
+            order: Pixel,
         }
+    }
+
+    #[test]
+    fn orders_to_choose_from_are_coarser_than_that_of_exact_pictures() {
+        let names = |order: BlendOrder| {
+            let subject = Subject { order, ..subject() };
+            let parameter = PARAMETERS.into_iter().find(|parameter| parameter.name == "order").expect("it is one");
+            let settings = parameter.settings(&subject, &Setting::exact(&subject));
+            settings.iter().map(|setting| parameter.value(setting)).collect::<Vec<_>>()
+        };
+        assert_eq!(names(Window(16)), ["window of 16", "window of 8", "of means"]);
+        assert_eq!(names(Window(2)), ["window of 2", "of means"]);
+        assert_eq!(names(Pixel).len(), 1 + ORDERS.len());
+        assert!(names(Mean).is_empty() && names(Window(1)).is_empty(), "nothing is coarser than one order for all");
     }
 
     #[test]

@@ -196,6 +196,7 @@ mod tests {
             scheme: PrefilterScheme::Exact,
             cameras: vec![camera(32, 24), camera(32, 24)],
             background: [0.0; 3],
+            order: Mean,
         };
         Sort::new(&subject, &Reference::new(&subject), 1, || {}).expect("the CPU renders")
     }

@@ -3,6 +3,7 @@
 use specula_core::{
     camera::Camera,
     cubemap::{FACE_COUNT, texel_index, texel_solid_angle},
+    cutoffs::BlendOrder,
     environment::radiance,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians, RadianceActivation},
@@ -24,6 +25,8 @@ pub struct Subject {
     pub cameras: Vec<Camera>,
     /// Background in sRGB.
     pub background: [f32; 3],
+    /// Order of splats in exact pictures.
+    pub order: BlendOrder,
 }
 
 impl Subject {

@@ -140,10 +140,14 @@ pub fn shares(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::{prefilter::PrefilterScheme, shade::ShadingRules};
+    use specula_core::{cutoffs::BlendOrder, prefilter::PrefilterScheme, shade::ShadingRules};
     use specula_oracle::stress::{StressScene, stress_scenes};
 
     fn subject(scene: StressScene) -> Subject {
+        subject_in(BlendOrder::Mean, scene)
+    }
+
+    fn subject_in(order: BlendOrder, scene: StressScene) -> Subject {
         Subject {
             gaussians: scene.cloud,
             light: None,
@@ -151,14 +155,14 @@ mod tests {
             scheme: PrefilterScheme::Exact,
             cameras: scene.cameras,
             background: scene.background,
+            order,
         }
     }
 
     /// Number of pictures of an orbit within some errors and of those beyond, under the setting
-    /// alone and verified. Ground truth is the independent renderer, sorted by the depth of means
-    /// like the model.
-    fn beyond(scene: StressScene, errors: &[f64]) -> (usize, [usize; 2]) {
-        let (name, subject) = (scene.name, subject(scene));
+    /// alone and verified. Ground truth is the independent renderer in this order.
+    fn beyond(order: BlendOrder, scene: StressScene, errors: &[f64]) -> (usize, [usize; 2]) {
+        let (name, subject) = (scene.name, subject_in(order, scene));
         let reference = Reference::new(&subject);
         let truth = |camera: &Camera| (*camera, reference.independent_view(&subject, camera));
         let views: Vec<_> = subject.cameras.iter().map(truth).collect();
@@ -176,9 +180,16 @@ mod tests {
     #[test]
     fn pictures_of_hidden_haze_and_of_wide_splats_are_within_their_error() {
         for scene in stress_scenes(2).into_iter().take(2) {
-            let (pictures, [_, verified]) = beyond(scene, &[1e-2]);
+            let (pictures, [_, verified]) = beyond(BlendOrder::Mean, scene, &[1e-2]);
             assert_eq!((pictures, verified), (2, 0));
         }
+    }
+
+    #[test]
+    fn pictures_with_an_order_for_each_pixel_are_within_their_error() {
+        let scene = stress_scenes(2).swap_remove(1);
+        let (pictures, [_, verified]) = beyond(BlendOrder::Pixel, scene, &[3e-2, 1e-2]);
+        assert_eq!((pictures, verified), (4, 0));
     }
 
     /// Takes minutes:
@@ -188,7 +199,7 @@ mod tests {
     fn pictures_of_every_stress_scene_are_within_their_error() {
         let mut all = (0, [0; 2]);
         for scene in stress_scenes(16) {
-            let (pictures, beyond) = beyond(scene, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
+            let (pictures, beyond) = beyond(BlendOrder::Mean, scene, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
             all = (all.0 + pictures, [all.1[0] + beyond[0], all.1[1] + beyond[1]]);
         }
         println!("of {} pictures {} are beyond unverified, {} verified", all.0, all.1[0], all.1[1]);

@@ -10,6 +10,7 @@ use specula_accuracy::{
 };
 use specula_core::{
     camera::Camera,
+    cutoffs::BlendOrder,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
@@ -61,11 +62,11 @@ impl CertificateError {
     }
 }
 
-/// Scene, cameras and background as the subject of measurements.
+/// Scene, cameras and background as the subject of measurements, with splats in the order of means.
 pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
     let Scene { gaussians, light, shading_model: ShadingModel { shading, scheme } } = scene;
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
-    Subject { gaussians, light, shading, scheme, cameras, background }
+    Subject { gaussians, light, shading, scheme, cameras, background, order: BlendOrder::Mean }
 }
 
 /// Scene rendered with a setting whose error is certified.
@@ -78,8 +79,9 @@ pub struct CertifiedScene {
 
 impl CertifiedScene {
     /// Searches the cheapest setting whose pictures, over a background in sRGB, are within an
-    /// error: the root mean square of sRGB colours in \[0, 1\]. With `is_verified`, each picture
-    /// is compared with the most exact one, which replaces it beyond the error.
+    /// error: the root mean square of sRGB colours in \[0, 1\]. Exact pictures have their splats in
+    /// `order`; those of the setting may be in a coarser one. With `is_verified`, each picture is
+    /// compared with the most exact one, which replaces it beyond the error.
     ///
     /// # Errors
     ///
@@ -88,10 +90,11 @@ impl CertifiedScene {
         scene: &Scene,
         cameras: Vec<Camera>,
         background: [f32; 3],
+        order: BlendOrder,
         error: f64,
         is_verified: bool,
     ) -> Result<Self, CertificateError> {
-        let subject = subject_of(scene.clone(), cameras, background);
+        let subject = Subject { order, ..subject_of(scene.clone(), cameras, background) };
         if !subject.has_reference() {
             return Err(CertificateError::NoReference);
         }

@@ -100,7 +100,8 @@ fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJ
         tracing::info!("only colours are verified; other layers have the same setting");
     }
     let background = job.backdrop.color().0;
-    let certified = CertifiedScene::new(&opened.scene, cameras, background, error, !args.no_verify)?;
+    let order = args.views.scene_options.renderer.order;
+    let certified = CertifiedScene::new(&opened.scene, cameras, background, order, error, !args.no_verify)?;
     let mut renderer = certified.renderer(&opened.scene, Layer::channels(job.layers));
     render_pictures(job, &mut renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
     output::say(&job.folder.path.display().to_string())?;

@@ -95,6 +95,9 @@ fn pictures_within_an_error_come_with_a_certificate() {
     assert!(trusted.lines().nth(1) == Some(certificate) && trusted.contains("not verified"), "{trusted}");
     assert_eq!(said, printed(render("0.02").args(["--threads", "1"])), "the choice does not depend on threads");
 
+    let sorted = printed(render("0.02").args(["--order", "pixel"]));
+    assert!(sorted.contains("none is further off than 2e-2"), "{sorted}");
+
     let refused = render("1e-9").assert().code(2).get_output().clone();
     let words = String::from_utf8(refused.stderr).unwrap();
     assert!(words.contains("cannot be kept") && words.contains("use --max-error "), "{words}");

@@ -1,7 +1,7 @@
 //! Results of a training: saved and measured during the run and at its end.
 
 use crate::{args::Train, certified, failure::Failure, output, progress, scene::measure_views};
-use specula_core::{camera::Camera, rules::Channels};
+use specula_core::{camera::Camera, cutoffs::BlendOrder, rules::Channels};
 use specula_io::{
     exposure,
     model_folder::{self, ModelInfo},
@@ -128,7 +128,7 @@ fn shell_word(path: &Path) -> String {
 /// Render settings within `--max-error`; a bound that cannot be met is only a warning.
 fn certify_trained(args: &Train, scene: &Scene, views: &Views<'_>) -> Result<Option<CertifiedScene>, Failure> {
     let Some(error) = args.max_error else { return Ok(None) };
-    match CertifiedScene::new(scene, views.cameras.clone(), views.background.0, error, true) {
+    match CertifiedScene::new(scene, views.cameras.clone(), views.background.0, BlendOrder::Mean, error, true) {
         Ok(certified) => {
             output::say(certified.certificate())?;
             Ok(Some(certified))
