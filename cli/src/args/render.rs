@@ -58,8 +58,9 @@ pub(crate) struct Render {
     #[arg(long)]
     pub(crate) verify_omissions: bool,
     /// Render on the CPU with the cheapest settings whose colours are within E of exact ones (RMS
-    /// of sRGB, where white is 1), which are in the given --order. Each picture is compared with the most exact one, which is
-    /// written in its place if the error is larger; see docs/accuracy.md.
+    /// of sRGB, where white is 1), which are in the given --order. Each picture is compared with
+    /// the most exact one, which is written in its place if the error is larger; see
+    /// docs/accuracy.md.
     #[arg(long, value_name = "E", value_parser = error_bound, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
     /// With --max-error, do not compare pictures with exact ones. This is faster, but views other
