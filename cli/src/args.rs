@@ -26,7 +26,9 @@ pub(crate) use render::{Relight, Render, ViewOptions};
 pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
-pub(crate) use train::{AT_MOST_1600, Densify, LightKind, LightPer, Losses, Photographs, Start, Train, ViewUntil};
+pub(crate) use train::{
+    AT_MOST_1600, Densify, LightKind, LightPer, Losses, Photographs, ResumeOptions, Start, Train, ViewUntil,
+};
 pub(crate) use view::View;
 
 /// Train, render and relight scenes of 3D Gaussians with a shading function.

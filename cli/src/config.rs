@@ -32,7 +32,9 @@ const CHANGEABLE: [&str; 10] = [
     "scene-up",
 ];
 /// Options that say where settings come from, and are no settings themselves.
-const NOT_IN_FILES: [&str; 5] = ["config", "ignore_lock", "overwrite", "preset", "resume"];
+const NOT_IN_FILES: [&str; 8] = ["config", "ignore_lock", "list", "manifest", "overwrite", "preset", "resume", "task"];
+/// Options that select the file of the settings, which exclude none of them.
+const SELECTION: [&str; 3] = ["list", "manifest", "task"];
 /// Options that open a port or control access to it, which only the command line can do.
 const NETWORK_OPTIONS: [&str; 4] = ["view", "view-until", "listen", "token"];
 /// Name of the file in a model folder.
@@ -59,19 +61,37 @@ pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
 
 /// Arguments of a command line over the settings of a file, over those of a preset.
 fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Result<Arguments, Failure> {
-    let wrong = |cause: &str| match path {
-        Some(path) => Failure::Input(format!("cannot understand {path:?}: {cause}")),
-        None => Failure::Input(cause.to_owned()),
-    };
     let table = path.map_or(Ok(Table::new()), read)?;
+    let place = path.map(|path| format!("{path:?}"));
+    let words = composed(&table, place.as_deref(), preset, words)?;
+    Arguments::try_parse_from(words).map_err(|error| wrong(place.as_deref(), &crate::failure::sentence_of(&error)))
+}
 
+/// Refusal of settings, with the words for their place.
+fn wrong(place: Option<&str>, cause: &str) -> Failure {
+    Failure::Input(place.map_or_else(|| cause.to_owned(), |place| format!("cannot understand {place}: {cause}")))
+}
+
+/// Command line with the settings of a table and those of a preset beneath its options. `place`
+/// names the table in errors.
+///
+/// # Errors
+/// A setting that is no option, or not one of a file.
+pub(crate) fn composed(
+    table: &Table,
+    place: Option<&str>,
+    preset: Option<Preset>,
+    words: &[OsString],
+) -> Result<Vec<OsString>, Failure> {
+    let wrong = |cause: &str| wrong(place, cause);
     let command = Arguments::command();
     let matches = command.clone().try_get_matches_from(words)?;
     let given = matches.subcommand_matches("train").expect("only a training has a file of settings");
     let mut train = command.find_subcommand("train").expect("it is there").clone();
     train.build();
     let is_given = |arg: &&Arg| matches!(given.value_source(arg.get_id().as_str()), Some(ValueSource::CommandLine));
-    let mut above: Vec<&Arg> = train.get_arguments().filter(is_given).collect();
+    let selects = |arg: &&Arg| SELECTION.contains(&arg.get_id().as_str());
+    let mut above: Vec<&Arg> = train.get_arguments().filter(|arg| is_given(arg) && !selects(arg)).collect();
     let is_overridden = |arg: &Arg, above: &[&Arg]| {
         let excludes = |one: &Arg, other: &Arg| train.get_arg_conflicts_with(one).contains(&other);
         above.iter().any(|other| *other == arg || excludes(arg, other) || excludes(other, arg))
@@ -80,7 +100,7 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
 
     let mut beneath = Vec::new();
     let mut in_file = Vec::new();
-    for (key, value) in &table {
+    for (key, value) in table {
         if NETWORK_OPTIONS.contains(&key.as_str()) {
             return Err(wrong(&format!(
                 "{key:?} controls access to the page, which only the command line can do; remove it and use --view"
@@ -100,13 +120,15 @@ fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Resu
             beneath.push(format!("--{key}={value}").into());
         }
     }
-    let place = 1 + words.iter().position(|word| word == "train").expect("a training is asked for");
-    let all = [&words[..place], &beneath, &words[place..]].concat();
-    Arguments::try_parse_from(all).map_err(|error| wrong(&crate::failure::sentence_of(&error)))
+    let end = 1 + words.iter().position(|word| word == "train").expect("a training is asked for");
+    Ok([&words[..end], &beneath, &words[end..]].concat())
 }
 
 /// Reads the settings in a file.
-fn read(path: &Path) -> Result<Table, Failure> {
+///
+/// # Errors
+/// A file that cannot be read, or is no TOML.
+pub(crate) fn read(path: &Path) -> Result<Table, Failure> {
     let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is no UTF-8"));
     let text = String::from_utf8(FACTS.read(path)?).map_err(not_text)?;
     text.parse().map_err(|error: toml::de::Error| {
@@ -159,6 +181,20 @@ pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
 
 fn absolute(path: &Path) -> PathBuf {
     output::absolute(path).into()
+}
+
+/// First setting in which a training differs from the one in a model folder, as the end of a
+/// sentence; none without a difference, or where the folder does not record its settings.
+///
+/// # Errors
+/// A `config.toml` that cannot be read, or settings that TOML cannot represent.
+pub(crate) fn difference_from(folder: &Path, args: &Train) -> Result<Option<String>, Failure> {
+    let path = folder.join(NAME);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let then = toml::to_string(&read(&path)?).expect("it was TOML");
+    Ok(contradiction(&text_of(args)?, &then))
 }
 
 /// Writes `config.toml` to a model folder.

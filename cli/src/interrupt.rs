@@ -9,6 +9,7 @@ use core::{
 use std::time::Instant;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
+static IS_WATCHED: AtomicBool = AtomicBool::new(false);
 
 /// Exit code of a program that was ended by SIGINT.
 const EXIT_CODE: i32 = 130;
@@ -17,11 +18,14 @@ const EXIT_CODE: i32 = 130;
 /// and keys bounce.
 const DEBOUNCE: Duration = Duration::from_secs(1);
 
-/// Handles Ctrl-C, SIGTERM and SIGHUP as requests to end.
+/// Handles Ctrl-C, SIGTERM and SIGHUP as requests to end; does nothing the second time.
 ///
 /// # Errors
 /// [`Failure::Internal`] if the handler cannot be installed.
 pub(crate) fn watch() -> Result<(), Failure> {
+    if IS_WATCHED.swap(true, Ordering::Relaxed) {
+        return Ok(());
+    }
     let mut first = None;
     let on_signal = move || {
         let now = Instant::now();

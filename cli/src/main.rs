@@ -8,6 +8,7 @@ mod dataset;
 mod failure;
 mod help;
 mod interrupt;
+mod manifest;
 mod output;
 mod progress;
 mod scene;
@@ -44,7 +45,7 @@ fn main() -> ExitCode {
     progress::init(arguments.quiet);
     interrupt::ignore_file_size_signal();
     // The panic hook has printed the message of a panic.
-    match std::panic::catch_unwind(|| run(&config::completed(arguments)?)) {
+    match std::panic::catch_unwind(|| start(arguments)) {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(Failure::BrokenPipe)) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
@@ -55,11 +56,29 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(threads) = arguments.threads {
+/// Runs a command whose settings may lie in files.
+fn start(arguments: Arguments) -> Result<(), Failure> {
+    let words = args::with_hyphens(std::env::args_os());
+    match manifest::of(&arguments, &words)? {
+        Some(manifest) if manifest.is_listed => commands::train::many::list(&manifest),
+        Some(manifest) => {
+            set_threads(arguments.threads)?;
+            commands::train::many::run(&manifest)
+        }
+        None => run(&config::completed(arguments)?),
+    }
+}
+
+fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
+    if let Some(threads) = threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
     }
+    Ok(())
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    set_threads(arguments.threads)?;
     arguments.command.executor().map_or(Ok(()), ExecutorChoice::check)?;
     match &arguments.command {
         Command::Demo(args) => commands::demo::run(args),

@@ -7,7 +7,7 @@ use super::{
     scene::ProfileName,
     view,
 };
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, builder::ArgPredicate};
 use core::net::SocketAddr;
 use serde::{Serialize, Serializer};
 use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
@@ -50,10 +50,11 @@ Examples:
   specula train data/toaster -m out/ablation --eval --profile paper --no-residual
   specula train -m out/chair --resume                       continue after Ctrl-C or a crash
   specula train -m out/chair --resume --iterations 60k      train longer
-  specula train data/drums -m out/drums --config out/chair/config.toml")]
+  specula train data/drums -m out/drums --config out/chair/config.toml
+  specula train --manifest scenes.toml                      many scenes, one after another")]
 pub(crate) struct Train {
     /// Data set folder.
-    #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config"])]
+    #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config", "manifest"])]
     #[serde(skip)]
     pub(crate) dataset: Option<PathBuf>,
     /// Data set folder, under the name of INRIA's option.
@@ -61,7 +62,14 @@ pub(crate) struct Train {
     #[serde(skip)]
     pub(crate) source_path: Option<PathBuf>,
     /// Model folder; created if it does not exist.
-    #[arg(long, short, alias = "output", short_alias = 'o', value_name = "MODEL")]
+    #[arg(
+        long,
+        short,
+        alias = "output",
+        short_alias = 'o',
+        value_name = "MODEL",
+        default_value_if("manifest", ArgPredicate::IsPresent, ".")
+    )]
     #[serde(skip)]
     pub(crate) model_path: PathBuf,
     /// Model and training settings.
@@ -113,6 +121,9 @@ pub(crate) struct Train {
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) resuming: ResumeOptions,
+    #[command(flatten)]
+    #[serde(skip)]
+    pub(crate) many: Many,
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) photographs: Photographs,
@@ -222,6 +233,22 @@ pub(crate) struct ResumeOptions {
     /// Write MODEL/checkpoint.safetensors every N iterations; 0 for only on Ctrl-C and at the end.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = count::<u32>)]
     pub(crate) checkpoint_every: u32,
+}
+
+/// Trainings of a manifest.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Many scenes")]
+pub(crate) struct Many {
+    /// Train every [[training]] of a file, one after another: data set, model folder and options of
+    /// each; see docs/many-scenes.md. Finished ones are kept, interrupted ones continue.
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["dataset", "source_path", "model_path", "resume", "config", "view"])]
+    pub(crate) manifest: Option<PathBuf>,
+    /// Train the K-th of the manifest alone, from 1, such as the task of a Slurm array.
+    #[arg(long, value_name = "K", requires = "manifest", value_parser = positive::<usize>)]
+    pub(crate) task: Option<usize>,
+    /// Print a command for each training of the manifest, and train none.
+    #[arg(long, requires = "manifest")]
+    pub(crate) list: bool,
 }
 
 /// Initial state of a training.

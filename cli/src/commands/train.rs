@@ -1,6 +1,7 @@
 //! `specula train`: trains a model on a data set.
 
 mod folder;
+pub(crate) mod many;
 mod result;
 
 use crate::{

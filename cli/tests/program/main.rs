@@ -10,6 +10,7 @@ mod export;
 mod glossy;
 mod library;
 mod light_network;
+mod manifest;
 mod pages;
 mod place;
 mod prefilter;

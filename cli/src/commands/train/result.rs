@@ -14,7 +14,6 @@ use specula_scene::{
     training::{Outcome, Training},
 };
 use specula_train::view::View;
-use std::path::Path;
 
 /// Views that a result was trained on and is measured with.
 #[derive(Debug)]
@@ -72,7 +71,7 @@ pub(super) fn finish(
     save(args, training, &scene, &info, views)?;
     let path = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
-        let model = shell_word(&args.model_path);
+        let model = shell_word(&args.model_path.to_string_lossy());
         let resumption = format!("; specula train -m {model} --resume continues");
         return Err(Failure::Interrupted(format!(
             "interrupted after iteration {iteration}, which is saved in {path:?}{}",
@@ -113,16 +112,15 @@ pub(super) fn finish(
 
 /// Note with commands for a trained model.
 fn next_commands(args: &Train, is_lit: bool) -> String {
-    let model = shell_word(&args.model_path);
+    let model = shell_word(&args.model_path.to_string_lossy());
     let relight = if is_lit { format!(", specula relight {model} --env LIGHT.hdr") } else { String::new() };
     format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
 }
 
-/// Path as a word of a shell.
-fn shell_word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./\\:".contains(letter);
-    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+/// Text as a word of a shell.
+pub(super) fn shell_word(text: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./\\:=,".contains(letter);
+    if text.chars().all(is_plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 /// Render settings within `--max-error`; a bound that cannot be met is only a warning.

@@ -1,0 +1,250 @@
+//! Many trainings in one file: `specula train --manifest FILE`.
+//!
+//! The options at the top of the file are those of all its trainings; each `[[training]]` adds its
+//! own. Like `config.toml`, they become options beneath those of the command line
+//! ([`crate::config`]).
+
+use crate::{
+    args::{Arguments, Command, Preset, Train},
+    config,
+    failure::Failure,
+};
+use clap::{Parser, ValueEnum};
+use std::{collections::HashSet, ffi::OsString, path::Path};
+use toml::{Table, Value};
+
+/// Name of the tables of trainings.
+const TRAINING: &str = "training";
+/// Setting that no option above a training can be.
+const PRESET: &str = "preset";
+/// Settings that name files, relative to the folder of the manifest.
+const PATHS: [&str; 3] = ["source-path", "model-path", "points"];
+/// Options that select trainings, without those of the trainings.
+const SELECTION: [&str; 2] = ["--manifest", "--task"];
+/// Options without a value that select trainings.
+const FLAGS: [&str; 1] = ["--list"];
+
+/// A training of a manifest.
+#[derive(Debug)]
+pub(crate) struct Task {
+    /// Number in the manifest, from 1.
+    pub(crate) number: usize,
+    /// Command line of the training alone, without the program's name.
+    pub(crate) words: Vec<String>,
+    /// Arguments of the training.
+    pub(crate) train: Train,
+}
+
+/// Trainings of a manifest.
+#[derive(Debug)]
+pub(crate) struct Manifest {
+    /// Whether they are listed and not trained.
+    pub(crate) is_listed: bool,
+    /// Number of trainings in the file.
+    pub(crate) count: usize,
+    /// All of them, or the one of `--task`.
+    pub(crate) tasks: Vec<Task>,
+}
+
+/// Trainings of the manifest that the arguments name, if they name one. `words` is the command
+/// line. All trainings of the file are valid if any is returned.
+///
+/// # Errors
+/// A file that cannot be read, a setting in it that is no valid option, a training without a data
+/// set or a model folder of its own, or a `--task` that it does not have.
+pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Manifest>, Failure> {
+    let Command::Train(train) = &arguments.command else { return Ok(None) };
+    let Some(path) = &train.many.manifest else {
+        // clap requires no option that another one excludes, such as the model folder.
+        if train.many.task.is_some() || train.many.list {
+            return Err(Failure::Input("--task and --list are of a --manifest; name one, or leave them out".into()));
+        }
+        return Ok(None);
+    };
+    let tables = trainings(path)?;
+    let count = tables.len();
+    let mut tasks = Vec::with_capacity(count);
+    let mut folders = HashSet::new();
+    for (number, table) in (1..).zip(tables) {
+        let place = format!("{path:?}, training {number}");
+        let task = task(number, table, &place, train.resuming.preset, words)?;
+        if !folders.insert(task.train.model_path.clone()) {
+            return Err(Failure::Input(format!(
+                "cannot understand {place}: another training has the model folder {:?} as well",
+                task.train.model_path
+            )));
+        }
+        tasks.push(task);
+    }
+    if let Some(number) = train.many.task {
+        tasks.retain(|task| task.number == number);
+        if tasks.is_empty() {
+            return Err(Failure::Input(format!("{path:?} has trainings 1 to {count}, and --task is {number}")));
+        }
+    }
+    Ok(Some(Manifest { is_listed: train.many.list, count, tasks }))
+}
+
+/// Settings of each training of a file, those of all trainings included, with paths that do not
+/// depend on the working folder.
+fn trainings(path: &Path) -> Result<Vec<Table>, Failure> {
+    let wrong = |cause: &str| Failure::Input(format!("cannot understand {path:?}: {cause}"));
+    let mut shared = config::read(path)?;
+    let own = match shared.remove(TRAINING) {
+        Some(Value::Array(tables)) => tables,
+        _ => Vec::new(),
+    };
+    if own.is_empty() {
+        return Err(wrong("it has no [[training]]"));
+    }
+    let folder = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let folder = folder.parent().unwrap_or(Path::new("")).to_owned();
+    let whole = |own: Value| {
+        let Value::Table(own) = own else { return Err(wrong("a training is a table, [[training]]")) };
+        let mut table = shared.clone();
+        table.extend(own);
+        for key in PATHS {
+            if let Some(Value::String(file)) = table.get_mut(key) {
+                *file = folder.join(&*file).to_string_lossy().into_owned();
+            }
+        }
+        Ok(table)
+    };
+    own.into_iter().map(whole).collect()
+}
+
+/// Training with the settings of a table beneath the options of a command line. `place` names the
+/// table in errors.
+fn task(
+    number: usize,
+    mut table: Table,
+    place: &str,
+    preset: Option<Preset>,
+    words: &[OsString],
+) -> Result<Task, Failure> {
+    let wrong = |cause: &str| Failure::Input(format!("cannot understand {place}: {cause}"));
+    for key in ["source-path", "model-path"] {
+        if !table.contains_key(key) {
+            return Err(wrong(&format!("{key:?} is missing")));
+        }
+    }
+    let preset = match (preset, table.remove(PRESET)) {
+        (Some(preset), _) => Some(preset),
+        (None, Some(Value::String(name))) => {
+            Some(Preset::from_str(&name, false).map_err(|_| wrong(&format!("{name:?} is no preset")))?)
+        }
+        (None, Some(_)) => return Err(wrong("a preset is a name")),
+        (None, None) => None,
+    };
+    let words = without_selection(config::composed(&table, Some(place), preset, words)?);
+    let arguments = Arguments::try_parse_from(&words).map_err(|error| wrong(&crate::failure::sentence_of(&error)))?;
+    let Command::Train(train) = arguments.command else { unreachable!("a manifest is an option of train") };
+    let words = words.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    Ok(Task { number, words, train: *train })
+}
+
+/// Command line without the options that select trainings.
+fn without_selection(words: Vec<OsString>) -> Vec<OsString> {
+    let mut kept = Vec::with_capacity(words.len());
+    let mut words = words.into_iter();
+    while let Some(word) = words.next() {
+        let text = word.to_string_lossy();
+        if SELECTION.contains(&&*text) {
+            words.next();
+            continue;
+        }
+        let is_assigned =
+            SELECTION.iter().any(|name| text.strip_prefix(name).is_some_and(|rest| rest.starts_with('=')));
+        if !is_assigned && !FLAGS.contains(&&*text) {
+            kept.push(word);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args;
+    use std::{fs, path::PathBuf};
+
+    const TWO: &str = "iterations = 700\neval = true\n\
+                       [[training]]\nsource-path = \"data/a\"\nmodel-path = \"out/a\"\n\
+                       [[training]]\nsource-path = \"data/b\"\nmodel-path = \"/b\"\nseed = 3\niterations = 9\n";
+
+    fn manifest(text: &str, line: &str) -> (PathBuf, Result<Option<Manifest>, Failure>) {
+        let folder = tempfile::tempdir().expect("a writable folder");
+        let path = folder.path().join("scenes.toml");
+        fs::write(&path, text).expect("a writable folder");
+        let line = line.replace("FILE", path.to_str().expect("UTF-8"));
+        let words = args::with_hyphens(line.split(' ').map(OsString::from));
+        let arguments = Arguments::try_parse_from(&words).expect("a valid command line");
+        (folder.path().to_owned(), of(&arguments, &words))
+    }
+
+    fn sentence(text: &str, line: &str) -> String {
+        manifest(text, line).1.expect_err("it is wrong").to_string()
+    }
+
+    #[test]
+    fn trainings_have_the_options_of_all_their_own_and_those_of_the_command_line() {
+        let (folder, found) = manifest(TWO, "specula train --manifest=FILE --seed 5");
+        let Manifest { count, tasks, .. } = found.expect("it is valid").expect("there is one");
+        assert_eq!(count, 2);
+        let facts = |task: &Task| (task.number, task.train.iterations, task.train.seed, task.train.eval);
+        assert_eq!(tasks.iter().map(facts).collect::<Vec<_>>(), [(1, 700, 5, true), (2, 9, 5, true)]);
+        assert_eq!(tasks[0].train.source(), Some(&*folder.join("data/a")), "paths begin at the manifest");
+        let folders: Vec<&Path> = tasks.iter().map(|task| &*task.train.model_path).collect();
+        assert_eq!(folders, [&*folder.join("out/a"), Path::new("/b")]);
+        assert!(tasks[0].train.many.manifest.is_none() && tasks[0].words[0] == "train", "{:?}", tasks[0].words);
+        assert!(tasks[1].words.contains(&"--model-path=/b".to_owned()), "{:?}", tasks[1].words);
+    }
+
+    #[test]
+    fn a_task_is_one_of_them() {
+        let (_, found) = manifest(TWO, "specula train --manifest FILE --task 2");
+        let Manifest { count, tasks, .. } = found.expect("it is valid").expect("there is one");
+        assert_eq!((count, tasks.len(), tasks[0].number, tasks[0].train.seed), (2, 1, 2, 3));
+        let missing = sentence(TWO, "specula train --manifest FILE --task 3");
+        assert!(missing.contains("trainings 1 to 2") && missing.ends_with("--task is 3"), "{missing}");
+        let alone = sentence(TWO, "specula train data -m out --task 2");
+        assert!(alone.contains("are of a --manifest"), "{alone}");
+        let (_, found) = manifest(TWO, "specula train data -m out");
+        assert!(found.expect("it is valid").is_none(), "a training without a manifest is none of its tasks");
+    }
+
+    #[test]
+    fn presets_are_for_all_or_for_one() {
+        let text = format!("{TWO}preset = \"photos\"\n");
+        let of = |line: &str| manifest(&text, line).1.expect("it is valid").expect("there is one").tasks;
+        let factors = |tasks: &[Task]| tasks.iter().map(|task| task.train.resolution).collect::<Vec<_>>();
+        assert_eq!(factors(&of("specula train --manifest FILE")), [1, 4]);
+        assert_eq!(factors(&of("specula train --manifest FILE --preset photos")), [4, 4]);
+        assert_eq!(factors(&of("specula train --manifest FILE -r 2")), [2, 2]);
+    }
+
+    #[test]
+    fn faults_are_told_before_the_first_training_with_their_place() {
+        for (text, words) in [
+            ("iterations = 7", "no [[training]]"),
+            ("training = 7", "no [[training]]"),
+            ("training = [7]", "a training is a table"),
+            ("[[training]]\nmodel-path = \"a\"", "training 1: \"source-path\" is missing"),
+            ("[[training]]\nsource-path = \"a\"", "training 1: \"model-path\" is missing"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = 7\nlr = 3", "\"lr\" is no setting"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\npreset = \"best\"", "\"best\" is no preset"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\nview = true", "use --view"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\nmanifest = \"c\"", "is no setting"),
+            ("[[training]]\nsource-path = ", "line 2"),
+        ] {
+            let sentence = sentence(text, "specula train --manifest FILE");
+            assert!(sentence.contains("scenes.toml") && sentence.contains(words), "{sentence}");
+        }
+        let second = TWO.replace("iterations = 9", "iterations = -9");
+        let second = sentence(&second, "specula train --manifest FILE --task 1");
+        assert!(second.contains("training 2") && second.contains("-9"), "{second}");
+        let same = TWO.replace("\"/b\"", "\"out/a\"");
+        let same = sentence(&same, "specula train --manifest FILE");
+        assert!(same.contains("training 2: another training has the model folder"), "{same}");
+    }
+}
