@@ -239,8 +239,8 @@ pub(crate) struct ResumeOptions {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Many scenes")]
 pub(crate) struct Many {
-    /// Train every [[training]] of a file, one after another: data set, model folder and options of
-    /// each; see docs/many-scenes.md. Finished ones are kept, interrupted ones continue.
+    /// Train every scene that a file lists, one after another, with options of its own; see
+    /// docs/many-scenes.md. Finished trainings are kept, interrupted ones continue.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["dataset", "source_path", "model_path", "resume", "config", "view"])]
     pub(crate) manifest: Option<PathBuf>,
     /// Train the K-th of the manifest alone, from 1, such as the task of a Slurm array.
