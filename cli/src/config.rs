@@ -5,7 +5,7 @@
 //! preset is a layer of the same kind beneath both.
 
 use crate::{
-    args::{self, Arguments, Command, Preset, Train},
+    args::{Arguments, Command, Preset, Train},
     failure::Failure,
     output,
 };
@@ -40,12 +40,13 @@ const NETWORK_OPTIONS: [&str; 4] = ["view", "view-until", "listen", "token"];
 /// Name of the file in a model folder.
 const NAME: &str = "config.toml";
 
-/// Arguments completed from a settings file and a preset, if they name any. The command line takes
+/// Arguments of the command line `words`, completed from a settings file and a preset, if they name
+/// any. The command line takes
 /// precedence over the file, and the file over the preset.
 ///
 /// # Errors
 /// A file that cannot be read, or a setting in it that is no valid option.
-pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
+pub(crate) fn completed(arguments: Arguments, words: &[OsString]) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
     if train.resuming.resume && !checkpoint::path_in(folder).is_file() {
@@ -56,19 +57,26 @@ pub(crate) fn completed(arguments: Arguments) -> Result<Arguments, Failure> {
     if path.is_none() && train.resuming.preset.is_none() {
         return Ok(arguments);
     }
-    over(path.as_deref(), train.resuming.preset, &args::with_hyphens(std::env::args_os()))
+    over(path.as_deref(), train.resuming.preset, words)
 }
 
 /// Arguments of a command line over the settings of a file, over those of a preset.
 fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Result<Arguments, Failure> {
     let table = path.map_or(Ok(Table::new()), read)?;
     let place = path.map(|path| format!("{path:?}"));
-    let words = composed(&table, place.as_deref(), preset, words)?;
-    Arguments::try_parse_from(words).map_err(|error| wrong(place.as_deref(), &crate::failure::sentence_of(&error)))
+    parsed(&composed(&table, place.as_deref(), preset, words)?, place.as_deref())
+}
+
+/// Arguments of a command line with settings from a place.
+///
+/// # Errors
+/// The error that clap reports, with the place.
+pub(crate) fn parsed(words: &[OsString], place: Option<&str>) -> Result<Arguments, Failure> {
+    Arguments::try_parse_from(words).map_err(|error| wrong(place, &crate::failure::sentence_of(&error)))
 }
 
 /// Refusal of settings, with the words for their place.
-fn wrong(place: Option<&str>, cause: &str) -> Failure {
+pub(crate) fn wrong(place: Option<&str>, cause: &str) -> Failure {
     Failure::Input(place.map_or_else(|| cause.to_owned(), |place| format!("cannot understand {place}: {cause}")))
 }
 
@@ -193,8 +201,7 @@ pub(crate) fn difference_from(folder: &Path, args: &Train) -> Result<Option<Stri
     if !path.is_file() {
         return Ok(None);
     }
-    let then = toml::to_string(&read(&path)?).expect("it was TOML");
-    Ok(contradiction(&text_of(args)?, &then))
+    Ok(first_difference(&table_of(&text_of(args)?), &read(&path)?))
 }
 
 /// Writes `config.toml` to a model folder.
@@ -208,14 +215,21 @@ pub(crate) fn save(folder: &Path, text: &str) -> Result<(), Failure> {
 /// First setting that differs between two files and is not in [`CHANGEABLE`], as the end of a
 /// sentence.
 pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
-    let [now, then] = [now, then].map(|text| text.parse::<Table>().unwrap_or_default());
+    first_difference(&table_of(now), &table_of(then))
+}
+
+fn table_of(text: &str) -> Table {
+    text.parse().unwrap_or_default()
+}
+
+fn first_difference(now: &Table, then: &Table) -> Option<String> {
     let said = |table: &Table, key: &str| match table.get(key) {
         Some(value) => format!("--{key} {}", plain(value).unwrap_or_else(|| value.to_string())),
         None => format!("no --{key}"),
     };
     let mut keys = now.keys().chain(then.keys()).filter(|key| !CHANGEABLE.contains(&key.as_str()));
     let key = keys.find(|key| now.get(*key) != then.get(*key))?;
-    Some(format!("{}, not {}", said(&then, key), said(&now, key)))
+    Some(format!("{}, not {}", said(then, key), said(now, key)))
 }
 
 #[cfg(test)]

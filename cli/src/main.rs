@@ -65,7 +65,7 @@ fn start(arguments: Arguments) -> Result<(), Failure> {
             set_threads(arguments.threads)?;
             commands::train::many::run(&manifest)
         }
-        None => run(&config::completed(arguments)?),
+        None => run(&config::completed(arguments, &words)?),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::{
     config,
     failure::Failure,
 };
-use clap::{Parser, ValueEnum};
+use clap::ValueEnum;
 use std::{collections::HashSet, ffi::OsString, path::Path};
 use toml::{Table, Value};
 
@@ -69,10 +69,8 @@ pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Man
         let place = format!("{path:?}, training {number}");
         let task = task(number, table, &place, train.resuming.preset, words)?;
         if !folders.insert(task.train.model_path.clone()) {
-            return Err(Failure::Input(format!(
-                "cannot understand {place}: another training has the model folder {:?} as well",
-                task.train.model_path
-            )));
+            let cause = format!("another training has the model folder {:?} as well", task.train.model_path);
+            return Err(config::wrong(Some(&place), &cause));
         }
         tasks.push(task);
     }
@@ -88,7 +86,7 @@ pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Man
 /// Settings of each training of a file, those of all trainings included, with paths that do not
 /// depend on the working folder.
 fn trainings(path: &Path) -> Result<Vec<Table>, Failure> {
-    let wrong = |cause: &str| Failure::Input(format!("cannot understand {path:?}: {cause}"));
+    let wrong = |cause: &str| config::wrong(Some(&format!("{path:?}")), cause);
     let mut shared = config::read(path)?;
     let own = match shared.remove(TRAINING) {
         Some(Value::Array(tables)) => tables,
@@ -122,7 +120,7 @@ fn task(
     preset: Option<Preset>,
     words: &[OsString],
 ) -> Result<Task, Failure> {
-    let wrong = |cause: &str| Failure::Input(format!("cannot understand {place}: {cause}"));
+    let wrong = |cause: &str| config::wrong(Some(place), cause);
     for key in ["source-path", "model-path"] {
         if !table.contains_key(key) {
             return Err(wrong(&format!("{key:?} is missing")));
@@ -137,8 +135,9 @@ fn task(
         (None, None) => None,
     };
     let words = without_selection(config::composed(&table, Some(place), preset, words)?);
-    let arguments = Arguments::try_parse_from(&words).map_err(|error| wrong(&crate::failure::sentence_of(&error)))?;
-    let Command::Train(train) = arguments.command else { unreachable!("a manifest is an option of train") };
+    let Command::Train(train) = config::parsed(&words, Some(place))?.command else {
+        unreachable!("a manifest is an option of train")
+    };
     let words = words.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     Ok(Task { number, words, train: *train })
 }
@@ -166,6 +165,7 @@ fn without_selection(words: Vec<OsString>) -> Vec<OsString> {
 mod tests {
     use super::*;
     use crate::args;
+    use clap::Parser;
     use std::{fs, path::PathBuf};
 
     const TWO: &str = "iterations = 700\neval = true\n\

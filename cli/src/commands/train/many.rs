@@ -8,8 +8,8 @@ use crate::{
     manifest::{Manifest, Task},
     output,
 };
-use specula_io::{checkpoint, model_folder};
-use std::{fs, path::Path};
+use specula_io::{budget::FACTS, checkpoint, model_folder};
+use std::path::Path;
 
 /// Outcome of a training that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +98,6 @@ fn is_measured(folder: &Path, iteration: u32) -> Result<bool, Failure> {
     if !path.is_file() {
         return Ok(false);
     }
-    let text = fs::read_to_string(&path).map_err(|cause| specula_io::Error::Read { path: path.clone(), cause })?;
-    let results: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let results: serde_json::Value = serde_json::from_slice(&FACTS.read(&path)?).unwrap_or_default();
     Ok(results.get(model_folder::method_of(iteration)).is_some())
 }
