@@ -377,6 +377,7 @@ mod tests {
         Subject {
             gaussians: random_cloud(200, Layout::shaded(Some(1)), seed),
             light: (seed == LIT).then(|| random_environment(16, RadianceActivation::Identity, seed)),
+            near_field: None,
             shading: ShadingRules::DEFERRED,
             scheme: PrefilterScheme::Exact,
             cameras: (0..SEEN).map(|k| orbit(k as f32, size)).collect(),

@@ -47,7 +47,8 @@ impl Reference {
     pub fn new(subject: &Subject) -> Self {
         let light = subject.light.as_ref().filter(|_| subject.is_lit()).map(|light| {
             let operator = oracle::Operator::finer(light.resolution, FINENESS);
-            oracle::prefilter(&oracle::lift_environment(light), &operator)
+            let light = oracle::prefilter(&oracle::lift_environment(light), &operator);
+            oracle::Light { near_field: subject.near_field.clone(), ..light }
         });
         let setting = Setting { channels: Channels::Training, ..Setting::exact(subject) };
         let independent = surface::gaussians(&subject.gaussians).into_iter().map(|(gaussian, _)| gaussian).collect();
@@ -106,7 +107,7 @@ impl Reference {
         let Image { width, height, channels, values } = blended;
         let frame = Image { width, height, channels, values: values.into_iter().map(Double).collect() };
         let is_deferred = rules.is_deferred(self.gaussians.layout);
-        if is_deferred { oracle::shade_pixels(&frame, light, camera) } else { frame }
+        if is_deferred { oracle::shade_pixels(&frame, light, camera, rules.traces_near) } else { frame }
     }
 }
 

@@ -57,7 +57,11 @@ impl Setting {
     /// Rendering rules of the setting.
     pub fn rules(&self, subject: &Subject) -> RenderRules {
         let shading = specula_core::shade::ShadingRules { form: self.form, ..subject.shading };
-        RenderRules { sh_degree: self.sh_degree, ..RenderRules::full(shading, self.scheme, self.channels) }
+        RenderRules {
+            sh_degree: self.sh_degree,
+            traces_near: subject.near_field.is_some(),
+            ..RenderRules::full(shading, self.scheme, self.channels)
+        }
     }
 
     /// Name and value of each parameter.

@@ -192,6 +192,7 @@ mod tests {
         let subject = Subject {
             gaussians,
             light: None,
+            near_field: None,
             shading: ShadingRules::PAPER,
             scheme: PrefilterScheme::Exact,
             cameras: vec![camera(32, 24), camera(32, 24)],

@@ -5,10 +5,12 @@ use specula_core::{
     cubemap::{FACE_COUNT, texel_index, texel_solid_angle},
     cutoffs::BlendOrder,
     environment::radiance,
+    near_field::NearField,
     prefilter::PrefilterScheme,
     scene::{Environment, Gaussians, RadianceActivation},
     shade::{ShadingForm, ShadingRules},
 };
+use std::sync::Arc;
 
 /// A scene with its views.
 #[derive(Clone, Debug)]
@@ -17,6 +19,8 @@ pub struct Subject {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Light at a valid resolution; none for unlit scenes.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Surface of the scene that reflected rays may meet.
+    pub near_field: Option<Arc<NearField<Vec<f32>>>>,
     /// Shading rules.
     pub shading: ShadingRules,
     /// Prefilter of the light.

@@ -147,7 +147,8 @@ impl Trial<'static> {
         let setting = Setting::exact(&trial.subject);
         if let Some((levels, light)) = reference.filtered().zip(trial.subject.light_at(setting.light)) {
             let start = Instant::now();
-            let mut light = trial.exec.prefilter(&light, setting.scheme, LevelRange::ALL)?;
+            let light = trial.exec.prefilter(&light, setting.scheme, LevelRange::ALL)?;
+            let mut light = trial.surrounded(light)?;
             for (level, texels) in levels.enumerate() {
                 light.set_level(level, texels);
             }
@@ -206,6 +207,13 @@ impl Trial<'_> {
         (setting.scheme, setting.light, rules.levels, setting.storage)
     }
 
+    /// Light around the near field of the subject, if there is one.
+    fn surrounded(&mut self, light: Light) -> Result<Light, CpuError> {
+        let Some(near_field) = self.subject.near_field.as_deref() else { return Ok(light) };
+        let near_field = self.exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))?;
+        Ok(self.exec.surround(light, &near_field))
+    }
+
     /// Index of a setting's filtered light.
     fn filtered(&mut self, setting: &Setting, rules: &RenderRules) -> Result<Option<usize>, CpuError> {
         let of = self.light_of(setting, rules);
@@ -222,7 +230,8 @@ impl Trial<'_> {
         }
         let Some(light) = self.subject.light_at(setting.light) else { return Ok(None) };
         let start = Instant::now();
-        let mut light = self.exec.prefilter(&light, setting.scheme, rules.levels)?;
+        let light = self.exec.prefilter(&light, setting.scheme, rules.levels)?;
+        let mut light = self.surrounded(light)?;
         let milliseconds = milliseconds(start);
         light.round(setting.storage);
         self.lights.push(Filtered { of, light, is_of_reference: false, milliseconds });
@@ -295,7 +304,7 @@ impl StageObserver<CpuViewer> for Stopwatch {
             Stage::Shade(_) => 1,
             Stage::Bin(_) => 2,
             Stage::Blend(..) => 3,
-            Stage::ShadePixels(_) => 4,
+            Stage::Trace(_) | Stage::ShadePixels(_) => 4,
         };
         self.times[index] += milliseconds(self.start);
         let [by_gaussian, by_pixel] = self.looks_light_up;
@@ -308,7 +317,7 @@ impl StageObserver<CpuViewer> for Stopwatch {
                     self.work.texel_reads += TEXELS_OF_LOOKUP * drawn;
                 }
             }
-            Stage::Shade(_) => {}
+            Stage::Shade(_) | Stage::Trace(_) => {}
             Stage::Bin(tiles) => self.work.intersections += tiles.intersection_count(),
             Stage::Blend(splats, frame) => {
                 let pairs = frame.seen_pairs();

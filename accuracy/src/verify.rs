@@ -151,6 +151,7 @@ mod tests {
         Subject {
             gaussians: scene.cloud,
             light: None,
+            near_field: None,
             shading: ShadingRules::PAPER,
             scheme: PrefilterScheme::Exact,
             cameras: scene.cameras,

@@ -11,10 +11,12 @@ use core::f32::consts::TAU;
 use specula_core::{
     activation::logit,
     camera::Camera,
+    near_field::NearField,
     random::uniform,
     scene::{Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, RadianceActivation},
 };
 use specula_cpu::morton::sort_in_space;
+use specula_mesh::{Mesh, near_field::SurfaceMeans};
 use specula_train::{
     profile::Profile,
     start::{Point, gaussians},
@@ -42,8 +44,30 @@ pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
     cloud
 }
 
+/// Surface of the torus as rays meet it: a mesh of 2 · 512 · 128 triangles.
+pub fn near_field() -> NearField<Vec<f32>> {
+    const AROUND: u32 = 512;
+    const ACROSS: u32 = 128;
+    let mut mesh = Mesh::default();
+    for (k, l) in (0..AROUND).flat_map(|k| (0..ACROSS).map(move |l| (k, l))) {
+        let [around, across] = [k as f32 / AROUND as f32, l as f32 / ACROSS as f32].map(|share| TAU * share);
+        let (position, normal) = at_angles(around, across);
+        mesh.positions.push(position);
+        mesh.normals.push(normal);
+        mesh.colors.push([0.6, 0.4, 0.3]);
+        let at = |k: u32, l: u32| k % AROUND * ACROSS + l % ACROSS;
+        let [a, b, c, d] = [at(k, l), at(k + 1, l), at(k + 1, l + 1), at(k, l + 1)];
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    SurfaceMeans::new(mesh, 0.01).near_field().expect("there are triangles")
+}
+
 fn point_on_torus(index: usize) -> ([f32; 3], [f32; 3]) {
-    let (around, across) = (TAU * uniform(SEED, 0, index as u64), TAU * uniform(SEED, 1, index as u64));
+    at_angles(TAU * uniform(SEED, 0, index as u64), TAU * uniform(SEED, 1, index as u64))
+}
+
+/// Position and normal at angles around the axis and across the tube.
+fn at_angles(around: f32, across: f32) -> ([f32; 3], [f32; 3]) {
     let normal = [across.cos() * around.cos(), across.cos() * around.sin(), across.sin()];
     let centre = [RADIUS[0] * around.cos(), RADIUS[0] * around.sin(), 0.0];
     (core::array::from_fn(|k| centre[k] + RADIUS[1] * normal[k]), normal)

@@ -1,6 +1,6 @@
 //! The torus under its sky on any executor: as a training knows it, and as it is looked at.
 
-use crate::{camera, environment, torus};
+use crate::{camera, environment, near_field, torus};
 use specula_core::{
     camera::Camera,
     executor::{Executor, Renderer, TrainingStep},
@@ -82,6 +82,17 @@ impl<E: Executor> Scene<E> {
         light.map(|(light, _)| exec.prefilter(light, self.profile.scheme, LevelRange::ALL)).transpose()
     }
 
+    /// The sky, filtered, around the surface of the torus.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the executor.
+    pub fn surrounded(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
+        let near_field = near_field();
+        let near_field = exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))?;
+        Ok(self.filtered(exec)?.map(|light| exec.surround(light, &near_field)))
+    }
+
     /// One step that changes nothing, as all rates are zero.
     ///
     /// # Errors
@@ -93,6 +104,7 @@ impl<E: Executor> Scene<E> {
             target: &self.target,
             background: [1.0; 3],
             exposure: None,
+            near_field: None,
             rules: &self.rules,
             weights: &self.profile.weights,
             rates: &self.rates,

@@ -25,6 +25,7 @@ pub enum Stage {
     Shade,
     Bin,
     Blend,
+    Trace,
     ShadePixels,
     Frame,
     Loss,
@@ -45,6 +46,7 @@ impl Stage {
             Self::Shade => "shade",
             Self::Bin => "bin",
             Self::Blend => "blend",
+            Self::Trace => "trace",
             Self::ShadePixels => "shade_pixels",
             Self::Frame => "frame",
             Self::Loss => "loss",
@@ -89,7 +91,7 @@ impl Amounts {
             Stage::Prefilter | Stage::PrefilterVjp => FACE_COUNT * LIGHT * LIGHT,
             Stage::Project | Stage::Shade | Stage::Bin | Stage::GaussiansVjp | Stage::Optimise => self.gaussians,
             Stage::Blend | Stage::BlendVjp => self.work.processed,
-            Stage::ShadePixels | Stage::Frame | Stage::Loss | Stage::ShadePixelsVjp => self.pixels,
+            Stage::Trace | Stage::ShadePixels | Stage::Frame | Stage::Loss | Stage::ShadePixelsVjp => self.pixels,
             Stage::TrainStep => 1,
         }
     }
@@ -203,6 +205,7 @@ pub fn measure_step<E: Executor>(
 ) -> Result<(), E::Error> {
     let light = scene.filtered(exec)?;
     let light = light.as_ref();
+    let around = scene.surrounded(exec)?;
     let Scene { profile, rules, camera, state, target, rates } = scene;
     let SceneState { gaussians: cloud, moments, light: sky, .. } = state;
     let (camera, rules, weights) = (&*camera, &*rules, &profile.weights);
@@ -212,6 +215,10 @@ pub fn measure_step<E: Executor>(
     let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
     let is_deferred = rules.is_deferred(cloud.layout);
     if is_deferred {
+        if let Some(around) = &around {
+            let blend = |exec: &mut E| exec.blend(&splats, &colors, &tiles, camera);
+            meter.measure(exec, Stage::Trace, blend, |exec, frame| exec.trace(frame, around, camera))?;
+        }
         frame = exec.shade_pixels(frame, light, camera)?;
     }
     let loss = |exec: &mut E| exec.loss(&frame, target, camera, weights, [1.0; 3]);

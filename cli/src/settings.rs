@@ -1,11 +1,11 @@
 //! Profile of a training from its arguments.
 
 use crate::{
-    args::{Densify, LightKind, LightPer, Losses, Start, Train},
+    args::{Densify, LightKind, LightPer, Losses, Reflections, Start, Train},
     failure::Failure,
 };
 use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, shade::ShadingForm};
-use specula_train::profile::{self, Ablation, Profile};
+use specula_train::profile::{self, Ablation, NearFieldSchedule, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations` on
 /// pictures of objects or of whole scenes.
@@ -18,7 +18,8 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
         profile = profile.for_objects();
     }
     set_start(&mut profile, &args.start)?;
-    let mut profile = with_light(profile, args.start.light, iterations)?;
+    let profile = with_light(profile, args.start.light, iterations)?;
+    let mut profile = with_reflections(profile, args.start.reflections)?;
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
     profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(iterations));
@@ -82,6 +83,24 @@ fn with_light(profile: Profile, kind: LightKind, iterations: u32) -> Result<Prof
         (LightKind::Mlp, Some(_)) => return Ok(profile.with_light_network(iterations)),
     };
     Err(Failure::Input(fault))
+}
+
+/// Profile with reflections of the far light alone or of the scene itself.
+fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> Result<Profile, Failure> {
+    let is_per_pixel = profile.light.is_some() && profile.shading.form == ShadingForm::Deferred;
+    match reflections {
+        None => {}
+        Some(Reflections::Far) => profile.near_field = None,
+        Some(Reflections::Near) if is_per_pixel => profile.near_field = Some(NearFieldSchedule::DEFAULT),
+        Some(Reflections::Near) => {
+            return Err(Failure::Input(format!(
+                "rays are reflected pixel by pixel; use --profile specula, or --light-per pixel, with --reflections near \
+                 rather than --profile {} as it is",
+                profile.name
+            )));
+        }
+    }
+    Ok(profile)
 }
 
 fn set_losses(profile: &mut Profile, args: &Losses) {

@@ -5,6 +5,7 @@ use crate::{
     densify::DensifyRules,
     expose::Exposure,
     loss::{LossReport, LossWeights},
+    near_field::NearField,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
@@ -77,6 +78,8 @@ pub struct TrainingStep<'a, E: Executor> {
     pub background: [f32; 3],
     /// Exposure of the photograph; none where colours are compared unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
+    /// Near field that reflected rays are traced against, if the rules say so.
+    pub near_field: Option<&'a E::NearField>,
     /// Rendering rules.
     pub rules: &'a RenderRules,
     /// Weights of the losses.
@@ -111,8 +114,10 @@ pub struct StepReport {
 pub trait Renderer {
     /// Array of `f32` in the executor's memory.
     type Array;
-    /// Light filtered into levels.
+    /// Light filtered into levels, and what surrounds the scene's surface nearby.
     type Light;
+    /// Near field in the executor's memory; a clone shares it.
+    type NearField: Clone;
     /// Gaussians on the screen.
     type Splats;
     /// Channels of splats.
@@ -174,6 +179,17 @@ pub trait Renderer {
         levels: LevelRange,
     ) -> Result<Self::Light, Self::Error>;
 
+    /// Uploads a near field.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor: a near field with a fault ([`NearField::check`]), too little
+    /// memory or a lost device.
+    fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, Self::Error>;
+
+    /// The same light around a near field, in place of one that it had.
+    fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
+
     /// Projects Gaussians to splats. Gaussians whose mean, shape or opacity is not finite are not
     /// drawn.
     ///
@@ -216,6 +232,16 @@ pub trait Renderer {
         tiles: &Self::Tiles,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
+
+    /// Traces the reflected ray of every pixel against the near field of the light
+    /// ([`mod@crate::near_field`]); the frame keeps the reflections for [`Renderer::shade_pixels`]
+    /// and its gradient. A frame without depths or a light without a near field stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
+    fn trace(&mut self, surface: Self::Frame, light: &Self::Light, camera: &Camera)
+    -> Result<Self::Frame, Self::Error>;
 
     /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's
     /// base colour becomes the colour of the picture, and the layers of specular colour and light

@@ -4,8 +4,8 @@
 //! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (shade_pixels) → (expose) → loss
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←──────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) → loss
+//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←────────────────────────────────┘
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
@@ -17,7 +17,7 @@
 //!   [`perspective`], [`antialias`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
-//!   [`shade_pixels`]: the same pixel by pixel
+//!   [`shade_pixels`]: the same pixel by pixel; [`near_field`]: surfaces that reflected rays meet
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
 //!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours
@@ -100,6 +100,7 @@ pub mod loss;
 pub mod math;
 pub mod metrics;
 pub mod morton;
+pub mod near_field;
 pub mod normal;
 pub mod optimise;
 pub mod order;

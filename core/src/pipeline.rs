@@ -19,6 +19,8 @@ pub enum Stage<'a, E: Renderer> {
     Bin(&'a E::Tiles),
     /// Tiles were blended.
     Blend(&'a E::Splats, &'a E::Frame),
+    /// Reflected rays were traced.
+    Trace(&'a E::Frame),
     /// Light was added pixel by pixel.
     ShadePixels(&'a E::Frame),
 }
@@ -110,6 +112,10 @@ fn forward_pass<E: Renderer>(
     let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
     observer.on_stage(Stage::Blend(&splats, &frame));
     if rules.is_deferred(gaussians.layout) {
+        if let Some(light) = light.filter(|_| rules.traces_near) {
+            frame = exec.trace(frame, light, camera)?;
+            observer.on_stage(Stage::Trace(&frame));
+        }
         frame = exec.shade_pixels(frame, light, camera)?;
         observer.on_stage(Stage::ShadePixels(&frame));
     }
@@ -174,7 +180,13 @@ fn take_step<E: Executor>(
     let SceneState { gaussians, moments, statistics, light: fitted_light } = scene;
     let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
     let light = match fitted_light {
-        Some((environment, _)) if is_lit => Some(exec.prefilter(environment, scheme, levels)?),
+        Some((environment, _)) if is_lit => {
+            let light = exec.prefilter(environment, scheme, levels)?;
+            Some(match step.near_field {
+                Some(near_field) => exec.surround(light, near_field),
+                None => light,
+            })
+        }
         _ => None,
     };
     let Pass { splats, colors, tiles, mut frame } =

@@ -194,6 +194,14 @@ impl Plan {
         };
         Self { rules, full: in_full(asked), unlit }
     }
+
+    /// The plan for a scene whose reflected rays are traced against a near field, or are not.
+    #[must_use]
+    pub fn tracing(mut self, traces_near: bool) -> Self {
+        self.rules.traces_near = traces_near;
+        self.full.traces_near = traces_near;
+        self
+    }
 }
 
 /// All that a training blends, at least.

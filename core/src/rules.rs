@@ -19,6 +19,8 @@ pub struct RenderRules {
     pub normal_residuals: bool,
     /// Whether light is looked up.
     pub is_lit: bool,
+    /// Whether reflected rays are traced against the near field of a light that has one.
+    pub traces_near: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
     /// Requested channels: colour, those of training, or all layers.
@@ -26,7 +28,7 @@ pub struct RenderRules {
 }
 
 impl RenderRules {
-    /// With everything that there is.
+    /// With everything that there is but a near field.
     pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
         Self {
             shading,
@@ -34,6 +36,7 @@ impl RenderRules {
             sh_degree: Some(3),
             normal_residuals: true,
             is_lit: true,
+            traces_near: false,
             levels: LevelRange::ALL,
             channels,
         }
@@ -46,6 +49,8 @@ impl RenderRules {
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
+            // Rays start at the depth of a pixel.
+            Channels::Color if is_lit_by_pixel && self.traces_near => Channels::Surface,
             Channels::Color if is_lit_by_pixel => Channels::Lit,
             Channels::Training if is_lit_by_pixel => Channels::Surface,
             channels => channels,

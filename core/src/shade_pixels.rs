@@ -57,8 +57,14 @@ pub fn pixel_surface<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> PixelSurfa
         base: pixel.base * per_coverage,
         tint: pixel.tint * per_coverage,
         roughness: pixel.roughness * per_coverage,
-        reflection_dir: reflect(view_dir, normalize_or(pixel.normal, view_dir)),
+        reflection_dir: reflect(view_dir, pixel_normal(pixel, view_dir)),
     }
+}
+
+/// Unit normal of a pixel; the direction to the eye, where normals cancel.
+#[inline(always)]
+pub fn pixel_normal<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> Vec3<R> {
+    normalize_or(pixel.normal, view_dir)
 }
 
 /// Gradient of [`pixel_surface`] with respect to the pixel.
@@ -70,7 +76,7 @@ pub fn pixel_surface_vjp<R: Real>(
     grad: &PixelSurface<R>,
 ) -> Pixel<R> {
     let per_coverage = per_coverage(pixel.coverage);
-    let (_, grad_unit) = reflect_vjp(view_dir, normalize_or(pixel.normal, view_dir), grad.reflection_dir);
+    let (_, grad_unit) = reflect_vjp(view_dir, pixel_normal(pixel, view_dir), grad.reflection_dir);
     let by_means = grad.base.dot(surface.base) + grad.tint.dot(surface.tint) + grad.roughness * surface.roughness;
     let is_free = pixel.coverage.constant(COVERAGE_MIN).less(pixel.coverage);
     Pixel {
@@ -82,8 +88,9 @@ pub fn pixel_surface_vjp<R: Real>(
     }
 }
 
+/// Factor that turns a premultiplied sum into a mean over what covers the pixel.
 #[inline(always)]
-fn per_coverage<R: Real>(coverage: R) -> R {
+pub fn per_coverage<R: Real>(coverage: R) -> R {
     coverage.max(coverage.constant(COVERAGE_MIN)).recip()
 }
 

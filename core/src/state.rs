@@ -4,7 +4,10 @@
 
 use crate::scene::{Environment, Gaussians};
 #[cfg(feature = "std")]
-use {crate::expose::Exposure, std::vec::Vec};
+use {
+    crate::{expose::Exposure, near_field::NearField},
+    std::vec::Vec,
+};
 
 /// Adam's running means, a number for each parameter.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,6 +58,8 @@ pub struct ExposureState {
 pub struct TrainingState<A> {
     /// The scene and its moments.
     pub scene: SceneState<A>,
+    /// Near field that reflected rays are traced against, if there is one.
+    pub near_field: Option<NearField<Vec<f32>>>,
     /// Exposures, where they are learned.
     pub exposures: Option<ExposureState>,
     /// Views that remain of the current pass over all views, the next one last.

@@ -1,6 +1,6 @@
 //! Errors of the stages.
 
-use specula_core::{executor::BufferLength, light_network::LightNetworkError};
+use specula_core::{executor::BufferLength, light_network::LightNetworkError, near_field::NearFieldError};
 
 /// Why a stage could not run.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -28,6 +28,9 @@ pub enum CpuError {
     /// A light's network cannot be evaluated.
     #[error(transparent)]
     LightNetwork(LightNetworkError),
+    /// A near field cannot be traced.
+    #[error("the near field is damaged: {0}")]
+    NearField(NearFieldError),
     /// Tiles hold more splats than are counted.
     #[error(
         "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"

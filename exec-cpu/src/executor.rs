@@ -18,6 +18,7 @@ use crate::{
         sampling::sampling,
         shade::{Colors, Scene, shade_all},
         shade_pixels::{shade_pixels, shade_pixels_vjp},
+        trace::trace,
     },
 };
 use specula_core::{
@@ -29,6 +30,7 @@ use specula_core::{
     expose::Exposure,
     light_network::LightNetworkError,
     loss::LossWeights,
+    near_field::NearField,
     prefilter::{LevelRange, Levels, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
@@ -200,6 +202,7 @@ fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), Cp
 impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     type Array = Vec<f32>;
     type Light = Light;
+    type NearField = Arc<NearField<Vec<f32>>>;
     type Splats = Splats;
     type Colors = Colors;
     type Tiles = Tiles;
@@ -235,6 +238,15 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         Ok(Light::new(&self.context, operator, environment))
     }
 
+    fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, CpuError> {
+        near_field.check().map_err(CpuError::NearField)?;
+        Ok(Arc::new(near_field.with_values(near_field.values.to_vec())))
+    }
+
+    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Light {
+        light.around(near_field)
+    }
+
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
         Ok(project_all(&self.context, gaussians, camera, self.cutoffs.cutoffs()))
     }
@@ -257,6 +269,10 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
         Ok(blend_all(&self.context, splats, colors, tiles, camera, self.cutoffs.cutoffs()))
+    }
+
+    fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
+        Ok(trace(&self.context, surface, light, camera))
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {

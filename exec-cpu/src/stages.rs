@@ -19,3 +19,4 @@ pub(crate) mod sampling;
 pub mod shade;
 pub(crate) mod shade_pixels;
 mod splat_batch;
+pub(crate) mod trace;

@@ -34,6 +34,7 @@ use crate::{
         shade_pixels::shade_pixels,
         shade_pixels_vjp::shade_pixels_vjp,
         step_counters::{Capacity, StepCounters, StepCounts},
+        trace::{trace, upload_near_field},
     },
 };
 use core::{fmt::Debug, mem, ops::Range};
@@ -45,6 +46,7 @@ use specula_core::{
     expose::Exposure,
     light_network::LightNetworkError,
     loss::{LossReport, LossWeights},
+    near_field::NearField,
     pack::{Storage, pack, unpack},
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
@@ -254,6 +256,7 @@ fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), Gp
 impl<P: Precision> Renderer for GpuExecutor<P> {
     type Array = ChunkedArray;
     type Light = Light;
+    type NearField = Arc<NearField<Array>>;
     type Splats = Splats;
     type Colors = Colors;
     type Tiles = Tiles;
@@ -308,6 +311,14 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         prefilter(&mut self.context, &weights, &environment, self.precision.storage())
     }
 
+    fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, GpuError> {
+        upload_near_field(&mut self.context, near_field)
+    }
+
+    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Light {
+        light.around(near_field)
+    }
+
     fn project(&mut self, gaussians: &Gaussians<ChunkedArray>, camera: &Camera) -> Result<Splats, GpuError> {
         project(&mut self.context, gaussians, camera, self.order)
     }
@@ -334,6 +345,10 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
                 blend_in_order(&mut self.context, splats, responses, colors, tiles, camera, self.order.window())
             }
         }
+    }
+
+    fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {
+        trace(&mut self.context, surface, light, camera)
     }
 
     fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, GpuError> {

@@ -7,6 +7,8 @@
 //! grad_sum, view_count                          f32 [Gaussians]: statistics for densification
 //! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light;
 //!                                               f32 [weights] where it is a network
+//! near_field                                    f32 [numbers]: nodes, triangles and vertices of a
+//!                                               surface that reflected rays may meet
 //! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], with learned exposures
 //! order                                         u32 [views]: remaining views of the current pass
 //! ```
@@ -36,6 +38,7 @@ use specula_core::{
     cubemap::FACE_COUNT,
     expose::Exposure,
     light_network::WEIGHT_COUNT,
+    near_field::{INDEX_MAX, NearField, NearFieldError},
     scene::{BLOCK, Environment, Gaussians, Layout, RadianceActivation},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
@@ -141,8 +144,17 @@ struct Header {
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     is_antialiased: bool,
     light: Option<LightHeader>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    near_field: Option<NearFieldHeader>,
     /// Number of photographs with exposures.
     exposures: Option<usize>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct NearFieldHeader {
+    /// Numbers of nodes, triangles and vertices.
+    sizes: [usize; 3],
+    offset: f32,
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -189,7 +201,7 @@ struct Tensor<'a> {
 }
 
 fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
-    let TrainingState { scene, exposures, order, .. } = &checkpoint.state;
+    let TrainingState { scene, near_field, exposures, order, .. } = &checkpoint.state;
     let SceneState { gaussians, moments, statistics, light } = scene;
     let blocks = shape_of_gaussians(gaussians.count, gaussians.layout);
     let mut tensors = vec![
@@ -204,6 +216,9 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         tensors.push(numbers("light", &faces, &light.values));
         tensors.push(numbers("light.mean", &faces, &moments.mean));
         tensors.push(numbers("light.square", &faces, &moments.square));
+    }
+    if let Some(near_field) = near_field {
+        tensors.push(numbers("near_field", &[near_field.values.len()], &near_field.values));
     }
     if let Some(ExposureState { maps, moments }) = exposures {
         let shape = shape_of_exposures(maps.len());
@@ -236,7 +251,7 @@ fn in_a_row(exposures: &[Exposure<f32>]) -> &[f32] {
 }
 
 fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<Vec<u8>> {
-    let TrainingState { scene: SceneState { gaussians, light, .. }, exposures, .. } = &checkpoint.state;
+    let TrainingState { scene: SceneState { gaussians, light, .. }, near_field, exposures, .. } = &checkpoint.state;
     let header = Header {
         format: FORMAT,
         facts: FactsHeader::of(checkpoint),
@@ -249,6 +264,9 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
             is_exponential: light.activation == RadianceActivation::Exponential,
             is_network: light.is_network(),
         }),
+        near_field: near_field
+            .as_ref()
+            .map(|near_field| NearFieldHeader { sizes: near_field.sizes(), offset: near_field.offset }),
         exposures: exposures.as_ref().map(|exposures| exposures.maps.len()),
     };
     let ours = HashMap::from([(KEY.to_owned(), serde_json::to_string(&header)?)]);
@@ -281,7 +299,7 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 /// [`Error::TooLarge`] beyond the memory budget, [`Error::Read`].
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
-    let Header { facts, gaussians: count, is_shaded, sh_degree, is_antialiased, light, exposures, .. } =
+    let Header { facts, gaussians: count, is_shaded, sh_degree, is_antialiased, light, near_field, exposures, .. } =
         reader.header()?;
     if let Some(fault) = facts.fault() {
         return Err(reader.refuse("the header", fault));
@@ -302,12 +320,13 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
         },
         light: light.map(|light| reader.light(light)).transpose()?,
     };
+    let near_field = near_field.map(|header| reader.near_field(header)).transpose()?;
     let exposures = exposures.map(|count| reader.exposures(count)).transpose()?;
     let order = reader.order()?;
     let FactsHeader { program, iteration, iterations, seconds, psnr, nonfinite, .. } = facts;
     let FactsHeader { seed, config, settings, views, pictures, .. } = facts;
     Ok(Checkpoint {
-        state: TrainingState { scene, exposures, order, iteration, psnr, nonfinite },
+        state: TrainingState { scene, near_field, exposures, order, iteration, psnr, nonfinite },
         facts: Facts { program, iterations, seconds, seed, config, settings, views, pictures },
     })
 }
@@ -402,6 +421,18 @@ impl Reader {
         };
         let light = Environment { resolution, activation, values: self.numbers("light", &faces)? };
         Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
+    }
+
+    fn near_field(&mut self, header: NearFieldHeader) -> Result<NearField<Vec<f32>>> {
+        const NAME: &str = "near_field";
+        let NearFieldHeader { sizes, offset } = header;
+        if sizes.iter().any(|size| *size >= INDEX_MAX) {
+            return Err(self.refuse("the header", NearFieldError::Size));
+        }
+        let len = NearField::of_sizes(sizes, offset, ()).len_of_values();
+        let near_field = NearField::of_sizes(sizes, offset, self.numbers(NAME, &[len])?);
+        near_field.check().map_err(|fault| self.refuse(&format!("tensor {NAME:?}"), fault))?;
+        Ok(near_field)
     }
 
     fn exposures(&mut self, count: usize) -> Result<ExposureState> {

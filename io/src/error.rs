@@ -298,6 +298,14 @@ pub enum Error {
         /// Version that this program reads.
         known: u32,
     },
+    /// The near field of a model is invalid.
+    #[error("cannot read the near field {path:?}: {cause}; train again, or remove the file to do without")]
+    NearField {
+        /// The file.
+        path: PathBuf,
+        /// Fault.
+        cause: String,
+    },
     /// The network of a light is invalid.
     #[error("cannot read the light's network {path:?}: {cause}")]
     LightNetwork {

@@ -54,6 +54,7 @@ pub mod lens;
 mod listing;
 pub mod mesh;
 pub mod model_folder;
+mod near_field;
 mod nerfstudio;
 mod network;
 pub mod orientation;

@@ -4,6 +4,7 @@
 //! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians, written last
 //!         light/iteration_N/environment.exr         lossless light: six faces in a column
 //!         light/iteration_N/network.safetensors     light that is a network
+//!         light/iteration_N/near_field.safetensors  surface that reflected rays may meet
 //!         brdf_mlp/iteration_N/brdf_mlp.hdr         light for GaussianShader: lat-long, y up
 //!         cameras.json                              test views, then training views
 //!         input.ply                                 initial points
@@ -24,7 +25,7 @@ use crate::{
     error::{Error, Result},
     exposure, gaussian_ply, json,
     latlong::{self, LatLong, UpAxis},
-    network,
+    near_field, network,
     orientation::Orientation,
     points_ply::{self, PointCloud},
     whole_file,
@@ -33,6 +34,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use specula_core::{
     environment::texels,
+    near_field::NearField,
     scene::{Environment, Gaussians, RadianceActivation},
 };
 use std::{
@@ -101,6 +103,8 @@ pub struct Snapshot<'a> {
     pub comments: &'a [String],
     /// The light; none for plain Gaussian splatting.
     pub light: Option<&'a Environment<Vec<f32>>>,
+    /// Surface that reflected rays may meet; none where they leave for the far light.
+    pub near_field: Option<&'a NearField<Vec<f32>>>,
     /// Settings.
     pub info: &'a ModelInfo,
 }
@@ -116,6 +120,8 @@ pub struct Model {
     /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; none for plain
     /// Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Surface that reflected rays may meet; none where they leave for the far light.
+    pub near_field: Option<NearField<Vec<f32>>>,
     /// Whether the light is a `brdf_mlp.hdr` that replaced the saved one.
     pub is_relit: bool,
     /// Settings; none for models of other programs.
@@ -160,6 +166,11 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
     write_info(folder, &ModelInfo { saved, ..snapshot.info.clone() })?;
     if let Some(light) = snapshot.light {
         save_light(folder, iteration, light)?;
+    }
+    let near_field = near_field_at(folder, iteration);
+    match snapshot.near_field {
+        Some(surface) => near_field::write(&near_field, surface)?,
+        None => remove(&near_field)?,
     }
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
 }
@@ -401,10 +412,12 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
     }
     let file = gaussian_ply::read(&path)?;
     let (light, is_relit) = read_light(folder, iteration)?;
+    let near_field = Some(near_field_at(folder, iteration)).filter(|path| path.is_file());
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
         light,
+        near_field: near_field.map(|path| near_field::read(&path)).transpose()?,
         is_relit,
         info: read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration)),
         iteration: Some(iteration),
@@ -420,6 +433,7 @@ fn open_ply(path: &Path) -> Result<Model> {
         gaussians: file.gaussians,
         comments: file.comments,
         light: None,
+        near_field: None,
         is_relit: false,
         info: None,
         iteration: None,
@@ -499,6 +513,11 @@ pub fn light_at(folder: &Path, iteration: u32) -> PathBuf {
 /// Path of the network of an iteration's light.
 pub fn network_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("light/iteration_{iteration}/network.safetensors"))
+}
+
+/// Path of the near field of an iteration.
+pub fn near_field_at(folder: &Path, iteration: u32) -> PathBuf {
+    folder.join(format!("light/iteration_{iteration}/near_field.safetensors"))
 }
 
 /// Path of the light of an iteration for GaussianShader.

@@ -39,6 +39,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::{BlendOrder, Cutoffs, ProjectionModel},
     loss::LossWeights,
+    near_field::NearField,
     order::{ResponseDepth, response_depth},
     perspective::{Perspective, perspective},
     project,
@@ -48,6 +49,7 @@ use specula_core::{
     splat::{Splat, SplatGrad},
     vector::Vec3,
 };
+use std::sync::Arc;
 
 /// Gaussians to splats.
 pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec<Splat<R>> {
@@ -231,7 +233,7 @@ pub fn render_within<R: Number>(
     let responses = (cutoffs.order() != BlendOrder::Mean).then(|| response_depths(gaussians, camera));
     let frame =
         blend_in_order(&splats, perspectives.as_deref(), responses.as_deref(), &colors, &order, camera, cutoffs);
-    if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera) } else { frame }
+    if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera, rules.traces_near) } else { frame }
 }
 
 /// Inputs of a training step beside the scene.
@@ -245,6 +247,8 @@ pub struct View<'a, R> {
     pub rules: &'a RenderRules,
     /// Weights of the losses.
     pub weights: &'a LossWeights,
+    /// Surface that reflected rays may meet.
+    pub near_field: Option<&'a NearField<Vec<f32>>>,
 }
 
 /// The weighted loss of a scene in one view. `frozen` holds the weights that the losses treat as
@@ -276,14 +280,15 @@ pub fn loss_and_gradient<R: Number>(
     environment: Option<(&Environment<Vec<R>>, &Operator)>,
     view: &View<'_, R>,
 ) -> (R, Gradient<R>, FrozenWeights) {
-    let light = environment.map(|(environment, operator)| prefilter(environment, operator));
+    let near_field = view.near_field.map(|near_field| Arc::new(near_field.clone()));
+    let light = environment.map(|(environment, operator)| Light { near_field, ..prefilter(environment, operator) });
     let mut splats = project(gaussians, view.camera);
     let colors = shade(gaussians, view.camera, light.as_ref(), view.rules);
     leave_out(&mut splats, gaussians, view.camera, view.rules);
     let order = front_to_back(&splats);
     let frame = blend(&splats, &colors, &order, view.camera);
-    let is_deferred = view.rules.is_deferred(gaussians.layout);
-    let picture = if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera) } else { frame.clone() };
+    let (is_deferred, traces) = (view.rules.is_deferred(gaussians.layout), view.rules.traces_near);
+    let picture = if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, traces) } else { frame.clone() };
     let frozen = freeze_weights(&picture);
     let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
@@ -291,7 +296,7 @@ pub fn loss_and_gradient<R: Number>(
     let mut light_grad = light.as_ref().map(LightGrad::zero);
     let mut frame_grad = frame_loss_vjp(&picture, view.target, view.camera, view.weights, &frozen);
     if is_deferred {
-        shade_pixels_vjp(&frame, light.as_ref(), view.camera, &mut frame_grad, light_grad.as_mut());
+        shade_pixels_vjp(&frame, light.as_ref(), view.camera, traces, &mut frame_grad, light_grad.as_mut());
     }
     let (mut splat_grads, color_grads) = blend_vjp(&splats, &colors, &order, &frame, &frame_grad);
     if blended(&shading(gaussians, view.rules)) != Channels::Color {

@@ -6,10 +6,12 @@ use specula_core::{
     cubemap::{self, FACE_COUNT},
     environment::{self, radiance_vjp},
     light_network::{ENCODING, WEIGHT_MAX, attenuations, bounded, bounded_vjp, encode, evaluate, evaluate_vjp},
+    near_field::NearField,
     prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
     scene::Environment,
     vector::{Vec3, vec3},
 };
+use std::sync::Arc;
 
 /// Nodes of this resolution are where every row begins.
 const COARSEST: usize = 4;
@@ -146,6 +148,16 @@ pub struct Light<R> {
     pub levels: Levels,
     /// Their padded maps.
     pub maps: Vec<Vec<Vec3<R>>>,
+    /// Surface of the scene that reflected rays may meet.
+    pub near_field: Option<Arc<NearField<Vec<f32>>>>,
+}
+
+impl<R> Light<R> {
+    /// The same light around a near field.
+    #[must_use]
+    pub fn around(self, near_field: NearField<Vec<f32>>) -> Self {
+        Self { near_field: Some(Arc::new(near_field)), ..self }
+    }
 }
 
 /// Gradient of a [`Light`], texel by texel.
@@ -238,7 +250,8 @@ pub fn prefilter<R: Number>(environment: &Environment<Vec<R>>, operator: &Operat
         }
         map
     };
-    Light { levels: operator.levels, maps: filtered.iter().zip(operator.levels.as_slice()).map(pad).collect() }
+    let maps = filtered.iter().zip(operator.levels.as_slice()).map(pad).collect();
+    Light { levels: operator.levels, maps, near_field: None }
 }
 
 /// Gradient of [`prefilter`] with respect to the environment's numbers.

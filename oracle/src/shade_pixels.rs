@@ -7,8 +7,11 @@ use super::{
 use crate::number::Number;
 use specula_core::{
     camera::Camera,
+    near_field::{NearField, Reflection, ray_origin},
     rules::{Channels, channel},
-    shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
+    shade_pixels::{
+        Pixel, PixelSurface, per_coverage, pixel_color, pixel_color_vjp, pixel_normal, pixel_surface, pixel_surface_vjp,
+    },
     vector::Vec3,
 };
 
@@ -17,11 +20,13 @@ struct Lit<R> {
     pixel: Pixel<R>,
     view_dir: Vec3<R>,
     surface: PixelSurface<R>,
+    /// Lookup of the far light; none without a light.
+    reflection: Option<Reflection<R>>,
     light: Vec3<R>,
 }
 
 impl<R: Number> Lit<R> {
-    fn new(frame: &Frame<R>, index: usize, light: Option<&Light<R>>, camera: &Camera) -> Self {
+    fn new(frame: &Frame<R>, index: usize, light: Option<&Light<R>>, camera: &Camera, traces: bool) -> Self {
         let size = frame.pixel_count();
         let pixel = Pixel {
             base: vector_at(frame, channel::COLOR, index),
@@ -34,9 +39,43 @@ impl<R: Number> Lit<R> {
         let (x, y) = (center(index % frame.width), center(index / frame.width));
         let view_dir = camera.lift(R::of(0.0)).view_dir(x, y);
         let surface = pixel_surface(&pixel, view_dir);
-        let none = Vec3::zero(R::of(0.0));
-        let light = light.map_or(none, |light| look_up(light, surface.reflection_dir, surface.roughness));
-        Self { pixel, view_dir, surface, light }
+        let reflection = light.map(|light| match light.near_field.as_deref().filter(|_| traces) {
+            Some(near_field) => {
+                let depth = frame.values[channel::DEPTH * size + index] * per_coverage(pixel.coverage);
+                let origin = origin(near_field, camera, &pixel, depth, view_dir);
+                reflected(near_field, origin, &surface)
+            }
+            None => Reflection::of_far(surface.reflection_dir, surface.roughness),
+        });
+        let looked_up = light.zip(reflection.as_ref());
+        let radiance = looked_up.map_or(Vec3::zero(R::of(0.0)), |(light, reflection)| {
+            reflection.light(look_up(light, reflection.direction, reflection.roughness))
+        });
+        Self { pixel, view_dir, surface, reflection, light: radiance }
+    }
+}
+
+/// Start of the reflected ray of a pixel.
+fn origin<R: Number>(
+    near_field: &NearField<Vec<f32>>,
+    camera: &Camera,
+    pixel: &Pixel<R>,
+    depth: R,
+    view_dir: Vec3<R>,
+) -> Vec3<R> {
+    let camera = camera.lift(depth);
+    let axis = camera.camera_from_world.rows[2];
+    let offset = R::of(f64::from(near_field.offset));
+    ray_origin(camera.position, view_dir, axis, depth, pixel_normal(pixel, view_dir), offset)
+}
+
+/// Reflection of a ray from a surface. What it meets is constant.
+fn reflected<R: Number>(near_field: &NearField<Vec<f32>>, origin: Vec3<R>, surface: &PixelSurface<R>) -> Reflection<R> {
+    let fixed = |x: R| R::of(x.value());
+    let (direction, roughness) = (surface.reflection_dir.map(fixed), fixed(surface.roughness));
+    match near_field.first_hit(origin.map(fixed), direction) {
+        Some(hit) => Reflection::of_near(direction, roughness, &near_field.surface(&hit)),
+        None => Reflection::of_far(surface.reflection_dir, surface.roughness),
     }
 }
 
@@ -47,11 +86,17 @@ fn store<R: Number>(frame: &mut Frame<R>, plane: usize, index: usize, v: Vec3<R>
     }
 }
 
-/// The picture of a blended surface under a light.
-pub fn shade_pixels<R: Number>(surface: &Frame<R>, light: Option<&Light<R>>, camera: &Camera) -> Frame<R> {
+/// The picture of a blended surface under a light; `traces` says whether reflected rays are traced
+/// against its near field.
+pub fn shade_pixels<R: Number>(
+    surface: &Frame<R>,
+    light: Option<&Light<R>>,
+    camera: &Camera,
+    traces: bool,
+) -> Frame<R> {
     let mut picture = surface.clone();
     for index in 0..surface.pixel_count() {
-        let lit = Lit::new(surface, index, light, camera);
+        let lit = Lit::new(surface, index, light, camera, traces);
         store(&mut picture, channel::COLOR, index, pixel_color(&lit.surface, lit.light, lit.pixel.coverage));
         if surface.channels > Channels::Layers.count() {
             store(&mut picture, channel::SPECULAR, index, lit.pixel.tint.times(lit.light));
@@ -67,20 +112,22 @@ pub fn shade_pixels_vjp<R: Number>(
     surface: &Frame<R>,
     light: Option<&Light<R>>,
     camera: &Camera,
+    traces: bool,
     grad: &mut Frame<R>,
     mut light_grad: Option<&mut LightGrad<R>>,
 ) {
     let size = surface.pixel_count();
     for index in 0..size {
-        let lit = Lit::new(surface, index, light, camera);
+        let lit = Lit::new(surface, index, light, camera, traces);
         let grad_color = vector_at(grad, channel::COLOR, index);
         let (mut grad_surface, grad_light, grad_coverage) =
             pixel_color_vjp(&lit.surface, lit.light, lit.pixel.coverage, grad_color);
-        if let (Some(light), Some(light_grad)) = (light, light_grad.as_deref_mut()) {
+        if let (Some(light), Some(reflection), Some(light_grad)) = (light, &lit.reflection, light_grad.as_deref_mut()) {
+            let grad_far = reflection.light_vjp(grad_light);
             let (direction, roughness) =
-                look_up_vjp(light, lit.surface.reflection_dir, lit.surface.roughness, grad_light, light_grad);
-            grad_surface.reflection_dir = direction;
-            grad_surface.roughness = roughness;
+                look_up_vjp(light, reflection.direction, reflection.roughness, grad_far, light_grad);
+            grad_surface.reflection_dir = direction * reflection.far;
+            grad_surface.roughness = roughness * reflection.far;
         }
         let of_surface = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
         store(grad, channel::COLOR, index, of_surface.base);

@@ -11,6 +11,7 @@ use specula_accuracy::{
 use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
+    near_field::NearField,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
@@ -64,9 +65,9 @@ impl CertificateError {
 
 /// Scene, cameras and background as the subject of measurements, with splats in the order of means.
 pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
-    let Scene { gaussians, light, shading_model: ShadingModel { shading, scheme } } = scene;
+    let Scene { gaussians, light, near_field, shading_model: ShadingModel { shading, scheme } } = scene;
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
-    Subject { gaussians, light, shading, scheme, cameras, background, order: BlendOrder::Mean }
+    Subject { gaussians, light, near_field, shading, scheme, cameras, background, order: BlendOrder::Mean }
 }
 
 /// Scene rendered with a setting whose error is certified.
@@ -145,7 +146,7 @@ impl RenderBackend for CertifiedScene {
         Err(SceneError::Immutable)
     }
 
-    fn set_gaussians(&mut self, _: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+    fn set_surface(&mut self, _: &Gaussians<Vec<f32>>, _: Option<&NearField<Vec<f32>>>) -> Result<(), SceneError> {
         Err(SceneError::Immutable)
     }
 }

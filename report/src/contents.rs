@@ -60,6 +60,7 @@ impl Contents {
         }
         contents.add_ranges(&scene.gaussians);
         contents.add_light(scene);
+        contents.add_near_field(scene);
         let reasons = scene.nonfinite_reasons();
         let text = reasons.map_or("none".into(), |reasons| format!("{reasons}; they are not drawn"));
         contents.add("not finite", text, CullStats::of(&scene.gaussians, None).nonfinite().into());
@@ -165,6 +166,14 @@ impl Contents {
             return self.add("light", format!("network of {weights} weights, in {text}"), facts);
         }
         self.add("light", text, facts);
+    }
+
+    /// Adds the surface that reflected rays may meet, if there is one.
+    fn add_near_field(&mut self, scene: &Scene) {
+        let Some(near_field) = &scene.near_field else { return };
+        let [nodes, triangles, vertices] = near_field.sizes();
+        let text = format!("{} triangles that reflected rays may meet", group_digits(triangles));
+        self.add("near field", text, json!({"nodes": nodes, "triangles": triangles, "vertices": vertices}));
     }
 
     /// Adds the data that rendering colours skips, and the savings.

@@ -9,7 +9,7 @@
 //! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it,
 //! whose mean normals are smoother than its own.
 
-use crate::{Scene, ShadingModel, environment::fitting, orbit::evenly_spaced};
+use crate::{Scene, ShadingModel, environment::fitting, orbit::evenly_spaced, renderer::upload_near_field};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -17,6 +17,7 @@ use specula_core::{
     attributes::{GaussianShading, StoredGaussian},
     camera::Camera,
     executor::ReadBack,
+    near_field::NearField,
     pipeline::{Pass, render_pass, shade_gaussians},
     prefilter::{LevelRange, PrefilterScheme},
     rules::{Channels, RenderRules, channel},
@@ -153,6 +154,17 @@ struct Baker<E: ReadBack> {
     gaussian_rules: RenderRules,
 }
 
+/// Light around a near field, if there is one.
+fn surrounded<E: ReadBack>(
+    exec: &mut E,
+    light: E::Light,
+    near_field: Option<&NearField<Vec<f32>>>,
+) -> Result<E::Light, E::Error> {
+    let Some(near_field) = near_field else { return Ok(light) };
+    let near_field = upload_near_field(exec, near_field)?;
+    Ok(exec.surround(light, &near_field))
+}
+
 impl<E: ReadBack> Baker<E> {
     fn new(mut exec: E, scene: &Scene) -> Result<Self, E::Error> {
         let ShadingModel { shading, scheme } = scene.shading_model;
@@ -160,11 +172,13 @@ impl<E: ReadBack> Baker<E> {
             Some(light) => {
                 let light = fitting(light, scheme);
                 let values = exec.upload(&light.values)?;
-                Some(exec.prefilter(&light.with_values(values), scheme, LevelRange::ALL)?)
+                let filtered = exec.prefilter(&light.with_values(values), scheme, LevelRange::ALL)?;
+                Some(surrounded(&mut exec, filtered, scene.near_field.as_deref())?)
             }
             None => None,
         };
-        let picture_rules = RenderRules::full(shading, scheme, Channels::Layers);
+        let traces_near = scene.near_field.is_some();
+        let picture_rules = RenderRules { traces_near, ..RenderRules::full(shading, scheme, Channels::Layers) };
         let gaussian_rules = RenderRules::full(per_gaussian(shading), scheme, Channels::Color);
         Ok(Self { exec, light, picture_rules, gaussian_rules })
     }

@@ -265,6 +265,9 @@ impl PlainGaussians {
                 "colours are the same from everywhere; they, opacities and quats are rounded to 8 bits"
             }
             GaussianFormat::Spz => "numbers are rounded to 8 bits, places to a 65536th of the scene",
+            GaussianFormat::Glb if is_shaded && scene.near_field.is_some() => {
+                "and are beside them as SPECULA_shading, which reflects far light alone"
+            }
             GaussianFormat::Glb if is_shaded => "and are beside them as SPECULA_shading",
             GaussianFormat::Glb => "",
         };
@@ -287,7 +290,7 @@ impl PlainGaussians {
 
     /// Attributes, light and names of the shading function; none for a scene without one.
     fn shading(&self, scene: &Scene) -> Option<Shading> {
-        let Scene { gaussians, light, shading_model } = scene;
+        let Scene { gaussians, light, shading_model, .. } = scene;
         let normals = self.normals.as_ref()?;
         let all = || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, shading_model.shading));
         let mut attributes = vec![

@@ -16,7 +16,10 @@ use specula_io::{
     orientation::Orientation,
 };
 use specula_train::view::extent_of_cameras;
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Scene of a trained model, and the facts that its folder holds.
 #[derive(Debug)]
@@ -58,7 +61,7 @@ impl OpenedModel {
         shading_model.decode(&mut gaussians);
         sort_in_space(&mut gaussians);
         Self {
-            scene: Scene { gaussians, light: model.light, shading_model },
+            scene: Scene { gaussians, light: model.light, near_field: model.near_field.map(Arc::new), shading_model },
             folder,
             iteration: model.iteration,
             info: model.info,

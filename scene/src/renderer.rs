@@ -12,6 +12,7 @@ use specula_core::{
     cutoffs::Cutoffs,
     executor::Renderer,
     light_network::LightNetworkError,
+    near_field::NearField,
     pack::Storage,
     plan::Plan,
     rules::{Channels, RenderRules},
@@ -46,12 +47,16 @@ pub trait RenderBackend: Send {
     /// [`SceneError::Immutable`].
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError>;
 
-    /// Replaces the Gaussians.
+    /// Replaces Gaussians and near field; lights that are set afterwards are around the latter.
     ///
     /// # Errors
     ///
     /// Those of the executor, such as arrays larger than it takes; or [`SceneError::Immutable`].
-    fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError>;
+    fn set_surface(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        near_field: Option<&NearField<Vec<f32>>>,
+    ) -> Result<(), SceneError>;
 }
 
 impl fmt::Debug for dyn RenderBackend {
@@ -64,6 +69,7 @@ impl fmt::Debug for dyn RenderBackend {
 struct Uploaded<E: Renderer> {
     exec: E,
     gaussians: Gaussians<E::Array>,
+    near_field: Option<E::NearField>,
     lights: Vec<Option<E::Light>>,
     /// Rounds a filtered light to its storage.
     store: fn(E::Light, Storage) -> E::Light,
@@ -77,11 +83,14 @@ where
     fn new(
         mut exec: E,
         gaussians: &Gaussians<Vec<f32>>,
+        near_field: Option<&NearField<Vec<f32>>>,
         store: fn(E::Light, Storage) -> E::Light,
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        Ok(Self { exec, gaussians, lights: Vec::new(), store, storage })
+        let near_field = near_field.map(|near_field| upload_near_field(&mut exec, near_field)).transpose();
+        let near_field = near_field.map_err(Into::into)?;
+        Ok(Self { exec, gaussians, near_field, lights: Vec::new(), store, storage })
     }
 }
 
@@ -90,6 +99,7 @@ where
     E: Renderer + Send,
     E::Array: Send,
     E::Light: Send,
+    E::NearField: Send,
     E::Error: Into<SceneError>,
 {
     fn render(&mut self, slot: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
@@ -105,12 +115,22 @@ where
         let light = self.exec.prefilter(&light.with_values(values), rules.scheme, rules.levels).map_err(Into::into)?;
         let count = self.lights.len().max(slot + 1);
         self.lights.resize_with(count, || None);
-        self.lights[slot] = Some((self.store)(light, self.storage));
+        let light = (self.store)(light, self.storage);
+        self.lights[slot] = Some(match &self.near_field {
+            Some(near_field) => self.exec.surround(light, near_field),
+            None => light,
+        });
         Ok(())
     }
 
-    fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
+    fn set_surface(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        near_field: Option<&NearField<Vec<f32>>>,
+    ) -> Result<(), SceneError> {
         self.gaussians = self.exec.upload_gaussians(gaussians).map_err(Into::into)?;
+        let near_field = near_field.map(|near_field| upload_near_field(&mut self.exec, near_field));
+        self.near_field = near_field.transpose().map_err(Into::into)?;
         Ok(())
     }
 }
@@ -118,20 +138,35 @@ where
 /// Uploads Gaussians, which are rounded to their storage, to an executor of these options.
 fn upload(
     device: Device,
-    gaussians: &Gaussians<Vec<f32>>,
+    scene: &Scene,
     cutoffs: Cutoffs,
     storage: Storage,
 ) -> Result<Box<dyn RenderBackend>, SceneError> {
+    let (gaussians, near_field) = (&scene.gaussians, scene.near_field.as_deref());
     Ok(match device {
-        Device::Cpu => Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), gaussians, rounded, storage)?),
+        Device::Cpu => {
+            Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), gaussians, near_field, rounded, storage)?)
+        }
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
             let mut exec = GpuExecutor::viewer(*gpu, storage);
             exec.set_order(cutoffs.order());
-            Box::new(Uploaded::new(exec, gaussians, |light, _| light, storage)?)
+            Box::new(Uploaded::new(exec, gaussians, near_field, |light, _| light, storage)?)
         }
     })
+}
+
+/// Uploads a near field.
+///
+/// # Errors
+///
+/// Those of the executor.
+pub(crate) fn upload_near_field<E: Renderer>(
+    exec: &mut E,
+    near_field: &NearField<Vec<f32>>,
+) -> Result<E::NearField, E::Error> {
+    exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))
 }
 
 fn rounded(mut light: Light, storage: Storage) -> Light {
@@ -151,6 +186,7 @@ impl Scene {
         E: Renderer + Send + 'static,
         E::Array: Send,
         E::Light: Send,
+        E::NearField: Send,
         E::Error: Into<SceneError>,
     {
         SceneRenderer::with_executor(exec, self, channels)
@@ -218,10 +254,12 @@ impl SceneRenderer {
         E: Renderer + Send + 'static,
         E::Array: Send,
         E::Light: Send,
+        E::NearField: Send,
         E::Error: Into<SceneError>,
     {
         let Plan { rules, .. } = scene.plan(channels);
-        let backend = Box::new(Uploaded::new(exec, &scene.gaussians, |light, _| light, Storage::F32)?);
+        let near_field = scene.near_field.as_deref();
+        let backend = Box::new(Uploaded::new(exec, &scene.gaussians, near_field, |light, _| light, Storage::F32)?);
         Self { backend, rules }.lit_by(scene.light_for(&rules))
     }
 
@@ -237,7 +275,7 @@ impl SceneRenderer {
             tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
         let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
-        let backend = upload(options.open()?, &scene.gaussians, cutoffs, options.storage)?;
+        let backend = upload(options.open()?, scene, cutoffs, options.storage)?;
         Self { backend, rules }.lit_by(light)
     }
 
@@ -325,13 +363,17 @@ impl SceneRenderer {
     }
 
     /// Replaces the Gaussians by others, rounded to the storage of the renderer
-    /// ([`Scene::rounded`]).
+    /// ([`Scene::rounded`]), and the near field; lights are to be set again.
     ///
     /// # Errors
     ///
     /// Those of the executor; [`SceneError::Immutable`] for backends that keep their Gaussians.
-    pub fn set_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<(), SceneError> {
-        self.backend.set_gaussians(gaussians)
+    pub fn set_surface(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        near_field: Option<&NearField<Vec<f32>>>,
+    ) -> Result<(), SceneError> {
+        self.backend.set_surface(gaussians, near_field)
     }
 
     /// Rules of its pictures, without stages that the scene does not need.

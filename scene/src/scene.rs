@@ -6,6 +6,7 @@ use crate::{
 };
 use specula_core::{
     cull::{CullReason, CullStats},
+    near_field::NearField,
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
@@ -18,7 +19,7 @@ use specula_io::{
     model_folder::{self, ModelInfo, Snapshot},
 };
 use specula_train::trainer::HostScene;
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// Least and default resolution of a light that replaces that of a scene, in texels along a face's
 /// edge.
@@ -31,6 +32,8 @@ pub struct Scene {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Light from far away; none for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Surface of the scene that reflected rays may meet; none where they leave for the far light.
+    pub near_field: Option<Arc<NearField<Vec<f32>>>>,
     /// Rules that the attributes were trained under.
     pub shading_model: ShadingModel,
 }
@@ -38,7 +41,8 @@ pub struct Scene {
 impl Scene {
     /// Result of a training.
     pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
-        Self { gaussians: host.gaussians, light: host.environment, shading_model }
+        let HostScene { gaussians, environment, near_field } = host;
+        Self { gaussians, light: environment, near_field: near_field.map(Arc::new), shading_model }
     }
 
     /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.
@@ -50,7 +54,8 @@ impl Scene {
     /// Rules of pictures with these channels, with and without the stages that the scene needs.
     pub fn plan(&self, channels: Channels) -> Plan {
         let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
-        self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels)
+        let plan = self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels);
+        plan.tracing(self.near_field.is_some())
     }
 
     /// Gaussians rounded to their storage, so that a plan looks at the numbers that are rendered.
@@ -99,7 +104,13 @@ impl Scene {
         let mut gaussians = self.gaussians.clone();
         self.shading_model.encode(&mut gaussians);
         let comments = if gaussians.layout.is_shaded() { vec![self.shading_model.comment()] } else { Vec::new() };
-        let snapshot = Snapshot { gaussians: &gaussians, comments: &comments, light: self.light.as_ref(), info };
+        let snapshot = Snapshot {
+            gaussians: &gaussians,
+            comments: &comments,
+            light: self.light.as_ref(),
+            near_field: self.near_field.as_deref(),
+            info,
+        };
         model_folder::save(folder, iteration, &snapshot)
     }
 }

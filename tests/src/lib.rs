@@ -7,6 +7,7 @@
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`stress`]: scenes at the edges of what is valid, by name
+//! * [`near_fields`]: triangles that reflected rays may meet
 //! * [`prefilter_error`]: how far filtered light is from its integral
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly
 //!   along rays; both in `f64`, sharing no formula with core
@@ -16,6 +17,7 @@ pub mod compare;
 pub mod derivative;
 pub mod device;
 pub mod formulas;
+pub mod near_fields;
 pub mod prefilter_error;
 pub mod strategies;
 pub mod stress;

@@ -14,6 +14,7 @@ use specula_accuracy::lpips::Network;
 use specula_core::{
     expose::IDENTITY,
     light_network::{WEIGHT_COUNT, initial_weight},
+    near_field::NearField,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
@@ -242,12 +243,25 @@ fn map() -> LatLong {
     LatLong { width: 24, height: 12, rgb: numbers(2, 3 * 24 * 12) }
 }
 
+/// One triangle in one leaf.
+fn near_field() -> NearField<Vec<f32>> {
+    let node = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0];
+    let numbers = node.into_iter().chain([0.0, 1.0, 2.0, 0.0]).chain(numbers(11, 48)).collect();
+    NearField::of_sizes([1, 1, 3], 0.125, numbers)
+}
+
 fn make_network(folder: &Path) {
     let values = (0..WEIGHT_COUNT).map(|index| initial_weight(index, -0.5, 3)).collect();
     let light = Environment { resolution: 2, activation: RadianceActivation::Network, values };
     let gaussians = cloud(3, Layout::shaded(None));
     let info = model_folder::ModelInfo::default();
-    let snapshot = model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: Some(&light), info: &info };
+    let snapshot = model_folder::Snapshot {
+        gaussians: &gaussians,
+        comments: &[],
+        light: Some(&light),
+        near_field: Some(&near_field()),
+        info: &info,
+    };
     model_folder::save(folder, 1, &snapshot).unwrap();
     fs::remove_file(model_folder::hdr_at(folder, 1)).unwrap();
 }
@@ -268,6 +282,7 @@ fn make_checkpoint(folder: &Path) {
     let exposures = ExposureState { moments: AdamMoments { mean: maps.clone(), square: maps.clone() }, maps };
     let state = TrainingState {
         scene,
+        near_field: Some(near_field()),
         exposures: Some(exposures),
         order: vec![1, 0, 2],
         iteration: 0,
@@ -374,7 +389,8 @@ fn make_cameras(folder: &Path) {
 fn make_model(folder: &Path) {
     let info = model_folder::ModelInfo { profile: "specula".into(), ..Default::default() };
     let gaussians = cloud(3, Layout::radiance(0));
-    let snapshot = model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: None, info: &info };
+    let snapshot =
+        model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: None, near_field: None, info: &info };
     model_folder::save(folder, 7, &snapshot).unwrap();
 }
 
@@ -413,6 +429,7 @@ const LIGHT_NETWORK: Target = Target {
     read: |folder| model_folder::open(folder).map(|_| ()).map_err(sentence),
     ..GAUSSIANS
 };
+const NEAR_FIELD: Target = Target { file: "light/iteration_1/near_field.safetensors", ..LIGHT_NETWORK };
 const CAMERAS: Target = Target {
     file: "cameras.json",
     make: make_cameras,
@@ -503,6 +520,7 @@ shapes! {
     shapes_of_png: PNG, shapes::png();
     shapes_of_safetensors: CHECKPOINT, shapes::safetensors();
     shapes_of_networks: LIGHT_NETWORK, shapes::safetensors();
+    shapes_of_near_fields: NEAR_FIELD, shapes::safetensors();
     shapes_of_onnx: NETWORK, shapes::onnx();
     shapes_of_exr: EXR, shapes::exr();
     shapes_of_hdr: HDR, shapes::hdr();
@@ -539,6 +557,7 @@ targets! {
     text_points: TEXT_POINTS;
     checkpoints: CHECKPOINT;
     networks_of_lights: LIGHT_NETWORK;
+    near_fields: NEAR_FIELD;
     camera_lists: CAMERAS;
     transforms: TRANSFORMS;
     one_list_of_transforms: LIST;

@@ -26,6 +26,7 @@
 
 pub mod evaluate;
 mod exposure;
+pub mod near_field;
 pub mod profile;
 pub mod start;
 pub mod trainer;

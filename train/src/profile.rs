@@ -92,6 +92,28 @@ pub struct GaussianStart {
     pub diffuse_share: f32,
 }
 
+/// Schedule of the near field: how often the surface that reflected rays meet is made anew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearFieldSchedule {
+    /// Share of the training after which there is one.
+    pub from: f32,
+    /// Share of the training between two of them.
+    pub every: f32,
+    /// Voxels along the longest edge of the scene.
+    pub voxels: u16,
+}
+
+impl NearFieldSchedule {
+    /// Four times, of voxels about as wide as two pixels of a view of 400 × 400.
+    pub const DEFAULT: Self = Self { from: 0.3, every: 0.2, voxels: 160 };
+
+    /// Whether the near field is made anew after an iteration.
+    pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
+        let [from, every] = [self.from, self.every].map(|share| (share * iterations as f32).round() as u32);
+        iteration >= from && iteration < iterations && (iteration - from).is_multiple_of(every.max(1))
+    }
+}
+
 /// A kind of training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
@@ -112,6 +134,8 @@ pub struct Profile {
     pub foreground: Option<Ball>,
     /// Weights of the losses.
     pub weights: LossWeights,
+    /// Schedule of the near field; none where reflected rays leave for the far light unhindered.
+    pub near_field: Option<NearFieldSchedule>,
     /// Share of the training at half resolution, where a step costs less.
     pub coarse_until: f32,
     /// Share of the training after which the normal loss begins.
@@ -173,6 +197,7 @@ fn plain(iterations: u32) -> Profile {
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
+        near_field: None,
         coarse_until: 0.25,
         normal_from: 0.0,
         normal_last: 1.0,

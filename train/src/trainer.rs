@@ -1,7 +1,8 @@
 //! The optimisation loop.
 
 use crate::{
-    exposure,
+    evaluate::render_view,
+    exposure, near_field,
     profile::Profile,
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
@@ -14,6 +15,7 @@ use specula_core::{
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
     light_network::initial_weight,
     metrics::psnr,
+    near_field::NearField,
     pipeline::train_step,
     random,
     rules::{Channels, RenderRules},
@@ -72,6 +74,8 @@ pub struct Trainer<E: Executor> {
     pictures: [Vec<(Camera, E::Target)>; 2],
     extent: f32,
     state: TrainingState<E::Array>,
+    /// Near field of the state on the executor.
+    near_field: Option<E::NearField>,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -124,9 +128,11 @@ impl<E: Executor> Trainer<E> {
         };
         let extent = extent_of(views);
         let near = near_of(extent);
-        let TrainingState { scene, exposures, order, iteration, psnr, nonfinite } = state;
+        let TrainingState { scene, near_field, exposures, order, iteration, psnr, nonfinite } = state;
+        let uploaded = near_field.as_ref().map(|near_field| upload_near_field(&mut exec, near_field)).transpose()?;
         let state = TrainingState {
             scene: upload_scene(&mut exec, scene)?,
+            near_field: near_field.clone(),
             exposures: exposures.clone(),
             order: order.clone(),
             iteration: *iteration,
@@ -134,7 +140,7 @@ impl<E: Executor> Trainer<E> {
             nonfinite: *nonfinite,
         };
         let pictures = [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?];
-        Ok(Self { exec, settings, pictures, extent, state })
+        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded })
     }
 
     /// Copies the state of the training to the host.
@@ -144,9 +150,10 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::Executor`], where arrays cannot be read back.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
-        let TrainingState { exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
+        let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
         Ok(TrainingState {
             scene,
+            near_field: near_field.clone(),
             exposures: exposures.clone(),
             order: order.clone(),
             iteration: *iteration,
@@ -176,6 +183,7 @@ impl<E: Executor> Trainer<E> {
             target,
             background: self.settings.background,
             exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[view]),
+            near_field: self.near_field.as_ref(),
             rules: &rules,
             weights: &weights,
             rates: &rates,
@@ -186,7 +194,9 @@ impl<E: Executor> Trainer<E> {
         let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
         self.note(&report);
         self.expose(view, &report);
-        Ok((report, self.refine()?))
+        let densified = self.refine()?;
+        self.renew_near_field()?;
+        Ok((report, densified))
     }
 
     /// Next view of the current pass; each pass visits all views in random order.
@@ -233,6 +243,7 @@ impl<E: Executor> Trainer<E> {
         let channels = if is_plain && channels == Channels::Training { Channels::Color } else { channels };
         RenderRules {
             sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
+            traces_near: self.near_field.is_some(),
             ..RenderRules::full(profile.shading, profile.scheme, channels)
         }
     }
@@ -270,6 +281,27 @@ impl<E: Executor> Trainer<E> {
             self.sample()?;
         }
         Ok(report)
+    }
+
+    /// Fuses the surface of the scene, as its views show it, into a near field if one is due.
+    fn renew_near_field(&mut self) -> Result<(), TrainError<E::Error>> {
+        let Settings { iterations, ref profile, .. } = self.settings;
+        let iteration = self.state.iteration;
+        let Some(schedule) = profile.near_field.filter(|schedule| schedule.is_due(iteration, iterations)) else {
+            return Ok(());
+        };
+        let rules = RenderRules { is_lit: false, ..self.rules_at(iteration, Channels::Training) };
+        let gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
+        let cameras: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
+        let scene = &self.state.scene.gaussians;
+        let exec = &mut self.exec;
+        let mut render = |camera: &Camera, channels: Channels| {
+            render_view(exec, scene, None, camera, &RenderRules { channels, ..rules })
+        };
+        self.state.near_field = near_field::fused(&gaussians, &cameras, schedule.voxels, &mut render)?;
+        let uploaded = self.state.near_field.as_ref().map(|near_field| upload_near_field(&mut self.exec, near_field));
+        self.near_field = uploaded.transpose()?;
+        Ok(())
     }
 
     /// Sets the filters in space of Gaussians that have one, from the views at full size.
@@ -339,7 +371,7 @@ impl<E: Executor> Trainer<E> {
         let SceneState { gaussians, light, .. } = &self.state.scene;
         let gaussians = download_gaussians(&mut self.exec, gaussians)?;
         let environment = light.as_ref().map(|(light, _)| download_light(&mut self.exec, light)).transpose()?;
-        Ok(HostScene { gaussians, environment })
+        Ok(HostScene { gaussians, environment, near_field: self.state.near_field.clone() })
     }
 }
 
@@ -360,7 +392,7 @@ fn initial_state(
         light: environment.map(with_moments),
         gaussians,
     };
-    TrainingState { scene, exposures, order: Vec::new(), iteration: 0, psnr: None, nonfinite: 0 }
+    TrainingState { scene, near_field: None, exposures, order: Vec::new(), iteration: 0, psnr: None, nonfinite: 0 }
 }
 
 /// Compares a state with the settings and the number of views; the error names the first mismatch.
@@ -393,10 +425,15 @@ fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count:
         (has_moments(moments, values.len()), "moments of Gaussians are missing"),
         ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
         (is_light, "the light is another"),
+        (state.near_field.is_none() || profile.near_field.is_some(), "there is a surface for reflections"),
         (are_exposures, "the exposures are of other photographs"),
         (state.order.iter().all(|view| (*view as usize) < view_count), "there are fewer views"),
     ];
     checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
+}
+
+fn upload_near_field<E: Executor>(exec: &mut E, near_field: &NearField<Vec<f32>>) -> Result<E::NearField, E::Error> {
+    exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))
 }
 
 fn upload_scene<E: Executor>(exec: &mut E, scene: &SceneState<Vec<f32>>) -> Result<SceneState<E::Array>, E::Error> {
@@ -467,6 +504,8 @@ pub struct HostScene {
     pub gaussians: Gaussians<Vec<f32>>,
     /// The light, if there is one.
     pub environment: Option<Environment<Vec<f32>>>,
+    /// The near field, if there is one.
+    pub near_field: Option<NearField<Vec<f32>>>,
 }
 
 /// Returns whether views at half their size are still large enough to train on.

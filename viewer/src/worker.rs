@@ -72,6 +72,8 @@ pub(crate) struct RenderWorker {
     layout: Layout,
     shading_model: ShadingModel,
     needs: Needs,
+    /// Whether reflected rays may meet the scene itself.
+    traces_near: bool,
     lights: Arc<Lights>,
     /// In the order of their last use.
     filtered: Vec<FilteredLight>,
@@ -98,9 +100,22 @@ impl RenderWorker {
     ) -> Result<Self, SceneError> {
         let scene = scene.rounded(storage);
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
+        let traces_near = scene.near_field.is_some();
         let renderer = load(scene)?;
         let filtered = Vec::new();
-        Ok(Self { renderer, storage, layout, shading_model, needs, lights, filtered, views, background, near })
+        Ok(Self {
+            renderer,
+            storage,
+            layout,
+            shading_model,
+            needs,
+            traces_near,
+            lights,
+            filtered,
+            views,
+            background,
+            near,
+        })
     }
 
     /// Renders the jobs of a queue on a new thread, until the queue is closed.
@@ -132,7 +147,8 @@ impl RenderWorker {
     fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
-        self.renderer.set_gaussians(&scene.gaussians)?;
+        self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
+        self.traces_near = scene.near_field.is_some();
         self.lights.set_scene_light(scene.light);
         self.filtered.clear();
         Ok(())
@@ -261,7 +277,8 @@ impl RenderWorker {
     fn rules(&self, cube: Option<&Cube>) -> [RenderRules; 3] {
         let needs = self.needs.under(cube);
         let levels = cube.map(|cube| levels_of(cube, self.shading_model.scheme));
-        CHANNELS.map(|channels| self.shading_model.plan(self.layout, &needs, levels.as_ref(), channels).rules)
+        let plan = |channels| self.shading_model.plan(self.layout, &needs, levels.as_ref(), channels);
+        CHANNELS.map(|channels| plan(channels).tracing(self.traces_near).rules)
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.

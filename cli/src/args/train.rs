@@ -291,6 +291,11 @@ pub(crate) struct Start {
     #[arg(long, value_enum, default_value_t = LightKind::Cube)]
     #[serde(skip_serializing_if = "LightKind::is_cube")]
     pub(crate) light: LightKind,
+    /// Reflections of the light far away (far), or of the scene's own surface as well where
+    /// reflected rays meet it (near), as on a toaster or between chess pieces; needs the light
+    /// looked up per pixel.
+    #[arg(long, value_enum)]
+    pub(crate) reflections: Option<Reflections>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
     #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]
@@ -312,6 +317,16 @@ impl LightKind {
     fn is_cube(&self) -> bool {
         *self == Self::Cube
     }
+}
+
+/// Ends of reflected rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Reflections {
+    /// The light far away.
+    Far,
+    /// The scene's own surface, and beyond it the light far away.
+    Near,
 }
 
 /// Sample of a light look-up.

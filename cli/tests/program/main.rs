@@ -15,6 +15,7 @@ mod pages;
 mod place;
 mod prefilter;
 mod python;
+mod reflections;
 mod report;
 mod resume;
 mod site;

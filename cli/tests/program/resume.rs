@@ -5,7 +5,10 @@ use assert_cmd::cargo::cargo_bin;
 use core::time::Duration;
 use serde_json::Value;
 use specula_core::random;
-use specula_io::{checkpoint, model_folder::gaussians_at};
+use specula_io::{
+    checkpoint,
+    model_folder::{gaussians_at, light_at, near_field_at},
+};
 use std::{fs, path::Path, process::Stdio, thread};
 
 /// Steps of a training that is interrupted.
@@ -24,10 +27,10 @@ const WORDS: [&str; 10] = [
     "1",
 ];
 
-/// Result of a training: Gaussians and light, to the last bit.
-fn model_of(folder: &Path, iteration: u32) -> [Vec<u8>; 2] {
-    [gaussians_at(folder, iteration), specula_io::model_folder::light_at(folder, iteration)]
-        .map(|path| fs::read(path).unwrap())
+/// Result of a training: Gaussians, light and near field, if there is one, to the last bit.
+fn model_of(folder: &Path, iteration: u32) -> ([Vec<u8>; 2], Option<Vec<u8>>) {
+    let whole = [gaussians_at(folder, iteration), light_at(folder, iteration)].map(|path| fs::read(path).unwrap());
+    (whole, fs::read(near_field_at(folder, iteration)).ok())
 }
 
 fn started(tiny: &Tiny, model: &str, more: &[&str]) -> assert_cmd::Command {
@@ -133,6 +136,11 @@ mod killed {
     #[test]
     fn a_training_of_a_network_that_is_killed_continues_to_the_same_bits() {
         ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &["--light", "mlp"]);
+    }
+
+    #[test]
+    fn a_killed_training_that_reflects_itself_continues_as_if_nothing_had_happened() {
+        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &["--reflections", "near"]);
     }
 
     #[test]

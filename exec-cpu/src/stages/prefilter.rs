@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, padded_index},
     environment::{radiance, radiance_vjp},
+    near_field::NearField,
     pack::Storage,
     prefilter::Level,
     scene::{Environment, RadianceActivation},
@@ -29,6 +30,8 @@ pub struct Light {
     nodes: Buffer<Texel>,
     /// Texels of a network, which takes the place of the pyramid; none for a cube map.
     encoded: Option<Arc<EncodedTexels>>,
+    /// Surface of the scene that reflected rays may meet.
+    pub(crate) near_field: Option<Arc<NearField<Vec<f32>>>>,
 }
 
 /// Gradient of a [`Light`], texel by texel.
@@ -103,6 +106,10 @@ impl Light {
     pub fn round(&mut self, storage: Storage) {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }
+    /// The same light around a near field.
+    pub(crate) fn around(self, near_field: &Arc<NearField<Vec<f32>>>) -> Self {
+        Self { near_field: Some(near_field.clone()), ..self }
+    }
     /// Filters an environment. The operator fits its resolution.
     pub(crate) fn new(context: &Context, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
         let mut nodes = context.take::<Texel>(operator.node_count() + operator.row_count());
@@ -112,7 +119,7 @@ impl Light {
         filter(context.level, &operator, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
-        Self { operator, texels, nodes, encoded: None }
+        Self { operator, texels, nodes, encoded: None, near_field: None }
     }
     /// Evaluates a light's network in every texel.
     pub(crate) fn of_network(context: &Context, encoded: &Arc<EncodedTexels>, values: &[f32]) -> Self {
@@ -121,7 +128,7 @@ impl Light {
         evaluate_all(context, encoded, values, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
-        Self { operator, texels, nodes, encoded: Some(encoded.clone()) }
+        Self { operator, texels, nodes, encoded: Some(encoded.clone()), near_field: None }
     }
     /// Gradient with respect to the environment's numbers.
     pub(crate) fn vjp(&self, context: &Context, environment: &Environment<Vec<f32>>, grad: &LightGrad) -> Vec<f32> {

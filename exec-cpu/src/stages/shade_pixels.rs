@@ -7,14 +7,18 @@ use crate::{
     stages::{
         lookup::{LIGHT_PARTS, look_up, look_up_vjp, radiance, sum_parts},
         prefilter::{Light, LightGrad, Texel},
+        trace::{LEN, reflection_of_quad},
     },
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
+    near_field::Reflection,
     rules::{Channels, channel},
-    shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
+    shade_pixels::{
+        Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color,
+    },
     vector::{Vec3, vec3},
 };
 
@@ -22,14 +26,40 @@ pub(crate) fn shade_pixels(context: &Context, mut surface: Frame, light: Option<
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut shaded = context.take::<Quad>(cover.tiles.len() * QUADS * RGB);
     let tiles = surface.blended.par_chunks_mut(tile_len(channels)).zip(shaded.par_chunks_mut(QUADS * RGB));
+    let reflections = surface.reflections.as_deref();
     tiles.enumerate().for_each(|(slot, (tile, shaded))| {
+        let far = light.map(|light| Lighting { light, reflections: reflections.map(|all| of_tile(all, slot)) });
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
-            shade_tile(simd, cover.origin(slot), light, &lifted, channels, tile, shaded);
+            shade_tile(simd, cover.origin(slot), far, &lifted, channels, tile, shaded);
         });
     });
     surface.shaded = Some(shaded);
     surface
+}
+
+/// Light of the pixels of a tile.
+#[derive(Clone, Copy)]
+struct Lighting<'a> {
+    light: &'a Light,
+    /// Reflections of the tile, where rays were traced.
+    reflections: Option<&'a [Quad]>,
+}
+
+impl Lighting<'_> {
+    /// Lookup of the far light for a quad.
+    #[inline(always)]
+    fn reflection<S: Simd>(&self, simd: S, quad: usize, surface: &PixelSurface<Lanes<S>>) -> Reflection<Lanes<S>> {
+        match self.reflections {
+            Some(reflections) => reflection_of_quad(simd, reflections, quad),
+            None => Reflection::of_far(surface.reflection_dir, surface.roughness),
+        }
+    }
+}
+
+/// Reflections of a covered tile.
+fn of_tile(reflections: &[Quad], slot: usize) -> &[Quad] {
+    &reflections[slot * QUADS * LEN..(slot + 1) * QUADS * LEN]
 }
 
 pub(crate) fn shade_pixels_vjp(
@@ -50,9 +80,11 @@ pub(crate) fn shade_pixels_vjp(
         light_grad.fill([0.0; 4]);
         for (slot, grad) in (part * part_len..).zip(grad.chunks_exact_mut(tile_len)) {
             let origin = surface.cover.origin(slot);
+            let reflections = surface.reflections.as_deref().map(|all| of_tile(all, slot));
+            let far = light.map(|light| Lighting { light, reflections });
             dispatch!(context.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
-                tile_vjp(simd, origin, surface.tile(slot), light, &lifted, grad, light_grad);
+                tile_vjp(simd, origin, surface.tile(slot), far, &lifted, grad, light_grad);
             });
         }
     });
@@ -61,7 +93,7 @@ pub(crate) fn shade_pixels_vjp(
 
 /// The numbers of a quad of a tile, by the channels of all layers.
 #[derive(Clone, Copy)]
-struct BlendedQuad<'a, S: Simd> {
+pub(crate) struct BlendedQuad<'a, S: Simd> {
     simd: S,
     tile: &'a [Quad],
     quad: usize,
@@ -70,12 +102,12 @@ struct BlendedQuad<'a, S: Simd> {
 
 impl<'a, S: Simd> BlendedQuad<'a, S> {
     #[inline(always)]
-    fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
+    pub(crate) fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
         Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
     }
     /// A channel; zero if it is left out, which is what nothing needs.
     #[inline(always)]
-    fn load(&self, channel: usize) -> Lanes<S> {
+    pub(crate) fn load(&self, channel: usize) -> Lanes<S> {
         match self.channels.index_of(channel) {
             Some(index) => Lanes::load(self.simd, &self.tile[at(self.channels.count(), self.quad, index)]),
             None => Lanes::splat(self.simd, 0.0),
@@ -93,15 +125,21 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
 }
 
 /// Surface that was blended into a quad, and its view directions.
-struct SurfaceQuad<S: Simd> {
-    pixel: Pixel<Lanes<S>>,
-    view_dir: Vec3<Lanes<S>>,
+pub(crate) struct SurfaceQuad<S: Simd> {
+    pub(crate) pixel: Pixel<Lanes<S>>,
+    pub(crate) view_dir: Vec3<Lanes<S>>,
 }
 
 impl<S: Simd> SurfaceQuad<S> {
     /// A quad of a tile; none if nothing covers it.
     #[inline(always)]
-    fn new(simd: S, tile: &[Quad], quad: usize, origin: [f32; 2], camera: &CameraOf<Lanes<S>>) -> Option<Self> {
+    pub(crate) fn new(
+        simd: S,
+        tile: &[Quad],
+        quad: usize,
+        origin: [f32; 2],
+        camera: &CameraOf<Lanes<S>>,
+    ) -> Option<Self> {
         let blended = BlendedQuad::new(simd, tile, quad);
         let coverage = -blended.transmittance() + 1.0;
         if !coverage.any_positive() {
@@ -125,13 +163,13 @@ impl<S: Simd> SurfaceQuad<S> {
 fn shade_tile<S: Simd>(
     simd: S,
     origin: [f32; 2],
-    light: Option<&Light>,
+    lighting: Option<Lighting<'_>>,
     camera: &CameraOf<Lanes<S>>,
     channels: usize,
     tile: &mut [Quad],
     shaded: &mut [Quad],
 ) {
-    let Some(light) = light else { return unlit_tile(simd, channels, tile, shaded) };
+    let Some(lighting) = lighting else { return unlit_tile(simd, channels, tile, shaded) };
     for quad in 0..QUADS {
         let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
         let Some(blended) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
@@ -140,7 +178,9 @@ fn shade_tile<S: Simd>(
         };
         let surface = pixel_surface(&blended.pixel, blended.view_dir);
         let coverage = blended.pixel.coverage;
-        let light = radiance(simd, light, surface.reflection_dir, surface.roughness);
+        let reflection = lighting.reflection(simd, quad, &surface);
+        let far = radiance(simd, lighting.light, reflection.direction, reflection.roughness);
+        let light = if lighting.reflections.is_some() { reflection.light(far) } else { far };
         store(pixel_color(&surface, light, coverage), out);
         if channels >= Channels::Layers.count() {
             store(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
@@ -178,7 +218,7 @@ fn tile_vjp<S: Simd>(
     simd: S,
     origin: [f32; 2],
     tile: &[Quad],
-    light: Option<&Light>,
+    lighting: Option<Lighting<'_>>,
     camera: &CameraOf<Lanes<S>>,
     grad: &mut [Quad],
     light_grad: &mut [Texel],
@@ -189,22 +229,27 @@ fn tile_vjp<S: Simd>(
             continue;
         };
         let surface = pixel_surface(&pixel, view_dir);
-        let (lookup, radiance) = match light {
-            Some(light) => {
-                let lookup = look_up(simd, light, surface.reflection_dir, surface.roughness);
-                let radiance = lookup.radiance();
-                (Some((light, lookup)), radiance)
-            }
-            None => (None, Vec3::zero(pixel.coverage)),
+        let lookup = lighting.map(|lighting| {
+            let reflection = lighting.reflection(simd, quad, &surface);
+            (lighting, reflection, look_up(simd, lighting.light, reflection.direction, reflection.roughness))
+        });
+        let light = match &lookup {
+            Some((Lighting { reflections: Some(_), .. }, reflection, far)) => reflection.light(far.radiance()),
+            Some((_, _, far)) => far.radiance(),
+            None => Vec3::zero(pixel.coverage),
         };
 
         let of_picture = BlendedQuad::new(simd, grad, quad);
         let (mut grad_surface, grad_light, grad_coverage) =
-            pixel_color_vjp(&surface, radiance, pixel.coverage, of_picture.load3(channel::COLOR));
-        if let Some((light, lookup)) = &lookup {
-            let (direction, roughness) = look_up_vjp(simd, light, lookup, surface.roughness, grad_light, light_grad);
-            grad_surface.reflection_dir = direction;
-            grad_surface.roughness = roughness;
+            pixel_color_vjp(&surface, light, pixel.coverage, of_picture.load3(channel::COLOR));
+        if let Some((lighting, reflection, far)) = &lookup {
+            let is_traced = lighting.reflections.is_some();
+            let grad_far = if is_traced { reflection.light_vjp(grad_light) } else { grad_light };
+            let (direction, roughness) =
+                look_up_vjp(simd, lighting.light, far, reflection.roughness, grad_far, light_grad);
+            // The place that a ray meets is taken as fixed.
+            grad_surface.reflection_dir = if is_traced { direction * reflection.far } else { direction };
+            grad_surface.roughness = if is_traced { roughness * reflection.far } else { roughness };
         }
         let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
         let normal = of_picture.load3(channel::NORMAL) + of_surface.normal;

@@ -1,6 +1,6 @@
 //! Errors of the executor.
 
-use specula_core::{executor::BufferLength, light_network::LightNetworkError};
+use specula_core::{executor::BufferLength, light_network::LightNetworkError, near_field::NearFieldError};
 
 /// Errors of devices, and of inputs that stages refuse.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
@@ -42,6 +42,9 @@ pub enum GpuError {
     /// A light's network cannot be evaluated.
     #[error(transparent)]
     LightNetwork(LightNetworkError),
+    /// A near field cannot be traced.
+    #[error("the near field is damaged: {0}")]
+    NearField(NearFieldError),
     /// The device of another program allows too little.
     #[error(
         "the device that {adapter:?} gave the program allows less than WebGPU does by default ({reason}); ask for \

@@ -8,6 +8,8 @@ pub struct Frame {
     pub(crate) size: [usize; 2],
     pub(crate) channels: usize,
     pub(crate) blended: Array,
+    /// Reflections of the pixels, plane by plane, if rays were traced.
+    pub(crate) reflections: Option<Array>,
     /// Colour after deferred shading, if there was any.
     pub(crate) shaded: Option<Array>,
     /// Colour after exposure, if there was any.

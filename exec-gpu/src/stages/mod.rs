@@ -1,8 +1,8 @@
 //! Stages of the pipeline, each with its dispatches, formulas and kernels, in the pipeline's order.
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (shade_pixels) → (expose) → loss
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←──────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) → loss
+//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←────────────────────────────────┘
 //! ```
 
 pub mod bin;
@@ -15,6 +15,7 @@ pub mod project;
 pub mod response;
 pub mod shade;
 pub mod shade_pixels;
+pub mod trace;
 
 pub mod blend_vjp;
 pub mod expose_vjp;

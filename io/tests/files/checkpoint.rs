@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use specula_core::{
     expose::Exposure,
     light_network::WEIGHT_COUNT,
+    near_field::NearField,
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
@@ -52,6 +53,7 @@ fn example(layout: Layout) -> Checkpoint {
     Checkpoint {
         state: TrainingState {
             scene,
+            near_field: Some(near_field()),
             exposures: Some(ExposureState { maps: exposures(13), moments }),
             order: vec![3, 0, 7],
             iteration: 40,
@@ -62,13 +64,20 @@ fn example(layout: Layout) -> Checkpoint {
     }
 }
 
+/// One triangle in one leaf.
+fn near_field() -> NearField<Vec<f32>> {
+    let node = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0];
+    let vertices = numbers(16, 48).into_iter().map(|x| x.clamp(-1e30, 1e30));
+    NearField::of_sizes([1, 1, 3], 0.125, node.into_iter().chain([0.0, 1.0, 2.0, 0.0]).chain(vertices).collect())
+}
+
 fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
 /// All numbers as bits, in order.
 fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
-    let TrainingState { scene, exposures, .. } = &checkpoint.state;
+    let TrainingState { scene, near_field, exposures, .. } = &checkpoint.state;
     let SceneState { gaussians, moments, statistics, light } = scene;
     let exposures = exposures.iter().flat_map(|ExposureState { maps, moments }| [maps, &moments.mean, &moments.square]);
     let exposures = exposures.map(|maps| maps.as_flattened().as_flattened());
@@ -76,6 +85,7 @@ fn all_bits(checkpoint: &Checkpoint) -> Vec<u32> {
     [&gaussians.values, &moments.mean, &moments.square, &statistics.grad_sum, &statistics.view_count]
         .into_iter()
         .chain(light)
+        .chain(near_field.iter().map(|near_field| &near_field.values))
         .map(Vec::as_slice)
         .chain(exposures)
         .flat_map(bits)

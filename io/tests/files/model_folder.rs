@@ -6,6 +6,7 @@ use specula_core::{
     camera::Camera,
     environment::texels,
     light_network::{WEIGHT_COUNT, initial_weight},
+    near_field::NearField,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
 use specula_io::{
@@ -51,9 +52,59 @@ fn info() -> ModelInfo {
 }
 
 fn save(folder: &Path, iteration: u32, light: Option<&Environment<Vec<f32>>>) {
+    save_with(folder, iteration, light, None);
+}
+
+fn save_with(
+    folder: &Path,
+    iteration: u32,
+    light: Option<&Environment<Vec<f32>>>,
+    near_field: Option<&NearField<Vec<f32>>>,
+) {
     let (gaussians, info) = (gaussians(iteration as f32), info());
-    let snapshot = Snapshot { gaussians: &gaussians, comments: &["hello".to_owned()], light, info: &info };
+    let comments = ["hello".to_owned()];
+    let snapshot = Snapshot { gaussians: &gaussians, comments: &comments, light, near_field, info: &info };
     model_folder::save(folder, iteration, &snapshot).unwrap();
+}
+
+/// One triangle in one leaf.
+fn near_field() -> NearField<Vec<f32>> {
+    let node = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0];
+    let triangle = [0.0, 1.0, 2.0, 0.0];
+    let vertices = (0..3).flat_map(|vertex| (0..16).map(move |k| (vertex * 16 + k) as f32 * 0.01));
+    NearField::of_sizes([1, 1, 3], 0.125, node.into_iter().chain(triangle).chain(vertices).collect())
+}
+
+#[test]
+fn a_near_field_comes_back_bit_by_bit_and_goes_with_its_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let (light, surface) = (light(RadianceActivation::Identity), near_field());
+    save_with(folder.path(), 3, Some(&light), Some(&surface));
+    assert_eq!(model_folder::open(folder.path()).unwrap().near_field, Some(surface));
+    // A model that takes its place leaves none behind.
+    save(folder.path(), 3, Some(&light));
+    assert_eq!(model_folder::open(folder.path()).unwrap().near_field, None);
+    assert!(!model_folder::near_field_at(folder.path(), 3).exists());
+}
+
+#[test]
+fn near_fields_that_would_not_be_traced_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let light = light(RadianceActivation::Identity);
+    let refused = |surface: &NearField<Vec<f32>>| {
+        save_with(folder.path(), 3, Some(&light), Some(surface));
+        model_folder::open(folder.path()).unwrap_err().to_string()
+    };
+    let mut damaged = near_field();
+    damaged.values[8] = 7.0;
+    assert!(refused(&damaged).contains("triangle 0 has a vertex that is not there"), "{}", refused(&damaged));
+    let mut damaged = near_field();
+    damaged.values[20] = f32::NAN;
+    assert!(refused(&damaged).contains("not finite"), "{}", refused(&damaged));
+    let file = model_folder::near_field_at(folder.path(), 3);
+    fs::write(&file, "nothing of the kind").unwrap();
+    let sentence = model_folder::open(folder.path()).unwrap_err().to_string();
+    assert!(sentence.contains("near_field.safetensors") && sentence.contains("remove the file"), "{sentence}");
 }
 
 fn read_json(path: &Path) -> Value {

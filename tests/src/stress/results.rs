@@ -116,6 +116,7 @@ impl<A> Scene<A> {
             target: &target,
             background: case.background,
             exposure: None,
+            near_field: None,
             rules,
             weights: &WEIGHTS,
             rates: &vec![0.0; case.cloud.layout.plane_count()],

@@ -22,6 +22,7 @@ use specula_core::{
     ggx,
     light_network::{self, Answers, DEGREES, HIDDEN_MAX, NUMBER_MAX, WEIGHT_COUNT, WEIGHT_MAX},
     loss::{self, NormalForm, NormalPatch},
+    near_field::Reflection,
     normal::{self, AxisRule},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape},
@@ -365,6 +366,20 @@ proptest! {
                 let grad = shade_pixels::pixel_surface_vjp(&blended(x), vector(view_dir), &surface, &surface_of_pixel(g));
                 let [base, tint, normal] = [grad.base, grad.tint, grad.normal].map(Vec3::to_array);
                 join(&[&base, &tint, &[grad.roughness], &normal, &[grad.coverage]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn light_of_reflections_is_derived_right(light in vec(0.0..3.0_f64, 3), fixed in vec(0.0..1.0_f64, 11)) {
+        let reflection = || Reflection::from_array(core::array::from_fn(|k| Dual::constant_from(fixed[k])));
+        assert_vjp(
+            &light,
+            |x| reflection().light(take3(x)).to_array().to_vec(),
+            |_, g| {
+                let reflection = Reflection::from_array(core::array::from_fn(|k| Double(fixed[k])));
+                reflection.light_vjp(take3(g)).to_array().to_vec()
             },
             SAME_DERIVATIVE,
         );

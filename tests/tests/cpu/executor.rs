@@ -9,6 +9,7 @@ use specula_core::{
     executor::{Executor, Renderer, StepReport, TrainingStep},
     expose::expose,
     loss::{LossWeights, NormalForm},
+    near_field::NearField,
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
@@ -36,12 +37,13 @@ use specula_tests::{
     brute,
     compare::{assert_psnr, psnr, relative_difference},
     independent::{rays, surface::gaussians},
+    near_fields::random_near_field,
     plain::{self, lift_environment, lift_gaussians, prefilter},
     strategies::{random_cloud, random_environment},
     stress::{every_case, results::Results, too_many_splats},
 };
 use specula_train::{
-    profile::{by_name, exposure_rate},
+    profile::{NearFieldSchedule, by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, TINT_LOGIT_OFF, Trainer},
     view::View,
@@ -81,6 +83,12 @@ fn weights() -> LossWeights {
         sparse: 1e-3,
         residual: 1e-2,
     }
+}
+
+/// Light around a near field.
+fn surrounded(exec: &mut CpuExecutor, light: Light, near_field: &NearField<Vec<f32>>) -> Light {
+    let uploaded = exec.upload_near_field(&near_field.with_values(&near_field.values));
+    exec.surround(light, &uploaded.expect("the near field is whole"))
 }
 
 fn wide(values: &[f32]) -> Vec<f64> {
@@ -144,8 +152,9 @@ fn an_exposure_of_a_picture_is_one_of_every_gaussian() {
 fn gradients_are_those_of_the_plain_pipeline() {
     for seed in 5..9 {
         let layout = Layout::shaded(Some(3));
-        BOTH.into_iter().for_each(|shading| gradients_agree(shading, layout, seed));
-        gradients_agree(ShadingRules::DEFERRED, layout.antialiased(), seed);
+        BOTH.into_iter().for_each(|shading| gradients_agree(shading, layout, None, seed));
+        gradients_agree(ShadingRules::DEFERRED, layout.antialiased(), None, seed);
+        gradients_agree(ShadingRules::DEFERRED, layout, Some(&random_near_field(60, seed)), seed);
     }
 }
 
@@ -172,6 +181,9 @@ fn back_to_splats(
     let mut frame = exec.blend(&splats, &colors, &tiles, camera).expect("the CPU blends");
     let is_deferred = rules.is_deferred(cloud.layout);
     if is_deferred {
+        if rules.traces_near {
+            frame = exec.trace(frame, light, camera).expect("the CPU traces");
+        }
         frame = exec.shade_pixels(frame, Some(light), camera).expect("the CPU shades");
     }
     let mut frame_grad = exec.loss(&frame, target, camera, weights, BACKGROUND).expect("sizes agree");
@@ -198,14 +210,16 @@ const GROUPS: [(&str, core::ops::Range<usize>); 10] = [
     ("residual harmonics", NORMAL_RESIDUAL_2 + 3..NORMAL_RESIDUAL_2 + 3 + 48),
 ];
 
-fn gradients_agree(shading: ShadingRules, layout: Layout, seed: u64) {
+fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&NearField<Vec<f32>>>, seed: u64) {
     let cloud = random_cloud(40, layout, seed);
     assert_eq!(GROUPS[9].1.end, layout.sh_end(), "no plane is left out");
     let environment = random_environment(RESOLUTION, RadianceActivation::Exponential, seed);
-    let (camera, rules, weights) = (camera(40, 33), rules(shading, Channels::Training), weights());
+    let rules = RenderRules { traces_near: near_field.is_some(), ..rules(shading, Channels::Training) };
+    let (camera, weights) = (camera(40, 33), weights());
     let rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     let mut exec = CpuExecutor::new();
     let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
+    let light = near_field.map_or(light.clone(), |near_field| surrounded(&mut exec, light, near_field));
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
     let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
     let (splats, grads, light_grad) = back_to_splats(&mut exec, &cloud, &light, &view);
@@ -226,7 +240,7 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, seed: u64) {
         alpha: Some(rgba.chunks_exact(4).map(|pixel| Double(f64::from(pixel[3]) / 255.0)).collect()),
         background: BACKGROUND,
     };
-    let view = plain::View { camera: &camera, target: &target, rules: &rules, weights: &weights };
+    let view = plain::View { camera: &camera, target: &target, rules: &rules, weights: &weights, near_field };
     let operator = plain::Operator::new(RESOLUTION);
     let lifted = (lift_environment(&environment), lift_gaussians(&cloud));
     let (_, exact, _) = plain::loss_and_gradient(&lifted.1, Some((&lifted.0, &operator)), &view);
@@ -266,6 +280,7 @@ fn an_update_at_once_is_that_of_two_stages() {
             target: &target,
             background: BACKGROUND,
             exposure: None,
+            near_field: None,
             rules: &rules,
             weights: &weights,
             rates: &rates,
@@ -396,6 +411,13 @@ fn antialiased(name: &str) -> Settings {
     settings
 }
 
+/// Settings of a short training whose reflected rays meet the scene itself, from step 18 on.
+fn reflecting() -> Settings {
+    let mut settings = settings("specula");
+    settings.profile.near_field = Some(NearFieldSchedule { from: 0.3, every: 0.3, voxels: 24 });
+    settings
+}
+
 /// Short training on a number of threads.
 fn train(threads: usize, name: &str) -> (HostScene, Option<ExposureState>) {
     train_with_pause(threads, &settings(name), None)
@@ -436,7 +458,7 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
 #[test]
 fn a_resumed_training_continues_to_the_last_bit() {
     for name in ["specula", "3dgs"] {
-        for settings in [settings(name), antialiased(name)] {
+        for settings in [settings(name), antialiased(name), reflecting()] {
             assert_eq!(
                 train_with_pause(2, &settings, None),
                 train_with_pause(2, &settings, Some(33)),
@@ -444,6 +466,16 @@ fn a_resumed_training_continues_to_the_last_bit() {
             );
         }
     }
+}
+
+#[test]
+fn a_training_that_reflects_itself_is_the_same_to_the_last_bit_on_any_number_of_threads() {
+    let once = train_with_pause(1, &reflecting(), None);
+    let near_field = once.0.near_field.as_ref().expect("rays meet the scene itself");
+    assert_eq!(near_field.check(), Ok(()));
+    assert!(once == train_with_pause(3, &reflecting(), None));
+    let far = train_with_pause(1, &settings("specula"), None);
+    assert!(far.0.near_field.is_none() && far.0.gaussians != once.0.gaussians, "reflections take part");
 }
 
 #[test]

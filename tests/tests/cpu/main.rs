@@ -13,6 +13,7 @@ mod executor;
 mod exports;
 mod invariants;
 mod light_network;
+mod near_field;
 mod order;
 mod perspective;
 mod pipeline_gradients;

@@ -96,7 +96,13 @@ impl Scene {
     }
 
     fn view(&self) -> View<'_, Double> {
-        View { camera: &self.camera, target: &self.target, rules: &self.rules, weights: &self.weights }
+        View {
+            camera: &self.camera,
+            target: &self.target,
+            rules: &self.rules,
+            weights: &self.weights,
+            near_field: None,
+        }
     }
 
     fn loss_of(&self, gaussians: &Gaussians<Vec<Double>>, light: &Light<Double>, frozen: &FrozenWeights) -> f64 {
@@ -447,7 +453,8 @@ fn a_dual_number_through_the_whole_pipeline_is_its_derivative() {
         alpha: scene.target.alpha.as_ref().map(|alpha| alpha.iter().map(dual).collect()),
         background: scene.target.background,
     };
-    let view = View { camera: &scene.camera, target: &target, rules: &scene.rules, weights: &scene.weights };
+    let view =
+        View { camera: &scene.camera, target: &target, rules: &scene.rules, weights: &scene.weights, near_field: None };
     // One direction through every number of the scene.
     let along = |k: usize, stream: u64| f64::from(random::uniform(8, stream, k as u64)) - 0.5;
     let move_all = |values: &[Double], stream: u64| -> Vec<Dual> {

@@ -538,7 +538,7 @@ fn pixels_give_back_what_plain_loops_do() {
     let operator = plain::Operator::new(environment.resolution);
     let light = plain::prefilter(&environment, &operator);
     let (mut exact, mut of_light) = (image(&grad), plain::LightGrad::zero(&light));
-    plain::shade_pixels_vjp(&image(&ours.blended), Some(&light), &scene.camera, &mut exact, Some(&mut of_light));
+    plain::shade_pixels_vjp(&image(&ours.blended), Some(&light), &scene.camera, false, &mut exact, Some(&mut of_light));
     let flat = |texel: &Vec3<Double>| [texel.x.0, texel.y.0, texel.z.0, 0.0];
     let exact = Gradient {
         blended: ours.blended.clone(),

@@ -116,7 +116,8 @@ pub(crate) fn rasterise(
     let arrays = arrays.into_iter().chain(kernel.others.iter().copied()).map(Buffer);
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     context.dispatch(kernel.key, kernel.entry, kernel.source, &bindings, Dispatch::Grid(view.tiles()))?;
-    Ok(Frame { size: [camera.width as usize, camera.height as usize], channels, blended, shaded: None, exposed: None })
+    let size = [camera.width as usize, camera.height as usize];
+    Ok(Frame { size, channels, blended, reflections: None, shaded: None, exposed: None })
 }
 
 /// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations;

@@ -172,7 +172,8 @@ pub(crate) fn evaluate(
     network.aprons.apply(context, &nodes, 0, Out::Other(&texels, storage))?;
     let split_sum = context.upload("split sums", &[[0.0_f32; 2]])?;
     let layout = layout_of(operator, storage);
-    Ok(Light { layout, texels, split_sum, source: LightSource::Network(network.clone()) })
+    let source = LightSource::Network(network.clone());
+    Ok(Light { layout, texels, split_sum, source, near_field: None })
 }
 
 /// Gradient of a network's weights from that of its filtered light.

@@ -20,6 +20,7 @@ use core::ops::Range;
 use formulas::RadianceOf;
 use specula_core::{
     cubemap::FACE_COUNT,
+    near_field::NearField,
     pack::Storage,
     prefilter::{LevelRange, PrefilterScheme},
     scene::{Environment, RadianceActivation},
@@ -76,6 +77,15 @@ pub struct Light {
     pub(crate) split_sum: Array,
     /// Source of its texels.
     pub(crate) source: LightSource,
+    /// Surface of the scene that reflected rays may meet.
+    pub(crate) near_field: Option<Arc<NearField<Array>>>,
+}
+
+impl Light {
+    /// The same light around a near field.
+    pub(crate) fn around(self, near_field: &Arc<NearField<Array>>) -> Self {
+        Self { near_field: Some(near_field.clone()), ..self }
+    }
 }
 
 /// Source of a light's texels.
@@ -326,7 +336,8 @@ pub(crate) fn prefilter(
         PrefilterScheme::Official => context.upload("split sums", &SPLIT_SUM)?,
         PrefilterScheme::Exact => context.upload("split sums", &[[0.0_f32; 2]])?,
     };
-    Ok(Light { layout: layout_of(operator, storage), texels, split_sum, source: LightSource::Weights(weights.clone()) })
+    let (layout, source) = (layout_of(operator, storage), LightSource::Weights(weights.clone()));
+    Ok(Light { layout, texels, split_sum, source, near_field: None })
 }
 
 /// Texels of an environment.

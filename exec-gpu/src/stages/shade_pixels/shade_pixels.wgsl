@@ -1,9 +1,9 @@
 // Deferred shading (stage `shade_pixels`).
 //
 // Threads: one invocation a pixel.
-// Inputs: camera, blended surface attributes, texels of the light.
+// Inputs: camera, blended surface attributes, texels of the light, reflections that were traced.
 // Outputs: colours; the layers of light and specular colour where they are requested.
-// Variants: blended channels, with or without a light.
+// Variants: blended channels; with or without a light, with or without reflections.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;

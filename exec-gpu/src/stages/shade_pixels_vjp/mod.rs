@@ -6,7 +6,7 @@ use crate::{
         context::Context,
         error::GpuError,
         kernels::{
-            Binding::{Buffer, Uniform},
+            Binding::{self, Buffer, Uniform},
             Dispatch,
         },
     },
@@ -16,8 +16,10 @@ use crate::{
         light::{LightGrad, LightLayout, sums::LightSums, texels},
         prefilter::Light,
         shade_pixels::formulas::SurfaceOfPixel,
+        trace::{formulas::LightOfReflectionVjp, reflection},
     },
 };
+use core::iter;
 use formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp};
 use specula_core::{
     camera::Camera,
@@ -42,8 +44,14 @@ fn look_up_vjp(lookup: LightLookup, direction: vec3f, roughness: f32, grad: vec3
 }
 ";
 
-/// Kernel for a surface; without a light, no gradient flows to one.
-pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> String {
+/// Calls in the kernel of the lookup of a light and its gradient.
+const LOOKUP: &str = "= look_up";
+/// Calls in their place of the lookup of a reflection and its gradient.
+const REFLECTED: &str = "= look_up_reflected";
+
+/// Kernel for a surface; without a light, no gradient flows to one. `is_traced` tells whether
+/// pixels of a light have reflections.
+pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, is_traced: bool) -> String {
     let index_of = |channel: usize| surface.blended.index_of(channel);
     let source = Source::new()
         .real()
@@ -56,11 +64,18 @@ pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>) -> S
         .part(|source| optional_channel(source, "NORMAL", index_of(channel::NORMAL)))
         .part(|source| optional_channel(source, "TINT", index_of(channel::TINT)))
         .part(|source| optional_channel(source, "ROUGHNESS", index_of(channel::ROUGHNESS)));
-    let source = match light {
-        Some(light) => light.lookup_vjp(source),
-        None => texels(source, Storage::F32).with(UNLIT_LOOKUP),
-    };
-    source.with(include_str!("shade_pixels_vjp.wgsl")).text()
+    let kernel = include_str!("shade_pixels_vjp.wgsl");
+    match light {
+        Some(light) if is_traced => light.lookup_vjp(source).part(reflected).with(&kernel.replace(LOOKUP, REFLECTED)),
+        Some(light) => light.lookup_vjp(source).with(kernel),
+        None => texels(source, Storage::F32).with(UNLIT_LOOKUP).with(kernel),
+    }
+    .text()
+}
+
+/// Appends the lookup of the light of a pixel's reflection, and its gradient.
+fn reflected(source: Source) -> Source {
+    source.part(reflection).formula(&LightOfReflectionVjp).with(include_str!("reflected_vjp.wgsl"))
 }
 
 /// Appends whether a layer is blended, and its first channel.
@@ -84,16 +99,19 @@ pub(crate) fn shade_pixels_vjp(
     let of_pixel = SurfaceOfPixel { blended: Channels::of_count(surface.channels) };
     let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
     let none = [context.allocate("no light", 4)?, context.allocate("no sums", 4)?];
-    let bindings = [
-        Uniform(view.bytes()),
-        Buffer(&surface.blended),
-        Buffer(light.map_or(&none[0], |light| &light.texels)),
-        Buffer(&grad.values),
-        Buffer(sums.as_ref().map_or(&none[1], LightSums::array)),
+    let reflections = surface.reflections.as_ref().filter(|_| light.is_some());
+    let arrays = [
+        &surface.blended,
+        light.map_or(&none[0], |light| &light.texels),
+        &grad.values,
+        sums.as_ref().map_or(&none[1], LightSums::array),
     ];
+    let arrays = arrays.into_iter().chain(reflections).map(Buffer);
+    let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     let layout = light.map(|light| &light.layout);
-    let key = format!("{of_pixel:?} {layout:?}");
-    let source = || source(&of_pixel, layout);
+    let is_traced = reflections.is_some();
+    let key = format!("{of_pixel:?} {layout:?}, traced: {is_traced}");
+    let source = || source(&of_pixel, layout, is_traced);
     context.dispatch(&key, "shade_pixels_vjp", &source, &bindings, Dispatch::Invocations(surface.pixel_count()))?;
     let light_grad = sums.map(|sums| sums.finish(context)).transpose()?;
     Ok((grad, light_grad))

@@ -1,10 +1,11 @@
 // Gradient of deferred shading (stage `shade_pixels_vjp`).
 //
 // Threads: one invocation a pixel.
-// Inputs: camera, blended surface attributes, texels of the light, gradient of the colours.
+// Inputs: camera, blended surface attributes, texels of the light, reflections that were traced,
+// gradient of the colours.
 // Outputs: gradients of the blended channels, in place of those of the colours; sums of the
 // gradients of the light's texels.
-// Variants: blended channels.
+// Variants: blended channels; with or without a light, with or without reflections.
 // Early exit: pixels without a splat.
 
 @group(0) @binding(0) var<uniform> camera: Camera;

@@ -1,0 +1,425 @@
+//! Near field of a scene: a mesh of its own surface, which mirrored rays may meet before they leave
+//! for the far light.
+//!
+//! A pixel that shows the point x with the normal n mirrors its view direction to r. Where the ray
+//! from x + o n along r meets no triangle, light comes from afar, L = L_s(r, ρ). Where it meets one,
+//! the light is the surface there: its base colour b, tint s, roughness ρ_h and normal n_h under the
+//! far light along the ray mirrored once more,
+//!
+//! ```text
+//! L = b + s ⊙ L_s(r − 2 (r·n_h) n_h, ρ′),    ρ′⁴ = ρ⁴ + ρ_h⁴
+//! ```
+//!
+//! since α = ρ² and the variances of two lobes add. Either case is one lookup of the far light:
+//! [`Reflection`] holds where, and what is added and multiplied. Gradients flow through the lookup,
+//! not through the place of a hit.
+//!
+//! Triangles are found by a hierarchy of boxes in depth-first order. A node names the node after its
+//! descendants, so that a traversal needs no stack, and the order of tests, and with it the result,
+//! is the same everywhere. The numbers of a [`NearField`] are [`NODE_LEN`] for each node,
+//! [`TRIANGLE_LEN`] for each triangle and [`VERTEX_LEN`] for each vertex, one list after the other;
+//! indices are whole numbers below [`INDEX_MAX`], which an `f32` holds exactly.
+
+use crate::{
+    each, math,
+    real::Real,
+    shade::reflect,
+    vector::{Vec3, normalize_or, vec3},
+};
+
+/// Numbers of a node: least corner, index, greatest corner, count. With a count the node is a leaf,
+/// and the index is its first triangle; with none it is that of the node after its descendants.
+pub const NODE_LEN: usize = 8;
+/// Numbers of a triangle: three vertices, counterclockwise as seen from outside; padding.
+pub const TRIANGLE_LEN: usize = 4;
+/// Numbers of a vertex: position, normal, base colour, tint, roughness; padding.
+pub const VERTEX_LEN: usize = 16;
+/// Least index that an `f32` may not hold.
+pub const INDEX_MAX: usize = 1 << 24;
+/// Distance along a ray that is not met.
+pub const NOTHING: f32 = f32::MAX;
+
+/// Share of a triangle by which it is larger for rays, so that none passes between neighbours.
+const EDGE: f32 = 1e-5;
+/// Share by which boxes are larger for rays than rounding makes them smaller.
+const BOX_MARGIN: f32 = 2e-6;
+/// Components of a direction below this count as this large: 1 / 0 times 0 is not a number.
+const SLOPE_MIN: f32 = 1e-18;
+
+/// Surface of a scene for reflected rays; `A` is where its numbers are kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearField<A> {
+    /// Number of nodes.
+    pub node_count: usize,
+    /// Number of triangles.
+    pub triangle_count: usize,
+    /// Number of vertices.
+    pub vertex_count: usize,
+    /// Distance along the normal at which reflected rays start: about the error of the surface.
+    pub offset: f32,
+    /// Nodes, triangles, vertices.
+    pub values: A,
+}
+
+impl<A> NearField<A> {
+    /// The same surface with its numbers elsewhere.
+    pub fn with_values<B>(&self, values: B) -> NearField<B> {
+        NearField::of_sizes(self.sizes(), self.offset, values)
+    }
+    /// Near field of numbers of nodes, triangles and vertices.
+    pub const fn of_sizes([node_count, triangle_count, vertex_count]: [usize; 3], offset: f32, values: A) -> Self {
+        Self { node_count, triangle_count, vertex_count, offset, values }
+    }
+    /// Numbers of nodes, triangles and vertices.
+    pub const fn sizes(&self) -> [usize; 3] {
+        [self.node_count, self.triangle_count, self.vertex_count]
+    }
+    /// Index of the first number of triangles.
+    pub const fn triangles_start(&self) -> usize {
+        NODE_LEN * self.node_count
+    }
+    /// Index of the first number of vertices.
+    pub const fn vertices_start(&self) -> usize {
+        self.triangles_start() + TRIANGLE_LEN * self.triangle_count
+    }
+    /// Length of `values`.
+    pub const fn len_of_values(&self) -> usize {
+        self.vertices_start() + VERTEX_LEN * self.vertex_count
+    }
+}
+
+/// Fault of a near field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NearFieldError {
+    /// There are no triangles, or more nodes, triangles or vertices than can be counted.
+    Size,
+    /// There are more or fewer numbers than the sizes say.
+    Length {
+        /// Numbers that the sizes say.
+        expected: usize,
+        /// Numbers that are there.
+        found: usize,
+    },
+    /// A number is not finite, or the offset is negative.
+    NotFinite,
+    /// A node's index or count is not that of a hierarchy in depth-first order.
+    Node {
+        /// Index of the node.
+        index: usize,
+    },
+    /// A triangle has a vertex that is not there.
+    Triangle {
+        /// Index of the triangle.
+        index: usize,
+    },
+}
+
+impl core::fmt::Display for NearFieldError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Size => write!(out, "it has no triangles, or {INDEX_MAX} or more nodes, triangles or vertices"),
+            Self::Length { expected, found } => write!(out, "it has {found} numbers rather than {expected}"),
+            Self::NotFinite => write!(out, "a number is not finite, or rays would start below the surface"),
+            Self::Node { index } => write!(out, "node {index} does not belong to a hierarchy in depth-first order"),
+            Self::Triangle { index } => write!(out, "triangle {index} has a vertex that is not there"),
+        }
+    }
+}
+
+impl core::error::Error for NearFieldError {}
+
+/// Triangle that a ray meets first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit<R> {
+    /// Distance along the ray, in lengths of its direction.
+    pub distance: R,
+    /// Index of the triangle.
+    pub triangle: usize,
+    /// Barycentric coordinates: the weights of the second and the third vertex.
+    pub weights: [R; 2],
+}
+
+impl<A: AsRef<[f32]>> NearField<A> {
+    /// Checks that a traversal ends and reads no number that is not there.
+    ///
+    /// # Errors
+    ///
+    /// The first fault.
+    pub fn check(&self) -> Result<(), NearFieldError> {
+        let Self { node_count, triangle_count, vertex_count, offset, .. } = *self;
+        if self.sizes().iter().any(|size| !(1..INDEX_MAX).contains(size)) {
+            return Err(NearFieldError::Size);
+        }
+        let (expected, found) = (self.len_of_values(), self.values.as_ref().len());
+        if expected != found {
+            return Err(NearFieldError::Length { expected, found });
+        }
+        if !(offset >= 0.0 && offset.is_finite() && self.values.as_ref().iter().all(|number| number.is_finite())) {
+            return Err(NearFieldError::NotFinite);
+        }
+        for index in 0..node_count {
+            let [first, count] = self.range(index).ok_or(NearFieldError::Node { index })?;
+            let is_whole = match count {
+                0 => index < first && first <= node_count,
+                _ => first + count <= triangle_count,
+            };
+            if !is_whole {
+                return Err(NearFieldError::Node { index });
+            }
+        }
+        for index in 0..triangle_count {
+            let corners = self.numbers::<3>(self.triangles_start() + TRIANGLE_LEN * index);
+            let is_there = |corner: f32| whole(corner).is_some_and(|vertex| vertex < vertex_count);
+            if !corners.into_iter().all(is_there) {
+                return Err(NearFieldError::Triangle { index });
+            }
+        }
+        Ok(())
+    }
+
+    /// Index and count of a node; none where they are not whole numbers.
+    fn range(&self, node: usize) -> Option<[usize; 2]> {
+        let node = self.numbers::<NODE_LEN>(NODE_LEN * node);
+        Some([whole(node[3])?, whole(node[7])?])
+    }
+
+    #[inline(always)]
+    fn numbers<const N: usize>(&self, first: usize) -> [f32; N] {
+        let numbers = &self.values.as_ref()[first..first + N];
+        core::array::from_fn(|k| numbers[k])
+    }
+
+    /// Vertices of a triangle.
+    #[inline(always)]
+    pub fn corners(&self, triangle: usize) -> [usize; 3] {
+        self.numbers::<3>(self.triangles_start() + TRIANGLE_LEN * triangle).map(|vertex| vertex as usize)
+    }
+
+    /// Numbers of a vertex.
+    #[inline(always)]
+    pub fn vertex(&self, vertex: usize) -> [f32; VERTEX_LEN] {
+        self.numbers(self.vertices_start() + VERTEX_LEN * vertex)
+    }
+
+    #[inline(always)]
+    fn position<R: Real>(&self, vertex: usize, like: R) -> Vec3<R> {
+        let [x, y, z] = self.numbers(self.vertices_start() + VERTEX_LEN * vertex).map(|x| like.constant(x));
+        vec3(x, y, z)
+    }
+
+    /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
+    /// ray that is not finite meets nothing.
+    pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
+        let inverse = inverse_direction(direction);
+        let mut hit = None;
+        let mut nearest = origin.x.constant(NOTHING);
+        let mut index = 0;
+        while index < self.node_count {
+            let node = self.numbers::<NODE_LEN>(NODE_LEN * index);
+            let corner = |first: usize| {
+                let [x, y, z] = [node[first], node[first + 1], node[first + 2]].map(|x| nearest.constant(x));
+                vec3(x, y, z)
+            };
+            let [min, max] = [corner(0), corner(4)];
+            let [enter, leave] = box_span(min, max, origin, inverse);
+            let (first, count) = (node[3] as usize, node[7] as usize);
+            let is_met = enter.less_or_equal(leave) && enter.less(nearest);
+            index = if is_met || count > 0 { index + 1 } else { first };
+            if !is_met {
+                continue;
+            }
+            for triangle in first..first + count {
+                let corners = self.corners(triangle).map(|vertex| self.position(vertex, nearest));
+                let crossing = crossing(corners, origin, direction);
+                if crossing.distance.less(nearest) {
+                    nearest = crossing.distance;
+                    hit = Some(Hit { distance: nearest, triangle, weights: crossing.weights });
+                }
+            }
+        }
+        hit
+    }
+
+    /// Surface at a hit.
+    pub fn surface<R: Real>(&self, hit: &Hit<R>) -> NearSurface<R> {
+        let lifted = |vertex: usize| vertex_surface(self.vertex(vertex).map(|x| hit.distance.constant(x)));
+        let vertices = self.corners(hit.triangle).map(lifted);
+        surface_within(&vertices, hit.weights)
+    }
+}
+
+/// A number as an index.
+fn whole(number: f32) -> Option<usize> {
+    let is_whole = number >= 0.0 && number <= INDEX_MAX as f32 && math::floor(number) == number;
+    is_whole.then_some(number as usize)
+}
+
+/// Reciprocals of a direction's components, none of which is infinite.
+#[inline(always)]
+pub fn inverse_direction<R: Real>(direction: Vec3<R>) -> Vec3<R> {
+    each!(direction, x => R::select(x.abs().less(x.constant(SLOPE_MIN)), x.constant(SLOPE_MIN), x).recip())
+}
+
+/// Distances at which a ray enters and leaves a box, the first zero inside of it; in this order
+/// where the ray meets the box (slabs; Kay and Kajiya 1986). `inverse` is that of
+/// [`inverse_direction`].
+#[inline(always)]
+pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: Vec3<R>) -> [R; 2] {
+    let (to_min, to_max) = ((min - origin).times(inverse), (max - origin).times(inverse));
+    let enter = to_min.x.min(to_max.x).max(to_min.y.min(to_max.y)).max(to_min.z.min(to_max.z));
+    let leave = to_min.x.max(to_max.x).min(to_min.y.max(to_max.y)).min(to_min.z.max(to_max.z));
+    [enter.max(enter.zero()), leave * (1.0 + BOX_MARGIN)]
+}
+
+/// Place at which a ray meets a triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Crossing<R> {
+    /// Distance along the ray, in lengths of its direction; [`NOTHING`] for a ray that misses the
+    /// triangle or meets its back.
+    pub distance: R,
+    /// Weights of the second and the third corner.
+    pub weights: [R; 2],
+}
+
+/// Crossing of a ray and a triangle, whose corners are counterclockwise seen from its front (Möller
+/// and Trumbore 1997, "Fast, Minimum Storage Ray/Triangle Intersection").
+#[inline(always)]
+pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Vec3<R>) -> Crossing<R> {
+    let (to_b, to_c, from_a) = (b - a, c - a, origin - a);
+    let across = direction.cross(to_c);
+    let volume = to_b.dot(across);
+    let zero = volume.zero();
+    let is_front = zero.less(volume);
+    let per_volume = R::select(is_front, volume, volume.constant(1.0)).recip();
+    let u = from_a.dot(across) * per_volume;
+    let along = from_a.cross(to_b);
+    let v = direction.dot(along) * per_volume;
+    let distance = to_c.dot(along) * per_volume;
+    let least = zero.constant(-EDGE);
+    let is_inside = least.less(u) & least.less(v) & (u + v).less(zero.constant(1.0 + EDGE));
+    let is_met = is_front & is_inside & zero.less(distance);
+    Crossing { distance: R::select(is_met, distance, zero.constant(NOTHING)), weights: [u, v] }
+}
+
+/// Surface that a reflected ray meets.
+#[derive(Clone, Copy, Debug)]
+pub struct NearSurface<R> {
+    /// Normal; of any length.
+    pub normal: Vec3<R>,
+    /// Diffuse and residual colour, linear.
+    pub base: Vec3<R>,
+    /// Specular tint.
+    pub tint: Vec3<R>,
+    /// Perceptual roughness.
+    pub roughness: R,
+}
+
+/// Surface at a vertex, from its numbers.
+#[inline(always)]
+pub fn vertex_surface<R: Real>(numbers: [R; VERTEX_LEN]) -> NearSurface<R> {
+    let at = |first: usize| vec3(numbers[first], numbers[first + 1], numbers[first + 2]);
+    NearSurface { normal: at(3), base: at(6), tint: at(9), roughness: numbers[12] }
+}
+
+/// Surface inside a triangle of three vertices; `weights` are those of the second and the third.
+#[inline(always)]
+pub fn surface_within<R: Real>(vertices: &[NearSurface<R>; 3], weights: [R; 2]) -> NearSurface<R> {
+    let [a, b, c] = vertices;
+    let [u, v] = weights;
+    let w = -(u + v) + 1.0;
+    let vector = |a: Vec3<R>, b: Vec3<R>, c: Vec3<R>| (a * w).add_scaled(u, b).add_scaled(v, c);
+    NearSurface {
+        normal: vector(a.normal, b.normal, c.normal),
+        base: vector(a.base, b.base, c.base),
+        tint: vector(a.tint, b.tint, c.tint),
+        roughness: a.roughness * w + b.roughness * u + c.roughness * v,
+    }
+}
+
+/// Start of the reflected ray of a pixel: the point of this depth along the optical axis, lifted
+/// from the surface along its normal.
+///
+/// `view_dir` points to the eye, `axis` along the optical axis away from it; both are unit vectors,
+/// as is `normal`.
+#[inline(always)]
+pub fn ray_origin<R: Real>(
+    eye: Vec3<R>,
+    view_dir: Vec3<R>,
+    axis: Vec3<R>,
+    depth: R,
+    normal: Vec3<R>,
+    offset: R,
+) -> Vec3<R> {
+    let distance = depth / (-view_dir.dot(axis));
+    eye.add_scaled(-distance, view_dir).add_scaled(offset, normal)
+}
+
+/// Light of a reflected ray as a lookup of the far light, L = base + tint ⊙ L_s(direction,
+/// roughness).
+#[derive(Clone, Copy, Debug)]
+pub struct Reflection<R> {
+    /// Light of the surface that the ray meets; zero where it meets none.
+    pub base: Vec3<R>,
+    /// Share of far light; one where the ray meets nothing.
+    pub tint: Vec3<R>,
+    /// Direction from which far light comes.
+    pub direction: Vec3<R>,
+    /// Roughness at which it is looked up.
+    pub roughness: R,
+    /// 1 where the ray meets nothing, 0 where it meets a surface: the share of gradients that reach
+    /// direction and roughness.
+    pub far: R,
+}
+
+impl<R: Real> Reflection<R> {
+    /// Numbers of a reflection: base, tint, direction, roughness, far.
+    pub const LEN: usize = 11;
+
+    /// Reflection of a ray that meets nothing.
+    #[inline(always)]
+    pub fn of_far(direction: Vec3<R>, roughness: R) -> Self {
+        let one = roughness.constant(1.0);
+        Self { base: Vec3::zero(roughness), tint: Vec3::splat(one), direction, roughness, far: one }
+    }
+
+    /// Reflection of a ray along a unit direction, from a surface of some roughness, that meets
+    /// another surface.
+    #[inline(always)]
+    pub fn of_near(direction: Vec3<R>, roughness: R, near: &NearSurface<R>) -> Self {
+        let fourth = |roughness: R| roughness.squared().squared();
+        let widened = (fourth(roughness) + fourth(near.roughness)).sqrt().sqrt();
+        Self {
+            base: near.base,
+            tint: near.tint,
+            direction: reflect(-direction, normalize_or(near.normal, -direction)),
+            roughness: widened.min(roughness.constant(1.0)),
+            far: roughness.zero(),
+        }
+    }
+
+    /// The numbers, in the order of [`Reflection::LEN`].
+    #[inline(always)]
+    pub fn to_array(&self) -> [R; 11] {
+        let Self { base, tint, direction, roughness, far } = *self;
+        let ([a, b, c], [d, e, f], [g, h, i]) = (base.to_array(), tint.to_array(), direction.to_array());
+        [a, b, c, d, e, f, g, h, i, roughness, far]
+    }
+
+    /// Inverse of [`Reflection::to_array`].
+    #[inline(always)]
+    pub fn from_array([a, b, c, d, e, f, g, h, i, roughness, far]: [R; 11]) -> Self {
+        Self { base: vec3(a, b, c), tint: vec3(d, e, f), direction: vec3(g, h, i), roughness, far }
+    }
+
+    /// Light along the reflected ray under the far light that was looked up.
+    #[inline(always)]
+    pub fn light(&self, far_light: Vec3<R>) -> Vec3<R> {
+        self.base + self.tint.times(far_light)
+    }
+
+    /// Gradient of [`Reflection::light`] with respect to the far light.
+    #[inline(always)]
+    pub fn light_vjp(&self, grad: Vec3<R>) -> Vec3<R> {
+        self.tint.times(grad)
+    }
+}

@@ -1,0 +1,233 @@
+//! Volumetric fusion: depths and colours of views are integrated into a truncated signed distance
+//! field ([`specula_core::tsdf`]), whose zero level set becomes triangles.
+
+use crate::{Mesh, view::View};
+use glam::Vec3;
+use rayon::prelude::*;
+use specula_core::{
+    activation::sigmoid,
+    camera::Camera,
+    scene::{Gaussians, Image, MEAN, OPACITY},
+    tsdf::{CORNERS, Voxel, vertex},
+};
+
+/// Truncation distance of the field, in voxels.
+const TRUNCATION_VOXELS: f32 = 4.0;
+/// Share of Gaussians outside of each face of the volume, as distant outliers would enlarge voxels.
+const OUTLIER_SHARE: f32 = 0.005;
+/// Margin of the volume around the other Gaussians, relative to its longest edge.
+const MARGIN: f32 = 0.05;
+/// Coverage from which a pixel shows a surface.
+const COVERAGE_SURFACE: f32 = 0.5;
+/// Coverage below which a pixel shows free space.
+const COVERAGE_FREE: f32 = 0.05;
+/// Share of all triangles up to which a connected component is removed.
+const COMPONENT_SHARE_MIN: f32 = 0.002;
+
+/// Surface that grows view by view.
+#[derive(Clone, Debug)]
+pub struct Fusion {
+    volume: Volume,
+}
+
+impl Fusion {
+    /// Volume around Gaussians, with `voxels` voxels along its longest edge.
+    ///
+    /// # Panics
+    ///
+    /// Without Gaussians.
+    pub fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
+        Self { volume: Volume::around(gaussians, voxels) }
+    }
+
+    /// Adds a view: its channels, those of [`Channels::Training`] or more, premultiplied, then
+    /// transmittance.
+    ///
+    /// # Panics
+    ///
+    /// Without a channel of depths.
+    pub fn add(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
+        self.volume.integrate(&View::new(camera, image));
+    }
+
+    /// Edge length of a voxel.
+    pub fn voxel_size(&self) -> f32 {
+        self.volume.step
+    }
+
+    /// Surface of all views, without small components.
+    pub fn mesh(&self) -> Mesh {
+        without_small_components(self.volume.surface())
+    }
+}
+
+/// Grid of voxels, x fastest.
+#[derive(Clone, Debug)]
+struct Volume {
+    min: Vec3,
+    /// Edge length of a voxel.
+    step: f32,
+    size: [usize; 3],
+    voxels: Vec<Voxel>,
+}
+
+impl Volume {
+    /// Volume of the Gaussians with an opacity of one half or more, without outliers.
+    fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
+        let is_solid: Vec<bool> = gaussians.plane(OPACITY).map(|logit| sigmoid(logit) >= COVERAGE_SURFACE).collect();
+        let all_are_thin = !is_solid.contains(&true);
+        let bounds = |axis: usize| {
+            let of_solid = gaussians.plane(MEAN + axis).zip(&is_solid).filter(|(_, solid)| **solid || all_are_thin);
+            let mut coordinates: Vec<f32> = of_solid.map(|(x, _)| x).collect();
+            coordinates.sort_unstable_by(f32::total_cmp);
+            let outliers = (OUTLIER_SHARE * coordinates.len() as f32) as usize;
+            [coordinates[outliers], coordinates[coordinates.len() - 1 - outliers]]
+        };
+        let bounds = [bounds(0), bounds(1), bounds(2)];
+        let min = Vec3::from(bounds.map(|[min, _]| min));
+        let extent = Vec3::from(bounds.map(|[_, max]| max)) - min;
+        let margin = (MARGIN * extent.max_element()).max(f32::MIN_POSITIVE);
+        let (min, extent) = (min - margin, extent + 2.0 * margin);
+        let step = extent.max_element() / f32::from(voxels);
+        let size = extent.to_array().map(|edge| (edge / step).ceil() as usize + 1);
+        Self { min, step, size, voxels: vec![Voxel::default(); size.iter().product()] }
+    }
+
+    fn point(&self, [x, y, z]: [usize; 3]) -> Vec3 {
+        self.min + self.step * Vec3::new(x as f32, y as f32, z as f32)
+    }
+
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.size[1] + y) * self.size[0] + x
+    }
+
+    /// Adds the distances and colours of a view to the voxels that it shows.
+    fn integrate(&mut self, view: &View<'_>) {
+        let [width, height, _] = self.size;
+        let mut voxels = core::mem::take(&mut self.voxels);
+        voxels.par_chunks_mut(width).enumerate().for_each(|(row, voxels)| {
+            for (x, voxel) in voxels.iter_mut().enumerate() {
+                if let Some((depth, pixel)) = view.pixel(self.point([x, row % height, row / height])) {
+                    *voxel = match view.coverage[pixel] {
+                        coverage if coverage >= COVERAGE_SURFACE => {
+                            let distance = (view.depths[pixel] - depth) / (TRUNCATION_VOXELS * self.step);
+                            voxel.seen(distance, view.colors[pixel], coverage)
+                        }
+                        coverage if coverage < COVERAGE_FREE => voxel.seen(f32::INFINITY, [0.0; 3], 1.0),
+                        _ => *voxel,
+                    };
+                }
+            }
+        });
+        self.voxels = voxels;
+    }
+
+    /// Zero level set by surface nets: a vertex in each cell whose corners were all seen, and two
+    /// triangles across each edge of the grid between four such cells.
+    fn surface(&self) -> Mesh {
+        let mut mesh = Mesh::default();
+        let mut vertex_of = vec![u32::MAX; self.voxels.len()];
+        for cell in cells(self.size.map(|size| size - 1)) {
+            if let Some((position, normal, color)) = self.vertex(cell) {
+                vertex_of[self.index(cell)] = mesh.positions.len() as u32;
+                mesh.positions.push(position.to_array());
+                mesh.normals.push(normal);
+                mesh.colors.push(color);
+            }
+        }
+        for (cell, axis) in cells(self.size.map(|size| size - 1)).flat_map(|cell| (0..3).map(move |axis| (cell, axis)))
+        {
+            if let Some(quad) = self.quad(cell, axis).and_then(|cells| complete(cells.map(|cell| vertex_of[cell]))) {
+                let [a, b, c, d] = quad;
+                mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+        mesh
+    }
+
+    /// Position, normal and colour of a cell's vertex.
+    fn vertex(&self, cell: [usize; 3]) -> Option<(Vec3, [f32; 3], [f32; 3])> {
+        let corners: [Voxel; CORNERS] = core::array::from_fn(|corner| {
+            self.voxels[self.index(core::array::from_fn(|k| cell[k] + (corner >> k & 1)))]
+        });
+        if corners.iter().any(|voxel| voxel.weight == 0.0) {
+            return None;
+        }
+        let (offset, normal) = vertex(&corners.map(|voxel| voxel.distance))?;
+        let weight: f32 = corners.iter().map(|voxel| voxel.color_weight).sum();
+        let color = |c: usize| corners.iter().map(|voxel| voxel.color_weight * voxel.color[c]).sum::<f32>();
+        let color = core::array::from_fn(|c| if weight > 0.0 { color(c) / weight } else { 0.0 });
+        Some((self.point(cell) + self.step * Vec3::from(offset), normal, color))
+    }
+
+    /// Four cells around the edge of the grid from a corner along an axis, counterclockwise as seen
+    /// from outside of the surface; none for an edge that the surface does not cross.
+    fn quad(&self, corner: [usize; 3], axis: usize) -> Option<[usize; 4]> {
+        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+        if corner[b] == 0 || corner[c] == 0 {
+            return None;
+        }
+        let stepped = |by: [usize; 2]| {
+            let mut cell = corner;
+            cell[b] -= by[0];
+            cell[c] -= by[1];
+            self.index(cell)
+        };
+        let mut end = corner;
+        end[axis] += 1;
+        let is_behind = [corner, end].map(|corner| self.voxels[self.index(corner)].distance < 0.0);
+        let around = [[0, 0], [1, 0], [1, 1], [0, 1]].map(stepped);
+        match is_behind {
+            [true, false] => Some(around),
+            [false, true] => Some([around[3], around[2], around[1], around[0]]),
+            _ => None,
+        }
+    }
+}
+
+/// Cells of a grid, x fastest.
+fn cells([width, height, depth]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    (0..depth).flat_map(move |z| (0..height).flat_map(move |y| (0..width).map(move |x| [x, y, z])))
+}
+
+fn complete(vertices: [u32; 4]) -> Option<[u32; 4]> {
+    (!vertices.contains(&u32::MAX)).then_some(vertices)
+}
+
+/// Mesh without connected components of few triangles and without unused vertices.
+fn without_small_components(mesh: Mesh) -> Mesh {
+    let mut parents: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    for [a, b, c] in &mesh.triangles {
+        for (one, other) in [(a, b), (b, c)] {
+            let (one, other) = (root(&mut parents, *one), root(&mut parents, *other));
+            parents[one.max(other) as usize] = one.min(other);
+        }
+    }
+    let mut sizes = vec![0_usize; parents.len()];
+    mesh.triangles.iter().for_each(|[a, ..]| sizes[root(&mut parents, *a) as usize] += 1);
+    let count_min = (COMPONENT_SHARE_MIN * mesh.triangles.len() as f32) as usize;
+    let is_kept = |parents: &mut [u32], vertex: u32| sizes[root(parents, vertex) as usize] > count_min;
+
+    let mut kept = Mesh::default();
+    let mut index_of = vec![u32::MAX; parents.len()];
+    for vertex in 0..parents.len() {
+        if is_kept(&mut parents, vertex as u32) {
+            index_of[vertex] = kept.positions.len() as u32;
+            kept.positions.push(mesh.positions[vertex]);
+            kept.normals.push(mesh.normals[vertex]);
+            kept.colors.push(mesh.colors[vertex]);
+        }
+    }
+    let triangles = mesh.triangles.iter().map(|triangle| triangle.map(|vertex| index_of[vertex as usize]));
+    kept.triangles = triangles.filter(|triangle| triangle[0] != u32::MAX).collect();
+    kept
+}
+
+/// First vertex of the component of a vertex, by union-find with path halving.
+fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
+    while parents[vertex as usize] != vertex {
+        parents[vertex as usize] = parents[parents[vertex as usize] as usize];
+        vertex = parents[vertex as usize];
+    }
+    vertex
+}

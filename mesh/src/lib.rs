@@ -1,0 +1,24 @@
+//! Surfaces of Gaussian scenes.
+//!
+//! * [`fusion`]: a mesh from the depths of rendered views
+//! * [`near_field`]: a mesh with the attributes of its surface, for reflected rays
+//! * [`hierarchy`]: boxes around triangles, in the order in which rays visit them
+#![forbid(unsafe_code)]
+
+pub mod fusion;
+pub mod hierarchy;
+pub mod near_field;
+mod view;
+
+/// Triangles and their vertices.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Positions in world space.
+    pub positions: Vec<[f32; 3]>,
+    /// Outward unit normals.
+    pub normals: Vec<[f32; 3]>,
+    /// sRGB, in \[0, 1\].
+    pub colors: Vec<[f32; 3]>,
+    /// Vertices of each triangle, counterclockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
