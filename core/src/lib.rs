@@ -4,8 +4,8 @@
 //! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) → loss
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←────────────────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) ┐
+//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ← loss ←──────────────────────┘
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras

@@ -2,28 +2,31 @@
 //! for the far light.
 //!
 //! A pixel that shows the point x with the normal n mirrors its view direction to r. Where the ray
-//! from x + o n along r meets no triangle, light comes from afar, L = L_s(r, ρ). Where it meets one,
-//! the light is the surface there: its base colour b, tint s, roughness ρ_h and normal n_h under the
-//! far light along the ray mirrored once more,
+//! from x + o n along r meets no triangle, light comes from afar: L = L_s(r, ρ). Where it meets
+//! one, the light is that surface: its base colour b, tint s, roughness ρ_h and normal n_h under
+//! the far light along the ray mirrored once more,
 //!
 //! ```text
-//! L = b + s ⊙ L_s(r − 2 (r·n_h) n_h, ρ′),    ρ′⁴ = ρ⁴ + ρ_h⁴
+//! L = (1 − w) L_s(r, ρ) + w (b + s ⊙ L_s(r − 2 (r·n_h) n_h, ρ′)),    ρ′⁴ = ρ⁴ + ρ_h⁴
 //! ```
 //!
-//! since α = ρ² and the variances of two lobes add. Either case is one lookup of the far light:
-//! [`Reflection`] holds where, and what is added and multiplied. Gradients flow through the lookup,
-//! not through the place of a hit.
+//! since α = ρ² and the variances of two lobes add. A single ray stands for the lobe of a mirror,
+//! not for that of a rough surface, so w falls from one to zero with ρ ([`share_of_near`]).
+//! [`Reflection`] holds the second lookup, and what is added and multiplied. Gradients flow through
+//! the lookups, not through the place of a hit.
 //!
-//! Triangles are found by a hierarchy of boxes in depth-first order. A node names the node after its
-//! descendants, so that a traversal needs no stack, and the order of tests, and with it the result,
-//! is the same everywhere. The numbers of a [`NearField`] are [`NODE_LEN`] for each node,
+//! Triangles are found by a hierarchy of boxes in depth-first order. A node names the node after
+//! its descendants, so that a traversal needs no stack, and the order of tests, and with it the
+//! result, is the same everywhere. The numbers of a [`NearField`] are [`NODE_LEN`] for each node,
 //! [`TRIANGLE_LEN`] for each triangle and [`VERTEX_LEN`] for each vertex, one list after the other;
 //! indices are whole numbers below [`INDEX_MAX`], which an `f32` holds exactly.
 
 use crate::{
+    camera::CameraOf,
     each, math,
     real::Real,
     shade::reflect,
+    shade_pixels::{Pixel, per_coverage, pixel_normal},
     vector::{Vec3, normalize_or, vec3},
 };
 
@@ -38,6 +41,11 @@ pub const VERTEX_LEN: usize = 16;
 pub const INDEX_MAX: usize = 1 << 24;
 /// Distance along a ray that is not met.
 pub const NOTHING: f32 = f32::MAX;
+
+/// Roughness up to which a single ray stands for the lobe: GGX half-widths of 3.6°.
+pub const SHARP: f32 = 0.25;
+/// Roughness from which it says nothing: half-widths of 14°.
+pub const BLURRED: f32 = 0.5;
 
 /// Share of a triangle by which it is larger for rays, so that none passes between neighbours.
 const EDGE: f32 = 1e-5;
@@ -336,38 +344,29 @@ pub fn surface_within<R: Real>(vertices: &[NearSurface<R>; 3], weights: [R; 2]) 
     }
 }
 
-/// Start of the reflected ray of a pixel: the point of this depth along the optical axis, lifted
-/// from the surface along its normal.
-///
-/// `view_dir` points to the eye, `axis` along the optical axis away from it; both are unit vectors,
-/// as is `normal`.
+/// Start of the reflected ray of a pixel that is seen along −`view_dir`: the point at its mean
+/// depth, lifted from the surface by `offset` along its normal. `depth` is the premultiplied sum of
+/// depths along the optical axis.
 #[inline(always)]
-pub fn ray_origin<R: Real>(
-    eye: Vec3<R>,
-    view_dir: Vec3<R>,
-    axis: Vec3<R>,
-    depth: R,
-    normal: Vec3<R>,
-    offset: R,
-) -> Vec3<R> {
-    let distance = depth / (-view_dir.dot(axis));
-    eye.add_scaled(-distance, view_dir).add_scaled(offset, normal)
+pub fn ray_origin<R: Real>(camera: &CameraOf<R>, pixel: &Pixel<R>, depth: R, view_dir: Vec3<R>, offset: R) -> Vec3<R> {
+    let axis = camera.camera_from_world.rows[2];
+    let distance = depth * per_coverage(pixel.coverage) / (-view_dir.dot(axis));
+    camera.position.add_scaled(-distance, view_dir).add_scaled(offset, pixel_normal(pixel, view_dir))
 }
 
-/// Light of a reflected ray as a lookup of the far light, L = base + tint ⊙ L_s(direction,
-/// roughness).
+/// Light that a pixel reflects, L = base + far L_s(r, ρ) + tint ⊙ L_s(direction, roughness): that
+/// from afar, and that of the surface that its ray meets.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection<R> {
     /// Light of the surface that the ray meets; zero where it meets none.
     pub base: Vec3<R>,
-    /// Share of far light; one where the ray meets nothing.
+    /// Share of the far light that this surface reflects; zero where there is none.
     pub tint: Vec3<R>,
-    /// Direction from which far light comes.
+    /// Direction from which it reflects far light.
     pub direction: Vec3<R>,
-    /// Roughness at which it is looked up.
+    /// Roughness at which that is looked up.
     pub roughness: R,
-    /// 1 where the ray meets nothing, 0 where it meets a surface: the share of gradients that reach
-    /// direction and roughness.
+    /// Share of the pixel's own far light: 1 where the ray meets nothing.
     pub far: R,
 }
 
@@ -378,22 +377,23 @@ impl<R: Real> Reflection<R> {
     /// Reflection of a ray that meets nothing.
     #[inline(always)]
     pub fn of_far(direction: Vec3<R>, roughness: R) -> Self {
-        let one = roughness.constant(1.0);
-        Self { base: Vec3::zero(roughness), tint: Vec3::splat(one), direction, roughness, far: one }
+        let none = Vec3::zero(roughness);
+        Self { base: none, tint: none, direction, roughness, far: roughness.constant(1.0) }
     }
 
     /// Reflection of a ray along a unit direction, from a surface of some roughness, that meets
-    /// another surface.
+    /// another surface. Of a rough surface it counts less ([`share_of_near`]).
     #[inline(always)]
     pub fn of_near(direction: Vec3<R>, roughness: R, near: &NearSurface<R>) -> Self {
         let fourth = |roughness: R| roughness.squared().squared();
         let widened = (fourth(roughness) + fourth(near.roughness)).sqrt().sqrt();
+        let share = share_of_near(roughness);
         Self {
-            base: near.base,
-            tint: near.tint,
+            base: near.base * share,
+            tint: near.tint * share,
             direction: reflect(-direction, normalize_or(near.normal, -direction)),
             roughness: widened.min(roughness.constant(1.0)),
-            far: roughness.zero(),
+            far: -share + 1.0,
         }
     }
 
@@ -411,15 +411,25 @@ impl<R: Real> Reflection<R> {
         Self { base: vec3(a, b, c), tint: vec3(d, e, f), direction: vec3(g, h, i), roughness, far }
     }
 
-    /// Light along the reflected ray under the far light that was looked up.
+    /// Light of the reflection, from the far light of the pixel and that of the surface that its
+    /// ray meets.
     #[inline(always)]
-    pub fn light(&self, far_light: Vec3<R>) -> Vec3<R> {
-        self.base + self.tint.times(far_light)
+    pub fn light(&self, own: Vec3<R>, of_near: Vec3<R>) -> Vec3<R> {
+        self.base + own * self.far + self.tint.times(of_near)
     }
 
-    /// Gradient of [`Reflection::light`] with respect to the far light.
+    /// Gradient of [`Reflection::light`] with respect to both lights.
     #[inline(always)]
-    pub fn light_vjp(&self, grad: Vec3<R>) -> Vec3<R> {
-        self.tint.times(grad)
+    pub fn light_vjp(&self, grad: Vec3<R>) -> [Vec3<R>; 2] {
+        [grad * self.far, self.tint.times(grad)]
     }
+}
+
+/// Share of the surface that a single ray meets in what a surface of some roughness reflects: 1 for
+/// mirrors, falling smoothly to 0 between [`SHARP`] and [`BLURRED`], since a rough surface sees
+/// more than a ray does.
+#[inline(always)]
+pub fn share_of_near<R: Real>(roughness: R) -> R {
+    let x = ((roughness - SHARP) / (BLURRED - SHARP)).clamp(0.0, 1.0);
+    x.squared() * (x * 2.0 - 3.0) + 1.0
 }

@@ -63,7 +63,7 @@ pub fn pixel_surface<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> PixelSurfa
 
 /// Unit normal of a pixel; the direction to the eye, where normals cancel.
 #[inline(always)]
-pub fn pixel_normal<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> Vec3<R> {
+pub(crate) fn pixel_normal<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>) -> Vec3<R> {
     normalize_or(pixel.normal, view_dir)
 }
 
@@ -90,7 +90,7 @@ pub fn pixel_surface_vjp<R: Real>(
 
 /// Factor that turns a premultiplied sum into a mean over what covers the pixel.
 #[inline(always)]
-pub fn per_coverage<R: Real>(coverage: R) -> R {
+pub(crate) fn per_coverage<R: Real>(coverage: R) -> R {
     coverage.max(coverage.constant(COVERAGE_MIN)).recip()
 }
 

@@ -9,9 +9,7 @@ use specula_core::{
     camera::Camera,
     near_field::{NearField, Reflection, ray_origin},
     rules::{Channels, channel},
-    shade_pixels::{
-        Pixel, PixelSurface, per_coverage, pixel_color, pixel_color_vjp, pixel_normal, pixel_surface, pixel_surface_vjp,
-    },
+    shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
 };
 
@@ -20,7 +18,7 @@ struct Lit<R> {
     pixel: Pixel<R>,
     view_dir: Vec3<R>,
     surface: PixelSurface<R>,
-    /// Lookup of the far light; none without a light.
+    /// Reflection of the pixel; none without a light.
     reflection: Option<Reflection<R>>,
     light: Vec3<R>,
 }
@@ -41,32 +39,20 @@ impl<R: Number> Lit<R> {
         let surface = pixel_surface(&pixel, view_dir);
         let reflection = light.map(|light| match light.near_field.as_deref().filter(|_| traces) {
             Some(near_field) => {
-                let depth = frame.values[channel::DEPTH * size + index] * per_coverage(pixel.coverage);
-                let origin = origin(near_field, camera, &pixel, depth, view_dir);
+                let depth = frame.values[channel::DEPTH * size + index];
+                let offset = R::of(f64::from(near_field.offset));
+                let origin = ray_origin(&camera.lift(depth), &pixel, depth, view_dir, offset);
                 reflected(near_field, origin, &surface)
             }
             None => Reflection::of_far(surface.reflection_dir, surface.roughness),
         });
         let looked_up = light.zip(reflection.as_ref());
         let radiance = looked_up.map_or(Vec3::zero(R::of(0.0)), |(light, reflection)| {
-            reflection.light(look_up(light, reflection.direction, reflection.roughness))
+            let own = look_up(light, surface.reflection_dir, surface.roughness);
+            reflection.light(own, look_up(light, reflection.direction, reflection.roughness))
         });
         Self { pixel, view_dir, surface, reflection, light: radiance }
     }
-}
-
-/// Start of the reflected ray of a pixel.
-fn origin<R: Number>(
-    near_field: &NearField<Vec<f32>>,
-    camera: &Camera,
-    pixel: &Pixel<R>,
-    depth: R,
-    view_dir: Vec3<R>,
-) -> Vec3<R> {
-    let camera = camera.lift(depth);
-    let axis = camera.camera_from_world.rows[2];
-    let offset = R::of(f64::from(near_field.offset));
-    ray_origin(camera.position, view_dir, axis, depth, pixel_normal(pixel, view_dir), offset)
 }
 
 /// Reflection of a ray from a surface. What it meets is constant.
@@ -123,11 +109,12 @@ pub fn shade_pixels_vjp<R: Number>(
         let (mut grad_surface, grad_light, grad_coverage) =
             pixel_color_vjp(&lit.surface, lit.light, lit.pixel.coverage, grad_color);
         if let (Some(light), Some(reflection), Some(light_grad)) = (light, &lit.reflection, light_grad.as_deref_mut()) {
-            let grad_far = reflection.light_vjp(grad_light);
+            let [of_own, of_near] = reflection.light_vjp(grad_light);
             let (direction, roughness) =
-                look_up_vjp(light, reflection.direction, reflection.roughness, grad_far, light_grad);
-            grad_surface.reflection_dir = direction * reflection.far;
-            grad_surface.roughness = roughness * reflection.far;
+                look_up_vjp(light, lit.surface.reflection_dir, lit.surface.roughness, of_own, light_grad);
+            grad_surface.reflection_dir = direction;
+            grad_surface.roughness = roughness;
+            look_up_vjp(light, reflection.direction, reflection.roughness, of_near, light_grad);
         }
         let of_surface = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
         store(grad, channel::COLOR, index, of_surface.base);

@@ -8,8 +8,8 @@ use specula_mesh::fusion::Fusion;
 /// Fuses the views of some cameras into a mesh. The volume is that of the Gaussians, with `voxels`
 /// voxels along its longest edge.
 ///
-/// `renderer` renders depths, so its channels are [`Channels::Training`](specula_core::rules::Channels::Training) or more. `progress` is
-/// given the number of fused views after each.
+/// `renderer` renders depths, so its channels are those of training or more. `progress` is given
+/// the number of fused views after each.
 ///
 /// # Errors
 ///

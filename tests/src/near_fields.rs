@@ -4,6 +4,7 @@ use glam::Vec3;
 use specula_core::{
     near_field::{NearField, NearSurface, VERTEX_LEN},
     random::uniform,
+    scene::{Gaussians, ROUGHNESS},
     vector::Vec3 as Real3,
 };
 use specula_mesh::hierarchy::Hierarchy;
@@ -46,6 +47,15 @@ pub fn gray(base: f32, tint: f32, roughness: f32) -> NearSurface<f32> {
 pub fn rectangle(corner: Vec3, right: Vec3, up: Vec3, surface: NearSurface<f32>) -> [([Vec3; 3], NearSurface<f32>); 2] {
     let opposite = corner + right + up;
     [([corner, corner + right, opposite], surface), ([corner, opposite, corner + up], surface)]
+}
+
+/// Gaussians of a roughness from 0.2 to 0.42, which reflect hits of single rays.
+pub fn polished(mut gaussians: Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
+    for index in 0..gaussians.count {
+        let [raw] = gaussians.get::<1>(index, ROUGHNESS);
+        gaussians.set(index, ROUGHNESS, [0.5 * raw.clamp(-1.0, 1.0) - 0.85]);
+    }
+    gaussians
 }
 
 /// Near field of triangles anywhere in a cube from −2 to 2, of any surface.

@@ -16,9 +16,7 @@ use specula_core::{
     camera::{Camera, CameraOf},
     near_field::Reflection,
     rules::{Channels, channel},
-    shade_pixels::{
-        Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color,
-    },
+    shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     vector::{Vec3, vec3},
 };
 
@@ -47,14 +45,17 @@ struct Lighting<'a> {
 }
 
 impl Lighting<'_> {
-    /// Lookup of the far light for a quad.
+    /// Reflection of a quad; none where no ray was traced.
     #[inline(always)]
-    fn reflection<S: Simd>(&self, simd: S, quad: usize, surface: &PixelSurface<Lanes<S>>) -> Reflection<Lanes<S>> {
-        match self.reflections {
-            Some(reflections) => reflection_of_quad(simd, reflections, quad),
-            None => Reflection::of_far(surface.reflection_dir, surface.roughness),
-        }
+    fn reflection<S: Simd>(&self, simd: S, quad: usize) -> Option<Reflection<Lanes<S>>> {
+        self.reflections.map(|reflections| reflection_of_quad(simd, reflections, quad))
     }
+}
+
+/// Whether a ray of the quad meets a surface that reflects far light.
+#[inline(always)]
+fn has_second_lookup<S: Simd>(reflection: &Reflection<Lanes<S>>) -> bool {
+    reflection.tint.sum().any_positive()
 }
 
 /// Reflections of a covered tile.
@@ -178,9 +179,15 @@ fn shade_tile<S: Simd>(
         };
         let surface = pixel_surface(&blended.pixel, blended.view_dir);
         let coverage = blended.pixel.coverage;
-        let reflection = lighting.reflection(simd, quad, &surface);
-        let far = radiance(simd, lighting.light, reflection.direction, reflection.roughness);
-        let light = if lighting.reflections.is_some() { reflection.light(far) } else { far };
+        let own = radiance(simd, lighting.light, surface.reflection_dir, surface.roughness);
+        let light = match lighting.reflection(simd, quad) {
+            Some(reflection) if has_second_lookup(&reflection) => {
+                let of_near = radiance(simd, lighting.light, reflection.direction, reflection.roughness);
+                reflection.light(own, of_near)
+            }
+            Some(reflection) => reflection.light(own, Vec3::zero(coverage)),
+            None => own,
+        };
         store(pixel_color(&surface, light, coverage), out);
         if channels >= Channels::Layers.count() {
             store(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
@@ -230,26 +237,35 @@ fn tile_vjp<S: Simd>(
         };
         let surface = pixel_surface(&pixel, view_dir);
         let lookup = lighting.map(|lighting| {
-            let reflection = lighting.reflection(simd, quad, &surface);
-            (lighting, reflection, look_up(simd, lighting.light, reflection.direction, reflection.roughness))
+            let own = look_up(simd, lighting.light, surface.reflection_dir, surface.roughness);
+            let reflection = lighting.reflection(simd, quad);
+            let of_near = reflection
+                .filter(has_second_lookup)
+                .map(|reflection| look_up(simd, lighting.light, reflection.direction, reflection.roughness));
+            (lighting.light, own, reflection, of_near)
         });
+        let none = Vec3::zero(pixel.coverage);
         let light = match &lookup {
-            Some((Lighting { reflections: Some(_), .. }, reflection, far)) => reflection.light(far.radiance()),
-            Some((_, _, far)) => far.radiance(),
-            None => Vec3::zero(pixel.coverage),
+            Some((_, own, Some(reflection), of_near)) => {
+                reflection.light(own.radiance(), of_near.as_ref().map_or(none, |of_near| of_near.radiance()))
+            }
+            Some((_, own, None, _)) => own.radiance(),
+            None => none,
         };
 
         let of_picture = BlendedQuad::new(simd, grad, quad);
         let (mut grad_surface, grad_light, grad_coverage) =
             pixel_color_vjp(&surface, light, pixel.coverage, of_picture.load3(channel::COLOR));
-        if let Some((lighting, reflection, far)) = &lookup {
-            let is_traced = lighting.reflections.is_some();
-            let grad_far = if is_traced { reflection.light_vjp(grad_light) } else { grad_light };
-            let (direction, roughness) =
-                look_up_vjp(simd, lighting.light, far, reflection.roughness, grad_far, light_grad);
-            // The place that a ray meets is taken as fixed.
-            grad_surface.reflection_dir = if is_traced { direction * reflection.far } else { direction };
-            grad_surface.roughness = if is_traced { roughness * reflection.far } else { roughness };
+        if let Some((light, own, reflection, of_near)) = &lookup {
+            let [of_own, of_second] =
+                reflection.map_or([grad_light, none], |reflection| reflection.light_vjp(grad_light));
+            let (direction, roughness) = look_up_vjp(simd, light, own, surface.roughness, of_own, light_grad);
+            grad_surface.reflection_dir = direction;
+            grad_surface.roughness = roughness;
+            // What a ray meets is taken as fixed: the light alone learns from it.
+            if let (Some(reflection), Some(of_near)) = (reflection, of_near) {
+                look_up_vjp(simd, light, of_near, reflection.roughness, of_second, light_grad);
+            }
         }
         let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
         let normal = of_picture.load3(channel::NORMAL) + of_surface.normal;

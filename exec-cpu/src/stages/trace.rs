@@ -17,7 +17,7 @@ use specula_core::{
     real::Real,
     rules::{Channels, channel},
     scene::BLOCK,
-    shade_pixels::{per_coverage, pixel_normal, pixel_surface},
+    shade_pixels::pixel_surface,
     vector::{Vec3, vec3},
 };
 
@@ -57,10 +57,8 @@ fn trace_tile<S: Simd>(
             continue;
         };
         let surface = pixel_surface(&pixel, view_dir);
-        let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH) * per_coverage(pixel.coverage);
-        let axis = camera.camera_from_world.rows[2];
-        let offset = depth.constant(near_field.offset);
-        let start = ray_origin(camera.position, view_dir, axis, depth, pixel_normal(&pixel, view_dir), offset);
+        let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
+        let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
         let rays = Rays {
             origin: start.map(Lanes::to_array),
             direction: surface.reflection_dir.map(Lanes::to_array),

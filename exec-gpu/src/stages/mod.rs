@@ -1,8 +1,8 @@
 //! Stages of the pipeline, each with its dispatches, formulas and kernels, in the pipeline's order.
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) → loss
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ←────────────────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) ┐
+//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ← loss ←──────────────────────┘
 //! ```
 
 pub mod bin;

@@ -9,7 +9,8 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface, Reflection, crossing, vertex_surface,
+        BLURRED, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface, Reflection, SHARP,
+        crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
@@ -26,7 +27,7 @@ use specula_mesh::{
 };
 use specula_tests::{
     compare::{assert_psnr, psnr},
-    near_fields::{gray, of_triangles, random_near_field, rectangle},
+    near_fields::{gray, of_triangles, polished, random_near_field, rectangle},
     plain::{self, lift_environment, lift_gaussians},
     strategies::{random_cloud, random_environment, same_every_time, unit_vector},
 };
@@ -130,14 +131,26 @@ fn the_surface_of_a_hit_is_the_mean_of_its_corners() {
 fn far_light_comes_from_where_the_ray_is_mirrored_a_second_time() {
     let toward = Vec3::new(0.6, 0.0, 0.8);
     let near = NearSurface { normal: (3.0 * -toward).into(), ..gray(0.25, 0.5, 0.0) };
-    let reflection = Reflection::of_near(toward.into(), 0.3, &near);
+    let reflection = Reflection::of_near(toward.into(), 0.2, &near);
     let back = Vec3::from(reflection.direction);
     assert!((back + toward).length() < 1e-6, "{back}");
-    assert!((reflection.roughness - 0.3).abs() < 1e-6, "a mirror blurs nothing");
-    assert_eq!(reflection.light(Real3::splat(2.0)), Real3::splat(1.25), "b + s L");
+    assert!((reflection.roughness - 0.2).abs() < 1e-6, "a mirror blurs nothing");
+    let (own, of_near) = (Real3::splat(7.0), Real3::splat(2.0));
+    assert_eq!(reflection.light(own, of_near), Real3::splat(1.25), "b + s L, and nothing from afar");
+    assert_eq!(Reflection::of_far(toward.into(), 0.2).light(own, of_near), own);
     let rough = Reflection::of_near(toward.into(), 0.8, &NearSurface { roughness: 0.9, ..near });
     assert!((rough.roughness - (0.8_f32.powi(4) + 0.9_f32.powi(4)).powf(0.25).min(1.0)).abs() < 1e-6);
+    assert_eq!(rough.light(own, of_near), own, "a rough surface sees more than one ray does");
     assert_eq!(Reflection::from_array(rough.to_array()).to_array(), rough.to_array());
+}
+
+/// Hits count in full for mirrors, not at all for rough surfaces, and ever less in between.
+#[test]
+fn a_single_ray_stands_for_mirrors() {
+    let shares: Vec<f32> = (0..=100).map(|k| share_of_near(0.01 * k as f32)).collect();
+    assert_eq!([shares[0], shares[25], shares[50], shares[100]], [1.0, 1.0, 0.0, 0.0]);
+    assert!((share_of_near(0.5 * (SHARP + BLURRED)) - 0.5).abs() < 1e-6);
+    assert!(shares.windows(2).all(|pair| pair[1] <= pair[0]));
 }
 
 /// Rays at the limits of their numbers meet nothing or something, but end and are no panic.
@@ -213,7 +226,7 @@ impl Subject {
     fn new(seed: u64) -> Self {
         let eye = Vec3::new(2.0, -3.0, 1.5);
         Self {
-            gaussians: random_cloud(80, Layout::shaded(Some(3)), seed),
+            gaussians: polished(random_cloud(80, Layout::shaded(Some(3)), seed)),
             light: random_environment(RESOLUTION, RadianceActivation::Identity, seed),
             camera: Camera::look_at(eye, Vec3::new(0.2, 0.0, 0.1), Vec3::Z, 0.7, 70, 45),
         }

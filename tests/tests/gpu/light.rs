@@ -7,6 +7,7 @@ use specula_core::{
     dual::Dual,
     executor::{Executor, Renderer},
     light_network::{LightNetworkError, WEIGHT_COUNT, WEIGHT_MAX},
+    near_field::NearField,
     prefilter::{IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, PrefilterScheme, level_of_roughness},
     random::uniform,
     rules::{Channels, RenderRules, channel},
@@ -33,6 +34,7 @@ use specula_tests::{
     derivative::pull_back,
     device::{executor, executor_with_arrays_of},
     formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
+    near_fields::{polished, random_near_field},
     number::{Number, vector},
     plain,
     strategies::{random_cloud, random_environment},
@@ -360,6 +362,7 @@ struct Scene {
     environment: Environment<Vec<f32>>,
     camera: Camera,
     rules: RenderRules,
+    near_field: Option<NearField<Vec<f32>>>,
     seed: u64,
 }
 
@@ -415,8 +418,16 @@ impl Scene {
             environment: random_environment(rules.scheme.resolution_min(), activation, seed),
             camera: camera(size[0], size[1]),
             rules,
+            near_field: None,
             seed,
         }
+    }
+
+    /// Polished Gaussians among triangles.
+    fn among_triangles(channels: Channels, seed: u64) -> Self {
+        let rules = RenderRules { traces_near: true, ..rules(channels, PrefilterScheme::Exact) };
+        let scene = Self::new(80, [70, 45], rules, seed);
+        Self { cloud: polished(scene.cloud), near_field: Some(random_near_field(60, seed)), ..scene }
     }
 
     fn channels(&self) -> Channels {
@@ -441,13 +452,21 @@ impl Scene {
         let Gaussians { count, layout, values } = &self.cloud;
         let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
         let environment = upload(exec, &self.environment);
-        let light = self.rules.is_lit.then(|| light_of(exec, &self.environment, self.rules.scheme));
+        let mut light = self.rules.is_lit.then(|| light_of(exec, &self.environment, self.rules.scheme));
+        if let Some(near_field) = &self.near_field {
+            let near_field = exec.upload_near_field(&near_field.with_values(&near_field.values)).expect("it is whole");
+            light = light.map(|light| exec.surround(light, &near_field));
+        }
         let mut splats = exec.project(&cloud, &self.camera).expect("the executor projects");
         let colors = exec.shade(&cloud, &self.camera, &mut splats, light.as_ref(), &self.rules).expect("it shades");
         let tiles = exec.bin(&splats, &self.camera).expect("it sorts");
         let frame = exec.blend(&splats, &colors, &tiles, &self.camera).expect("it blends");
         let mut blended = vec![0.0; grad.len()];
         exec.read_frame(&frame, &mut blended).expect("the frame has that size");
+        let frame = match light.as_ref().filter(|_| self.rules.traces_near) {
+            Some(light) => exec.trace(frame, light, &self.camera).expect("it traces"),
+            None => frame,
+        };
         let frame = exec.shade_pixels(frame, light.as_ref(), &self.camera).expect("it shades pixels");
         let grad = exec.grad_from(&frame, grad);
         let (grad, light_grad) =
@@ -510,6 +529,9 @@ fn pixels_give_back_what_they_do_on_the_cpu() {
     for (seed, (count, size)) in (3..).zip([(0, [70, 45]), (1, [17, 16]), (200, [1, 1]), (200, [17, 16])]) {
         scenes.push(Scene::new(count, size, rules(Channels::Training, PrefilterScheme::Exact), seed));
     }
+    scenes.extend(
+        (20..).zip([Channels::Color, Channels::Layers]).map(|(seed, channels)| Scene::among_triangles(channels, seed)),
+    );
     for scene in scenes {
         println!("{:?}, {:?}, lit {}", scene.channels(), scene.rules.scheme, scene.rules.is_lit);
         let grad = scene.grad_of_picture();
@@ -525,9 +547,17 @@ fn pixels_give_back_what_they_do_on_the_cpu() {
 #[test]
 fn pixels_give_back_what_plain_loops_do() {
     let Some(mut gpu) = executor() else { return };
-    let scene = Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 9);
+    gives_back_what_plain_loops_do(
+        &mut gpu,
+        &Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 9),
+    );
+    gives_back_what_plain_loops_do(&mut gpu, &Scene::among_triangles(Channels::Training, 10));
+}
+
+#[track_caller]
+fn gives_back_what_plain_loops_do(gpu: &mut GpuExecutor, scene: &Scene) {
     let grad = scene.grad_of_picture();
-    let ours = scene.gradient(&mut gpu, &grad);
+    let ours = scene.gradient(gpu, &grad);
     let image = |values: &[f32]| Image {
         width: scene.camera.width as usize,
         height: scene.camera.height as usize,
@@ -536,9 +566,19 @@ fn pixels_give_back_what_plain_loops_do() {
     };
     let environment = plain::lift_environment::<Double>(&scene.environment);
     let operator = plain::Operator::new(environment.resolution);
-    let light = plain::prefilter(&environment, &operator);
+    let mut light = plain::prefilter(&environment, &operator);
+    if let Some(near_field) = &scene.near_field {
+        light = light.around(near_field.clone());
+    }
     let (mut exact, mut of_light) = (image(&grad), plain::LightGrad::zero(&light));
-    plain::shade_pixels_vjp(&image(&ours.blended), Some(&light), &scene.camera, false, &mut exact, Some(&mut of_light));
+    plain::shade_pixels_vjp(
+        &image(&ours.blended),
+        Some(&light),
+        &scene.camera,
+        scene.rules.traces_near,
+        &mut exact,
+        Some(&mut of_light),
+    );
     let flat = |texel: &Vec3<Double>| [texel.x.0, texel.y.0, texel.z.0, 0.0];
     let exact = Gradient {
         blended: ours.blended.clone(),
@@ -546,7 +586,7 @@ fn pixels_give_back_what_plain_loops_do() {
         light: of_light.maps.iter().flatten().flat_map(flat).collect(),
         environment: plain::prefilter_vjp(&environment, &operator, &of_light).iter().map(|x| x.0).collect(),
     };
-    assert_same_gradient(&scene, &ours, &exact);
+    assert_same_gradient(scene, &ours, &exact);
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod densify;
 mod gone;
 mod light;
 mod loss;
+mod near_field;
 mod order;
 mod pieces;
 mod stages;

@@ -4,5 +4,5 @@
 
 fn light_of(direction: vec3f, roughness: f32) -> vec3f {
     let lookup = lookup_of_reflection();
-    return light_of_reflection(radiance(lookup.direction, lookup.roughness));
+    return light_of_reflection(radiance(direction, roughness), radiance(lookup.direction, lookup.roughness));
 }

@@ -14,7 +14,7 @@ use specula_core::{
     },
     real::Real,
     rules::channel,
-    shade_pixels::{per_coverage, pixel_normal, pixel_surface},
+    shade_pixels::pixel_surface,
 };
 
 /// Numbers of a reflection.
@@ -37,9 +37,7 @@ formula!(RayOfPixel, |this, inputs| ray_of_pixel(
     let (pixel, view_dir) = (this.0.pixel(numbers), camera.view_dir(x, y));
     let surface = pixel_surface(&pixel, view_dir);
     let depth = this.0.blended.index_of(channel::DEPTH).map_or(offset.zero(), |index| numbers[index]);
-    let depth = depth * per_coverage(pixel.coverage);
-    let axis = camera.camera_from_world.rows[2];
-    let origin = ray_origin(camera.position, view_dir, axis, depth, pixel_normal(&pixel, view_dir), offset);
+    let origin = ray_origin(&camera, &pixel, depth, view_dir, offset);
     let direction = surface.reflection_dir;
     let is_traced = offset.zero().less(pixel.coverage) & origin.is_finite() & direction.is_finite();
     (origin, direction, [surface.roughness, offset.constant(1.0).keep(is_traced)])
@@ -98,34 +96,39 @@ formula!(NearReflection, |_, inputs| near_reflection(
     Reflection::of_near(direction, roughness, &surface_within(&corners, weights)).to_array()
 });
 
-/// Lookup of far light of a reflection: direction, roughness, and the share of its gradient that
-/// reaches the pixel's surface.
+/// Lookup of the far light of the surface that a ray meets.
 #[derive(Clone, Copy, Debug)]
 pub struct LookupOfReflection;
 
 formula!(LookupOfReflection, |_, inputs| lookup_of_reflection(..reflection_fields()) -> (
-    direction: 3, roughness: 1, far: 1
+    direction: 3, roughness: 1
 ) {
     let reflection = take_reflection(inputs);
-    (reflection.direction, [reflection.roughness, reflection.far])
+    (reflection.direction, [reflection.roughness])
 });
 
-/// Light of a reflection under the far light that was looked up ([`Reflection::light`]).
+/// Light of a reflection, from the far light of the pixel and that of the surface that its ray
+/// meets ([`Reflection::light`]).
 #[derive(Clone, Copy, Debug)]
 pub struct LightOfReflection;
 
-formula!(LightOfReflection, |_, inputs| light_of_reflection(..reflection_fields(), far_light: 3) -> (light: 3) {
+formula!(LightOfReflection, |_, inputs| light_of_reflection(..reflection_fields(), own: 3, of_near: 3) -> (
+    light: 3
+) {
     let reflection = take_reflection(inputs);
-    reflection.light(inputs.vec3())
+    reflection.light(inputs.vec3(), inputs.vec3())
 });
 
-/// Gradient of [`LightOfReflection`] with respect to the far light ([`Reflection::light_vjp`]).
+/// Gradient of [`LightOfReflection`] with respect to both lights ([`Reflection::light_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct LightOfReflectionVjp;
 
-formula!(LightOfReflectionVjp, |_, inputs| light_of_reflection_vjp(..reflection_fields(), grad: 3) -> (far_light: 3) {
+formula!(LightOfReflectionVjp, |_, inputs| light_of_reflection_vjp(..reflection_fields(), grad: 3) -> (
+    own: 3, of_near: 3
+) {
     let reflection = take_reflection(inputs);
-    reflection.light_vjp(inputs.vec3())
+    let [own, of_near] = reflection.light_vjp(inputs.vec3());
+    (own, of_near)
 });
 
 /// Stored reflection of a pixel, in the order of [`take_reflection`].
