@@ -336,6 +336,7 @@ mod tests {
         Subject {
             gaussians: random_cloud(3, Layout::shaded(Some(2)), 1),
             light: Some(random_environment(64, RadianceActivation::Identity, 1)),
+            near_field: None,
             shading: ShadingRules::DEFERRED,
             scheme: PrefilterScheme::Exact,
             cameras: vec![camera(8, 8)],

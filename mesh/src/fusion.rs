@@ -40,8 +40,7 @@ impl Fusion {
         Self { volume: Volume::around(gaussians, voxels) }
     }
 
-    /// Adds a view: its channels, those of [`Channels::Training`] or more, premultiplied, then
-    /// transmittance.
+    /// Adds a view: its channels, those of training or more, premultiplied, then transmittance.
     ///
     /// # Panics
     ///

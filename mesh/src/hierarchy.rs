@@ -1,5 +1,6 @@
 //! Bounding volume hierarchy in depth-first order, as [`specula_core::near_field`] traverses it.
 
+use core::time::Duration;
 use glam::Vec3A;
 use obvhs::{
     BvhBuildParams,
@@ -7,7 +8,6 @@ use obvhs::{
     triangle::Triangle,
 };
 use specula_core::near_field::NODE_LEN;
-use std::time::Duration;
 
 /// Hierarchy of boxes around triangles.
 #[derive(Clone, Debug, PartialEq)]

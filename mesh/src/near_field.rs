@@ -114,8 +114,8 @@ impl SurfaceMeans {
     }
 }
 
-/// Returns whether reflected rays of a scene meet it: whether they take [`SHARE_MIN`] of its
-/// reflections as some eyes see them, weighted by tint.
+/// Returns whether reflected rays of a scene meet it: a hundredth of its reflections or more, as
+/// some eyes see them, weighted by tint.
 pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool {
     let vertices: Vec<usize> = (0..near_field.vertex_count).step_by(TESTED_EVERY).collect();
     let shares = vertices.par_iter().map(|vertex| {

@@ -52,6 +52,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
             target: &target,
             background: [1.0; 3],
             exposure,
+            near_field: None,
             rules: &rules,
             weights: &profile.weights,
             rates: &rates,

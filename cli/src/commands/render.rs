@@ -160,7 +160,7 @@ mod tests {
         let layout = Layout::radiance(0);
         let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, shading_model: ShadingModel::PAPER }
+        Scene { gaussians, light: None, near_field: None, shading_model: ShadingModel::PAPER }
     }
 
     #[test]

@@ -410,7 +410,7 @@ fn joined(mut one: Mesh, other: Mesh) -> Mesh {
 /// Near field of a mesh whose vertices all have a tint of one half.
 fn tinted(mesh: Mesh) -> NearField<Vec<f32>> {
     let mut near_field = SurfaceMeans::new(mesh, 0.05).near_field().expect("there are triangles");
-    assert_eq!(near_field.check(), Ok(()));
+    assert_eq!(near_field.check(), Ok(()), "it can be traced");
     let first = near_field.vertices_start();
     near_field.values[first..].chunks_exact_mut(16).for_each(|vertex| vertex[9..12].fill(0.5));
     near_field
