@@ -293,7 +293,7 @@ pub(crate) struct Start {
     pub(crate) light: LightKind,
     /// Reflections of the light far away (far), or of the scene's own surface as well where
     /// reflected rays meet it (near), as on a toaster or between chess pieces; needs the light
-    /// looked up per pixel.
+    /// looked up per pixel [default: far].
     #[arg(long, value_enum)]
     pub(crate) reflections: Option<Reflections>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
