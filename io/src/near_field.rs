@@ -20,8 +20,7 @@ const FORMAT: u32 = 1;
 /// Key of specula's entry in the metadata.
 const KEY: &str = "specula";
 /// Name of each tensor, and the length of its rows.
-pub(crate) const TENSORS: [(&str, usize); 3] =
-    [("nodes", NODE_LEN), ("triangles", TRIANGLE_LEN), ("vertices", VERTEX_LEN)];
+const TENSORS: [(&str, usize); 3] = [("nodes", NODE_LEN), ("triangles", TRIANGLE_LEN), ("vertices", VERTEX_LEN)];
 
 /// Specula's entry in the metadata.
 #[derive(Serialize, Deserialize)]

@@ -7,7 +7,9 @@ use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     color::linear_from_srgb,
-    near_field::{INDEX_MAX, NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{
+        INDEX_MAX, NODE_LEN, NearField, NearSurface, TRIANGLE_LEN, VERTEX_LEN, share_of_near, vertex_surface,
+    },
     rules::{Channels, channel},
     scene::Image,
     shade::reflect,
@@ -115,12 +117,16 @@ impl SurfaceMeans {
 }
 
 /// Returns whether reflected rays of a scene meet it: a hundredth of its reflections or more, as
-/// some eyes see them, weighted by tint.
+/// some eyes see them, weighted by tint and by the share of a single ray.
 pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool {
+    if eyes.is_empty() {
+        return false;
+    }
     let vertices: Vec<usize> = (0..near_field.vertex_count).step_by(TESTED_EVERY).collect();
     let shares = vertices.par_iter().map(|vertex| {
         let numbers = near_field.vertex(*vertex);
         let [position, normal, _, tint] = core::array::from_fn(|k| Vec3::from_slice(&numbers[3 * k..]));
+        let NearSurface { roughness, .. } = vertex_surface(numbers);
         let (normal, eye) = (normal.normalize_or_zero(), eyes[*vertex % eyes.len()]);
         let view_dir = (eye - position).normalize_or_zero();
         let start = position + near_field.offset * normal;
@@ -131,7 +137,7 @@ pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool 
         let direction = reflect(Real3::from(view_dir), Real3::from(normal));
         let is_met = near_field.first_hit(start.into(), direction).is_some();
         let weight = f64::from(tint.element_sum());
-        [weight, if is_met { weight } else { 0.0 }]
+        [weight, if is_met { weight * f64::from(share_of_near(roughness)) } else { 0.0 }]
     });
     // Sums in the order of the vertices, so that threads change nothing.
     let shares: Vec<[f64; 2]> = shares.collect();

@@ -407,12 +407,14 @@ fn joined(mut one: Mesh, other: Mesh) -> Mesh {
     one
 }
 
-/// Near field of a mesh whose vertices all have a tint of one half.
+/// Near field of a mesh whose vertices all have a tint of one half and a roughness of a tenth.
 fn tinted(mesh: Mesh) -> NearField<Vec<f32>> {
     let mut near_field = SurfaceMeans::new(mesh, 0.05).near_field().expect("there are triangles");
     assert_eq!(near_field.check(), Ok(()), "it can be traced");
     let first = near_field.vertices_start();
-    near_field.values[first..].chunks_exact_mut(16).for_each(|vertex| vertex[9..12].fill(0.5));
+    near_field.values[first..]
+        .chunks_exact_mut(16)
+        .for_each(|vertex| vertex[9..13].copy_from_slice(&[0.5, 0.5, 0.5, 0.1]));
     near_field
 }
 
@@ -425,6 +427,11 @@ fn convex_scenes_do_not_reflect_themselves() {
     assert!(!reflects_itself(&one, &eyes));
     let two = tinted(joined(sphere(Vec3::ZERO, 1.0), sphere(Vec3::new(2.1, 0.0, 0.0), 1.0)));
     assert!(reflects_itself(&two, &eyes));
+    assert!(!reflects_itself(&two, &[]), "nobody sees it");
+    let mut rough = two;
+    let first = rough.vertices_start();
+    rough.values[first..].chunks_exact_mut(16).for_each(|vertex| vertex[12] = 0.8);
+    assert!(!reflects_itself(&rough, &eyes), "a single ray says nothing of rough surfaces");
     // Without tint there is nothing to reflect.
     let dull = SurfaceMeans::new(joined(sphere(Vec3::ZERO, 1.0), sphere(Vec3::new(2.1, 0.0, 0.0), 1.0)), 0.05);
     let dull = dull.near_field().expect("there are triangles");

@@ -1,6 +1,12 @@
 //! Results of a training: saved and measured during the run and at its end.
 
-use crate::{args::Train, certified, failure::Failure, output, progress, scene::measure_views};
+use crate::{
+    args::{Reflections, Train},
+    certified,
+    failure::Failure,
+    output, progress,
+    scene::measure_views,
+};
 use specula_core::{camera::Camera, cutoffs::BlendOrder, rules::Channels};
 use specula_io::{
     exposure,
@@ -79,6 +85,9 @@ pub(super) fn finish(
         )));
     }
     tracing::info!("saved {path:?}");
+    if args.start.reflections == Some(Reflections::Near) && scene.near_field.is_none() {
+        tracing::info!("reflected rays meet nothing of the scene: all light comes from afar");
+    }
     let certified = certify_trained(args, &scene, views)?;
     if let Some(certified) = &certified {
         save_certificate(args, &mut info, certified.certificate().to_owned())?;
