@@ -107,7 +107,7 @@ impl Reference {
         let Image { width, height, channels, values } = blended;
         let frame = Image { width, height, channels, values: values.into_iter().map(Double).collect() };
         let is_deferred = rules.is_deferred(self.gaussians.layout);
-        if is_deferred { oracle::shade_pixels(&frame, light, camera, rules.traces_near) } else { frame }
+        if is_deferred { oracle::shade_pixels(&frame, light, camera, &rules) } else { frame }
     }
 }
 

@@ -304,7 +304,7 @@ impl StageObserver<CpuViewer> for Stopwatch {
             Stage::Shade(_) => 1,
             Stage::Bin(_) => 2,
             Stage::Blend(..) => 3,
-            Stage::Trace(_) | Stage::ShadePixels(_) => 4,
+            Stage::Trace(_) | Stage::Illuminate(_) | Stage::ShadePixels(_) => 4,
         };
         self.times[index] += milliseconds(self.start);
         let [by_gaussian, by_pixel] = self.looks_light_up;
@@ -317,7 +317,7 @@ impl StageObserver<CpuViewer> for Stopwatch {
                     self.work.texel_reads += TEXELS_OF_LOOKUP * drawn;
                 }
             }
-            Stage::Shade(_) | Stage::Trace(_) => {}
+            Stage::Shade(_) | Stage::Trace(_) | Stage::Illuminate(_) => {}
             Stage::Bin(tiles) => self.work.intersections += tiles.intersection_count(),
             Stage::Blend(splats, frame) => {
                 let pairs = frame.seen_pairs();

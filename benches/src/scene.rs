@@ -107,6 +107,7 @@ impl<E: Executor> Scene<E> {
             near_field: None,
             rules: &self.rules,
             weights: &self.profile.weights,
+            is_observed: true,
             rates: &self.rates,
             environment_rate: 0.0,
             radiance_max: 100.0,

@@ -186,7 +186,7 @@ pub fn measure_picture<E: Renderer>(
     meter.measure(exec, Stage::Bin, nothing, |exec, ()| exec.bin(&splats, camera))?;
     meter.measure(exec, Stage::Blend, nothing, |exec, ()| blend(exec))?;
     if rules.is_deferred(cloud.layout) {
-        meter.measure(exec, Stage::ShadePixels, blend, |exec, frame| exec.shade_pixels(frame, light, camera))?;
+        meter.measure(exec, Stage::ShadePixels, blend, |exec, frame| exec.shade_pixels(frame, light, camera, rules))?;
     }
     let rules = RenderRules { channels: Channels::Color, ..*rules };
     meter.measure(exec, Stage::Frame, nothing, |exec, ()| render(exec, cloud, light, camera, &rules))
@@ -219,14 +219,14 @@ pub fn measure_step<E: Executor>(
             let blend = |exec: &mut E| exec.blend(&splats, &colors, &tiles, camera);
             meter.measure(exec, Stage::Trace, blend, |exec, frame| exec.trace(frame, around, camera))?;
         }
-        frame = exec.shade_pixels(frame, light, camera)?;
+        frame = exec.shade_pixels(frame, light, camera, rules)?;
     }
     let loss = |exec: &mut E| exec.loss(&frame, target, camera, weights, [1.0; 3]);
     meter.measure(exec, Stage::Loss, nothing, |exec, ()| loss(exec))?;
 
     let (mut frame_grad, mut light_grad) = (loss(exec)?, None);
     if is_deferred {
-        let back = |exec: &mut E, grad| exec.shade_pixels_vjp(&frame, light, camera, grad);
+        let back = |exec: &mut E, grad| exec.shade_pixels_vjp(&frame, light, camera, rules, grad);
         meter.measure(exec, Stage::ShadePixelsVjp, loss, back)?;
         (frame_grad, light_grad) = back(exec, frame_grad)?;
     }

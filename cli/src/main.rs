@@ -8,6 +8,7 @@ mod dataset;
 mod failure;
 mod help;
 mod interrupt;
+mod lights;
 mod manifest;
 mod output;
 mod progress;

@@ -14,7 +14,7 @@ use specula_io::{
 };
 use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
-    OpenedModel, Scene, SceneRenderer, ShadingModel,
+    OpenedModel, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
     light_file::{self, LightOptions},
@@ -134,6 +134,16 @@ pub(crate) fn relight(scene: &mut Scene, path: &Path, options: LightOptions, up:
     let map = read_env(path, options.exposure)?;
     scene.relight(&map, options.up.orientation(up));
     Ok(map)
+}
+
+/// Gives a scene the colours of an option, those that suit its light without one.
+pub(crate) fn shade(scene: &mut Scene, shading: Option<Shading>) -> Result<(), Failure> {
+    let Some(shading) = shading else { return Ok(()) };
+    if shading == Shading::Physical && !scene.gaussians.layout.is_physical {
+        return Err(Failure::Input(format!("{}; train it with --relightable", SceneError::NoMaterials)));
+    }
+    scene.shading_model = scene.shading_model.shaded(shading);
+    Ok(())
 }
 
 /// Refuses to relight plain Gaussian splatting.

@@ -19,6 +19,7 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
     }
     set_start(&mut profile, &args.start)?;
     let profile = with_light(profile, args.start.light, iterations)?;
+    let profile = with_materials(profile, args.start.relightable, iterations)?;
     let mut profile = with_reflections(profile, args.start.reflections)?;
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
@@ -99,6 +100,22 @@ fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> R
                 profile.name
             )));
         }
+    }
+    Ok(profile)
+}
+
+/// Profile that also fits physical materials.
+fn with_materials(profile: Profile, is_relightable: bool, iterations: u32) -> Result<Profile, Failure> {
+    if !is_relightable {
+        return Ok(profile);
+    }
+    let name = profile.name;
+    let profile = profile.relightable(iterations);
+    if profile.physical.is_none() {
+        return Err(Failure::Input(format!(
+            "materials are lit pixel by pixel; use --profile specula, or --light-per pixel, with --relightable rather \
+             than --profile {name} as it is"
+        )));
     }
     Ok(profile)
 }

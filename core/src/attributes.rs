@@ -22,17 +22,18 @@ use crate::{
     covariance::{Quat, rotation},
     loss::{LossWeights, residual_vjp, sparse, sparse_vjp},
     normal::{AxisRule, axis, facing},
+    physical::{reflectances, reflectances_vjp},
     project::{Shape, project_vjp},
     real::Real,
     rules::{Channels, RenderRules, channel},
     scene::{
-        DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
-        TINT,
+        ALBEDO, AMBIENT, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2,
+        OPACITY, QUAT, ROUGHNESS, TINT,
     },
     sh,
     shade::{
-        Material, Surface, SurfaceGrad, Terms, diffuse, shade, shade_vjp, specular, surface, surface_vjp, view_dir,
-        view_dir_vjp,
+        Material, ShadingForm, Surface, SurfaceGrad, Terms, diffuse, shade, shade_vjp, specular, surface, surface_vjp,
+        view_dir, view_dir_vjp,
     },
     splat::SplatGrad,
     vector::{Vec3, vec3},
@@ -158,10 +159,10 @@ pub struct LightSample<R> {
     /// Prefiltered radiance along the reflected direction.
     pub specular: Vec3<R>,
     /// Irradiance / π along the normal; read by
-    /// [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
+    /// [`ShadingForm::Official`] only.
     pub ambient: Vec3<R>,
     /// (F_x, F_y) of the split-sum table; read by
-    /// [`ShadingForm::Official`](crate::shade::ShadingForm::Official) only.
+    /// [`ShadingForm::Official`] only.
     pub split_sum: [R; 2],
 }
 
@@ -180,7 +181,7 @@ pub struct LookupGrad<R> {
     /// up.
     pub specular: Option<(Vec3<R>, R)>,
     /// Gradients of the normal, and of n·v and the roughness through the split-sum table; none but
-    /// for [`ShadingForm::Official`](crate::shade::ShadingForm::Official) under a light.
+    /// for [`ShadingForm::Official`] under a light.
     pub ambient: Option<(Vec3<R>, [R; 2])>,
 }
 
@@ -262,15 +263,25 @@ pub struct ShadedGaussian<R: Real> {
     pub surface: Surface<R>,
     /// Residual colour.
     pub harmonics: Harmonics<R>,
+    /// Ambient transfer of a physical material, whose albedo and metalness take the places of
+    /// diffuse colour and tint.
+    pub ambient: Option<Vec3<R>>,
 }
 
 impl<R: Real> ShadedGaussian<R> {
     /// Terms of the shading function under the light that was looked up.
     #[inline(always)]
     pub fn terms(&self, light: &LightSample<R>) -> Terms<R> {
+        let [diffuse, tint] = match self.ambient {
+            Some(ambient) => {
+                let [diffuse, f0] = reflectances(self.surface.diffuse, self.surface.tint.x);
+                [diffuse.times(ambient), f0]
+            }
+            None => [self.surface.diffuse, self.surface.tint],
+        };
         Terms {
-            diffuse: self.surface.diffuse,
-            tint: self.surface.tint,
+            diffuse,
+            tint,
             specular_light: light.specular,
             residual: self.harmonics.sum,
             ambient_light: light.ambient,
@@ -280,7 +291,11 @@ impl<R: Real> ShadedGaussian<R> {
     /// Finiteness of every attribute that was read, beside those of the [`Shape`].
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
-        self.material.is_finite() & self.harmonics.sum.is_finite()
+        let is_finite = self.material.is_finite() & self.harmonics.sum.is_finite();
+        match self.ambient {
+            Some(ambient) => is_finite & ambient.is_finite(),
+            None => is_finite,
+        }
     }
 }
 
@@ -300,19 +315,29 @@ impl GaussianShading {
     pub fn looks_light_up(&self) -> bool {
         self.layout.is_shaded() && !self.rules.is_deferred(self.layout)
     }
-    /// Attributes before activation; residuals of normals are zero where the rules leave them out.
+    /// First of the planes of the physical material, where that is what is shaded.
+    #[inline(always)]
+    fn physical_planes(&self) -> Option<usize> {
+        if self.rules.shading.form == ShadingForm::Physical { self.layout.physical_planes() } else { None }
+    }
+    /// Attributes before activation, of a physical material albedo and metalness in the places of
+    /// diffuse colour and tint; residuals of normals are zero where the rules leave them out.
     #[inline(always)]
     pub fn material<R: Real>(&self, planes: &impl AttributePlanes<R>) -> Material<R> {
         let mut normal_residuals = [Vec3::zero(planes.number(OPACITY)); 2];
         if self.rules.normal_residuals {
             normal_residuals = [planes.vec3(NORMAL_RESIDUAL_1), planes.vec3(NORMAL_RESIDUAL_2)];
         }
+        let [diffuse, tint] = match self.physical_planes() {
+            Some(first) => [planes.vec3(first + ALBEDO), Vec3::splat(planes.number(first + METALNESS))],
+            None => [planes.vec3(DIFFUSE), planes.vec3(TINT)],
+        };
         Material {
             mean: planes.vec3(MEAN),
             quat: planes.quat(),
             log_scales: planes.vec3(LOG_SCALE),
-            diffuse: planes.vec3(DIFFUSE),
-            tint: planes.vec3(TINT),
+            diffuse,
+            tint,
             roughness: planes.number(ROUGHNESS),
             normal_residuals,
         }
@@ -327,7 +352,8 @@ impl GaussianShading {
     pub fn shaded<R: Real>(&self, planes: &impl AttributePlanes<R>, eye: Vec3<R>) -> ShadedGaussian<R> {
         let material = self.material(planes);
         let surface = surface(&material, eye, self.rules.shading);
-        ShadedGaussian { material, surface, harmonics: self.harmonics(planes, eye) }
+        let ambient = self.physical_planes().map(|first| planes.vec3(first + AMBIENT));
+        ShadedGaussian { material, surface, harmonics: self.harmonics(planes, eye), ambient }
     }
 
     /// Channels of a Gaussian that reads no surface, and the finiteness of what it reads: harmonics
@@ -368,9 +394,14 @@ impl GaussianShading {
         channels.set3(channel::TINT, terms.tint);
         channels.0[channel::ROUGHNESS] = shaded.surface.roughness;
         if self.channels() == Channels::Layers {
-            channels.set3(channel::DIFFUSE, terms.diffuse);
+            channels.set3(channel::DIFFUSE, shaded.surface.diffuse);
             channels.set3(channel::SPECULAR, specular(form, terms));
             channels.set3(channel::RESIDUAL, terms.residual);
+            if let Some(ambient) = shaded.ambient {
+                channels.set3(channel::RESIDUAL, Vec3::zero(terms.tint.x));
+                channels.0[channel::METALNESS] = shaded.surface.tint.x;
+                channels.0[channel::AMBIENT] = ambient.sum() * (1.0 / 3.0);
+            }
             channels.set3(channel::LIGHT, terms.specular_light);
         }
         channels
@@ -412,14 +443,24 @@ impl GaussianShading {
         out: &mut impl AttributeGrads<R>,
     ) -> PoseGrad<R> {
         let zero = shaded.surface.roughness.zero();
+        let of_tint = terms.tint + channels.vec3(channel::TINT);
+        let [of_diffuse, of_tint] = match shaded.ambient {
+            Some(ambient) => {
+                let of_reflectances = [terms.diffuse.times(ambient), of_tint];
+                let (albedo, metalness) =
+                    reflectances_vjp(shaded.surface.diffuse, shaded.surface.tint.x, of_reflectances);
+                [albedo, vec3(metalness, zero, zero)]
+            }
+            None => [terms.diffuse, of_tint],
+        };
         let mut grad = SurfaceGrad {
             normal: channels.vec3(channel::NORMAL),
             residual_squared: channels.0[channel::RESIDUAL_SIZE],
             reflection_dir: Vec3::splat(zero),
             view_dir: shaded.harmonics.vjp(planes, self.layout.sh_start(), terms.residual, out),
             n_dot_v: zero,
-            diffuse: terms.diffuse,
-            tint: terms.tint + channels.vec3(channel::TINT),
+            diffuse: of_diffuse,
+            tint: of_tint,
             roughness: channels.0[channel::ROUGHNESS],
         };
         if let Some((reflection_dir, roughness)) = lookup.specular {
@@ -432,8 +473,16 @@ impl GaussianShading {
             grad.roughness = grad.roughness + roughness;
         }
         let grad = surface_vjp(&shaded.material, eye, self.rules.shading, &shaded.surface, &grad);
-        out.set3(DIFFUSE, grad.diffuse);
-        out.set3(TINT, grad.tint);
+        match self.physical_planes() {
+            Some(first) => {
+                out.set3(first + ALBEDO, grad.diffuse);
+                out.set(first + METALNESS, grad.tint.x);
+            }
+            None => {
+                out.set3(DIFFUSE, grad.diffuse);
+                out.set3(TINT, grad.tint);
+            }
+        }
         out.set(ROUGHNESS, grad.roughness);
         out.set3(NORMAL_RESIDUAL_1, grad.normal_residuals[0]);
         out.set3(NORMAL_RESIDUAL_2, grad.normal_residuals[1]);

@@ -4,6 +4,7 @@ use crate::{
     camera::Camera,
     densify::DensifyRules,
     expose::Exposure,
+    lamps::Lamp,
     loss::{LossReport, LossWeights},
     near_field::NearField,
     prefilter::{LevelRange, PrefilterScheme},
@@ -84,7 +85,9 @@ pub struct TrainingStep<'a, E: Executor> {
     pub rules: &'a RenderRules,
     /// Weights of the losses.
     pub weights: &'a LossWeights,
-    /// Learning rate of every plane.
+    /// Whether the step adds to the statistics of densification.
+    pub is_observed: bool,
+    /// Learning rate of every plane; of planes at rest [`AT_REST`](crate::optimise::AT_REST).
     pub rates: &'a [f32],
     /// Learning rate of the light.
     pub environment_rate: f32,
@@ -190,6 +193,22 @@ pub trait Renderer {
     /// The same light around a near field, in place of one that it had.
     fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
 
+    /// The same light with lamps, in place of those that it had, and with this many shadow rays to
+    /// each lamp that is wider than a point. Surfaces of `occluder` cast the shadows; without one
+    /// there are none.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor: lamps with a fault ([`crate::lamps::check`]), too little memory
+    /// or a lost device.
+    fn add_lamps(
+        &mut self,
+        light: Self::Light,
+        lamps: &[Lamp],
+        rays: usize,
+        occluder: Option<&Self::NearField>,
+    ) -> Result<Self::Light, Self::Error>;
+
     /// Projects Gaussians to splats. Gaussians whose mean, shape or opacity is not finite are not
     /// drawn.
     ///
@@ -243,6 +262,20 @@ pub trait Renderer {
     fn trace(&mut self, surface: Self::Frame, light: &Self::Light, camera: &Camera)
     -> Result<Self::Frame, Self::Error>;
 
+    /// Finds the light of lamps in every pixel ([`mod@crate::lamps`]); the frame keeps it for
+    /// [`Renderer::shade_pixels`] of physical materials. A frame without all layers or a light
+    /// without lamps stays as it is. Pictures alone have lamps: gradients know of none.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as too little memory or a lost device.
+    fn illuminate(
+        &mut self,
+        surface: Self::Frame,
+        light: &Self::Light,
+        camera: &Camera,
+    ) -> Result<Self::Frame, Self::Error>;
+
     /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's
     /// base colour becomes the colour of the picture, and the layers of specular colour and light
     /// are filled in if they were requested. The frame keeps the surface, which the gradients of
@@ -256,6 +289,7 @@ pub trait Renderer {
         surface: Self::Frame,
         light: Option<&Self::Light>,
         camera: &Camera,
+        rules: &RenderRules,
     ) -> Result<Self::Frame, Self::Error>;
 }
 
@@ -335,6 +369,7 @@ pub trait Executor: Renderer {
         surface: &Self::Frame,
         light: Option<&Self::Light>,
         camera: &Camera,
+        rules: &RenderRules,
         grad: Self::FrameGrad,
     ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error>;
 
@@ -383,8 +418,9 @@ pub trait Executor: Renderer {
         grad: &Self::LightGrad,
     ) -> Result<Self::Array, Self::Error>;
 
-    /// One step of Adam for every plane, each at its own rate. Gradients that are not finite are
-    /// left out, and counted.
+    /// One step of Adam for every plane, each at its own rate or at rest
+    /// ([`AT_REST`](crate::optimise::AT_REST)). Gradients that are not finite are left out, and
+    /// counted.
     ///
     /// # Errors
     ///

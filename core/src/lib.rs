@@ -4,8 +4,9 @@
 //! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) ┐
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ← loss ←──────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend ┐
+//!   ┌── (expose) ← (shade_pixels) ← (illuminate) ← (trace) ┘
+//!   └→ loss → blend_vjp → gaussians_vjp → prefilter_vjp → optimise → densify
 //! ```
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
@@ -17,7 +18,8 @@
 //!   [`perspective`], [`antialias`]); [`cull`]: reasons for which Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
-//!   [`shade_pixels`]: the same pixel by pixel; [`near_field`]: surfaces that reflected rays meet
+//!   [`shade_pixels`], [`physical`]: the same pixel by pixel; [`near_field`]: surfaces that
+//!   reflected rays meet; [`lamps`]: suns and spheres that cast shadows
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
 //!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours
@@ -94,6 +96,7 @@ pub mod environment;
 pub mod executor;
 pub mod expose;
 pub mod ggx;
+pub mod lamps;
 pub mod least_squares;
 pub mod light_network;
 pub mod loss;
@@ -106,6 +109,7 @@ pub mod optimise;
 pub mod order;
 pub mod pack;
 pub mod perspective;
+pub mod physical;
 pub mod pipeline;
 pub mod plan;
 pub mod prefilter;

@@ -35,8 +35,13 @@ use crate::{
 pub const NODE_LEN: usize = 8;
 /// Numbers of a triangle: three vertices, counterclockwise as seen from outside; padding.
 pub const TRIANGLE_LEN: usize = 4;
-/// Numbers of a vertex: position, normal, base colour, tint, roughness; padding.
+/// Numbers of a vertex: position, normal, base colour, tint, roughness, diffuse albedo.
 pub const VERTEX_LEN: usize = 16;
+/// First number of a vertex's base colour.
+pub const VERTEX_BASE: usize = 6;
+/// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material, to
+/// find its base colour under another light; zero without materials.
+pub const VERTEX_ALBEDO: usize = 13;
 /// Least index that an `f32` may not hold.
 pub const INDEX_MAX: usize = 1 << 24;
 /// Distance along a ray that is not met.
@@ -218,9 +223,26 @@ impl<A: AsRef<[f32]>> NearField<A> {
     /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
     /// ray that is not finite meets nothing.
     pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
+        self.hit_within(origin, direction, origin.x.constant(NOTHING), false)
+    }
+
+    /// Whether a ray meets the front of a triangle within a distance, in lengths of its direction.
+    pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
+        self.hit_within(origin, direction, reach, true).is_some()
+    }
+
+    /// First hit of a ray within a distance; any hit, if that is enough.
+    #[inline(always)]
+    fn hit_within<R: Real<Mask = bool>>(
+        &self,
+        origin: Vec3<R>,
+        direction: Vec3<R>,
+        reach: R,
+        any_is_enough: bool,
+    ) -> Option<Hit<R>> {
         let inverse = inverse_direction(direction);
         let mut hit = None;
-        let mut nearest = origin.x.constant(NOTHING);
+        let mut nearest = reach;
         let mut index = 0;
         while index < self.node_count {
             let node = self.numbers::<NODE_LEN>(NODE_LEN * index);
@@ -242,6 +264,9 @@ impl<A: AsRef<[f32]>> NearField<A> {
                 if crossing.distance.less(nearest) {
                     nearest = crossing.distance;
                     hit = Some(Hit { distance: nearest, triangle, weights: crossing.weights });
+                    if any_is_enough {
+                        return hit;
+                    }
                 }
             }
         }

@@ -13,6 +13,10 @@ pub const EPSILON: f32 = 1e-15;
 /// `f32`.
 pub const GRAD_MAX: f32 = 1e18;
 
+/// Learning rate of numbers at rest: a step changes neither them nor their moments. At a rate of
+/// zero only the numbers stay.
+pub const AT_REST: f32 = -1.0;
+
 /// A parameter with its running means.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<R> {

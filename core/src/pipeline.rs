@@ -21,6 +21,8 @@ pub enum Stage<'a, E: Renderer> {
     Blend(&'a E::Splats, &'a E::Frame),
     /// Reflected rays were traced.
     Trace(&'a E::Frame),
+    /// Lamps were seen, pixel by pixel.
+    Illuminate(&'a E::Frame),
     /// Light was added pixel by pixel.
     ShadePixels(&'a E::Frame),
 }
@@ -116,7 +118,11 @@ fn forward_pass<E: Renderer>(
             frame = exec.trace(frame, light, camera)?;
             observer.on_stage(Stage::Trace(&frame));
         }
-        frame = exec.shade_pixels(frame, light, camera)?;
+        if let Some(light) = light.filter(|_| rules.is_illuminated(gaussians.layout)) {
+            frame = exec.illuminate(frame, light, camera)?;
+            observer.on_stage(Stage::Illuminate(&frame));
+        }
+        frame = exec.shade_pixels(frame, light, camera, rules)?;
         observer.on_stage(Stage::ShadePixels(&frame));
     }
     Ok(Pass { splats, colors, tiles, frame })
@@ -200,11 +206,14 @@ fn take_step<E: Executor>(
     }
     let mut light_grad = None;
     if step.rules.is_deferred(gaussians.layout) {
-        (frame_grad, light_grad) = exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, frame_grad)?;
+        (frame_grad, light_grad) =
+            exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, step.rules, frame_grad)?;
     }
 
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
-    exec.observe(statistics, &splats, &grads, step.camera)?;
+    if step.is_observed {
+        exec.observe(statistics, &splats, &grads, step.camera)?;
+    }
     let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
     let light_grad = light_grad.or(of_light);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {

@@ -183,13 +183,15 @@ impl Plan {
         if !needs.is_finite {
             return Self { rules: *asked, full: in_full(asked), unlit: None };
         }
-        let sh_degree = needs.sh_degree().min(asked.sh_degree);
+        // Physical materials have no residual colours.
+        let has_residual = asked.shading.form != ShadingForm::Physical;
+        let sh_degree = needs.sh_degree().min(asked.sh_degree).filter(|_| has_residual);
         let unlit = unlit(layout, needs, &RenderRules { sh_degree, ..*asked });
         let rules = RenderRules {
             sh_degree,
             normal_residuals: asked.normal_residuals && needs.normal_residual != 0.0,
             is_lit: asked.is_lit && unlit.is_none(),
-            levels: levels.map_or(asked.levels, |levels| needs.levels(levels).and_neighbours()),
+            levels: levels.map_or(asked.levels, |levels| read_levels(needs, levels, asked.shading.form)),
             ..*asked
         };
         Self { rules, full: in_full(asked), unlit }
@@ -202,6 +204,25 @@ impl Plan {
         self.full.traces_near = traces_near;
         self
     }
+
+    /// The plan for a scene on which lamps shine, or none do. Lamps light a scene whose own light
+    /// is black.
+    #[must_use]
+    pub fn illuminated(mut self, illuminates: bool) -> Self {
+        self.rules.illuminates = illuminates;
+        self.full.illuminates = illuminates;
+        if illuminates && self.full.is_lit {
+            self.rules.is_lit = true;
+            self.unlit = None;
+        }
+        self
+    }
+}
+
+/// Levels that pixels look up; of physical materials also the last, which holds the irradiance.
+fn read_levels(needs: &Needs, levels: &Levels, form: ShadingForm) -> LevelRange {
+    let read = needs.levels(levels).and_neighbours();
+    if form == ShadingForm::Physical { LevelRange { end: LevelRange::ALL.end, ..read } } else { read }
 }
 
 /// All that a training blends, at least.
@@ -214,7 +235,8 @@ fn in_full(asked: &RenderRules) -> RenderRules {
 }
 
 fn unlit(layout: Layout, needs: &Needs, rules: &RenderRules) -> Option<Unlit> {
-    if !layout.is_shaded() || needs.specular == 0.0 {
+    let is_physical = rules.shading.form == ShadingForm::Physical;
+    if !layout.is_shaded() || (needs.specular == 0.0 && !is_physical) {
         Some(Unlit::NothingShaded)
     } else if needs.radiance == 0.0 {
         Some(Unlit::Dark)
@@ -230,7 +252,7 @@ fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
     let is_added_to_diffuse = match rules.shading.form {
         ShadingForm::Paper => true,
         ShadingForm::Deferred => rules.sh_degree.is_none(),
-        ShadingForm::Official => false,
+        ShadingForm::Official | ShadingForm::Physical => false,
     };
     is_added_to_diffuse
         && rules.channels != Channels::Layers

@@ -21,6 +21,8 @@ pub struct RenderRules {
     pub is_lit: bool,
     /// Whether reflected rays are traced against the near field of a light that has one.
     pub traces_near: bool,
+    /// Whether the lamps of a light that has some shine on physical materials.
+    pub illuminates: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
     /// Requested channels: colour, those of training, or all layers.
@@ -28,7 +30,7 @@ pub struct RenderRules {
 }
 
 impl RenderRules {
-    /// With everything that there is but a near field.
+    /// With everything that there is but a near field and lamps.
     pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
         Self {
             shading,
@@ -37,18 +39,25 @@ impl RenderRules {
             normal_residuals: true,
             is_lit: true,
             traces_near: false,
+            illuminates: false,
             levels: LevelRange::ALL,
             channels,
         }
     }
     /// Whether the light of such a scene is added pixel by pixel, after blending.
     pub fn is_deferred(&self, layout: Layout) -> bool {
-        layout.is_shaded() && self.shading.form == ShadingForm::Deferred
+        layout.is_shaded() && matches!(self.shading.form, ShadingForm::Deferred | ShadingForm::Physical)
+    }
+    /// Whether lamps shine on the pixels of such a scene.
+    pub fn is_illuminated(&self, layout: Layout) -> bool {
+        self.is_lit && self.illuminates && layout.is_shaded() && self.shading.form == ShadingForm::Physical
     }
     /// Channels that have to be blended for the requested ones.
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
+            // Lamps shine on the albedo, at the depth of a pixel.
+            _ if self.is_illuminated(layout) => Channels::Layers,
             // Rays start at the depth of a pixel.
             Channels::Color if is_lit_by_pixel && self.traces_near => Channels::Surface,
             Channels::Color if is_lit_by_pixel => Channels::Lit,
@@ -155,6 +164,10 @@ pub mod channel {
     pub const SPECULAR: usize = 15;
     /// Residual colour, linear.
     pub const RESIDUAL: usize = 18;
+    /// Metalness, in place of the residual colour where materials are physical.
+    pub const METALNESS: usize = RESIDUAL;
+    /// Mean of the ambient transfer, likewise.
+    pub const AMBIENT: usize = RESIDUAL + 1;
     /// Prefiltered light that reaches the surface, linear.
     pub const LIGHT: usize = 21;
 }

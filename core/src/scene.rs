@@ -21,26 +21,35 @@ pub enum Appearance {
 ///
 /// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then,
 /// shaded only, diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23;
-/// then the spherical harmonics, plane 3k + c for coefficient k and colour c; then, anti-aliased
-/// only, the deviation of the filter in space. All values are kept before activation.
+/// then the spherical harmonics, plane 3k + c for coefficient k and colour c; then, physical only,
+/// albedo, metalness and ambient transfer ([`ALBEDO`], [`METALNESS`], [`AMBIENT`]); then,
+/// anti-aliased only, the deviation of the filter in space. All values but ambient transfer and
+/// deviation are kept before activation.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Layout {
     /// Source of colours.
     pub appearance: Appearance,
     /// Degree of the spherical harmonics, 0–3; `None` is no harmonics at all.
     pub sh_degree: Option<u8>,
+    /// Whether each Gaussian has a physical material beside its view-dependent colour
+    /// ([`mod@crate::physical`]).
+    pub is_physical: bool,
     /// Low-pass of splats that the opacities were trained under.
     pub low_pass: LowPass,
     /// Whether each Gaussian has a filter in space ([`crate::antialias`]).
     pub is_smoothed: bool,
 }
 
-/// Names filters only where there are any: checkpoints hold the text of their settings.
+/// Names materials and filters only where there are any: checkpoints hold the text of their
+/// settings.
 impl core::fmt::Debug for Layout {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { appearance, sh_degree, low_pass, is_smoothed } = self;
+        let Self { appearance, sh_degree, is_physical, low_pass, is_smoothed } = self;
         let mut text = out.debug_struct("Layout");
         text.field("appearance", appearance).field("sh_degree", sh_degree);
+        if *is_physical {
+            text.field("is_physical", is_physical);
+        }
         if (*low_pass, *is_smoothed) != (LowPass::Dilated, false) {
             text.field("low_pass", low_pass).field("is_smoothed", is_smoothed);
         }
@@ -67,6 +76,16 @@ pub const NORMAL_RESIDUAL_1: usize = 18;
 /// First plane of Δn₂, the residual of a normal that had to be flipped.
 pub const NORMAL_RESIDUAL_2: usize = 21;
 
+/// First of the physical planes: the albedo before the sigmoid, counted from
+/// [`Layout::physical_planes`].
+pub const ALBEDO: usize = 0;
+/// The metalness before the sigmoid, counted likewise.
+pub const METALNESS: usize = 3;
+/// First plane of the ambient transfer, counted likewise: linear, 1 in the open.
+pub const AMBIENT: usize = 4;
+/// Physical planes of a Gaussian.
+const PHYSICAL_LEN: usize = AMBIENT + 3;
+
 /// Gaussians side by side in a block: as many as a SIMD vector has lanes.
 pub const BLOCK: usize = 16;
 
@@ -76,13 +95,22 @@ impl Layout {
         Self {
             appearance: Appearance::Radiance,
             sh_degree: Some(sh_degree),
+            is_physical: false,
             low_pass: LowPass::Dilated,
             is_smoothed: false,
         }
     }
     /// The paper's attributes, with or without residual harmonics.
     pub const fn shaded(sh_degree: Option<u8>) -> Self {
-        Self { appearance: Appearance::Shaded, sh_degree, low_pass: LowPass::Dilated, is_smoothed: false }
+        Self { appearance: Appearance::Shaded, ..Self::radiance(0).with_harmonics(sh_degree) }
+    }
+    /// The same attributes with other residual harmonics, or without any.
+    const fn with_harmonics(self, sh_degree: Option<u8>) -> Self {
+        Self { sh_degree, ..self }
+    }
+    /// The same attributes with a physical material.
+    pub const fn physical(self) -> Self {
+        Self { is_physical: true, ..self }
     }
     /// The same attributes with both filters of Mip-Splatting.
     pub const fn antialiased(self) -> Self {
@@ -107,13 +135,21 @@ impl Layout {
     pub const fn sh_end(self) -> usize {
         self.sh_start() + 3 * self.sh_count()
     }
+    /// First of the physical planes, if Gaussians have a physical material.
+    pub const fn physical_planes(self) -> Option<usize> {
+        if self.is_physical { Some(self.sh_end()) } else { None }
+    }
+    /// Past the last plane of harmonics and physical material.
+    pub const fn physical_end(self) -> usize {
+        self.sh_end() + PHYSICAL_LEN * self.is_physical as usize
+    }
     /// Plane of the deviations of the filter in space, in world units, if Gaussians have one.
     pub const fn filter_plane(self) -> Option<usize> {
-        if self.is_smoothed { Some(self.sh_end()) } else { None }
+        if self.is_smoothed { Some(self.physical_end()) } else { None }
     }
     /// Number of planes.
     pub const fn plane_count(self) -> usize {
-        self.sh_end() + self.is_smoothed as usize
+        self.physical_end() + self.is_smoothed as usize
     }
 }
 

@@ -27,6 +27,9 @@ pub enum ShadingForm {
     /// c_d + c_r, linear: the base colour that is blended where light is added pixel by pixel
     /// ([`crate::shade_pixels`]).
     Deferred,
+    /// a (1 − m), linear: the diffuse albedo that is blended beside F₀ where irradiance and
+    /// reflected light are added pixel by pixel ([`mod@crate::physical`]).
+    Physical,
 }
 
 /// The choices in which trainings of this method differ.
@@ -45,6 +48,8 @@ impl ShadingRules {
     pub const PAPER: Self = Self { form: ShadingForm::Paper, axis: AxisRule::Shortest, negate_second_residual: true };
     /// The paper's equations, their light looked up pixel by pixel.
     pub const DEFERRED: Self = Self { form: ShadingForm::Deferred, ..Self::PAPER };
+    /// Physical materials, their light looked up pixel by pixel.
+    pub const PHYSICAL: Self = Self { form: ShadingForm::Physical, ..Self::PAPER };
     /// The authors' code.
     pub const OFFICIAL: Self =
         Self { form: ShadingForm::Official, axis: AxisRule::SortedRow, negate_second_residual: false };
@@ -53,7 +58,7 @@ impl ShadingRules {
     /// authors' code.
     pub const fn diffuse_shift(&self) -> f32 {
         match self.form {
-            ShadingForm::Paper | ShadingForm::Deferred => 0.0,
+            ShadingForm::Paper | ShadingForm::Deferred | ShadingForm::Physical => 0.0,
             ShadingForm::Official => 1.098_612_3,
         }
     }
@@ -241,8 +246,8 @@ impl<R: Real> Terms<R> {
     }
 }
 
-/// The colour of a Gaussian; sRGB-encoded but for [`ShadingForm::Deferred`]. Residuals are limited
-/// ([`crate::color::COLOR_MAX`]), light is not.
+/// The colour of a Gaussian; sRGB-encoded but for [`ShadingForm::Deferred`] and
+/// [`ShadingForm::Physical`]. Residuals are limited ([`crate::color::COLOR_MAX`]), light is not.
 #[inline(always)]
 pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     let residual = limited(terms.residual);
@@ -253,6 +258,7 @@ pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
             terms.diffuse + terms.ambient_light.times(each!(terms.tint, s => -s + 1.0)) + specular + residual
         }
         ShadingForm::Deferred => terms.diffuse + residual,
+        ShadingForm::Physical => terms.diffuse,
     }
 }
 
@@ -260,7 +266,7 @@ pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
 #[inline(always)]
 pub fn specular<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     match form {
-        ShadingForm::Paper | ShadingForm::Deferred => terms.tint.times(terms.specular_light),
+        ShadingForm::Paper | ShadingForm::Deferred | ShadingForm::Physical => terms.tint.times(terms.specular_light),
         ShadingForm::Official => {
             let none = Vec3::zero(terms.diffuse.x);
             shade(form, &Terms { diffuse: none, residual: none, ..*terms })
@@ -302,13 +308,13 @@ fn unlimited_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) ->
                 split_sum: [by_light.dot(terms.tint), by_light.sum()],
             }
         }
-        ShadingForm::Deferred => {
+        ShadingForm::Deferred | ShadingForm::Physical => {
             let none = Vec3::zero(grad.x);
             Terms {
                 diffuse: grad,
                 tint: none,
                 specular_light: none,
-                residual: grad,
+                residual: if form == ShadingForm::Deferred { grad } else { none },
                 ambient_light: none,
                 split_sum: [none.x; 2],
             }

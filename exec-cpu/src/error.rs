@@ -1,6 +1,8 @@
 //! Errors of the stages.
 
-use specula_core::{executor::BufferLength, light_network::LightNetworkError, near_field::NearFieldError};
+use specula_core::{
+    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+};
 
 /// Why a stage could not run.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -31,6 +33,9 @@ pub enum CpuError {
     /// A near field cannot be traced.
     #[error("the near field is damaged: {0}")]
     NearField(NearFieldError),
+    /// Lamps cannot shine.
+    #[error(transparent)]
+    Lamps(LampError),
     /// Tiles hold more splats than are counted.
     #[error(
         "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"

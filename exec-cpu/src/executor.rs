@@ -11,6 +11,7 @@ use crate::{
         densify,
         expose::{expose, expose_vjp},
         gaussians_vjp::{gaussians_vjp, update},
+        illuminate::{Lamps, illuminate},
         loss::{Target, loss_all},
         optimise::{StepSize, adam_all, adam_blocks},
         prefilter::{Light, LightGrad},
@@ -28,6 +29,7 @@ use specula_core::{
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport, TrainingStep},
     expose::Exposure,
+    lamps::Lamp,
     light_network::LightNetworkError,
     loss::LossWeights,
     near_field::NearField,
@@ -247,6 +249,16 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         light.around(near_field)
     }
 
+    fn add_lamps(
+        &mut self,
+        light: Light,
+        lamps: &[Lamp],
+        rays: usize,
+        occluder: Option<&Self::NearField>,
+    ) -> Result<Light, CpuError> {
+        Ok(light.with_lamps(Lamps::new(lamps, rays, occluder.cloned())?))
+    }
+
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {
         Ok(project_all(&self.context, gaussians, camera, self.cutoffs.cutoffs()))
     }
@@ -275,8 +287,18 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         Ok(trace(&self.context, surface, light, camera))
     }
 
-    fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(shade_pixels(&self.context, surface, light, camera))
+    fn illuminate(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
+        Ok(illuminate(&self.context, surface, light, camera))
+    }
+
+    fn shade_pixels(
+        &mut self,
+        surface: Frame,
+        light: Option<&Light>,
+        camera: &Camera,
+        rules: &RenderRules,
+    ) -> Result<Frame, CpuError> {
+        Ok(shade_pixels(&self.context, surface, light, camera, rules.shading.form))
     }
 }
 
@@ -326,9 +348,10 @@ impl Executor for CpuExecutor {
         surface: &Frame,
         light: Option<&Light>,
         camera: &Camera,
+        rules: &RenderRules,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), CpuError> {
-        Ok(shade_pixels_vjp(&self.context, surface, light, camera, grad))
+        Ok(shade_pixels_vjp(&self.context, surface, light, camera, rules.shading.form, grad))
     }
 
     fn blend_vjp(

@@ -109,6 +109,8 @@ pub struct Frame {
     pub(crate) blended: Buffer<Quad>,
     /// Reflections of the pixels, quad after quad, where rays were traced.
     pub(crate) reflections: Option<Buffer<Quad>>,
+    /// Light of lamps on the pixels, quad after quad, where there are any.
+    pub(crate) direct: Option<Buffer<Quad>>,
     /// The colour of the picture, quad after quad, where it is not what was blended.
     pub(crate) shaded: Option<Buffer<Quad>>,
     /// Colour of the picture after its exposure, quad after quad, if it has one.

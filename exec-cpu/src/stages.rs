@@ -8,6 +8,7 @@ pub mod blend_vjp;
 pub(crate) mod densify;
 pub(crate) mod expose;
 pub(crate) mod gaussians_vjp;
+pub(crate) mod illuminate;
 pub(crate) mod light_network;
 pub(crate) mod lookup;
 pub mod loss;

@@ -20,6 +20,7 @@ use crate::{
         expose_vjp::{ExposureSums, expose_vjp},
         frame::{Frame, FrameGrad},
         gaussians_vjp::{BackwardInputs, gaussians_vjp},
+        illuminate::{Lamps, illuminate},
         light::LightGrad,
         light_network::{NetworkTexels, evaluate},
         limit_plane::limit_plane,
@@ -44,6 +45,7 @@ use specula_core::{
     densify::DensifyRules,
     executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
     expose::Exposure,
+    lamps::Lamp,
     light_network::LightNetworkError,
     loss::{LossReport, LossWeights},
     near_field::NearField,
@@ -319,6 +321,16 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         light.around(near_field)
     }
 
+    fn add_lamps(
+        &mut self,
+        light: Light,
+        lamps: &[Lamp],
+        rays: usize,
+        occluder: Option<&Self::NearField>,
+    ) -> Result<Light, GpuError> {
+        Ok(light.with_lamps(Lamps::new(&mut self.context, lamps, rays, occluder.cloned())?))
+    }
+
     fn project(&mut self, gaussians: &Gaussians<ChunkedArray>, camera: &Camera) -> Result<Splats, GpuError> {
         project(&mut self.context, gaussians, camera, self.order)
     }
@@ -351,8 +363,18 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         trace(&mut self.context, surface, light, camera)
     }
 
-    fn shade_pixels(&mut self, surface: Frame, light: Option<&Light>, camera: &Camera) -> Result<Frame, GpuError> {
-        shade_pixels(&mut self.context, surface, light, camera)
+    fn illuminate(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {
+        illuminate(&mut self.context, surface, light, camera)
+    }
+
+    fn shade_pixels(
+        &mut self,
+        surface: Frame,
+        light: Option<&Light>,
+        camera: &Camera,
+        rules: &RenderRules,
+    ) -> Result<Frame, GpuError> {
+        shade_pixels(&mut self.context, surface, light, camera, rules.shading.form)
     }
 }
 
@@ -398,9 +420,10 @@ impl Executor for GpuExecutor {
         surface: &Frame,
         light: Option<&Light>,
         camera: &Camera,
+        rules: &RenderRules,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
-        shade_pixels_vjp(&mut self.context, surface, light, camera, grad)
+        shade_pixels_vjp(&mut self.context, surface, light, camera, rules.shading.form, grad)
     }
 
     fn blend_vjp(

@@ -140,6 +140,9 @@ struct Header {
     gaussians: usize,
     is_shaded: bool,
     sh_degree: Option<u8>,
+    /// Whether Gaussians have physical materials.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    is_physical: bool,
     /// Whether Gaussians have both filters of Mip-Splatting.
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     is_antialiased: bool,
@@ -258,6 +261,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
         gaussians: gaussians.count,
         is_shaded: gaussians.layout.is_shaded(),
         sh_degree: gaussians.layout.sh_degree,
+        is_physical: gaussians.layout.is_physical,
         is_antialiased: gaussians.layout.is_smoothed,
         light: light.as_ref().map(|(light, _)| LightHeader {
             resolution: light.resolution,
@@ -299,8 +303,18 @@ fn write_words(out: &mut impl Write, words: &[u32]) -> io::Result<()> {
 /// [`Error::TooLarge`] beyond the memory budget, [`Error::Read`].
 pub fn read(folder: &Path) -> Result<Checkpoint> {
     let mut reader = Reader::open(folder)?;
-    let Header { facts, gaussians: count, is_shaded, sh_degree, is_antialiased, light, near_field, exposures, .. } =
-        reader.header()?;
+    let Header {
+        facts,
+        gaussians: count,
+        is_shaded,
+        sh_degree,
+        is_physical,
+        is_antialiased,
+        light,
+        near_field,
+        exposures,
+        ..
+    } = reader.header()?;
     if let Some(fault) = facts.fault() {
         return Err(reader.refuse("the header", fault));
     }
@@ -308,6 +322,7 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
         return Err(reader.refuse("the header", "harmonics have a degree from 0 to 3"));
     }
     let layout = Layout { sh_degree, ..if is_shaded { Layout::shaded(None) } else { Layout::radiance(0) } };
+    let layout = if is_physical { layout.physical() } else { layout };
     let layout = if is_antialiased { layout.antialiased() } else { layout };
     let blocks = shape_of_gaussians(count, layout);
     let values = reader.numbers("gaussians", &blocks)?;

@@ -7,7 +7,8 @@
 //!   without f_dc), opacity, scale, rot
 //! * GaussianShader: x y z, nx ny nz (Δn₁), nx2 ny2 nz2 (Δn₂), f_dc (diffuse), f_rest (coefficient
 //!   by coefficient, with the first), opacity, scale, rot, roughness, specular
-//! * Mip-Splatting: either, then filter_3D, the deviation of each Gaussian's filter in space
+//! * physical materials: GaussianShader's, then albedo, metallic, ambient (linear)
+//! * Mip-Splatting: any, then filter_3D, the deviation of each Gaussian's filter in space
 
 use crate::{
     error::{Error, Result},
@@ -15,8 +16,8 @@ use crate::{
     whole_file,
 };
 use specula_core::scene::{
-    Appearance, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
-    ROUGHNESS, TINT,
+    ALBEDO, AMBIENT, Appearance, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1,
+    NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
 };
 use std::{
     io::{self, Write},
@@ -25,6 +26,8 @@ use std::{
 
 /// Property of Mip-Splatting's files.
 const FILTER: &str = "filter_3D";
+/// Property of physical materials.
+const METALNESS_NAME: &str = "metallic";
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout (it has \"roughness\")";
 
@@ -106,6 +109,7 @@ fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
         Appearance::Shaded => (degree_of(count).map(Some), "0, 3, 12, 27 or 48"),
     };
     let layout = Layout { appearance, sh_degree: sh_degree.flatten(), ..Layout::radiance(0) };
+    let layout = if table.has(METALNESS_NAME) { layout.physical() } else { layout };
     let layout = if table.has(FILTER) { layout.antialiased() } else { layout };
     match sh_degree {
         Some(_) => Ok(layout),
@@ -135,6 +139,11 @@ fn names_by_plane(layout: Layout) -> Vec<String> {
 /// Columns of a layout in the order of the file.
 fn columns(layout: Layout) -> Vec<Column> {
     let mut columns = if layout.is_shaded() { shaded_columns(layout) } else { radiance_columns(layout) };
+    if let Some(first) = layout.physical_planes() {
+        number_planes(&mut columns, "albedo_", 0..3, |c| first + ALBEDO + c);
+        name_planes(&mut columns, [METALNESS_NAME], first + METALNESS);
+        number_planes(&mut columns, "ambient_", 0..3, |c| first + AMBIENT + c);
+    }
     if let Some(plane) = layout.filter_plane() {
         name_planes(&mut columns, [FILTER], plane);
     }

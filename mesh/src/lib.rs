@@ -1,13 +1,16 @@
 //! Surfaces of Gaussian scenes.
 //!
 //! * [`fusion`]: a mesh from the depths of rendered views
+//! * [`ambient`]: light that reaches a surface past itself, under a [`sky`]
 //! * [`near_field`]: a mesh with the attributes of its surface, for reflected rays
 //! * [`hierarchy`]: boxes around triangles, in the order in which rays visit them
 #![forbid(unsafe_code)]
 
+pub mod ambient;
 pub mod fusion;
 pub mod hierarchy;
 pub mod near_field;
+pub mod sky;
 mod view;
 
 /// Triangles and their vertices.

@@ -1,14 +1,15 @@
 //! Near fields ([`specula_core::near_field`]) from meshes: the attributes of the surface at each
 //! vertex are means over the views that see it.
 
-use crate::{Mesh, hierarchy::Hierarchy, view::View};
+use crate::{Mesh, hierarchy::Hierarchy, sky::Sky, view::View};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     color::linear_from_srgb,
     near_field::{
-        INDEX_MAX, NODE_LEN, NearField, NearSurface, TRIANGLE_LEN, VERTEX_LEN, share_of_near, vertex_surface,
+        INDEX_MAX, NODE_LEN, NearField, NearSurface, TRIANGLE_LEN, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN,
+        share_of_near, vertex_surface,
     },
     rules::{Channels, channel},
     scene::Image,
@@ -33,47 +34,66 @@ const ATTRIBUTES: usize = 10;
 pub struct SurfaceMeans {
     mesh: Mesh,
     voxel_size: f32,
-    /// Weighted sums of the attributes of each vertex, and of the weights.
-    sums: Vec<[f32; ATTRIBUTES + 1]>,
+    /// Attributes of each vertex.
+    attributes: Vec<WeightedSum<ATTRIBUTES>>,
+    /// Diffuse albedo of each vertex.
+    albedos: Vec<WeightedSum<3>>,
+}
+
+/// Sum of weighted numbers.
+#[derive(Clone, Copy, Debug)]
+struct WeightedSum<const N: usize> {
+    sums: [f32; N],
+    weight: f32,
+}
+
+impl<const N: usize> WeightedSum<N> {
+    const NONE: Self = Self { sums: [0.0; N], weight: 0.0 };
+
+    fn add(&mut self, numbers: [f32; N], weight: f32) {
+        self.sums.iter_mut().zip(numbers).for_each(|(sum, x)| *sum += weight * x);
+        self.weight += weight;
+    }
+
+    /// The mean; none if nothing was added.
+    fn mean(&self) -> Option<[f32; N]> {
+        (self.weight > 0.0).then(|| self.sums.map(|sum| sum / self.weight))
+    }
 }
 
 impl SurfaceMeans {
     /// Mesh that no view was added to.
     pub fn new(mesh: Mesh, voxel_size: f32) -> Self {
-        let sums = vec![[0.0; ATTRIBUTES + 1]; mesh.positions.len()];
-        Self { mesh, voxel_size, sums }
+        let count = mesh.positions.len();
+        let (attributes, albedos) = (vec![WeightedSum::NONE; count], vec![WeightedSum::NONE; count]);
+        Self { mesh, voxel_size, attributes, albedos }
     }
 
-    /// Adds a view with all layers ([`Channels::Layers`]), premultiplied. Vertices count as much as
-    /// they face the camera.
+    /// Adds a view with all layers ([`Channels::Layers`]) of its view-dependent colours,
+    /// premultiplied. Vertices count as much as they face the camera.
     ///
     /// # Panics
     ///
     /// For images with other channels.
     pub fn add(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
-        assert_eq!(image.channels, Channels::Layers.count() + 1, "attributes are layers");
-        let view = View::new(camera, image);
-        let tolerance = VISIBLE_VOXELS * self.voxel_size;
-        let Self { mesh, sums, .. } = self;
-        let vertices = mesh.positions.par_iter().zip(&mesh.normals);
-        sums.par_iter_mut().zip(vertices).for_each(|(sums, (position, normal))| {
-            let position = Vec3::from(*position);
-            let Some((depth, pixel)) = view.pixel(position) else { return };
-            let is_visible = (view.depths[pixel] - depth).abs() < tolerance;
-            let cosine = Vec3::from(*normal).dot((camera.position - position).normalize_or_zero());
-            let weight = cosine.max(0.0) * view.coverage[pixel];
-            if is_visible && weight > 0.0 {
-                let attributes = attributes(image, pixel, view.coverage[pixel]);
-                sums.iter_mut().zip(attributes).for_each(|(sum, x)| *sum += weight * x);
-                sums[ATTRIBUTES] += weight;
-            }
-        });
+        let Self { mesh, voxel_size, attributes: sums, .. } = self;
+        gather(mesh, *voxel_size, sums, camera, image, attributes);
+    }
+
+    /// Adds a view with all layers of its physical materials likewise.
+    ///
+    /// # Panics
+    ///
+    /// For images with other channels.
+    pub fn add_materials(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
+        let Self { mesh, voxel_size, albedos, .. } = self;
+        gather(mesh, *voxel_size, albedos, camera, image, diffuse_albedo);
     }
 
     /// Near field of the mesh; none without triangles, or with more than can be traced. Vertices
     /// that no view sees reflect nothing and have the normal and the colour of the mesh.
     pub fn near_field(&self) -> Option<NearField<Vec<f32>>> {
-        let Self { mesh, voxel_size, sums } = self;
+        let Self { mesh, voxel_size, .. } = self;
         let triangle = |corners: &[u32; 3]| corners.map(|corner| mesh.positions[corner as usize]);
         let corners: Vec<[[f32; 3]; 3]> = mesh.triangles.iter().map(triangle).collect();
         if corners.is_empty() || mesh.positions.len().max(2 * corners.len()) >= INDEX_MAX {
@@ -92,7 +112,7 @@ impl SurfaceMeans {
             [a, b, c, 0.0]
         });
         let triangles: Vec<[f32; TRIANGLE_LEN]> = triangles.collect();
-        let vertices: Vec<[f32; VERTEX_LEN]> = (0..sums.len()).map(|vertex| self.vertex(vertex)).collect();
+        let vertices: Vec<[f32; VERTEX_LEN]> = (0..mesh.positions.len()).map(|vertex| self.vertex(vertex)).collect();
         const { assert!(NODE_LEN == 8 && TRIANGLE_LEN == 4, "the arrays above") };
         near_field.values = [nodes.as_flattened(), triangles.as_flattened(), vertices.as_flattened()].concat();
         Some(near_field)
@@ -100,18 +120,15 @@ impl SurfaceMeans {
 
     /// Numbers of a vertex.
     fn vertex(&self, vertex: usize) -> [f32; VERTEX_LEN] {
-        let Self { mesh, sums, .. } = self;
-        let [attributes @ .., weight] = sums[vertex];
-        let attributes = match weight > 0.0 {
-            true => attributes.map(|sum| sum / weight),
-            false => {
-                let ([x, y, z], [red, green, blue]) = (mesh.normals[vertex], mesh.colors[vertex].map(linear_from_srgb));
-                [x, y, z, red, green, blue, 0.0, 0.0, 0.0, 1.0]
-            }
-        };
+        let Self { mesh, .. } = self;
+        let attributes = self.attributes[vertex].mean().unwrap_or_else(|| {
+            let ([x, y, z], [red, green, blue]) = (mesh.normals[vertex], mesh.colors[vertex].map(linear_from_srgb));
+            [x, y, z, red, green, blue, 0.0, 0.0, 0.0, 1.0]
+        });
         let mut numbers = [0.0; VERTEX_LEN];
         numbers[..3].copy_from_slice(&mesh.positions[vertex]);
         numbers[3..3 + ATTRIBUTES].copy_from_slice(&attributes);
+        numbers[VERTEX_ALBEDO..].copy_from_slice(&self.albedos[vertex].mean().unwrap_or_default());
         numbers
     }
 }
@@ -143,6 +160,52 @@ pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool 
     let shares: Vec<[f64; 2]> = shares.collect();
     let [all, met] = shares.iter().fold([0.0; 2], |[all, met], share| [all + share[0], met + share[1]]);
     met > SHARE_MIN * all
+}
+
+/// Adds numbers of a view's pixels to the vertices that it sees there; `numbers` returns those of a
+/// pixel of some coverage.
+fn gather<const N: usize>(
+    mesh: &Mesh,
+    voxel_size: f32,
+    sums: &mut [WeightedSum<N>],
+    camera: &Camera,
+    image: &Image<Vec<f32>>,
+    numbers: impl Fn(&Image<Vec<f32>>, usize, f32) -> [f32; N] + Sync,
+) {
+    assert_eq!(image.channels, Channels::Layers.count() + 1, "attributes are layers");
+    let view = View::new(camera, image);
+    let tolerance = VISIBLE_VOXELS * voxel_size;
+    let vertices = mesh.positions.par_iter().zip(&mesh.normals);
+    sums.par_iter_mut().zip(vertices).for_each(|(sum, (position, normal))| {
+        let position = Vec3::from(*position);
+        let Some((depth, pixel)) = view.pixel(position) else { return };
+        let is_visible = (view.depths[pixel] - depth).abs() < tolerance;
+        let cosine = Vec3::from(*normal).dot((camera.position - position).normalize_or_zero());
+        let weight = cosine.max(0.0) * view.coverage[pixel];
+        if is_visible && weight > 0.0 {
+            sum.add(numbers(image, pixel, view.coverage[pixel]), weight);
+        }
+    });
+}
+
+/// Diffuse albedo times ambient transfer of a covered pixel of physical materials.
+fn diffuse_albedo(image: &Image<Vec<f32>>, pixel: usize, coverage: f32) -> [f32; 3] {
+    let at = |plane: usize| image.plane(plane)[pixel] / coverage;
+    let share = ((1.0 - at(channel::METALNESS)) * at(channel::AMBIENT)).max(0.0);
+    [0, 1, 2].map(|k| at(channel::DIFFUSE + k).max(0.0) * share)
+}
+
+/// Base colours of a near field under a light, of vertices of physical materials: diffuse albedo
+/// times irradiance.
+pub fn relight(near_field: &mut NearField<Vec<f32>>, sky: &Sky) {
+    let start = near_field.vertices_start();
+    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    let normals: Vec<Vec3> =
+        vertices.iter().map(|numbers| Vec3::from_slice(&numbers[3..]).normalize_or_zero()).collect();
+    for (numbers, irradiance) in vertices.iter_mut().zip(sky.irradiance(&normals)) {
+        let base = Vec3::from_slice(&numbers[VERTEX_ALBEDO..]) * irradiance;
+        numbers[VERTEX_BASE..VERTEX_BASE + 3].copy_from_slice(&base.to_array());
+    }
 }
 
 /// Normal, base colour, tint and roughness of a covered pixel.

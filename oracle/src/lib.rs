@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 mod cloud;
+mod illuminate;
 pub mod independent;
 mod light;
 mod losses;
@@ -15,9 +16,11 @@ pub mod number;
 mod picture;
 pub mod scenes;
 mod shade_pixels;
+mod split_sum;
 pub mod stress;
 
 pub use cloud::{lift, lift_environment, lift_gaussians};
+pub use illuminate::Lamps;
 pub use light::{Light, LightGrad, Operator, look_up, look_up_vjp, prefilter, prefilter_vjp};
 pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
@@ -233,7 +236,7 @@ pub fn render_within<R: Number>(
     let responses = (cutoffs.order() != BlendOrder::Mean).then(|| response_depths(gaussians, camera));
     let frame =
         blend_in_order(&splats, perspectives.as_deref(), responses.as_deref(), &colors, &order, camera, cutoffs);
-    if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera, rules.traces_near) } else { frame }
+    if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera, rules) } else { frame }
 }
 
 /// Inputs of a training step beside the scene.
@@ -287,8 +290,9 @@ pub fn loss_and_gradient<R: Number>(
     leave_out(&mut splats, gaussians, view.camera, view.rules);
     let order = front_to_back(&splats);
     let frame = blend(&splats, &colors, &order, view.camera);
-    let (is_deferred, traces) = (view.rules.is_deferred(gaussians.layout), view.rules.traces_near);
-    let picture = if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, traces) } else { frame.clone() };
+    let is_deferred = view.rules.is_deferred(gaussians.layout);
+    let picture =
+        if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, view.rules) } else { frame.clone() };
     let frozen = freeze_weights(&picture);
     let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
@@ -296,7 +300,7 @@ pub fn loss_and_gradient<R: Number>(
     let mut light_grad = light.as_ref().map(LightGrad::zero);
     let mut frame_grad = frame_loss_vjp(&picture, view.target, view.camera, view.weights, &frozen);
     if is_deferred {
-        shade_pixels_vjp(&frame, light.as_ref(), view.camera, traces, &mut frame_grad, light_grad.as_mut());
+        shade_pixels_vjp(&frame, light.as_ref(), view.camera, view.rules, &mut frame_grad, light_grad.as_mut());
     }
     let (mut splat_grads, color_grads) = blend_vjp(&splats, &colors, &order, &frame, &frame_grad);
     if blended(&shading(gaussians, view.rules)) != Channels::Color {

@@ -1,6 +1,9 @@
 //! Light into roughness levels by explicit rows of weights, and its lookup.
 
-use crate::number::{Number, take3};
+use crate::{
+    illuminate::Lamps,
+    number::{Number, take3},
+};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{self, FACE_COUNT},
@@ -150,6 +153,8 @@ pub struct Light<R> {
     pub maps: Vec<Vec<Vec3<R>>>,
     /// Surface of the scene that reflected rays may meet.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
+    /// Lamps beside the light from afar.
+    pub lamps: Option<Arc<Lamps>>,
 }
 
 impl<R> Light<R> {
@@ -157,6 +162,11 @@ impl<R> Light<R> {
     #[must_use]
     pub fn around(self, near_field: NearField<Vec<f32>>) -> Self {
         Self { near_field: Some(Arc::new(near_field)), ..self }
+    }
+    /// The same light with lamps.
+    #[must_use]
+    pub fn with_lamps(self, lamps: Lamps) -> Self {
+        Self { lamps: Some(Arc::new(lamps)), ..self }
     }
 }
 
@@ -251,7 +261,7 @@ pub fn prefilter<R: Number>(environment: &Environment<Vec<R>>, operator: &Operat
         map
     };
     let maps = filtered.iter().zip(operator.levels.as_slice()).map(pad).collect();
-    Light { levels: operator.levels, maps, near_field: None }
+    Light { levels: operator.levels, maps, near_field: None, lamps: None }
 }
 
 /// Gradient of [`prefilter`] with respect to the environment's numbers.

@@ -5,7 +5,9 @@ use specula_core::{
     environment::number_of,
     light_network::initial_weight,
     random,
-    scene::{Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values},
+    scene::{
+        AMBIENT, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, RadianceActivation, len_of_values,
+    },
 };
 
 /// View of the origin.
@@ -14,7 +16,8 @@ pub fn camera(width: u32, height: u32) -> Camera {
 }
 
 /// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from
-/// 0.27 to 0.95, attributes within 1.2 of zero, filters in space up to 0.2.
+/// 0.27 to 0.95, attributes within 1.2 of zero, ambient transfers from 0.3 to 1.5, filters in space
+/// up to 0.2.
 pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f32>> {
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
     for gaussian in 0..count {
@@ -28,7 +31,9 @@ pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f3
                 QUAT..OPACITY => random::normal(seed, gaussian as u64, 1000 + plane as u64),
                 OPACITY => draw(plane, -1.0, 3.0),
                 plane if plane < layout.sh_start() => draw(plane, -1.2, 1.2),
-                plane if plane == layout.sh_end() => draw(plane, 0.0, 0.2),
+                plane if Some(plane) == layout.filter_plane() => draw(plane, 0.0, 0.2),
+                plane if plane >= layout.sh_end() + AMBIENT => draw(plane, 0.3, 1.5),
+                plane if plane >= layout.sh_end() => draw(plane, -1.2, 1.2),
                 _ => draw(plane, -0.1, 0.1),
             };
             gaussians.set(gaussian, plane, [number]);

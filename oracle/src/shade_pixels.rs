@@ -1,14 +1,19 @@
 //! Light added pixel by pixel to a blended surface.
 
 use super::{
+    illuminate::illuminate,
     light::{Light, LightGrad, look_up, look_up_vjp},
     picture::{Frame, vector_at},
+    split_sum::{split_sum, split_sum_vjp},
 };
 use crate::number::Number;
 use specula_core::{
     camera::Camera,
+    lamps::{self, DirectLight, diffuse_albedo},
     near_field::{NearField, Reflection, ray_origin},
-    rules::{Channels, channel},
+    physical::{self, PixelFacing, PixelLight, pixel_facing, pixel_facing_vjp},
+    rules::{Channels, RenderRules, channel},
+    shade::ShadingForm,
     shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
 };
@@ -21,10 +26,15 @@ struct Lit<R> {
     /// Reflection of the pixel; none without a light.
     reflection: Option<Reflection<R>>,
     light: Vec3<R>,
+    /// Orientation of a physical material, and all light that reaches it; none without a light.
+    physical: Option<(PixelFacing<R>, PixelLight<R>)>,
+    /// Diffuse albedo and light of lamps, where these shine.
+    direct: Option<(Vec3<R>, DirectLight<R>)>,
+    is_physical: bool,
 }
 
 impl<R: Number> Lit<R> {
-    fn new(frame: &Frame<R>, index: usize, light: Option<&Light<R>>, camera: &Camera, traces: bool) -> Self {
+    fn new(frame: &Frame<R>, index: usize, light: Option<&Light<R>>, camera: &Camera, rules: &RenderRules) -> Self {
         let size = frame.pixel_count();
         let pixel = Pixel {
             base: vector_at(frame, channel::COLOR, index),
@@ -37,7 +47,7 @@ impl<R: Number> Lit<R> {
         let (x, y) = (center(index % frame.width), center(index / frame.width));
         let view_dir = camera.lift(R::of(0.0)).view_dir(x, y);
         let surface = pixel_surface(&pixel, view_dir);
-        let reflection = light.map(|light| match light.near_field.as_deref().filter(|_| traces) {
+        let reflection = light.map(|light| match light.near_field.as_deref().filter(|_| rules.traces_near) {
             Some(near_field) => {
                 let depth = frame.values[channel::DEPTH * size + index];
                 let offset = R::of(f64::from(near_field.offset));
@@ -51,7 +61,57 @@ impl<R: Number> Lit<R> {
             let own = look_up(light, surface.reflection_dir, surface.roughness);
             reflection.light(own, look_up(light, reflection.direction, reflection.roughness))
         });
-        Self { pixel, view_dir, surface, reflection, light: radiance }
+        let is_physical = rules.shading.form == ShadingForm::Physical;
+        let physical = light.filter(|_| is_physical).map(|light| {
+            let facing = pixel_facing(&pixel, view_dir);
+            let irradiance = look_up(light, facing.normal, R::of(1.0));
+            let split_sum = split_sum(facing.n_dot_v, surface.roughness);
+            (facing, PixelLight { specular: radiance, irradiance, split_sum })
+        });
+        let lamps = light.and_then(|light| light.lamps.as_deref()).filter(|_| rules.illuminates && is_physical);
+        let direct = lamps.map(|lamps| {
+            let depth = frame.values[channel::DEPTH * size + index];
+            let metalness = frame.values[channel::METALNESS * size + index];
+            let albedo = diffuse_albedo(vector_at(frame, channel::DIFFUSE, index), metalness, pixel.coverage);
+            let place = [index % frame.width, index / frame.width];
+            (albedo, illuminate(lamps, &camera.lift(depth), &pixel, depth, view_dir, place))
+        });
+        Self { pixel, view_dir, surface, reflection, light: radiance, physical, direct, is_physical }
+    }
+
+    /// Colour and its specular part, premultiplied; a physical material without light is black.
+    fn colors(&self) -> [Vec3<R>; 2] {
+        let coverage = self.pixel.coverage;
+        match &self.physical {
+            Some((_, light)) => {
+                let [_, specular] = physical::reflected(&self.surface, light);
+                let color = match &self.direct {
+                    Some((albedo, direct)) => lamps::pixel_color(&self.surface, light, *albedo, direct, coverage),
+                    None => physical::pixel_color(&self.surface, light, coverage),
+                };
+                [color, specular * coverage]
+            }
+            None if self.is_physical => [Vec3::zero(coverage); 2],
+            None => [pixel_color(&self.surface, self.light, coverage), self.pixel.tint.times(self.light)],
+        }
+    }
+
+    /// Gradient of the colour: of the surface, of the light along the reflection, of the coverage,
+    /// and of all light that reaches a physical material.
+    fn colors_vjp(&self, grad: Vec3<R>) -> (PixelSurface<R>, Vec3<R>, R, Option<PixelLight<R>>) {
+        let coverage = self.pixel.coverage;
+        let none = Vec3::zero(coverage);
+        match &self.physical {
+            Some((_, light)) => {
+                let (surface, light, coverage) = physical::pixel_color_vjp(&self.surface, light, coverage, grad);
+                (surface, light.specular, coverage, Some(light))
+            }
+            None => {
+                let grad = if self.is_physical { none } else { grad };
+                let (surface, light, coverage) = pixel_color_vjp(&self.surface, self.light, coverage, grad);
+                (surface, light, coverage, None)
+            }
+        }
     }
 }
 
@@ -72,20 +132,20 @@ fn store<R: Number>(frame: &mut Frame<R>, plane: usize, index: usize, v: Vec3<R>
     }
 }
 
-/// The picture of a blended surface under a light; `traces` says whether reflected rays are traced
-/// against its near field.
+/// The picture of a blended surface under a light, by the form and the tracing of the rules.
 pub fn shade_pixels<R: Number>(
     surface: &Frame<R>,
     light: Option<&Light<R>>,
     camera: &Camera,
-    traces: bool,
+    rules: &RenderRules,
 ) -> Frame<R> {
     let mut picture = surface.clone();
     for index in 0..surface.pixel_count() {
-        let lit = Lit::new(surface, index, light, camera, traces);
-        store(&mut picture, channel::COLOR, index, pixel_color(&lit.surface, lit.light, lit.pixel.coverage));
+        let lit = Lit::new(surface, index, light, camera, rules);
+        let [color, specular] = lit.colors();
+        store(&mut picture, channel::COLOR, index, color);
         if surface.channels > Channels::Layers.count() {
-            store(&mut picture, channel::SPECULAR, index, lit.pixel.tint.times(lit.light));
+            store(&mut picture, channel::SPECULAR, index, specular);
             store(&mut picture, channel::LIGHT, index, lit.light * lit.pixel.coverage);
         }
     }
@@ -98,16 +158,16 @@ pub fn shade_pixels_vjp<R: Number>(
     surface: &Frame<R>,
     light: Option<&Light<R>>,
     camera: &Camera,
-    traces: bool,
+    rules: &RenderRules,
     grad: &mut Frame<R>,
     mut light_grad: Option<&mut LightGrad<R>>,
 ) {
     let size = surface.pixel_count();
     for index in 0..size {
-        let lit = Lit::new(surface, index, light, camera, traces);
-        let grad_color = vector_at(grad, channel::COLOR, index);
-        let (mut grad_surface, grad_light, grad_coverage) =
-            pixel_color_vjp(&lit.surface, lit.light, lit.pixel.coverage, grad_color);
+        let lit = Lit::new(surface, index, light, camera, rules);
+        let (mut grad_surface, grad_light, grad_coverage, of_physical) =
+            lit.colors_vjp(vector_at(grad, channel::COLOR, index));
+        let mut of_facing = Vec3::zero(R::of(0.0));
         if let (Some(light), Some(reflection), Some(light_grad)) = (light, &lit.reflection, light_grad.as_deref_mut()) {
             let [of_own, of_near] = reflection.light_vjp(grad_light);
             let (direction, roughness) =
@@ -115,10 +175,16 @@ pub fn shade_pixels_vjp<R: Number>(
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
             look_up_vjp(light, reflection.direction, reflection.roughness, of_near, light_grad);
+            if let (Some((facing, _)), Some(of_light)) = (&lit.physical, of_physical) {
+                let (normal, _) = look_up_vjp(light, facing.normal, R::of(1.0), of_light.irradiance, light_grad);
+                let [n_dot_v, of_roughness] = split_sum_vjp(facing.n_dot_v, lit.surface.roughness, of_light.split_sum);
+                grad_surface.roughness = grad_surface.roughness + of_roughness;
+                of_facing = pixel_facing_vjp(&lit.pixel, lit.view_dir, &PixelFacing { normal, n_dot_v });
+            }
         }
         let of_surface = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
         store(grad, channel::COLOR, index, of_surface.base);
-        for (plane, vector) in [(channel::NORMAL, of_surface.normal), (channel::TINT, of_surface.tint)] {
+        for (plane, vector) in [(channel::NORMAL, of_surface.normal + of_facing), (channel::TINT, of_surface.tint)] {
             let sum = vector_at(grad, plane, index) + vector;
             store(grad, plane, index, sum);
         }

@@ -11,6 +11,7 @@ use specula_accuracy::{
 use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
+    lamps::Lamp,
     near_field::NearField,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
@@ -65,7 +66,7 @@ impl CertificateError {
 
 /// Scene, cameras and background as the subject of measurements, with splats in the order of means.
 pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
-    let Scene { gaussians, light, near_field, shading_model: ShadingModel { shading, scheme } } = scene;
+    let Scene { gaussians, light, near_field, shading_model: ShadingModel { shading, scheme }, .. } = scene;
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
     Subject { gaussians, light, near_field, shading, scheme, cameras, background, order: BlendOrder::Mean }
 }
@@ -143,6 +144,10 @@ impl RenderBackend for CertifiedScene {
     }
 
     fn set_light(&mut self, _: usize, _: &Environment<Vec<f32>>, _: &RenderRules) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
+    }
+
+    fn set_lamps(&mut self, _: &[Lamp]) -> Result<(), SceneError> {
         Err(SceneError::Immutable)
     }
 

@@ -3,12 +3,13 @@
 
 use crate::{
     environment::radiance,
+    ground::Ground,
     text::{numbers, serialize_as_text},
 };
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
-    color::{composite, over, srgb_from_linear},
+    color::{composite, linear_from_srgb, over, srgb_from_linear},
     scene::{Environment, Image, RadianceActivation},
 };
 use specula_io::{
@@ -16,6 +17,7 @@ use specula_io::{
     picture::{self, RgbImage},
 };
 use specula_train::{evaluate::over_background, view::View};
+use std::sync::Arc;
 
 /// Resolutions of an environment behind pictures, in texels along a face's edge.
 const RESOLUTIONS: [usize; 2] = [64, 1024];
@@ -109,6 +111,8 @@ pub enum Backdrop {
     Color(BackgroundColor),
     /// Light at infinite distance.
     Environment(Environment<Vec<f32>>),
+    /// Another background, and a ground on it that catches shadows.
+    Ground(Box<Self>, Arc<Ground>),
 }
 
 impl Backdrop {
@@ -132,8 +136,28 @@ impl Backdrop {
         let planes = match self {
             Self::Color(BackgroundColor(color)) => over_background(image, *color),
             Self::Environment(light) => over_environment(image, light, camera),
+            Self::Ground(..) => over_colors(image, &self.colors(camera)),
         };
         picture::rgb(image.width, image.height, &planes)
+    }
+
+    /// Colours behind each pixel of a camera, row by row, in sRGB.
+    fn colors(&self, camera: &Camera) -> Vec<[f32; 3]> {
+        match self {
+            Self::Color(BackgroundColor(color)) => vec![*color; (camera.width * camera.height) as usize],
+            Self::Environment(light) => environment_colors(light, camera),
+            Self::Ground(behind, ground) => {
+                let mut colors = behind.colors(camera);
+                let shadowed = |color: f32, share: f32| match share {
+                    1.0 => color,
+                    _ => srgb_from_linear(linear_from_srgb(color) * share),
+                };
+                for (color, share) in colors.iter_mut().zip(ground.shares(camera)) {
+                    *color = core::array::from_fn(|k| shadowed(color[k], share[k]));
+                }
+                colors
+            }
+        }
     }
 
     /// Photograph over the background, with 8 bits a channel.
@@ -141,15 +165,17 @@ impl Backdrop {
         let planes = match self {
             Self::Color(BackgroundColor(color)) => view.over(*color),
             Self::Environment(light) => photograph_over_environment(view, light),
+            Self::Ground(behind, _) => return behind.photograph(view),
         };
         picture::rgb(view.camera.width as usize, view.camera.height as usize, &planes)
     }
 
     /// Colour of the background; black for an environment.
-    pub const fn color(&self) -> BackgroundColor {
+    pub fn color(&self) -> BackgroundColor {
         match self {
             Self::Color(color) => *color,
             Self::Environment(_) => BackgroundColor::BLACK,
+            Self::Ground(behind, _) => behind.color(),
         }
     }
 }
@@ -167,10 +193,14 @@ fn photograph_over_environment(view: &View, light: &Environment<Vec<f32>>) -> Ve
 
 /// Colours of a rendered view over a light, as three planes in sRGB.
 pub fn over_environment(image: &Image<Vec<f32>>, light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<f32> {
-    let behind = environment_colors(light, camera);
+    over_colors(image, &environment_colors(light, camera))
+}
+
+/// Colours of a rendered view over those behind each pixel, as three planes in sRGB.
+fn over_colors(image: &Image<Vec<f32>>, behind: &[[f32; 3]]) -> Vec<f32> {
     let transmittance = image.plane(image.channels - 1);
     let plane = |c: usize| {
-        let pixels = image.plane(c).iter().zip(transmittance).zip(&behind);
+        let pixels = image.plane(c).iter().zip(transmittance).zip(behind);
         pixels.map(move |((color, transmittance), behind)| composite(*color, *transmittance, behind[c]))
     };
     (0..3).flat_map(plane).collect()

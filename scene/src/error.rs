@@ -38,6 +38,9 @@ pub enum SceneError {
     /// Another program trains in the folder of a model; the sentence names it.
     #[error("{0}")]
     Locked(String),
+    /// Physical materials were asked for of a scene without any.
+    #[error("the scene was trained without physical materials")]
+    NoMaterials,
     /// A split was asked for of a scene without cameras.
     #[error("the scene has no cameras")]
     NoCameras,

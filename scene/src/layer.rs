@@ -4,7 +4,7 @@ use core::str::FromStr;
 use specula_core::{
     color::srgb_from_linear,
     rules::{Channels, channel},
-    scene::Image,
+    scene::{Image, Layout},
     shade::ShadingForm,
 };
 use specula_io::picture::{self, RgbImage};
@@ -33,13 +33,20 @@ pub enum Layer {
     Tint,
     /// Light that reaches the surface along the reflected viewing direction.
     Light,
+    /// Albedo of physical materials.
+    Albedo,
+    /// Metalness of physical materials, white is a metal.
+    Metallic,
+    /// Share of the light from all around that reaches the surface, and of what other surfaces
+    /// reflect; white in the open.
+    Ambient,
     /// Every layer.
     All,
 }
 
 impl Layer {
     /// Layers in the order of tables and keys, without [`Layer::All`].
-    pub const EACH: [Self; 10] = [
+    pub const EACH: [Self; 13] = [
         Self::Rgb,
         Self::Normal,
         Self::Depth,
@@ -50,6 +57,9 @@ impl Layer {
         Self::Roughness,
         Self::Tint,
         Self::Light,
+        Self::Albedo,
+        Self::Metallic,
+        Self::Ambient,
     ];
 
     /// Lower-case name, of folders and options.
@@ -65,6 +75,9 @@ impl Layer {
             Self::Roughness => "roughness",
             Self::Tint => "tint",
             Self::Light => "light",
+            Self::Albedo => "albedo",
+            Self::Metallic => "metallic",
+            Self::Ambient => "ambient",
             Self::All => "all",
         }
     }
@@ -72,6 +85,22 @@ impl Layer {
     /// Whether the layer exists for shaded Gaussians only.
     pub fn is_of_shading(self) -> bool {
         !matches!(self, Self::Rgb | Self::Normal | Self::Depth | Self::Alpha | Self::All)
+    }
+
+    /// Whether the layer exists for physical materials only.
+    pub fn is_of_materials(self) -> bool {
+        matches!(self, Self::Albedo | Self::Metallic | Self::Ambient)
+    }
+
+    /// Whether the layer exists for this shading of Gaussians with these attributes.
+    pub fn exists(self, layout: Layout, form: ShadingForm) -> bool {
+        if self.is_of_materials() {
+            layout.is_physical && form == ShadingForm::Physical
+        } else {
+            // Physical materials have no residual colour.
+            let is_shown = self != Self::Residual || form != ShadingForm::Physical;
+            is_shown && (layout.is_shaded() || !self.is_of_shading())
+        }
     }
 
     /// Requested layers without repetition, in the order of [`Layer::EACH`].
@@ -101,12 +130,14 @@ impl Layer {
             Self::Normal => normals(image),
             Self::Depth => depths(image),
             Self::Alpha => gray(image, &alpha(image)),
-            Self::Diffuse => colors(image, channel::DIFFUSE, is_linear),
+            Self::Diffuse | Self::Albedo => colors(image, channel::DIFFUSE, is_linear),
             Self::Specular => colors(image, channel::SPECULAR, is_linear),
             Self::Residual => colors(image, channel::RESIDUAL, is_linear),
             Self::Roughness => gray(image, image.plane(channel::ROUGHNESS)),
             Self::Tint => colors(image, channel::TINT, false),
             Self::Light => colors(image, channel::LIGHT, true),
+            Self::Metallic => gray(image, image.plane(channel::METALNESS)),
+            Self::Ambient => gray(image, image.plane(channel::AMBIENT)),
         }
     }
 }

@@ -31,6 +31,7 @@
 //! | [`camera_set`], [`orbit`] | cameras of a model, of a file, or around a scene |
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
+//! | [`lamps`], [`ground`] | suns and lamps, and surfaces that cast and catch their shadows |
 //! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
 
 pub mod backdrop;
@@ -44,6 +45,8 @@ pub mod export;
 pub mod foreground;
 mod framing;
 pub mod fusion;
+pub mod ground;
+pub mod lamps;
 pub mod layer;
 pub mod light_file;
 pub mod number;
@@ -69,4 +72,4 @@ pub use opened::OpenedModel;
 pub use overlap::overlap;
 pub use renderer::{RenderBackend, SceneRenderer};
 pub use scene::Scene;
-pub use shading_model::ShadingModel;
+pub use shading_model::{Shading, ShadingModel};

@@ -61,7 +61,13 @@ impl OpenedModel {
         shading_model.decode(&mut gaussians);
         sort_in_space(&mut gaussians);
         Self {
-            scene: Scene { gaussians, light: model.light, near_field: model.near_field.map(Arc::new), shading_model },
+            scene: Scene {
+                gaussians,
+                light: model.light,
+                near_field: model.near_field.map(Arc::new),
+                lamps: None,
+                shading_model,
+            },
             folder,
             iteration: model.iteration,
             info: model.info,

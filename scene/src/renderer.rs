@@ -4,6 +4,7 @@ use crate::{
     Scene, SceneError,
     device::{Device, RenderOptions},
     environment::RESOLUTION_SLOW,
+    lamps::SceneLamps,
     overlap::overlap,
 };
 use core::fmt;
@@ -11,6 +12,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     executor::Renderer,
+    lamps::Lamp,
     light_network::LightNetworkError,
     near_field::NearField,
     pack::Storage,
@@ -26,6 +28,7 @@ use specula_train::{
     evaluate::{over_background, render_view, rules_to_measure},
     view::View,
 };
+use std::sync::Arc;
 
 /// Gaussians and filtered lights on an executor: the object-safe side of a [`SceneRenderer`].
 ///
@@ -46,6 +49,14 @@ pub trait RenderBackend: Send {
     /// Those of the executor, such as a resolution that the prefilter does not take; or
     /// [`SceneError::Immutable`].
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError>;
+
+    /// Replaces the lamps of lights that are set afterwards, their rays and the surface that casts
+    /// their shadows excepted; a scene without lamps gets none.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Immutable`], for backends that keep their light.
+    fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError>;
 
     /// Replaces Gaussians and near field; lights that are set afterwards are around the latter.
     ///
@@ -70,10 +81,18 @@ struct Uploaded<E: Renderer> {
     exec: E,
     gaussians: Gaussians<E::Array>,
     near_field: Option<E::NearField>,
+    lamps: Option<UploadedLamps<E::NearField>>,
     lights: Vec<Option<E::Light>>,
     /// Rounds a filtered light to its storage.
     store: fn(E::Light, Storage) -> E::Light,
     storage: Storage,
+}
+
+/// Lamps, and the surface that casts their shadows on an executor.
+struct UploadedLamps<N> {
+    lamps: Vec<Lamp>,
+    rays: usize,
+    occluder: Option<N>,
 }
 
 impl<E: Renderer> Uploaded<E>
@@ -82,15 +101,25 @@ where
 {
     fn new(
         mut exec: E,
-        gaussians: &Gaussians<Vec<f32>>,
-        near_field: Option<&NearField<Vec<f32>>>,
+        Scene { gaussians, near_field, lamps, .. }: &Scene,
         store: fn(E::Light, Storage) -> E::Light,
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let near_field = near_field.map(|near_field| upload_near_field(&mut exec, near_field)).transpose();
-        let near_field = near_field.map_err(Into::into)?;
-        Ok(Self { exec, gaussians, near_field, lights: Vec::new(), store, storage })
+        let uploaded = near_field.as_deref().map(|near_field| upload_near_field(&mut exec, near_field)).transpose();
+        let uploaded = uploaded.map_err(Into::into)?;
+        let lamps = match lamps {
+            Some(SceneLamps { lamps, rays, occluder }) => {
+                let occluder = match (occluder, near_field) {
+                    (Some(occluder), Some(near_field)) if Arc::ptr_eq(occluder, near_field) => uploaded.clone(),
+                    (Some(occluder), _) => Some(upload_near_field(&mut exec, occluder).map_err(Into::into)?),
+                    (None, _) => None,
+                };
+                Some(UploadedLamps { lamps: lamps.clone(), rays: *rays, occluder })
+            }
+            None => None,
+        };
+        Ok(Self { exec, gaussians, near_field: uploaded, lamps, lights: Vec::new(), store, storage })
     }
 }
 
@@ -115,11 +144,21 @@ where
         let light = self.exec.prefilter(&light.with_values(values), rules.scheme, rules.levels).map_err(Into::into)?;
         let count = self.lights.len().max(slot + 1);
         self.lights.resize_with(count, || None);
-        let light = (self.store)(light, self.storage);
-        self.lights[slot] = Some(match &self.near_field {
-            Some(near_field) => self.exec.surround(light, near_field),
-            None => light,
-        });
+        let mut light = (self.store)(light, self.storage);
+        if let Some(near_field) = &self.near_field {
+            light = self.exec.surround(light, near_field);
+        }
+        if let Some(UploadedLamps { lamps, rays, occluder }) = &self.lamps {
+            light = self.exec.add_lamps(light, lamps, *rays, occluder.as_ref()).map_err(Into::into)?;
+        }
+        self.lights[slot] = Some(light);
+        Ok(())
+    }
+
+    fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
+        if let Some(known) = &mut self.lamps {
+            known.lamps = lamps.to_vec();
+        }
         Ok(())
     }
 
@@ -142,17 +181,14 @@ fn upload(
     cutoffs: Cutoffs,
     storage: Storage,
 ) -> Result<Box<dyn RenderBackend>, SceneError> {
-    let (gaussians, near_field) = (&scene.gaussians, scene.near_field.as_deref());
     Ok(match device {
-        Device::Cpu => {
-            Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), gaussians, near_field, rounded, storage)?)
-        }
+        Device::Cpu => Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), scene, rounded, storage)?),
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
             let mut exec = GpuExecutor::viewer(*gpu, storage);
             exec.set_order(cutoffs.order());
-            Box::new(Uploaded::new(exec, gaussians, near_field, |light, _| light, storage)?)
+            Box::new(Uploaded::new(exec, scene, |light, _| light, storage)?)
         }
     })
 }
@@ -258,8 +294,7 @@ impl SceneRenderer {
         E::Error: Into<SceneError>,
     {
         let Plan { rules, .. } = scene.plan(channels);
-        let near_field = scene.near_field.as_deref();
-        let backend = Box::new(Uploaded::new(exec, &scene.gaussians, near_field, |light, _| light, Storage::F32)?);
+        let backend = Box::new(Uploaded::new(exec, scene, |light, _| light, Storage::F32)?);
         Self { backend, rules }.lit_by(scene.light_for(&rules))
     }
 
@@ -360,6 +395,16 @@ impl SceneRenderer {
         rules: &RenderRules,
     ) -> Result<(), SceneError> {
         self.backend.set_light(slot, light, rules)
+    }
+
+    /// Replaces the lamps of lights that are set afterwards, their rays and the surface that casts
+    /// their shadows excepted; a scene without lamps gets none.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Immutable`], for backends that keep their light.
+    pub fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
+        self.backend.set_lamps(lamps)
     }
 
     /// Replaces the Gaussians by others, rounded to the storage of the renderer

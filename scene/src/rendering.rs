@@ -14,7 +14,7 @@ use specula_io::{
 use specula_train::{evaluate::largest_difference, view::View};
 
 /// Duration of a frame of an animation, in milliseconds.
-const FRAME_MS: u16 = 60;
+pub const FRAME_MS: u16 = 60;
 
 /// Pictures to be rendered and written.
 #[derive(Clone, Copy, Debug)]
@@ -144,7 +144,7 @@ mod tests {
         let values = vec![0.0; len_of_values(1, layout)];
         let mut gaussians = Gaussians { count: 1, layout, values };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, near_field: None, shading_model: ShadingModel::PAPER }
+        Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER }
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Gaussians, their light and their shading model.
 
 use crate::{
-    ShadingModel,
+    SceneError, Shading, ShadingModel,
     environment::{fitting, levels_of},
+    lamps::{SceneLamps, shine_on},
 };
 use specula_core::{
     cull::{CullReason, CullStats},
@@ -15,10 +16,11 @@ use specula_core::{
 };
 use specula_io::{
     Result,
-    latlong::{self, LatLong, MapOrientation},
+    latlong::{self, LatLong, MapOrientation, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
 };
-use specula_train::trainer::HostScene;
+use specula_mesh::{ambient::Ambient, near_field, sky::Sky};
+use specula_train::{near_field::set_ambient, trainer::HostScene};
 use std::{path::Path, sync::Arc};
 
 /// Least and default resolution of a light that replaces that of a scene, in texels along a face's
@@ -34,6 +36,8 @@ pub struct Scene {
     pub light: Option<Environment<Vec<f32>>>,
     /// Surface of the scene that reflected rays may meet; none where they leave for the far light.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
+    /// Lamps beside the light from far away; none but where they were added.
+    pub lamps: Option<SceneLamps>,
     /// Rules that the attributes were trained under.
     pub shading_model: ShadingModel,
 }
@@ -42,7 +46,7 @@ impl Scene {
     /// Result of a training.
     pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
         let HostScene { gaussians, environment, near_field } = host;
-        Self { gaussians, light: environment, near_field: near_field.map(Arc::new), shading_model }
+        Self { gaussians, light: environment, near_field: near_field.map(Arc::new), lamps: None, shading_model }
     }
 
     /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.
@@ -55,7 +59,7 @@ impl Scene {
     pub fn plan(&self, channels: Channels) -> Plan {
         let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
         let plan = self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels);
-        plan.tracing(self.near_field.is_some())
+        plan.tracing(self.near_field.is_some()).illuminated(self.lamps.is_some())
     }
 
     /// Gaussians rounded to their storage, so that a plan looks at the numbers that are rendered.
@@ -73,10 +77,65 @@ impl Scene {
     /// Replaces the light by a lat-long map of radiance, whose poles are those of `up` in the
     /// scene's world. The cube has the resolution of the light before, at least 64; 128 where there
     /// was none.
+    ///
+    /// Physical materials take the place of view-dependent colours where there are any, and the
+    /// light that reaches them past the scene's surface is found anew.
     pub fn relight(&mut self, map: &LatLong, up: impl Into<MapOrientation>) {
         let resolution = self.resolution_of_others();
         let values = latlong::to_cube(map, resolution, up);
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
+        if self.gaussians.layout.is_physical {
+            self.shading_model = self.shading_model.shaded(Shading::Physical);
+            self.transfer_light();
+        }
+    }
+
+    /// Finds the light that reaches physical materials past the surface of the scene, and the light
+    /// that this surface reflects once.
+    fn transfer_light(&mut self) {
+        let (Some(light), Some(near_field)) = (&self.light, &self.near_field) else { return };
+        let sky = Sky::new(light);
+        let mut near_field = NearField::clone(near_field);
+        near_field::relight(&mut near_field, &sky);
+        let ambient = Ambient::new(&near_field, &sky);
+        set_ambient(&mut self.gaussians, Some((&near_field, &ambient)));
+        if let Some(lamps) = &self.lamps {
+            shine_on(&mut near_field, lamps);
+        }
+        self.near_field = Some(Arc::new(near_field));
+    }
+
+    /// The same scene with its view-dependent colours or its physical materials.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::NoMaterials`], if it was trained without materials.
+    pub fn shaded(mut self, shading: Shading) -> core::result::Result<Self, SceneError> {
+        if shading == Shading::Physical && !self.gaussians.layout.is_physical {
+            return Err(SceneError::NoMaterials);
+        }
+        self.shading_model = self.shading_model.shaded(shading);
+        Ok(self)
+    }
+
+    /// Adds lamps to the light of a scene of physical materials, or to darkness, in place of those
+    /// that it had.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::NoMaterials`], if it was trained without physical materials.
+    pub fn add_lamps(&mut self, lamps: SceneLamps) -> core::result::Result<(), SceneError> {
+        if !self.gaussians.layout.is_physical {
+            return Err(SceneError::NoMaterials);
+        }
+        self.shading_model = self.shading_model.shaded(Shading::Physical);
+        self.lamps = Some(lamps);
+        Ok(())
+    }
+
+    /// Replaces the light by darkness.
+    pub fn darken(&mut self) {
+        self.relight(&LatLong { width: 2, height: 1, rgb: vec![0.0; 6] }, UpAxis::Z);
     }
 
     /// Resolution of lights that replace that of the scene, in texels along a face's edge.

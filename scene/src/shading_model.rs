@@ -21,6 +21,25 @@ use specula_train::profile::Profile;
 /// First word of a PLY comment that names a shading model.
 const COMMENT: &str = "specula";
 
+/// Colours of a scene that has physical materials beside its view-dependent colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shading {
+    /// View-dependent colours, which look best under the light of the training.
+    View,
+    /// Physical materials ([`specula_core::physical`]), for other lights.
+    Physical,
+}
+
+impl Shading {
+    /// Lower-case name, of folders and options.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::View => "view",
+            Self::Physical => "physical",
+        }
+    }
+}
+
 /// Rules that turn attributes into colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShadingModel {
@@ -43,6 +62,17 @@ impl ShadingModel {
     pub fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
         let full = RenderRules::full(self.shading, self.scheme, channels);
         Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })
+    }
+
+    /// The same model with physical materials in place of view-dependent colours, or these again.
+    #[must_use]
+    pub const fn shaded(self, shading: Shading) -> Self {
+        let form = match (shading, self.shading.form) {
+            (Shading::Physical, _) => ShadingForm::Physical,
+            (Shading::View, ShadingForm::Physical) => ShadingForm::Deferred,
+            (Shading::View, form) => form,
+        };
+        Self { shading: ShadingRules { form, ..self.shading }, ..self }
     }
 
     /// Shading model that a profile trains.
@@ -114,7 +144,8 @@ impl ShadingModel {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",
-                ShadingForm::Deferred => "deferred",
+                // Materials are a second reading of the same numbers.
+                ShadingForm::Deferred | ShadingForm::Physical => "deferred",
                 ShadingForm::Official => "official",
             },
             match self.shading.axis {

@@ -116,7 +116,7 @@ fn opened(levels: &[Level], texels: &[[f32; 4]]) -> Light<Double> {
         own.iter().map(|[r, g, b, _]| vec3(*r, *g, *b).map(|x: f32| Double(f64::from(x)))).collect()
     };
     let maps = levels.iter().map(map).collect();
-    Light { levels: Levels::of(levels).expect("they were looked up before"), maps, near_field: None }
+    Light { levels: Levels::of(levels).expect("they were looked up before"), maps, near_field: None, lamps: None }
 }
 
 #[cfg(test)]

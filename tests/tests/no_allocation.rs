@@ -55,6 +55,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
             near_field: None,
             rules: &rules,
             weights: &profile.weights,
+            is_observed: true,
             rates: &rates,
             environment_rate: 1e-3,
             radiance_max: 100.0,

@@ -27,6 +27,7 @@
 pub mod evaluate;
 mod exposure;
 pub mod near_field;
+mod physical;
 pub mod profile;
 pub mod start;
 pub mod trainer;

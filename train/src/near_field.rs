@@ -1,22 +1,38 @@
-//! Near field of a scene under training: its own surface, for reflected rays.
+//! Near field of a scene under training: its own surface, for reflected rays, and for the light
+//! that reaches physical materials past it.
 
+use core::num::NonZero;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     camera::Camera,
     near_field::NearField,
-    rules::Channels,
-    scene::{Gaussians, Image},
+    scene::{AMBIENT, Gaussians, Image, MEAN},
 };
-use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans};
+use specula_mesh::{ambient::Ambient, fusion::Fusion, near_field::SurfaceMeans, sky::Sky};
 
 /// Largest number of views that are fused.
 const VIEWS_MAX: usize = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
 
+/// Picture of a view without light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unlit {
+    /// Channels of training.
+    Depths,
+    /// All layers of view-dependent colours.
+    Layers,
+    /// All layers of physical materials.
+    Materials,
+}
+
+/// Share of rays between parts of a surface below which it counts as open: contacts of its parts
+/// alone.
+const MET_MIN: f64 = 0.01;
+
 /// Near field of a scene as some cameras see it; none where they see no surface, or where it
-/// reflects nothing of itself.
+/// neither reflects itself nor, with physical materials, keeps light of `sky` from itself.
 ///
-/// `render` renders a view without light, with these channels.
 ///
 /// # Errors
 ///
@@ -25,22 +41,73 @@ pub fn fused<Error>(
     gaussians: &Gaussians<Vec<f32>>,
     cameras: &[Camera],
     voxels: u16,
-    render: &mut impl FnMut(&Camera, Channels) -> Result<Image<Vec<f32>>, Error>,
-) -> Result<Option<NearField<Vec<f32>>>, Error> {
+    sky: Option<&Sky>,
+    render: &mut impl FnMut(&Camera, Unlit) -> Result<Image<Vec<f32>>, Error>,
+) -> Result<Option<Surroundings>, Error> {
     if gaussians.count == 0 {
         return Ok(None);
     }
     let cameras: Vec<Camera> = evenly_spaced(cameras).map(limited).collect();
     let mut fusion = Fusion::around(gaussians, voxels);
     for camera in &cameras {
-        fusion.add(camera, &render(camera, Channels::Training)?);
+        fusion.add(camera, &render(camera, Unlit::Depths)?);
     }
     let mut means = SurfaceMeans::new(fusion.mesh(), fusion.voxel_size());
     for camera in &cameras {
-        means.add(camera, &render(camera, Channels::Layers)?);
+        means.add(camera, &render(camera, Unlit::Layers)?);
+        if gaussians.layout.is_physical {
+            means.add_materials(camera, &render(camera, Unlit::Materials)?);
+        }
     }
+    let Some(near_field) = means.near_field() else { return Ok(None) };
     let positions: Vec<_> = cameras.iter().map(|camera| camera.position).collect();
-    Ok(means.near_field().filter(|near_field| specula_mesh::near_field::reflects_itself(near_field, &positions)))
+    let ambient = sky.filter(|_| gaussians.layout.is_physical).map(|sky| Ambient::new(&near_field, sky));
+    let is_met = ambient.as_ref().is_some_and(|ambient| ambient.met > MET_MIN);
+    let is_needed = is_met || specula_mesh::near_field::reflects_itself(&near_field, &positions);
+    Ok(is_needed.then_some(Surroundings { near_field, ambient }))
+}
+
+/// Surface around a scene's own.
+#[derive(Debug)]
+pub struct Surroundings {
+    /// The surface.
+    pub near_field: NearField<Vec<f32>>,
+    /// Light that reaches physical materials.
+    pub ambient: Option<Ambient>,
+}
+
+/// Sets the ambient transfer of physical Gaussians: the mean of those of the nearest vertices, or 1
+/// without a surface.
+pub fn set_ambient(gaussians: &mut Gaussians<Vec<f32>>, surroundings: Option<(&NearField<Vec<f32>>, &Ambient)>) {
+    const NEAREST: usize = 4;
+    let Some(plane) = gaussians.layout.physical_planes().map(|first| first + AMBIENT) else { return };
+    let transfers: Vec<[f32; 3]> = match surroundings {
+        None => vec![[1.0; 3]; gaussians.count],
+        Some((near_field, ambient)) => {
+            let position = |vertex: usize| {
+                let [x, y, z, ..] = near_field.vertex(vertex);
+                [x, y, z]
+            };
+            let positions: Vec<[f32; 3]> = (0..near_field.vertex_count).map(position).collect();
+            let tree: ImmutableKdTree<f32, 3> =
+                ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
+            let wanted = NonZero::new(NEAREST).expect("four is not zero");
+            let means = &*gaussians;
+            let transfer = |index: usize| {
+                let mean = means.get::<3>(index, MEAN);
+                let found = tree.query(&mean).nearest_n::<SquaredEuclidean<f32>>(wanted).execute();
+                let sum = found.iter().fold([0.0; 3], |sum: [f32; 3], neighbour| {
+                    let transfer = ambient.transfers[neighbour.item as usize];
+                    core::array::from_fn(|k| sum[k] + transfer[k])
+                });
+                sum.map(|sum| sum / found.len().max(1) as f32)
+            };
+            (0..gaussians.count).map(transfer).collect()
+        }
+    };
+    for (index, transfer) in transfers.into_iter().enumerate() {
+        gaussians.set(index, plane, transfer);
+    }
 }
 
 /// Cameras in their order, at most [`VIEWS_MAX`] of them.

@@ -12,7 +12,7 @@ use specula_core::{
     prefilter::PrefilterScheme,
     region::Ball,
     scene::{Layout, RadianceActivation},
-    shade::ShadingRules,
+    shade::{ShadingForm, ShadingRules},
 };
 
 /// Learning rates of all attributes over a training.
@@ -34,6 +34,8 @@ pub struct Rates {
     pub roughness: Schedule,
     /// Normal residuals Δn₁ and Δn₂.
     pub normal_residual: [Schedule; 2],
+    /// Raw albedo and raw metalness.
+    pub material: Schedule,
     /// First spherical harmonic.
     pub sh_first: Schedule,
     /// Other harmonics.
@@ -115,6 +117,32 @@ impl NearFieldSchedule {
     }
 }
 
+/// Schedule of physical materials ([`specula_core::physical`]), which are fitted beside the
+/// view-dependent colours: every few iterations a second step renders them in their place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhysicalSchedule {
+    /// Share of the training after which they are fitted.
+    pub from: f32,
+    /// Iterations between two of their steps.
+    pub every: u32,
+    /// Weight of their losses beside those of the view-dependent colours.
+    pub weight: f32,
+    /// Initial albedo.
+    pub albedo: f32,
+    /// Initial metalness.
+    pub metalness: f32,
+}
+
+impl PhysicalSchedule {
+    /// Every third iteration from a tenth on, starting from grey dielectrics.
+    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1 };
+
+    /// Whether an iteration takes a step of the materials.
+    pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
+        iteration as f32 >= self.from * iterations as f32 && iteration.is_multiple_of(self.every.max(1))
+    }
+}
+
 /// A kind of training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
@@ -135,6 +163,8 @@ pub struct Profile {
     pub foreground: Option<Ball>,
     /// Weights of the losses.
     pub weights: LossWeights,
+    /// Schedule of physical materials; none where Gaussians have view-dependent colours alone.
+    pub physical: Option<PhysicalSchedule>,
     /// Schedule of the near field; none where reflected rays leave for the far light unhindered.
     pub near_field: Option<NearFieldSchedule>,
     /// Share of the training at half resolution, where a step costs less.
@@ -198,6 +228,7 @@ fn plain(iterations: u32) -> Profile {
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
+        physical: None,
         near_field: None,
         coarse_until: 0.25,
         normal_from: 0.0,
@@ -214,6 +245,7 @@ fn plain(iterations: u32) -> Profile {
             tint: Schedule::constant(0.0),
             roughness: Schedule::constant(0.0),
             normal_residual: [Schedule::constant(0.0); 2],
+            material: Schedule::constant(0.0),
             sh_first: Schedule::constant(2.5e-3),
             sh_rest: Schedule::constant(2.5e-3 / 20.0),
             environment: Schedule::constant(0.0),
@@ -391,6 +423,18 @@ impl Profile {
             light.activation = RadianceActivation::Network;
             let [first, last] = NETWORK_RATE;
             self.rates.environment = Schedule { first, last, steps: iterations };
+        }
+        self
+    }
+
+    /// Profile that also fits physical materials, for relighting, whose light may be kept away by
+    /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
+    pub fn relightable(mut self, iterations: u32) -> Self {
+        if self.light.is_some() && self.shading.form == ShadingForm::Deferred {
+            self.layout = self.layout.physical();
+            self.physical = Some(PhysicalSchedule::DEFAULT);
+            self.near_field = Some(NearFieldSchedule::DEFAULT);
+            self.rates.material = Schedule { first: 2e-2, last: 2e-3, steps: iterations };
         }
         self
     }

@@ -14,8 +14,8 @@ use specula_core::{
     normal::AxisRule,
     random,
     scene::{
-        DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS,
-        TINT, len_of_values,
+        ALBEDO, AMBIENT, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2,
+        OPACITY, QUAT, ROUGHNESS, TINT, len_of_values,
     },
     sh::Y0,
     shade::ShadingForm,
@@ -155,12 +155,19 @@ fn in_space(points: &[Point]) -> Vec<Point> {
 fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Point, profile: &Profile, seed: u64) {
     let GaussianStart { tint, roughness, diffuse_share, .. } = profile.start;
     let diffuse = match profile.shading.form {
-        ShadingForm::Paper | ShadingForm::Deferred => point.color.map(|c| logit(diffuse_share * linear_from_srgb(c))),
+        ShadingForm::Paper | ShadingForm::Deferred | ShadingForm::Physical => {
+            point.color.map(|c| logit(diffuse_share * linear_from_srgb(c)))
+        }
         ShadingForm::Official => point.color,
     };
     gaussians.set(index, DIFFUSE, diffuse);
     gaussians.set(index, TINT, [logit(tint); 3]);
     gaussians.set(index, ROUGHNESS, [logit(roughness)]);
+    if let (Some(first), Some(physical)) = (profile.layout.physical_planes(), profile.physical) {
+        gaussians.set(index, first + ALBEDO, [logit(physical.albedo); 3]);
+        gaussians.set(index, first + METALNESS, [logit(physical.metalness)]);
+        gaussians.set(index, first + AMBIENT, [1.0; 3]);
+    }
     if profile.shading.axis == AxisRule::None {
         let normal = [0, 1, 2].map(|axis| random::normal(seed, NORMAL_STREAM, 3 * index as u64 + axis));
         gaussians.set(index, NORMAL_RESIDUAL_1, normal);
@@ -209,6 +216,10 @@ pub(crate) fn rates_by_plane(layout: Layout, rates: &crate::profile::Rates, exte
         fill(ROUGHNESS, 1, rates.roughness.at(step));
         fill(NORMAL_RESIDUAL_1, 3, rates.normal_residual[0].at(step));
         fill(NORMAL_RESIDUAL_2, 3, rates.normal_residual[1].at(step));
+    }
+    if let Some(first) = layout.physical_planes() {
+        fill(first + ALBEDO, 3, rates.material.at(step));
+        fill(first + METALNESS, 1, rates.material.at(step));
     }
     if layout.sh_count() > 0 {
         fill(layout.sh_start(), 3, rates.sh_first.at(step));

@@ -2,7 +2,9 @@
 
 use crate::{
     evaluate::render_view,
-    exposure, near_field,
+    exposure,
+    near_field::{self, Unlit},
+    physical::{physical_rates, physical_rules, physical_weights, view_rates},
     profile::Profile,
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
@@ -22,6 +24,7 @@ use specula_core::{
     scene::{Environment, Gaussians, OPACITY, TINT, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
+use specula_mesh::sky::Sky;
 
 /// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 vanishes beside any
 /// colour, and gradients of that scale beside Adam's ε of 1e-15, so that neither the tint nor the
@@ -178,6 +181,8 @@ impl<E: Executor> Trainer<E> {
         let (camera, target) = &pictures[view];
         let rates = profile.rates_at(self.done(self.state.iteration));
         let rates = rates_by_plane(profile.layout, &rates, self.extent, self.state.iteration);
+        let iterations = self.settings.iterations;
+        let view_rates = view_rates(profile.layout, &rates);
         let step = TrainingStep {
             camera,
             target,
@@ -186,12 +191,20 @@ impl<E: Executor> Trainer<E> {
             near_field: self.near_field.as_ref(),
             rules: &rules,
             weights: &weights,
-            rates: &rates,
+            is_observed: true,
+            rates: &view_rates,
             environment_rate: profile.rates.environment.at(self.state.iteration),
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
             number: self.state.iteration,
         };
         let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
+        if let Some(physical) = profile.physical.filter(|physical| physical.is_due(step.number, iterations)) {
+            let rules = physical_rules(&rules);
+            let weights = physical_weights(&weights, physical.weight);
+            let rates = physical_rates(profile.layout, &rates);
+            let step = TrainingStep { rules: &rules, weights: &weights, rates: &rates, is_observed: false, ..step };
+            train_step(&mut self.exec, &mut self.state.scene, &step)?;
+        }
         self.note(&report);
         self.expose(view, &report);
         let densified = self.refine()?;
@@ -291,14 +304,29 @@ impl<E: Executor> Trainer<E> {
             return Ok(());
         };
         let rules = RenderRules { is_lit: false, ..self.rules_at(iteration, Channels::Training) };
-        let gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
+        let mut gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
+        let sky = match &self.state.scene.light {
+            Some((light, _)) if gaussians.layout.is_physical => Some(Sky::new(&download_light(&mut self.exec, light)?)),
+            _ => None,
+        };
         let cameras: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
         let scene = &self.state.scene.gaussians;
         let exec = &mut self.exec;
-        let mut render = |camera: &Camera, channels: Channels| {
-            render_view(exec, scene, None, camera, &RenderRules { channels, ..rules })
+        let mut render = |camera: &Camera, picture: Unlit| {
+            let rules = match picture {
+                Unlit::Depths => rules,
+                Unlit::Layers => RenderRules { channels: Channels::Layers, ..rules },
+                Unlit::Materials => physical_rules(&RenderRules { channels: Channels::Layers, ..rules }),
+            };
+            render_view(exec, scene, None, camera, &rules)
         };
-        self.state.near_field = near_field::fused(&gaussians, &cameras, schedule.voxels, &mut render)?;
+        let found = near_field::fused(&gaussians, &cameras, schedule.voxels, sky.as_ref(), &mut render)?;
+        if gaussians.layout.is_physical {
+            let surroundings = found.as_ref().and_then(|found| Some(&found.near_field).zip(found.ambient.as_ref()));
+            near_field::set_ambient(&mut gaussians, surroundings);
+            self.state.scene.gaussians = self.exec.upload_gaussians(&gaussians)?;
+        }
+        self.state.near_field = found.map(|found| found.near_field);
         let uploaded = self.state.near_field.as_ref().map(|near_field| upload_near_field(&mut self.exec, near_field));
         self.near_field = uploaded.transpose()?;
         Ok(())

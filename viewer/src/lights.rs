@@ -18,7 +18,9 @@ use std::{
 };
 
 /// Identifier of the scene's own light.
-pub(crate) const SCENE_LIGHT: u32 = 0;
+const SCENE_LIGHT: u32 = 0;
+/// Light of the scene as it is.
+pub(crate) const OF_SCENE: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
 /// Largest number of added lights; the oldest one is replaced.
 const LIGHTS_MAX: usize = 16;
 /// Longest name of a light, in characters.
@@ -146,8 +148,6 @@ mod tests {
     use specula_core::light_network::{WEIGHT_COUNT, initial_weight};
     use specula_io::latlong::UpAxis;
 
-    const UNCHANGED: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
-
     fn grey() -> Cube {
         Cube { resolution: 16, activation: RadianceActivation::Exponential, values: vec![0.5; 18 * 16 * 16] }
     }
@@ -155,8 +155,8 @@ mod tests {
     #[test]
     fn a_light_that_is_not_moved_is_itself_to_the_last_bit() {
         let lights = Lights::new(Some(grey()), 16, Vec3::Z);
-        assert_eq!(lights.get(UNCHANGED), Some(Some(grey())));
-        let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..UNCHANGED }).unwrap().unwrap();
+        assert_eq!(lights.get(OF_SCENE), Some(Some(grey())));
+        let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..OF_SCENE }).unwrap().unwrap();
         assert!(brighter.values.iter().all(|number| (number - 2.0 * 0.5_f32.exp()).abs() < 1e-5), "twice as bright");
     }
 
@@ -166,15 +166,15 @@ mod tests {
         let values = (0..WEIGHT_COUNT).map(weight).collect();
         let network = Cube { resolution: 16, activation: RadianceActivation::Network, values };
         let lights = Lights::new(Some(network.clone()), 16, Vec3::Z);
-        assert_eq!(lights.get(UNCHANGED), Some(Some(network.clone())));
-        let brighter = lights.get(LightSetting { stops: 2.0, ..UNCHANGED }).unwrap().unwrap();
+        assert_eq!(lights.get(OF_SCENE), Some(Some(network.clone())));
+        let brighter = lights.get(LightSetting { stops: 2.0, ..OF_SCENE }).unwrap().unwrap();
         assert!(brighter.is_network(), "other levels become brighter as well");
         for (bright, own) in radiance(&brighter).iter().zip(radiance(&network)) {
             assert!((bright / own - 4.0).abs() < 1e-4, "{bright} is not four times {own}");
         }
-        let turned = LightSetting { turn: 30.0, ..UNCHANGED };
+        let turned = LightSetting { turn: 30.0, ..OF_SCENE };
         assert!(lights.turns_network(turned) && !lights.turns_network(LightSetting { id: 1, ..turned }));
-        assert!(!lights.turns_network(UNCHANGED) && lights.preview(turned).is_some());
+        assert!(!lights.turns_network(OF_SCENE) && lights.preview(turned).is_some());
         lights.set_scene_light(Some(grey()));
         assert!(!lights.turns_network(turned), "a map can be turned");
     }
@@ -189,7 +189,7 @@ mod tests {
         for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
             let lights = Lights::new(None, 16, above);
             let id = lights.add(&file, "sky", MapUp::Scene).unwrap().0.id;
-            let setting = LightSetting { id, ..UNCHANGED };
+            let setting = LightSetting { id, ..OF_SCENE };
             let cube = lights.get(setting).unwrap().unwrap();
             let sees = |direction: Vec3| {
                 let [u, v] = UpAxis::Z.uv(direction.as_dvec3().to_array());
@@ -218,7 +218,7 @@ mod tests {
         }
         let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
         assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, SCENE_LIGHT, 2));
-        assert_eq!(lights.get(LightSetting { id: 1, ..UNCHANGED }), None, "it made room");
-        assert!(lights.get(LightSetting { id: 2, ..UNCHANGED }).unwrap().is_some(), "the next is there");
+        assert_eq!(lights.get(LightSetting { id: 1, ..OF_SCENE }), None, "it made room");
+        assert!(lights.get(LightSetting { id: 2, ..OF_SCENE }).unwrap().is_some(), "the next is there");
     }
 }

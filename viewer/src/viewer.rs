@@ -15,7 +15,7 @@ use crate::{
 };
 use core::net::{Ipv4Addr, SocketAddr};
 use serde_json::{Value, json};
-use specula_core::rules::Channels;
+use specula_core::{rules::Channels, shade::ShadingForm};
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
 use specula_scene::{
     Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp, orbit::StartView,
@@ -240,8 +240,10 @@ impl ViewerThread {
 
 /// Names of the layers that the scene has, as the page lists them.
 fn layers(scene: &Scene, views: &Views) -> Vec<Value> {
-    let is_shaded = scene.gaussians.layout.is_shaded();
-    let layers = Layer::EACH.into_iter().filter(|layer| is_shaded || !layer.is_of_shading());
+    let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
+    let forms = [Some(form), layout.is_physical.then_some(ShadingForm::Physical)];
+    let exists = |layer: &Layer| forms.iter().flatten().any(|form| layer.exists(layout, *form));
+    let layers = Layer::EACH.into_iter().filter(exists);
     let error = views.has_photographs().then(|| request::ERROR.into());
     layers.map(|layer| layer.name().into()).chain(error).collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     ViewerError,
-    lights::{Cube, Lights, SCENE_LIGHT},
+    lights::{Cube, Lights, OF_SCENE},
     live::LiveTraining,
     queue::Queue,
     request::{Content, FrameRequest, LightSetting, Pose, Viewpoint},
@@ -19,7 +19,7 @@ use specula_core::{
 };
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
-    Layer, Scene, SceneError, SceneRenderer, ShadingModel,
+    Layer, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::over_environment,
     environment::{fitting, levels_of},
 };
@@ -59,6 +59,8 @@ struct FilteredLight {
     setting: LightSetting,
     slot: usize,
     rules: [RenderRules; 3],
+    /// Rules of the layers of physical materials.
+    of_materials: RenderRules,
 }
 
 /// Channels of pictures, in ascending order of their cost.
@@ -158,7 +160,7 @@ impl RenderWorker {
     /// longest.
     fn warm_up(&mut self) {
         // Errors are repeated in the response to the first request.
-        let _ = self.filtered(LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 });
+        let _ = self.filtered(OF_SCENE);
     }
 
     /// Renders a picture.
@@ -220,15 +222,30 @@ impl RenderWorker {
                 let message = format!("the scene is plain Gaussian splatting, which has no {}", layer.name());
                 Err(ViewerError::Request(message))
             }
+            Content::Layer(layer) if layer.is_of_materials() && !self.layout.is_physical => {
+                let message = format!("the scene was trained without physical materials, which have {}", layer.name());
+                Err(ViewerError::Request(message))
+            }
             Content::Layer(layer) => Ok(layer),
+        }
+    }
+
+    /// Shading of a layer under a light: physical materials, if there are any, show themselves and
+    /// light that is not that of the training.
+    fn model_of(&self, setting: LightSetting, of_materials: bool) -> ShadingModel {
+        let is_own = setting == OF_SCENE;
+        if self.layout.is_physical && (of_materials || !is_own) {
+            self.shading_model.shaded(Shading::Physical)
+        } else {
+            self.shading_model
         }
     }
 
     fn image(&mut self, camera: &Camera, layer: Layer, setting: LightSetting) -> Result<Image<Vec<f32>>, ViewerError> {
         let channels = Layer::channels(&[layer]);
         let index = CHANNELS.iter().position(|other| *other == channels).expect("layers have one of these channels");
-        let FilteredLight { slot, rules, .. } = self.filtered(setting)?;
-        let (slot, rules) = (*slot, rules[index]);
+        let FilteredLight { slot, rules, of_materials, .. } = self.filtered(setting)?;
+        let (slot, rules) = (*slot, if layer.is_of_materials() { *of_materials } else { rules[index] });
         Ok(self.renderer.render_lit(slot, camera, &rules)?)
     }
 
@@ -255,13 +272,15 @@ impl RenderWorker {
 
     fn filter(&mut self, setting: LightSetting) -> Result<FilteredLight, ViewerError> {
         let cube = self.light(setting)?;
-        let rules = self.rules(cube.as_ref());
+        let rules = CHANNELS.map(|channels| self.rules(cube.as_ref(), self.model_of(setting, false), channels));
+        let of_materials = self.rules(cube.as_ref(), self.model_of(setting, true), Channels::Layers);
         let slot = self.free_slot();
-        let [.., of_layers] = &rules;
+        // Levels of either shading.
+        let of_layers = if self.layout.is_physical { &of_materials } else { &rules[CHANNELS.len() - 1] };
         if let Some(cube) = cube.filter(|_| of_layers.is_lit) {
             self.renderer.set_light(slot, &fitting(&cube, self.shading_model.scheme), of_layers)?;
         }
-        Ok(FilteredLight { setting, slot, rules })
+        Ok(FilteredLight { setting, slot, rules, of_materials })
     }
 
     /// Free slot; without one, that of the light that was not used for longest.
@@ -273,12 +292,11 @@ impl RenderWorker {
         (0..SLOTS).find(is_free).expect("fewer lights than slots")
     }
 
-    /// Rules of pictures under a light, by their channels.
-    fn rules(&self, cube: Option<&Cube>) -> [RenderRules; 3] {
+    /// Rules of pictures under a light.
+    fn rules(&self, cube: Option<&Cube>, model: ShadingModel, channels: Channels) -> RenderRules {
         let needs = self.needs.under(cube);
-        let levels = cube.map(|cube| levels_of(cube, self.shading_model.scheme));
-        let plan = |channels| self.shading_model.plan(self.layout, &needs, levels.as_ref(), channels);
-        CHANNELS.map(|channels| plan(channels).tracing(self.traces_near).rules)
+        let levels = cube.map(|cube| levels_of(cube, model.scheme));
+        model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.traces_near).rules
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.

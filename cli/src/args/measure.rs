@@ -3,7 +3,7 @@
 use super::{
     parse::downscale,
     render::SplitName,
-    scene::{AntialiasedOption, ProfileName, RendererOptions},
+    scene::{AntialiasedOption, ProfileName, RendererOptions, ShadingOption},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -48,6 +48,8 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) antialiased: AntialiasedOption,
+    #[command(flatten)]
+    pub(crate) shading: ShadingOption,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
     /// Also measure PSNR after the affine colour map that best fits each ground-truth picture, as

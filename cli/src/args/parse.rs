@@ -1,7 +1,10 @@
 //! Parsers of option values. Errors are sentences that name the valid values.
 
 use core::net::{Ipv4Addr, SocketAddr};
-use specula_core::cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX};
+use specula_core::{
+    cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX},
+    lamps::RAYS_MAX,
+};
 use specula_io::budget::view_size;
 use specula_scene::{ExecutorChoice, device::InvalidExecutor};
 use std::net::ToSocketAddrs;
@@ -9,6 +12,17 @@ use std::net::ToSocketAddrs;
 pub(super) fn finite(text: &str) -> Result<f32, String> {
     let number: f32 = text.parse().map_err(|_| "use a number".to_owned())?;
     if number.is_finite() { Ok(number) } else { Err("use a finite number".into()) }
+}
+
+/// Angle in degrees, of any number of turns.
+pub(super) fn degrees(text: &str) -> Result<f32, String> {
+    finite(text).map_err(|error| format!("{error} of degrees"))
+}
+
+/// Number of shadow rays.
+pub(super) fn shadow_rays(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| (1..=RAYS_MAX).contains(number));
+    number.ok_or_else(|| format!("use a whole number from 1 to {RAYS_MAX}"))
 }
 
 pub(super) fn above_zero(text: &str) -> Result<f64, String> {

@@ -1,8 +1,9 @@
 //! Arguments of `specula render` and `specula relight`.
 
 use super::{
+    lights::Lights,
     parse::{error_bound, size},
-    scene::{EnvOptions, SceneOptions},
+    scene::{EnvOptions, SceneOptions, ShadingOption},
 };
 use clap::{
     Args, ValueEnum,
@@ -75,26 +76,31 @@ pub(super) fn layer() -> impl TypedValueParser<Value = Layer> {
     PossibleValuesParser::new(names).try_map(|name| name.parse())
 }
 
-/// Render a scene under another environment light.
+/// Render a scene under another light: an environment map, suns and lamps.
 ///
-/// The light is a lat-long map of linear radiance, .hdr or .exr. Files in .png, .jpg and .webp are
-/// accepted with a warning, since they have no radiance above white. NaN, infinite and negative
-/// values are replaced and counted. Pictures are written to MODEL/relight/ENV/ours_N/renders or to
-/// OUT/rgb, with a preview of the light beside them.
+/// An environment map is a lat-long map of linear radiance, .hdr or .exr. Files in .png, .jpg and
+/// .webp are accepted with a warning, since they have no radiance above white. NaN, infinite and
+/// negative values are replaced and counted. Suns and lamps cast shadows; they shine on models that
+/// were trained with --relightable. Pictures are written to MODEL/relight/ENV/ours_N/renders or to
+/// OUT/rgb, with a preview of the environment beside them.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula relight out/spheres --env sunset.hdr
   specula relight out/spheres --env sunset.hdr --background env
   specula relight out/spheres --env sunset.hdr --exposure 1 --turntable 36 -o turn
+  specula relight out/spheres --sun 30,45
+  specula relight out/spheres --env sunset.hdr --exposure -2 --sun 30,20,4,2:ffcc99
+  specula relight out/spheres --lamp 1,0,2,5,0.2 --lamp -2,1,1,3:88aaff
+  specula relight out/spheres --sun 30,45,3,4 --ground --background white
+  specula relight out/spheres --lights evening.toml --turn-light 48 -o evening
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
 pub(crate) struct Relight {
     /// Model folder or PLY file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
-    /// Environment map: lat-long, .hdr or .exr.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) env: PathBuf,
+    #[command(flatten)]
+    pub(crate) lights: Lights,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
     #[command(flatten)]
@@ -131,6 +137,8 @@ pub(crate) struct ViewOptions {
     /// else black.
     #[arg(long, value_name = "black|white|R,G,B|env")]
     pub(crate) background: Option<BackgroundChoice>,
+    #[command(flatten)]
+    pub(crate) shading: ShadingOption,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

@@ -10,7 +10,7 @@ use specula_core::{
 };
 use specula_io::latlong::UpAxis;
 use specula_scene::{
-    ExecutorChoice, RenderOptions,
+    ExecutorChoice, RenderOptions, Shading,
     light_file::{LightOptions, MapUp},
     orientation::UpDirection,
 };
@@ -89,6 +89,35 @@ impl RendererOptions {
             StorageName::F16 => Storage::F16,
         }
     }
+}
+
+/// Colours of a relightable model.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct ShadingOption {
+    /// Colours of a model trained with --relightable: view, those that depend on the view and suit
+    /// the light of the training; or physical, the materials, which suit any light [default: view
+    /// under the light of the training, physical under others].
+    #[arg(long = "shading", value_enum, value_name = "view|physical", hide_possible_values = true)]
+    pub(crate) name: Option<ShadingName>,
+}
+
+impl ShadingOption {
+    /// The shading, if the option is given.
+    pub(crate) fn shading(self) -> Option<Shading> {
+        self.name.map(|name| match name {
+            ShadingName::View => Shading::View,
+            ShadingName::Physical => Shading::Physical,
+        })
+    }
+}
+
+/// Shadings of a relightable model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ShadingName {
+    /// View-dependent colours.
+    View,
+    /// Physical materials.
+    Physical,
 }
 
 /// Interpretation of an environment map.

@@ -296,6 +296,11 @@ pub(crate) struct Start {
     /// looked up per pixel [default: far].
     #[arg(long, value_enum)]
     pub(crate) reflections: Option<Reflections>,
+    /// Also fit physical materials (albedo, metalness, roughness), with which relight shows the
+    /// scene under other lights; needs the light looked up per pixel.
+    #[arg(long)]
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub(crate) relightable: bool,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
     #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]

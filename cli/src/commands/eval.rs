@@ -7,7 +7,7 @@ use crate::{
     dataset,
     failure::Failure,
     output, progress,
-    scene::{self, background_of, note_oddities, relight},
+    scene::{self, background_of, note_oddities, relight, shade},
 };
 use glam::Vec3;
 use specula_core::rules::Channels;
@@ -35,7 +35,8 @@ use std::{
 
 /// Measures, prints, and writes results and page.
 pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
-    let opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
+    let mut opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
+    shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
     let source = source_of(args, &opened)?;
     let views = views_of(args, &opened, &source)?;
@@ -143,6 +144,7 @@ fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View
         let truth = GroundTruth::read(&folder, &cameras)?;
         let mut scene = opened.scene.clone();
         relight(&mut scene, &light, LightOptions::default(), up)?;
+        shade(&mut scene, args.shading.shading())?;
         let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&args.renderer).into())?;
         let work = progress::work("relighting", views.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
@@ -166,6 +168,7 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
         args.background.map(BackgroundChoice::Color),
         args.profile.map(ProfileName::name),
     ));
+    parts.extend(args.shading.shading().map(|shading| shading.name().to_owned()));
     parts.extend(args.source_path.as_deref().filter(|source| is_other_source(source, opened)).map(|source| {
         let name = fs::canonicalize(source).unwrap_or_else(|_| source.to_owned());
         format!("of-{}", name.file_name().unwrap_or_default().to_string_lossy())

@@ -3,18 +3,25 @@
 use crate::{
     args::{ProfileName, Relight, ViewOptions},
     failure::Failure,
-    output,
-    scene::{self, backdrop_of, relight, render_pictures},
+    lights::{LightPlan, Shone},
+    output, progress,
+    scene::{self, backdrop_of, render_pictures, shade},
+};
+use glam::Vec3;
+use specula_core::near_field::NearField;
+use specula_io::{
+    latlong::LatLong,
+    picture::{self, RgbImage},
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
-    Layer, RenderOptions, SceneRenderer,
+    Layer, OpenedModel, RenderOptions, SceneRenderer,
     backdrop::BackgroundChoice,
     camera_set::CameraSet,
-    light_file::{LightOptions, write_light_preview},
+    light_file::write_light_preview,
     orientation,
-    picture_folder::{PictureFolder, differences, light_differences},
-    rendering::PictureJob,
+    picture_folder::{PictureFolder, differences},
+    rendering::{FRAME_MS, PictureJob},
 };
 
 /// Renders the scene under the new light.
@@ -26,15 +33,22 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
-    let set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
+    let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    if let Some(count) = args.lights.turn_light {
+        set = of_one_camera(set, count);
+    }
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
     let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);
-    let light_options = LightOptions::from(&args.env_options);
-    let map = relight(&mut opened.scene, &args.env, light_options, up)?;
     let options = RenderOptions::from(&scene_options.renderer);
+    let shading = args.views.shading.shading();
+    plan.refuse_view_dependent(shading)?;
+    let Shone { map, occluder } = plan.shine(&mut opened, up, &options)?;
+    shade(&mut opened.scene, shading)?;
     let mut parts = differences(&opened, &options, *background, scene_options.profile.map(ProfileName::name));
-    parts.extend(light_differences(light_options));
-    let group = format!("relight/{}", output::stem(&args.env));
+    parts.extend(shading.map(|shading| shading.name().to_owned()));
+    parts.extend(plan.differences());
+    let group = format!("relight/{}", plan.name());
     let folder = PictureFolder::of(&opened, args.output.as_deref(), &group, &set, &parts)?;
     output::make_folder(&folder.path)?;
     folder.claim(&set, true)?;
@@ -42,7 +56,13 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         write_light_preview(&folder.path.join("light.png"), light, up)?;
     }
 
-    let backdrop = backdrop_of(&args.views, &set, &opened, Some((map, light_options.up.orientation(up))))?;
+    if args.lights.turn_light.is_some() {
+        let turning = TurningLight { plan: &plan, map: map.as_ref(), occluder: occluder.as_deref(), up, args };
+        turning.render(opened, &set, &options, &folder)?;
+        return output::say(&folder.path.display().to_string());
+    }
+    let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
+    let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
     let layers = [Layer::Rgb];
     let job = PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder };
     let form = opened.scene.shading_model.shading.form;
@@ -60,4 +80,60 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return output::say_json(&measured.to_json(pairs.len()));
     }
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
+}
+
+/// The first camera of a set, once for each picture of a light that turns.
+fn of_one_camera(set: CameraSet, count: u32) -> CameraSet {
+    let camera = set.cameras[0].1;
+    let cameras = (0..count).map(|index| (format!("{index:05}"), camera)).collect();
+    CameraSet { name: "turn-light", cameras, split: None, is_turntable: true, ..set }
+}
+
+/// Light that turns about the scene's up direction from picture to picture.
+struct TurningLight<'a> {
+    plan: &'a LightPlan,
+    map: Option<&'a LatLong>,
+    occluder: Option<&'a NearField<Vec<f32>>>,
+    up: Vec3,
+    args: &'a Relight,
+}
+
+impl TurningLight<'_> {
+    /// Renders one picture after the other, and an animation.
+    fn render(
+        &self,
+        mut opened: OpenedModel,
+        set: &CameraSet,
+        options: &RenderOptions,
+        folder: &PictureFolder,
+    ) -> Result<(), Failure> {
+        let Self { plan, map, occluder, up, args } = *self;
+        let mut renderer = SceneRenderer::new(opened.scene.clone(), Layer::channels(&[Layer::Rgb]), options)?;
+        let rules = *renderer.rules();
+        let work = progress::work("rendering", set.cameras.len() as u64);
+        let mut frames: Vec<RgbImage> = Vec::with_capacity(set.cameras.len());
+        for (index, (_, camera)) in set.cameras.iter().enumerate() {
+            let further = 360.0 * index as f32 / set.cameras.len() as f32;
+            if let Some(lamps) = &mut opened.scene.lamps {
+                lamps.lamps = plan.lamps(up, further);
+                renderer.set_lamps(&lamps.lamps)?;
+            }
+            plan.relight(&mut opened.scene, map, up, further);
+            // The light that reaches materials past other surfaces is that of the light.
+            options.storage.round(&mut opened.scene.gaussians);
+            renderer.set_surface(&opened.scene.gaussians, opened.scene.near_field.as_deref())?;
+            if let Some(light) = opened.scene.light_for(&rules) {
+                renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules)?;
+            }
+            let behind = map.cloned().zip(Some(plan.orientation(up, further)));
+            let backdrop = backdrop_of(&args.views, set, &opened, behind)?;
+            let backdrop = plan.grounded(backdrop, &opened.scene, occluder, up);
+            let frame = backdrop.picture(&renderer.render(camera)?, camera);
+            picture::write(&folder.picture(Layer::Rgb, index), &frame)?;
+            frames.push(frame);
+            work.done(index as u64 + 1, String::new);
+        }
+        work.finish();
+        Ok(picture::write_animation(&folder.animation(), &frames, FRAME_MS)?)
+    }
 }

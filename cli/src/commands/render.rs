@@ -5,8 +5,9 @@ use crate::{
     certified, dataset,
     failure::Failure,
     output,
-    scene::{self, backdrop_of, note_oddities, refuse_options_without_light, relight, render_pictures},
+    scene::{self, backdrop_of, note_oddities, refuse_options_without_light, relight, render_pictures, shade},
 };
+use specula_core::shade::ShadingForm;
 use specula_io::model_folder::ModelInfo;
 use specula_report::certificate::CertifiedScene;
 use specula_scene::{
@@ -36,6 +37,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
         tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
     }
+    shade(&mut opened.scene, args.views.shading.shading())?;
     let layers = layers_of(&args.layers, &opened);
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
@@ -84,6 +86,7 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
 fn parts_of(args: &Render, opened: &OpenedModel, options: &RenderOptions) -> Vec<String> {
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut parts = differences(opened, options, *background, scene_options.profile.map(ProfileName::name));
+    parts.extend(args.views.shading.shading().map(|shading| shading.name().to_owned()));
     parts.extend(args.env.as_deref().map(|env| format!("env-{}", output::stem(env))));
     parts.extend(light_differences((&args.env_options).into()));
     parts.extend(args.max_error.map(|error| format!("error-{error}")));
@@ -94,6 +97,11 @@ fn parts_of(args: &Render, opened: &OpenedModel, options: &RenderOptions) -> Vec
 fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJob<'_>) -> Result<(), Failure> {
     if let ExecutorChoice::Gpu(_) = args.views.scene_options.renderer.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
+    }
+    if opened.scene.shading_model.shading.form == ShadingForm::Physical {
+        return Err(Failure::Input(
+            "errors of physical materials are not measured; use --max-error with --shading view".into(),
+        ));
     }
     let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
@@ -119,13 +127,19 @@ fn refuse_omissions(check: &OmissionCheck) -> Result<(), Failure> {
 
 /// Requested layers that the scene has.
 fn layers_of(requested: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
-    let mut layers = Layer::expanded(requested);
-    if !opened.scene.gaussians.layout.is_shaded() {
-        let names: Vec<&str> = layers.iter().filter(|layer| layer.is_of_shading()).map(|layer| layer.name()).collect();
-        if !names.is_empty() {
-            tracing::warn!("the scene is plain Gaussian splatting, which has no {}", names.join(", "));
+    let (layout, form) = (opened.scene.gaussians.layout, opened.scene.shading_model.shading.form);
+    let (layers, missing): (Vec<Layer>, Vec<Layer>) =
+        Layer::expanded(requested).into_iter().partition(|layer| layer.exists(layout, form));
+    let is_named = |layer: &&Layer| requested.contains(layer) || !layer.is_of_materials();
+    let names: Vec<&str> = missing.iter().filter(is_named).map(|layer| layer.name()).collect();
+    if !names.is_empty() {
+        let names = names.join(", ");
+        match (layout.is_shaded(), layout.is_physical, form) {
+            (false, _, _) => tracing::warn!("the scene is plain Gaussian splatting, which has no {names}"),
+            (true, true, ShadingForm::Physical) => tracing::warn!("physical materials have no {names}"),
+            (true, true, _) => tracing::warn!("{names}: use --shading physical"),
+            (true, false, _) => tracing::warn!("the scene was trained without --relightable and has no {names}"),
         }
-        layers.retain(|layer| !layer.is_of_shading());
     }
     layers
 }
@@ -160,7 +174,7 @@ mod tests {
         let layout = Layout::radiance(0);
         let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, near_field: None, shading_model: ShadingModel::PAPER }
+        Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER }
     }
 
     #[test]

@@ -95,7 +95,18 @@ fn blend_channels<const C: usize>(
         }
     });
     let (width, height) = (camera.width as usize, camera.height as usize);
-    Frame { width, height, channels: C, cover, blended, reflections: None, shaded: None, exposed: None, seen }
+    Frame {
+        width,
+        height,
+        channels: C,
+        cover,
+        blended,
+        reflections: None,
+        direct: None,
+        shaded: None,
+        exposed: None,
+        seen,
+    }
 }
 
 #[inline(always)]

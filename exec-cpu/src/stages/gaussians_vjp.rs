@@ -107,7 +107,7 @@ pub(crate) fn update(
 }
 
 /// The most planes that a cloud can have.
-const PLANES_MAX: usize = Layout::shaded(Some(3)).antialiased().plane_count();
+const PLANES_MAX: usize = Layout::shaded(Some(3)).physical().antialiased().plane_count();
 
 /// Division of blocks among tasks.
 struct BlockParts {

@@ -206,11 +206,12 @@ pub(crate) fn look_up<S: Simd>(simd: S, light: &Light, direction: Vec3<Lanes<S>>
     Lookup::at(simd, light, Footprints::new(simd, light, direction, roughness))
 }
 
-/// Irradiance along a normal, from the map behind the last level.
+/// Irradiance / π along a normal, from the last map: that behind the levels, or the level of
+/// roughness 1, whose lobe is the cosine.
 #[inline(always)]
 pub(crate) fn look_up_irradiance<S: Simd>(simd: S, light: &Light, normal: Vec3<Lanes<S>>) -> Lookup<S> {
     let point = project(normal);
-    let map = Lanes::splat(simd, light.levels().len() as f32);
+    let map = Lanes::splat(simd, light.irradiance_map() as f32);
     let footprints = Footprints {
         sharp: Corners::new(simd, light, &point, map),
         blurred: Corners::new(simd, light, &point, map),

@@ -65,6 +65,10 @@ pub(crate) fn adam_chunk<S: Simd>(
     let vectors = values.chunks_exact_mut(BLOCK).zip(mean.chunks_exact_mut(BLOCK)).zip(square.chunks_exact_mut(BLOCK));
     for ((((value, mean), square), grad), rate) in vectors.zip(grad.chunks_exact(BLOCK)).zip(size.rates.iter().cycle())
     {
+        // At rest.
+        if *rate < 0.0 {
+            continue;
+        }
         let grad = Lanes::load(simd, grad);
         let is_usable = is_usable(grad);
         nonfinite += BLOCK - is_usable.bits().count_ones() as usize;

@@ -1,7 +1,10 @@
 //! Light into roughness levels: a sparse linear operator, built once for a resolution and applied
 //! at every step.
 
-use super::light_network::{evaluate_all, evaluate_all_vjp};
+use super::{
+    illuminate::Lamps,
+    light_network::{evaluate_all, evaluate_all_vjp},
+};
 use crate::{buffer::Buffer, context::Context};
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
 use rayon::prelude::*;
@@ -32,6 +35,8 @@ pub struct Light {
     encoded: Option<Arc<EncodedTexels>>,
     /// Surface of the scene that reflected rays may meet.
     pub(crate) near_field: Option<Arc<NearField<Vec<f32>>>>,
+    /// Lamps beside the light from afar.
+    pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
 /// Gradient of a [`Light`], texel by texel.
@@ -62,6 +67,11 @@ impl Light {
     #[inline(always)]
     pub(crate) fn offsets(&self) -> &[usize] {
         self.operator.offsets()
+    }
+    /// Number of the irradiance map, the last level if there is none behind it.
+    #[inline(always)]
+    pub(crate) fn irradiance_map(&self) -> usize {
+        self.offsets().len() - 2
     }
     /// All levels, one after the other, each with its apron; then the irradiance map, if there is
     /// one.
@@ -110,6 +120,10 @@ impl Light {
     pub(crate) fn around(self, near_field: &Arc<NearField<Vec<f32>>>) -> Self {
         Self { near_field: Some(near_field.clone()), ..self }
     }
+    /// The same light with lamps.
+    pub(crate) fn with_lamps(self, lamps: Lamps) -> Self {
+        Self { lamps: Some(Arc::new(lamps)), ..self }
+    }
     /// Filters an environment. The operator fits its resolution.
     pub(crate) fn new(context: &Context, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
         let mut nodes = context.take::<Texel>(operator.node_count() + operator.row_count());
@@ -119,7 +133,7 @@ impl Light {
         filter(context.level, &operator, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
-        Self { operator, texels, nodes, encoded: None, near_field: None }
+        Self { operator, texels, nodes, encoded: None, near_field: None, lamps: None }
     }
     /// Evaluates a light's network in every texel.
     pub(crate) fn of_network(context: &Context, encoded: &Arc<EncodedTexels>, values: &[f32]) -> Self {
@@ -128,7 +142,7 @@ impl Light {
         evaluate_all(context, encoded, values, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
-        Self { operator, texels, nodes, encoded: Some(encoded.clone()), near_field: None }
+        Self { operator, texels, nodes, encoded: Some(encoded.clone()), near_field: None, lamps: None }
     }
     /// Gradient with respect to the environment's numbers.
     pub(crate) fn vjp(&self, context: &Context, environment: &Environment<Vec<f32>>, grad: &LightGrad) -> Vec<f32> {

@@ -5,7 +5,10 @@ use crate::{
     frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUADS, Quad, RGB, at, quad_origin, tile_len},
     lanes::Lanes,
     stages::{
-        lookup::{LIGHT_PARTS, look_up, look_up_vjp, radiance, sum_parts},
+        illuminate::{direct_of_quad, direct_of_tile},
+        lookup::{
+            LIGHT_PARTS, look_up, look_up_irradiance, look_up_vjp, radiance, split_sum, split_sum_vjp, sum_parts,
+        },
         prefilter::{Light, LightGrad, Texel},
         trace::{LEN, reflection_of_quad},
     },
@@ -14,22 +17,33 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
+    lamps::{self, diffuse_albedo},
     near_field::Reflection,
+    physical::{self, PixelFacing, PixelLight, pixel_facing, pixel_facing_vjp, reflected},
     rules::{Channels, channel},
+    shade::ShadingForm,
     shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     vector::{Vec3, vec3},
 };
 
-pub(crate) fn shade_pixels(context: &Context, mut surface: Frame, light: Option<&Light>, camera: &Camera) -> Frame {
+pub(crate) fn shade_pixels(
+    context: &Context,
+    mut surface: Frame,
+    light: Option<&Light>,
+    camera: &Camera,
+    form: ShadingForm,
+) -> Frame {
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut shaded = context.take::<Quad>(cover.tiles.len() * QUADS * RGB);
     let tiles = surface.blended.par_chunks_mut(tile_len(channels)).zip(shaded.par_chunks_mut(QUADS * RGB));
     let reflections = surface.reflections.as_deref();
     tiles.enumerate().for_each(|(slot, (tile, shaded))| {
-        let far = light.map(|light| Lighting { light, reflections: reflections.map(|all| of_tile(all, slot)) });
+        let direct = surface.direct.as_deref().map(|all| direct_of_tile(all, slot));
+        let reflections = reflections.map(|all| of_tile(all, slot));
+        let far = light.map(|light| Lighting { light, reflections, direct });
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
-            shade_tile(simd, cover.origin(slot), far, &lifted, channels, tile, shaded);
+            shade_tile(simd, cover.origin(slot), far, &lifted, form, tile, shaded);
         });
     });
     surface.shaded = Some(shaded);
@@ -42,6 +56,8 @@ struct Lighting<'a> {
     light: &'a Light,
     /// Reflections of the tile, where rays were traced.
     reflections: Option<&'a [Quad]>,
+    /// Light of lamps on the tile, where there are any.
+    direct: Option<&'a [Quad]>,
 }
 
 impl Lighting<'_> {
@@ -68,6 +84,7 @@ pub(crate) fn shade_pixels_vjp(
     surface: &Frame,
     light: Option<&Light>,
     camera: &Camera,
+    form: ShadingForm,
     mut grad: FrameGrad,
 ) -> (FrameGrad, Option<LightGrad>) {
     let tile_len = tile_len(surface.channels);
@@ -82,10 +99,10 @@ pub(crate) fn shade_pixels_vjp(
         for (slot, grad) in (part * part_len..).zip(grad.chunks_exact_mut(tile_len)) {
             let origin = surface.cover.origin(slot);
             let reflections = surface.reflections.as_deref().map(|all| of_tile(all, slot));
-            let far = light.map(|light| Lighting { light, reflections });
+            let far = light.map(|light| Lighting { light, reflections, direct: None });
             dispatch!(context.level, simd => {
                 let lifted = camera.lift(Lanes::splat(simd, 0.0));
-                tile_vjp(simd, origin, surface.tile(slot), far, &lifted, grad, light_grad);
+                tile_vjp(simd, origin, surface.tile(slot), far, &lifted, form, grad, light_grad);
             });
         }
     });
@@ -166,11 +183,12 @@ fn shade_tile<S: Simd>(
     origin: [f32; 2],
     lighting: Option<Lighting<'_>>,
     camera: &CameraOf<Lanes<S>>,
-    channels: usize,
+    form: ShadingForm,
     tile: &mut [Quad],
     shaded: &mut [Quad],
 ) {
-    let Some(lighting) = lighting else { return unlit_tile(simd, channels, tile, shaded) };
+    let channels = tile.len() / QUADS - 1;
+    let Some(lighting) = lighting else { return unlit_tile(simd, channels, form, tile, shaded) };
     for quad in 0..QUADS {
         let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
         let Some(blended) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
@@ -188,21 +206,45 @@ fn shade_tile<S: Simd>(
             Some(reflection) => reflection.light(own, Vec3::zero(coverage)),
             None => own,
         };
-        store(pixel_color(&surface, light, coverage), out);
+        let (color, specular) = if form == ShadingForm::Physical {
+            let facing = pixel_facing(&blended.pixel, blended.view_dir);
+            let light = PixelLight {
+                specular: light,
+                irradiance: look_up_irradiance(simd, lighting.light, facing.normal).radiance(),
+                split_sum: split_sum(simd, facing.n_dot_v, surface.roughness),
+            };
+            let [_, specular] = reflected(&surface, &light);
+            let color = match lighting.direct {
+                Some(direct) => {
+                    let direct = direct_of_quad(simd, direct, quad);
+                    let layers = BlendedQuad::new(simd, tile, quad);
+                    let metalness = layers.load(channel::METALNESS);
+                    let albedo = diffuse_albedo(layers.load3(channel::DIFFUSE), metalness, coverage);
+                    lamps::pixel_color(&surface, &light, albedo, &direct, coverage)
+                }
+                None => physical::pixel_color(&surface, &light, coverage),
+            };
+            (color, specular * coverage)
+        } else {
+            (pixel_color(&surface, light, coverage), blended.pixel.tint.times(light))
+        };
+        store(color, out);
         if channels >= Channels::Layers.count() {
             store(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
-            store(blended.pixel.tint.times(light), &mut tile[at(channels, quad, channel::SPECULAR)..]);
+            store(specular, &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
 }
 
-/// A tile that no light reaches: it does not matter where its surfaces look.
+/// A tile that no light reaches: it does not matter where its surfaces look. Physical materials are
+/// black.
 #[inline(always)]
-fn unlit_tile<S: Simd>(simd: S, channels: usize, tile: &mut [Quad], shaded: &mut [Quad]) {
+fn unlit_tile<S: Simd>(simd: S, channels: usize, form: ShadingForm, tile: &mut [Quad], shaded: &mut [Quad]) {
     let blended = Channels::of_count(channels);
     for quad in 0..QUADS {
         let pixel = BlendedQuad { simd, tile, quad, channels: blended };
         let (base, coverage) = (pixel.load3(channel::COLOR), -pixel.transmittance() + 1.0);
+        let base = if form == ShadingForm::Physical { Vec3::zero(coverage) } else { base };
         store(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
         if channels >= Channels::Layers.count() {
             let none = Vec3::zero(coverage);
@@ -227,6 +269,7 @@ fn tile_vjp<S: Simd>(
     tile: &[Quad],
     lighting: Option<Lighting<'_>>,
     camera: &CameraOf<Lanes<S>>,
+    form: ShadingForm,
     grad: &mut [Quad],
     light_grad: &mut [Texel],
 ) {
@@ -254,8 +297,27 @@ fn tile_vjp<S: Simd>(
         };
 
         let of_picture = BlendedQuad::new(simd, grad, quad);
-        let (mut grad_surface, grad_light, grad_coverage) =
-            pixel_color_vjp(&surface, light, pixel.coverage, of_picture.load3(channel::COLOR));
+        let grad_color = of_picture.load3(channel::COLOR);
+        let ambient = lighting.filter(|_| form == ShadingForm::Physical).map(|lighting| {
+            let facing = pixel_facing(&pixel, view_dir);
+            (lighting.light, facing, look_up_irradiance(simd, lighting.light, facing.normal))
+        });
+        let (mut grad_surface, grad_light, grad_coverage, of_ambient) = match &ambient {
+            Some((_, facing, irradiance)) => {
+                let light = PixelLight {
+                    specular: light,
+                    irradiance: irradiance.radiance(),
+                    split_sum: split_sum(simd, facing.n_dot_v, surface.roughness),
+                };
+                let (surface, light, coverage) =
+                    physical::pixel_color_vjp(&surface, &light, pixel.coverage, grad_color);
+                (surface, light.specular, coverage, Some(light))
+            }
+            None => {
+                let (surface, light, coverage) = pixel_color_vjp(&surface, light, pixel.coverage, grad_color);
+                (surface, light, coverage, None)
+            }
+        };
         if let Some((light, own, reflection, of_near)) = &lookup {
             let [of_own, of_second] =
                 reflection.map_or([grad_light, none], |reflection| reflection.light_vjp(grad_light));
@@ -267,8 +329,15 @@ fn tile_vjp<S: Simd>(
                 look_up_vjp(simd, light, of_near, reflection.roughness, of_second, light_grad);
             }
         }
+        let mut of_facing = none;
+        if let (Some((light, facing, irradiance)), Some(of_light)) = (&ambient, of_ambient) {
+            let (normal, _) = look_up_vjp(simd, light, irradiance, surface.roughness, of_light.irradiance, light_grad);
+            let [n_dot_v, roughness] = split_sum_vjp(simd, facing.n_dot_v, surface.roughness, of_light.split_sum);
+            grad_surface.roughness = grad_surface.roughness + roughness;
+            of_facing = pixel_facing_vjp(&pixel, view_dir, &PixelFacing { normal, n_dot_v });
+        }
         let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
-        let normal = of_picture.load3(channel::NORMAL) + of_surface.normal;
+        let normal = of_picture.load3(channel::NORMAL) + of_surface.normal + of_facing;
         let tint = of_picture.load3(channel::TINT) + of_surface.tint;
         let roughness = of_picture.load(channel::ROUGHNESS) + of_surface.roughness;
         let transmittance = of_picture.transmittance() - (of_surface.coverage + grad_coverage);

@@ -156,7 +156,7 @@ mod tests {
         let planes: Vec<f32> =
             (0..4 * width).map(|k| if k < 3 * width { color(k % width) } else { passed(k % width) }).collect();
         let blended = exec.context.upload("a picture", &planes).expect("it fits");
-        Frame { size: [width, 1], channels: 3, blended, reflections: None, shaded: None, exposed: None }
+        Frame { size: [width, 1], channels: 3, blended, reflections: None, direct: None, shaded: None, exposed: None }
     }
 
     /// The bytes of a texture's red channel after the row was drawn over grey.

@@ -1,6 +1,8 @@
 //! Errors of the executor.
 
-use specula_core::{executor::BufferLength, light_network::LightNetworkError, near_field::NearFieldError};
+use specula_core::{
+    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+};
 
 /// Errors of devices, and of inputs that stages refuse.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
@@ -45,6 +47,9 @@ pub enum GpuError {
     /// A near field cannot be traced.
     #[error("the near field is damaged: {0}")]
     NearField(NearFieldError),
+    /// Lamps cannot shine.
+    #[error(transparent)]
+    Lamps(LampError),
     /// The device of another program allows too little.
     #[error(
         "the device that {adapter:?} gave the program allows less than WebGPU does by default ({reason}); ask for \

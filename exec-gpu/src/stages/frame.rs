@@ -10,6 +10,8 @@ pub struct Frame {
     pub(crate) blended: Array,
     /// Reflections of the pixels, plane by plane, if rays were traced.
     pub(crate) reflections: Option<Array>,
+    /// Light of lamps on the pixels, plane by plane, if there are any.
+    pub(crate) direct: Option<Array>,
     /// Colour after deferred shading, if there was any.
     pub(crate) shaded: Option<Array>,
     /// Colour after exposure, if there was any.

@@ -1,14 +1,16 @@
 //! Stages of the pipeline, each with its dispatches, formulas and kernels, in the pipeline's order.
 //!
 //! ```text
-//! scene → plan → prefilter → project → shade → bin → blend → (trace) → (shade_pixels) → (expose) ┐
-//!   densify ← optimise ← prefilter_vjp ← gaussians_vjp ← blend_vjp ← loss ←──────────────────────┘
+//! scene → plan → prefilter → project → shade → bin → blend ┐
+//!   ┌── (expose) ← (shade_pixels) ← (illuminate) ← (trace) ┘
+//!   └→ loss → blend_vjp → gaussians_vjp → prefilter_vjp → optimise → densify
 //! ```
 
 pub mod bin;
 pub mod blend;
 pub mod blend_in_order;
 pub mod expose;
+pub mod illuminate;
 pub mod loss;
 pub mod prefilter;
 pub mod project;

@@ -11,7 +11,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-const LAYOUTS: [Layout; 11] = [
+const LAYOUTS: [Layout; 13] = [
     Layout::radiance(0),
     Layout::radiance(1),
     Layout::radiance(2),
@@ -23,6 +23,8 @@ const LAYOUTS: [Layout; 11] = [
     Layout::shaded(Some(3)),
     Layout::radiance(2).antialiased(),
     Layout::shaded(Some(1)).antialiased(),
+    Layout::shaded(None).physical(),
+    Layout::shaded(Some(2)).physical().antialiased(),
 ];
 
 /// Plane p of Gaussian i is p + i / 64: exact in every format.
@@ -104,7 +106,7 @@ fn translated(path: &Path, encoding: &str) -> Vec<u8> {
 
 #[test]
 fn every_layout_survives_a_round_trip() {
-    for (layout, count) in LAYOUTS.into_iter().zip([1, 15, 16, 17, 33, 0, 40, 2, 100]) {
+    for (layout, count) in LAYOUTS.into_iter().zip([1, 15, 16, 17, 33, 0, 40, 2, 100, 18, 31, 19, 48]) {
         let gaussians = gaussians(layout, count);
         let (_folder, path) = written(&gaussians);
         let read = gaussian_ply::read(&path).unwrap();

@@ -55,7 +55,7 @@ impl ReferencePictures {
     ) -> Result<PictureError, SceneError> {
         let camera = |camera: &Camera| placed.map_or(*camera, |upright| upright.camera(camera));
         let cameras: Vec<Camera> = self.cameras.iter().map(camera).collect();
-        let scene = Scene { gaussians, light: None, near_field: None, shading_model: ShadingModel::PAPER };
+        let scene = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER };
         let pictures = pictures(scene, &cameras, self.background, &self.options, progress)?;
         let pairs = self.pictures.iter().zip(&pictures);
         let errors: Vec<f64> = pairs.map(|(reference, exported)| mean_squared_error(reference, exported)).collect();

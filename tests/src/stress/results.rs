@@ -119,6 +119,7 @@ impl<A> Scene<A> {
             near_field: None,
             rules,
             weights: &WEIGHTS,
+            is_observed: true,
             rates: &vec![0.0; case.cloud.layout.plane_count()],
             environment_rate: 0.0,
             radiance_max: f32::MAX,

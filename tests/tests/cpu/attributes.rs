@@ -110,6 +110,7 @@ fn layers_of_surface(form: ShadingForm, gaussian: &Gaussian, look: &Look) -> Vec
             (diffuse, reflected, diffuse + reflected + residual)
         }
         ShadingForm::Deferred => (surface.diffuse, tint * SPECULAR_LIGHT, surface.diffuse + residual),
+        ShadingForm::Physical => unreachable!("clouds here have no physical materials"),
     };
     layers(&[
         (channel::COLOR, &color.to_array()),

@@ -24,6 +24,7 @@ use specula_core::{
     loss::{self, NormalForm, NormalPatch},
     near_field::Reflection,
     normal::{self, AxisRule},
+    physical::{self, PixelFacing, PixelLight},
     prefilter::{self, Levels, PrefilterScheme},
     project::{self, Shape},
     real::Real,
@@ -400,6 +401,55 @@ proptest! {
     }
 
     #[test]
+    fn reflectances_of_materials_are_derived_right(albedo in vec(0.0..1.0_f64, 3), metalness in 0.0..1.0_f64) {
+        assert_vjp(
+            &[&albedo[..], &[metalness]].concat(),
+            |x| physical::reflectances(take3(x), x[3]).map(Vec3::to_array).concat(),
+            |x, g| {
+                let (albedo, metalness) = physical::reflectances_vjp(take3(x), x[3], [take3(g), take3(&g[3..])]);
+                join(&[&albedo.to_array(), &[metalness]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// From behind, too, where n·v is kept at its least.
+    #[test]
+    fn orientations_of_pixels_are_derived_right(normal in unit_vector(), size in 0.1..1.0_f64, view_dir in unit_vector()) {
+        let of_normal = |x: &[Dual]| {
+            let none = [Dual::of(0.5); 11];
+            let facing = physical::pixel_facing(&Pixel { normal: take3(x), ..blended(&none) }, vector(view_dir));
+            join(&[&facing.normal.to_array(), &[facing.n_dot_v]])
+        };
+        assert_vjp(
+            &normal.map(|x| x * size),
+            of_normal,
+            |x, g| {
+                let pixel = Pixel { normal: take3(x), ..blended(&[Double(0.5); 11]) };
+                let grad = PixelFacing { normal: take3(g), n_dot_v: g[3] };
+                physical::pixel_facing_vjp(&pixel, vector(view_dir), &grad).to_array().to_vec()
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn colours_of_physical_pixels_are_derived_right(inputs in vec(0.01..1.0_f64, 19)) {
+        assert_vjp(
+            &inputs,
+            |x| physical::pixel_color(&surface_of_pixel(x), &light_of_pixel(&x[10..]), x[18]).to_array().to_vec(),
+            |x, g| {
+                let (surface, light, coverage) =
+                    physical::pixel_color_vjp(&surface_of_pixel(x), &light_of_pixel(&x[10..]), x[18], take3(g));
+                let PixelLight { specular, irradiance, split_sum } = light;
+                let lights = [&specular.to_array()[..], &irradiance.to_array(), &split_sum].concat();
+                join(&[&numbers_of_surface(&surface), &lights, &[coverage]])
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
     fn exposures_are_derived_right(inputs in vec(-1.5..1.5_f64, 16)) {
         assert_vjp(
             &inputs,
@@ -499,19 +549,28 @@ proptest! {
         mean in [-2.5..2.5_f64, -2.5..2.5, -2.5..2.5],
         scales in log_scales(-3.0..0.5),
         quat in quat(),
-        rest in vec(-0.4..0.4_f64, 26),
+        rest in vec(-0.4..0.4_f64, 30),
         low_pass in prop_oneof![Just(LowPass::Dilated), Just(LowPass::Mip)],
     ) {
         prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
-        let shaded = [&mean[..], &scales, &quat, &rest].concat();
+        let physical = [&mean[..], &scales, &quat, &rest].concat();
+        let shaded = physical[..Layout::shaded(Some(1)).plane_count()].to_vec();
         let plain = &shaded[..Layout::radiance(1).plane_count()];
         let shadings = [ShadingRules::PAPER, ShadingRules::OFFICIAL, ShadingRules::DEFERRED];
         let shadings = shadings.map(|shading| (Layout::shaded(Some(1)), shading));
-        for (layout, shading) in shadings.into_iter().chain([(Layout::radiance(1), ShadingRules::PAPER)]) {
+        let others = [
+            (Layout::radiance(1), ShadingRules::PAPER),
+            (Layout::shaded(Some(1)).physical(), ShadingRules::PHYSICAL),
+        ];
+        for (layout, shading) in shadings.into_iter().chain(others) {
             let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
             let layout = Layout { low_pass, ..layout };
             let shading = GaussianShading { layout, rules };
-            let inputs = if layout.is_shaded() { &shaded } else { plain };
+            let inputs = match (layout.is_shaded(), layout.is_physical) {
+                (false, _) => plain,
+                (true, false) => &shaded,
+                (true, true) => &physical,
+            };
             assert_vjp(
                 inputs,
                 |x| splat_and_channels(&shading, &camera.lift(x[0]), x),
@@ -769,8 +828,14 @@ fn channels_with_grad(shading: &GaussianShading) -> Vec<usize> {
 }
 
 /// Centre, root of the conic and opacity of the splat, then the channels.
+/// Planes of a Gaussian with the ambient transfer of a physical material, which is constant.
+fn with_ambient<R: Number>(layout: Layout, x: &[R]) -> Vec<R> {
+    let ambient = if layout.is_physical { &[0.6, 0.9, 1.2][..] } else { &[] };
+    x.iter().copied().chain(ambient.iter().map(|x| R::of(*x))).collect()
+}
+
 fn splat_and_channels<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R]) -> Vec<R> {
-    let planes = PlaneRow(x);
+    let planes = PlaneRow(&with_ambient(shading.layout, x));
     let splat = project::project(&planes.shape(shading.layout), camera);
     let channels = if shading.layout.is_shaded() {
         let shaded = shading.shaded(&planes, camera.position);
@@ -783,7 +848,7 @@ fn splat_and_channels<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>
 }
 
 fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R], g: &[R]) -> Vec<R> {
-    let planes = PlaneRow(x);
+    let planes = PlaneRow(&with_ambient(shading.layout, x));
     let mut channels = LayerChannels([R::of(0.0); Channels::Layers.count()]);
     for (k, grad) in channels_with_grad(shading).into_iter().zip(&g[6..]) {
         channels.0[k] = *grad;
@@ -1034,6 +1099,11 @@ fn blended<R: Number>(x: &[R]) -> Pixel<R> {
 
 fn surface_of_pixel<R: Number>(x: &[R]) -> PixelSurface<R> {
     PixelSurface { base: take3(x), tint: take3(&x[3..]), roughness: x[6], reflection_dir: take3(&x[7..]) }
+}
+
+/// Specular light, irradiance and split sum.
+fn light_of_pixel<R: Number>(x: &[R]) -> PixelLight<R> {
+    PixelLight { specular: take3(x), irradiance: take3(&x[3..]), split_sum: [x[6], x[7]] }
 }
 
 fn numbers_of_surface<R: Number>(surface: &PixelSurface<R>) -> Vec<R> {

@@ -372,7 +372,7 @@ fn a_frame_without_depths_stays_as_it_is() {
     assert!(frames[0] == frames[1]);
     frames.reverse();
     let [with, _] = frames;
-    let shaded = exec.shade_pixels(with, Some(&around), &subject.camera).expect("the CPU shades");
+    let shaded = exec.shade_pixels(with, Some(&around), &subject.camera, &rules).expect("the CPU shades");
     let plain = render(&mut exec, &subject.gaussians, Some(&light), &subject.camera, &rules).expect("the CPU renders");
     assert!(shaded == plain);
 }

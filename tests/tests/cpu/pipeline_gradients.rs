@@ -171,6 +171,18 @@ const PLAIN: [(&str, usize, usize); 5] = [
     ("opacity", OPACITY, 11),
     ("harmonics", 11, usize::MAX),
 ];
+/// Of [`Layout::shaded`] without harmonics.
+const PHYSICAL: [(&str, usize, usize); 9] = [
+    ("mean", MEAN, LOG_SCALE),
+    ("log scale", LOG_SCALE, QUAT),
+    ("quat", QUAT, OPACITY),
+    ("opacity", OPACITY, DIFFUSE),
+    ("roughness", ROUGHNESS, NORMAL_RESIDUAL_1),
+    ("first normal residual", NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2),
+    ("second normal residual", NORMAL_RESIDUAL_2, 24),
+    ("albedo", 24, 27),
+    ("metalness", 27, 28),
+];
 
 fn gaussian_gradients_are_right(scene: &Scene, attributes: &[(&str, usize, usize)]) -> FrozenWeights {
     let operator = Operator::new(BASE);
@@ -226,6 +238,14 @@ fn gradients_of_light_added_pixel_by_pixel_are_right() {
     gaussian_gradients_are_right(&scene, &SHADED);
 }
 
+#[test]
+fn gradients_of_physical_materials_are_right() {
+    let layout = Layout::shaded(None).physical();
+    let mut scene = Scene::new(6, layout, RadianceActivation::Exponential, NormalForm::Cosine);
+    scene.rules.shading = ShadingRules::PHYSICAL;
+    gaussian_gradients_are_right(&scene, &PHYSICAL);
+}
+
 /// Plain Gaussians learn nothing from normals: their gradient is of colours and coverage alone.
 #[test]
 fn gradients_of_a_plain_cloud_are_those_of_its_loss() {
@@ -257,7 +277,9 @@ fn a_kink_is_left_out() {
 
 fn light_gradients_are_right(activation: RadianceActivation, shading: ShadingRules, seed: u64) {
     const TEXELS: usize = 40;
-    let mut scene = Scene::new(seed, Layout::shaded(None), activation, NormalForm::Distance);
+    let layout = Layout::shaded(None);
+    let layout = if shading == ShadingRules::PHYSICAL { layout.physical() } else { layout };
+    let mut scene = Scene::new(seed, layout, activation, NormalForm::Distance);
     scene.rules.shading = shading;
     let operator = Operator::new(BASE);
     let (_, gradient, frozen) =
@@ -303,6 +325,7 @@ fn gradients_of_a_light_of_logarithms_are_those_of_the_loss() {
 #[test]
 fn gradients_of_a_light_that_pixels_look_up_are_those_of_the_loss() {
     light_gradients_are_right(RadianceActivation::Exponential, ShadingRules::DEFERRED, 8);
+    light_gradients_are_right(RadianceActivation::Exponential, ShadingRules::PHYSICAL, 8);
 }
 
 fn random_texels(count: usize, stream: u64) -> Vec<Vec3<Double>> {

@@ -158,7 +158,13 @@ fn scene() -> impl Strategy<Value = Scene> {
     let channels = prop_oneof![Just(Channels::Color), Just(Channels::Training), Just(Channels::Layers)];
     let layout =
         (layout, any::<bool>()).prop_map(|(layout, filtered)| if filtered { layout.antialiased() } else { layout });
-    (layout, shading, channels, any::<u64>(), cleared()).prop_map(|(layout, shading, channels, seed, cleared)| {
+    let physical = (layout.clone(), any::<bool>()).prop_map(|(layout, is_physical)| match is_physical {
+        true if layout.is_shaded() => (layout.physical(), Some(ShadingRules::PHYSICAL)),
+        _ => (layout, None),
+    });
+    let layout_and_shading =
+        (physical, shading).prop_map(|((layout, physical), shading)| (layout, physical.unwrap_or(shading)));
+    (layout_and_shading, channels, any::<u64>(), cleared()).prop_map(|((layout, shading), channels, seed, cleared)| {
         let mut scene = Scene::new(layout, shading, channels, seed);
         cleared.of(&mut scene);
         scene
@@ -345,10 +351,10 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         let colors = exec.shade(&scene.gaussians, camera, &mut splats, Some(&light), rules)?;
         let tiles = exec.bin(&splats, camera)?;
         let surface = exec.blend(&splats, &colors, &tiles, camera)?;
-        let frame = exec.shade_pixels(surface, Some(&light), camera)?;
+        let frame = exec.shade_pixels(surface, Some(&light), camera, rules)?;
         let target = exec.target(40, 32, &vec![100; 40 * 32 * 4])?;
         let grad = exec.loss(&frame, &target, camera, &WEIGHTS, [1.0; 3])?;
-        let (grad, of_light) = exec.shade_pixels_vjp(&frame, Some(&light), camera, grad)?;
+        let (grad, of_light) = exec.shade_pixels_vjp(&frame, Some(&light), camera, rules, grad)?;
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, camera)?;
         let (grad, _) = exec.gaussians_vjp(&scene.gaussians, camera, &splats, Some(&light), rules, &WEIGHTS, &grads)?;
         let of_light = exec.prefilter_vjp(environment, &light, &of_light.expect("there is a light"))?;

@@ -19,14 +19,14 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuError, GpuExecutor,
     stages::{
-        light::formulas::{DirectionVjp, RoughnessVjp, TexelShares, TexelsMean, TexelsVjp},
+        light::formulas::{DirectionVjp, RoughnessVjp, SplitSumVjp, TexelShares, TexelsMean, TexelsVjp},
         light_network::formulas::{
             BoundedNumber, BoundedNumberVjp, BoundedWeight, BoundedWeightVjp, Rectify, RectifyVjp,
         },
         prefilter::formulas::RadianceOf,
         prefilter_vjp::formulas::RadianceVjp,
         shade_pixels::formulas::SurfaceOfPixel,
-        shade_pixels_vjp::formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp},
+        shade_pixels_vjp::formulas::{ColorOfPixelVjp, FacingOfPixelVjp, PhysicalColorOfPixelVjp, SurfaceOfPixelVjp},
     },
 };
 use specula_tests::{
@@ -68,6 +68,7 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let between = uniform_rows(3, &[[0.0, 1.0]; 2]);
     assert_same(gpu, &TexelsMean, &side_by_side(&texels, &between));
     assert_same(gpu, &TexelsVjp, &side_by_side(&texels, &places));
+    assert_same(gpu, &SplitSumVjp, &uniform_rows(17, &[[0.0, 1.0]; 12]));
     assert_same(gpu, &DirectionVjp, &uniform_rows(4, &[[-1.0, -0.1], [0.2, 0.8], signed, signed, signed]));
     for (scheme, resolution) in [(PrefilterScheme::Exact, 64), (PrefilterScheme::Official, 64)] {
         let levels = Levels::new(scheme, resolution).as_slice().to_vec();
@@ -88,6 +89,8 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         assert_same(gpu, &Rectify, &uniform_rows(16, &[numbers]));
         assert_same(gpu, &RectifyVjp, &rows);
     }
+    let materials = uniform_rows(18, &[[0.0, 1.0]; 15]);
+    assert_same(gpu, &PhysicalColorOfPixelVjp, &side_by_side(&materials, &uniform_rows(19, &[signed; 3])));
     let surfaces = uniform_rows(7, &[[0.0, 1.0]; 10]);
     assert_same(gpu, &ColorOfPixelVjp, &side_by_side(&surfaces, &uniform_rows(8, &[signed; 3])));
     for blended in [Channels::Color, Channels::Training, Channels::Lit, Channels::Surface, Channels::Layers] {
@@ -96,6 +99,8 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         let pixels = side_by_side(&uniform_rows(9, &bounds), &numbers_of(&camera(70, 45)).repeat(ROWS));
         let rows = side_by_side(&pixels, &uniform_rows(10, &[signed; 10]));
         assert_same(gpu, &SurfaceOfPixelVjp(SurfaceOfPixel { blended }), &rows);
+        let rows = side_by_side(&pixels, &uniform_rows(20, &[signed; 4]));
+        assert_same(gpu, &FacingOfPixelVjp(SurfaceOfPixel { blended }), &rows);
     }
 }
 
@@ -423,6 +428,13 @@ impl Scene {
         }
     }
 
+    /// Physical materials.
+    fn physical(channels: Channels, seed: u64) -> Self {
+        let rules = RenderRules::full(ShadingRules::PHYSICAL, PrefilterScheme::Exact, channels);
+        let scene = Self::new(80, [70, 45], rules, seed);
+        Self { cloud: random_cloud(80, Layout::shaded(Some(1)).physical(), seed), ..scene }
+    }
+
     /// Polished Gaussians among triangles.
     fn among_triangles(channels: Channels, seed: u64) -> Self {
         let rules = RenderRules { traces_near: true, ..rules(channels, PrefilterScheme::Exact) };
@@ -467,10 +479,10 @@ impl Scene {
             Some(light) => exec.trace(frame, light, &self.camera).expect("it traces"),
             None => frame,
         };
-        let frame = exec.shade_pixels(frame, light.as_ref(), &self.camera).expect("it shades pixels");
+        let frame = exec.shade_pixels(frame, light.as_ref(), &self.camera, &self.rules).expect("it shades pixels");
         let grad = exec.grad_from(&frame, grad);
         let (grad, light_grad) =
-            exec.shade_pixels_vjp(&frame, light.as_ref(), &self.camera, grad).expect("it goes back");
+            exec.shade_pixels_vjp(&frame, light.as_ref(), &self.camera, &self.rules, grad).expect("it goes back");
         let mut planes = vec![0.0; blended.len()];
         exec.planes_of(&frame, &grad, &mut planes);
         let (mut of_light, mut of_environment) = (Vec::new(), Vec::new());
@@ -532,6 +544,17 @@ fn pixels_give_back_what_they_do_on_the_cpu() {
     scenes.extend(
         (20..).zip([Channels::Color, Channels::Layers]).map(|(seed, channels)| Scene::among_triangles(channels, seed)),
     );
+    for (seed, channels) in (30..).zip([Channels::Color, Channels::Training, Channels::Layers]) {
+        let scene = Scene::physical(channels, seed);
+        let rules = RenderRules { is_lit: false, ..scene.rules };
+        scenes.extend([scene, Scene { rules, ..Scene::physical(channels, seed) }]);
+    }
+    let traced = RenderRules { traces_near: true, ..Scene::physical(Channels::Training, 40).rules };
+    scenes.push(Scene {
+        rules: traced,
+        near_field: Some(random_near_field(60, 40)),
+        ..Scene::physical(Channels::Training, 40)
+    });
     for scene in scenes {
         println!("{:?}, {:?}, lit {}", scene.channels(), scene.rules.scheme, scene.rules.is_lit);
         let grad = scene.grad_of_picture();
@@ -552,6 +575,7 @@ fn pixels_give_back_what_plain_loops_do() {
         &Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 9),
     );
     gives_back_what_plain_loops_do(&mut gpu, &Scene::among_triangles(Channels::Training, 10));
+    gives_back_what_plain_loops_do(&mut gpu, &Scene::physical(Channels::Training, 11));
 }
 
 #[track_caller]
@@ -575,7 +599,7 @@ fn gives_back_what_plain_loops_do(gpu: &mut GpuExecutor, scene: &Scene) {
         &image(&ours.blended),
         Some(&light),
         &scene.camera,
-        scene.rules.traces_near,
+        &scene.rules,
         &mut exact,
         Some(&mut of_light),
     );

@@ -4,6 +4,7 @@
 mod back;
 mod densify;
 mod gone;
+mod lamps;
 mod light;
 mod loss;
 mod near_field;

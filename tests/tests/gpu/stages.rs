@@ -23,7 +23,7 @@ use specula_gpu::{
         project::formulas::SplatOf,
         sampling::formulas::{DeviationOf, IntervalOf, LeastInterval},
         shade::formulas::{ColorsOf, LitColorsOf, SurfaceOf},
-        shade_pixels::formulas::{ColorOfPixel, SurfaceOfPixel},
+        shade_pixels::formulas::{ColorOfPixel, FacingOfPixel, PhysicalColorOfPixel, SurfaceOfPixel},
     },
 };
 use specula_tests::{
@@ -99,11 +99,17 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         let light = uniform_rows(8, &[[0.0, 2.0]; 8]);
         assert_same(gpu, &LitColorsOf(shading), &side_by_side(&rows, &light));
     }
+    let physical = Layout::shaded(Some(1)).physical();
+    let rules = shading(ShadingRules::PHYSICAL, Channels::Layers).rules;
+    assert_same(gpu, &ColorsOf(GaussianShading { layout: physical, rules }), &gaussian_rows(physical));
+    assert_same(gpu, &PhysicalColorOfPixel, &uniform_rows(16, &[[0.0, 1.0]; 15]));
     for blended in [Channels::Lit, Channels::Surface, Channels::Layers] {
         let cameras = numbers_of(&camera(70, 45)).repeat(ROWS);
         let mut bounds = vec![[0.1, 0.9]; blended.count() + 1];
         bounds.extend([[0.0, 70.0], [0.0, 45.0]]);
-        assert_same(gpu, &SurfaceOfPixel { blended }, &side_by_side(&uniform_rows(9, &bounds), &cameras));
+        let rows = side_by_side(&uniform_rows(9, &bounds), &cameras);
+        assert_same(gpu, &SurfaceOfPixel { blended }, &rows);
+        assert_same(gpu, &FacingOfPixel(SurfaceOfPixel { blended }), &rows);
     }
 }
 
@@ -118,7 +124,7 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade_pixels/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 16);
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 18);
 }
 
 /// A scene for both executors.
@@ -189,6 +195,9 @@ fn every_variant(is_wanted: impl Fn(Channels) -> bool) -> Vec<(u64, (Layout, Ren
             variants.push((Layout::shaded(Some(2)), rules));
             variants.push((Layout::shaded(None), RenderRules { normal_residuals: false, ..rules }));
         }
+        let rules = RenderRules::full(ShadingRules::PHYSICAL, PrefilterScheme::Exact, channels);
+        variants.push((Layout::shaded(Some(1)).physical(), rules));
+        variants.push((Layout::shaded(None).physical().antialiased(), RenderRules { is_lit: false, ..rules }));
         if channels != Channels::Layers {
             let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
             variants.push((Layout::radiance(3), rules));

@@ -117,7 +117,7 @@ pub(crate) fn rasterise(
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     context.dispatch(kernel.key, kernel.entry, kernel.source, &bindings, Dispatch::Grid(view.tiles()))?;
     let size = [camera.width as usize, camera.height as usize];
-    Ok(Frame { size, channels, blended, reflections: None, shaded: None, exposed: None })
+    Ok(Frame { size, channels, blended, reflections: None, direct: None, shaded: None, exposed: None })
 }
 
 /// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations;

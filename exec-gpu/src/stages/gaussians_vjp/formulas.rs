@@ -14,13 +14,11 @@ use specula_core::{
         AttributeGrads, AttributeLosses, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad,
         shape_vjp,
     },
-    cubemap::bilinear_vjp,
     real::Real,
     rules::{Channels, channel},
     scene::Layout,
     shade::ShadingForm,
     splat::SplatGrad,
-    vector::vec3,
 };
 
 /// Gradients of a Gaussian's splat and channels, as the shader's function `splat_grad` reads them.
@@ -113,24 +111,6 @@ formula!(LookupVjp, |this, inputs| lookup_vjp(
     let shaded = this.0.shaded(&planes, camera.position);
     let grad = this.0.terms_vjp(&shaded.terms(&take_light(inputs)), &channels);
     (grad.specular_light, grad.ambient_light, grad.split_sum)
-});
-
-/// Gradient of the position between four neighbouring entries of the split-sum table
-/// ([`specula_core::cubemap::bilinear_vjp`]).
-#[derive(Clone, Copy, Debug)]
-pub struct SplitSumVjp;
-
-formula!(SplitSumVjp, |_, inputs| split_sum_slopes(
-    upper_left: 2, upper_right: 2, lower_left: 2, lower_right: 2, share: 2, grad: 2
-) -> (grad_position: 2) {
-    let mut pair = || {
-        let [x, y] = inputs.array();
-        vec3(x, y, x.zero())
-    };
-    let texels = [pair(), pair(), pair(), pair()];
-    let (share, grad) = (pair(), pair());
-    let (right, lower) = bilinear_vjp(texels, share.x, share.y, grad);
-    [right, lower]
 });
 
 /// Gradients of the losses on attributes ([`specula_core::attributes::AttributeLosses`]): of the

@@ -16,13 +16,13 @@ use crate::{
         blend_vjp::{SplatGrads, formulas::GEOMETRY},
         camera::{CameraUniform, camera},
         gaussians::planes,
-        light::{LightGrad, LightLayout, sums::LightSums},
+        light::{LightGrad, LightLayout, split_sums_vjp, sums::LightSums},
         prefilter::Light,
         shade::gaussian_light,
     },
 };
 use bytemuck::{Pod, Zeroable};
-use formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp, SplitSumVjp};
+use formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp};
 use specula_core::{
     attributes::{AttributeLosses, GaussianShading},
     camera::Camera,
@@ -47,7 +47,7 @@ pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> Str
     let source = match light {
         Some(light) => gaussian_light(light.lookup_vjp(source), shading)
             .formula(&LookupVjp(*shading))
-            .formula(&SplitSumVjp)
+            .part(split_sums_vjp)
             .with(include_str!("gaussian_light_vjp.wgsl")),
         None => source.with(UNLIT_PLANES),
     };

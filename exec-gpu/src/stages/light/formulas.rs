@@ -4,6 +4,7 @@ use crate::codegen::formula::{Field, fields, formula};
 use specula_core::{
     cubemap::{FacePoint, bilinear, bilinear_vjp, bilinear_weights, footprint, project, project_vjp},
     prefilter::{Level, level_of_roughness, level_of_roughness_vjp},
+    vector::vec3,
 };
 
 /// Texel footprint of a direction in a cube map of some resolution ([`mod@specula_core::cubemap`]).
@@ -85,4 +86,22 @@ formula!(RoughnessVjp, |this, inputs| roughness_vjp(
 ) -> (roughness: 1) {
     let (roughness, sharp, blurred, grad) = (inputs.number(), inputs.vec3(), inputs.vec3(), inputs.vec3());
     [level_of_roughness_vjp(roughness, &this.levels, grad.dot(blurred - sharp))]
+});
+
+/// Gradient of the position between four neighbouring entries of the split-sum table
+/// ([`specula_core::cubemap::bilinear_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct SplitSumVjp;
+
+formula!(SplitSumVjp, |_, inputs| split_sum_slopes(
+    upper_left: 2, upper_right: 2, lower_left: 2, lower_right: 2, share: 2, grad: 2
+) -> (grad_position: 2) {
+    let mut pair = || {
+        let [x, y] = inputs.array();
+        vec3(x, y, x.zero())
+    };
+    let texels = [pair(), pair(), pair(), pair()];
+    let (share, grad) = (pair(), pair());
+    let (right, lower) = bilinear_vjp(texels, share.x, share.y, grad);
+    [right, lower]
 });

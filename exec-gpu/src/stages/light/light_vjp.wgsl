@@ -63,7 +63,7 @@ fn radiance_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
     return look_up_vjp(look_up(direction, roughness), direction, roughness, grad);
 }
 
-// Gradient of the irradiance, the map behind the last level, with respect to the direction.
+// Gradient of the irradiance, the last map, with respect to the direction.
 fn irradiance_vjp(direction: vec3f, grad: vec3f) -> vec3f {
-    return direction_vjp(direction, level_sample_vjp(sample_level(direction, LEVELS), grad));
+    return direction_vjp(direction, level_sample_vjp(sample_level(direction, IRRADIANCE_LEVEL), grad));
 }

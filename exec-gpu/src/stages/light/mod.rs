@@ -4,10 +4,11 @@ use crate::{
     codegen::{source::Source, trace::literal},
     device::memory::Array,
 };
-use formulas::{DirectionVjp, LevelOf, RoughnessVjp, TexelShares, TexelsAt, TexelsMean, TexelsVjp};
+use formulas::{DirectionVjp, LevelOf, RoughnessVjp, SplitSumVjp, TexelShares, TexelsAt, TexelsMean, TexelsVjp};
 use specula_core::{
     cubemap::padded_len,
     pack::{Storage, pack2, unpack2},
+    split_sum::RESOLUTION,
 };
 
 pub mod formulas;
@@ -28,7 +29,8 @@ pub struct LightGrad {
 pub(crate) struct LightLayout {
     /// Roughness of each level.
     pub(crate) levels: LevelOf,
-    /// First texel and resolution of each level, and of the irradiance map if there is one.
+    /// First texel and resolution of each level, and of the irradiance map behind them. Without
+    /// one, the last level holds the irradiance.
     pub(crate) maps: Vec<(usize, usize)>,
     /// Storage format of the texels.
     pub(crate) storage: Storage,
@@ -46,6 +48,7 @@ impl LightLayout {
         };
         source
             .count("LEVELS", self.levels.levels.len())
+            .count("IRRADIANCE_LEVEL", self.maps.len() - 1)
             .part(|source| texels(source, self.storage))
             .formula(&self.levels)
             .formula(&TexelsAt)
@@ -71,6 +74,19 @@ impl LightLayout {
     pub(crate) fn texel_count(&self) -> usize {
         self.maps.last().map_or(0, |(first, resolution)| first + padded_len(*resolution))
     }
+}
+
+/// Appends the lookup of the split-sum table at this binding.
+pub(crate) fn split_sums(source: Source, binding: usize) -> Source {
+    source
+        .count("SPLIT_SUM_SIZE", RESOLUTION)
+        .with(&format!("@group(0) @binding({binding}) var<storage, read> split_sums: array<vec2f>;\n"))
+        .with(include_str!("split_sum.wgsl"))
+}
+
+/// Appends the gradient of the lookup of the split-sum table.
+pub(crate) fn split_sums_vjp(source: Source) -> Source {
+    source.formula(&SplitSumVjp).with(include_str!("split_sum_vjp.wgsl"))
 }
 
 /// Appends the storage format of a light's texels.

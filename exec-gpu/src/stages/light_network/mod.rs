@@ -53,6 +53,8 @@ pub(crate) struct NetworkTexels {
     aprons: Matrix,
     /// Transposed matrix, uploaded for the first gradient.
     transposed: OnceLock<Matrix>,
+    /// Split-sum table, uploaded for the first physical material.
+    pub(crate) split_sum: OnceLock<Array>,
 }
 
 #[repr(C)]
@@ -116,7 +118,7 @@ impl NetworkTexels {
         let encodings = if encoded.encodings().is_empty() { &of_none } else { encoded.encodings() };
         let encodings = context.upload("encoded directions of a light", encodings)?;
         let aprons = Matrix::new(context, &encoded.operator().aprons().forward)?;
-        Ok(Arc::new(Self { encoded, encodings, aprons, transposed: OnceLock::new() }))
+        Ok(Arc::new(Self { encoded, encodings, aprons, transposed: OnceLock::new(), split_sum: OnceLock::new() }))
     }
 
     /// Resolution and kept levels.
@@ -173,7 +175,7 @@ pub(crate) fn evaluate(
     let split_sum = context.upload("split sums", &[[0.0_f32; 2]])?;
     let layout = layout_of(operator, storage);
     let source = LightSource::Network(network.clone());
-    Ok(Light { layout, texels, split_sum, source, near_field: None })
+    Ok(Light { layout, texels, split_sum, source, near_field: None, lamps: None })
 }
 
 /// Gradient of a network's weights from that of its filtered light.

@@ -3,7 +3,7 @@
 // Threads: one invocation a number.
 // Inputs: learning rate of each plane, gradients, the step counters.
 // Outputs: values and their Adam moments, in place; count of gradients that are not finite.
-// Early exit: nothing changes where the step exceeded the capacity.
+// Early exit: nothing changes where the step exceeded the capacity, or in planes at rest.
 
 struct StepSize {
     count: u32,
@@ -38,9 +38,12 @@ fn optimise(
     if index >= size.count || atomicLoad(&counters[EXCEEDS_CAPACITY]) != 0u {
         return;
     }
+    let rate = rates[index / BLOCK % size.planes];
+    if rate < 0.0 {
+        return;
+    }
     let grad = grads[index];
     if is_usable(grad) {
-        let rate = rates[index / BLOCK % size.planes];
         let next = adam_step(values[index], means[index], squares[index], grad, rate, size.epsilon);
         values[index] = next.value;
         means[index] = next.mean;

@@ -12,6 +12,7 @@ use crate::{
         memory::Array,
     },
     stages::{
+        illuminate::Lamps,
         light::{LightLayout, TEXEL_LEN, formulas::LevelOf, texels},
         light_network::NetworkTexels,
     },
@@ -73,18 +74,25 @@ pub struct Light {
     pub(crate) layout: LightLayout,
     /// Texels of all levels with their aprons, level after level.
     pub(crate) texels: Array,
-    /// Split-sum table of the authors' shading; one entry in other schemes.
+    /// Split-sum table of the authors' shading; one entry in other schemes, where physical
+    /// materials have [`LightSource::split_sum`].
     pub(crate) split_sum: Array,
     /// Source of its texels.
     pub(crate) source: LightSource,
     /// Surface of the scene that reflected rays may meet.
     pub(crate) near_field: Option<Arc<NearField<Array>>>,
+    /// Lamps beside the light from afar.
+    pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
 impl Light {
     /// The same light around a near field.
     pub(crate) fn around(self, near_field: &Arc<NearField<Array>>) -> Self {
         Self { near_field: Some(near_field.clone()), ..self }
+    }
+    /// The same light with lamps.
+    pub(crate) fn with_lamps(self, lamps: Lamps) -> Self {
+        Self { lamps: Some(Arc::new(lamps)), ..self }
     }
 }
 
@@ -106,6 +114,27 @@ pub(crate) struct Weights {
     forward: Matrices,
     /// Transposed matrices, uploaded for the first gradient.
     transposed: OnceLock<Matrices>,
+    /// Split-sum table, uploaded for the first physical material.
+    split_sum: OnceLock<Array>,
+}
+
+impl LightSource {
+    /// Split-sum table of physical materials.
+    ///
+    /// # Errors
+    ///
+    /// See [`Context::upload`].
+    pub(crate) fn split_sum(&self, context: &mut Context) -> Result<&Array, GpuError> {
+        let uploaded = match self {
+            Self::Weights(weights) => &weights.split_sum,
+            Self::Network(texels) => &texels.split_sum,
+        };
+        if let Some(split_sum) = uploaded.get() {
+            return Ok(split_sum);
+        }
+        let split_sum = context.upload("split sums", &SPLIT_SUM)?;
+        Ok(uploaded.get_or_init(|| split_sum))
+    }
 }
 
 /// Matrices of a prefilter, or all of them transposed.
@@ -277,7 +306,7 @@ impl Weights {
         operator: Arc<Operator>,
     ) -> Result<Arc<Self>, GpuError> {
         let forward = Matrices::new(context, &operator, |linear| &linear.forward)?;
-        Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new() }))
+        Ok(Arc::new(Self { key, forward, operator, transposed: OnceLock::new(), split_sum: OnceLock::new() }))
     }
 
     pub(crate) fn transposed(&self, context: &mut Context) -> Result<&Matrices, GpuError> {
@@ -337,7 +366,7 @@ pub(crate) fn prefilter(
         PrefilterScheme::Exact => context.upload("split sums", &[[0.0_f32; 2]])?,
     };
     let (layout, source) = (layout_of(operator, storage), LightSource::Weights(weights.clone()));
-    Ok(Light { layout, texels, split_sum, source, near_field: None })
+    Ok(Light { layout, texels, split_sum, source, near_field: None, lamps: None })
 }
 
 /// Texels of an environment.

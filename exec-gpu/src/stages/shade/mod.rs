@@ -15,7 +15,7 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         gaussians::stored_planes,
-        light::LightLayout,
+        light::{LightLayout, split_sums},
         prefilter::Light,
         project::{Splats, splat},
     },
@@ -23,7 +23,7 @@ use crate::{
 use formulas::{ColorsOf, LitColorsOf, SurfaceOf};
 use specula_core::{
     attributes::GaussianShading, camera::Camera, pack::Storage, rules::RenderRules, scene::Gaussians,
-    shade::ShadingForm, split_sum,
+    shade::ShadingForm,
 };
 
 pub mod formulas;
@@ -40,7 +40,7 @@ pub(crate) fn channels(source: Source, channels: usize) -> Source {
 pub(crate) fn gaussian_light(source: Source, shading: &GaussianShading) -> Source {
     source
         .formula(&SurfaceOf(*shading))
-        .count("SPLIT_SUM_SIZE", split_sum::RESOLUTION)
+        .part(|source| split_sums(source, 5))
         .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
         .with(include_str!("gaussian_light.wgsl"))
 }

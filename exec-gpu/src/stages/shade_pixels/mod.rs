@@ -13,17 +13,19 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::Frame,
-        light::{LightLayout, texels},
+        illuminate::formulas::IlluminatedColorOfPixel,
+        light::{LightLayout, split_sums, texels},
         prefilter::Light,
         trace::reflection,
     },
 };
 use core::iter;
-use formulas::{ColorOfPixel, SurfaceOfPixel};
+use formulas::{ColorOfPixel, FacingOfPixel, PhysicalColorOfPixel, SurfaceOfPixel};
 use specula_core::{
     camera::Camera,
     pack::Storage,
     rules::{Channels, channel},
+    shade::ShadingForm,
 };
 
 pub mod formulas;
@@ -32,22 +34,60 @@ const LIT: &str =
     "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return radiance(direction, roughness);\n}\n";
 const UNLIT: &str = "fn light_of(direction: vec3f, roughness: f32) -> vec3f {\n    return vec3f(0.0);\n}\n";
 
-/// Kernel for a surface; without a light, its radiance is zero. `is_traced` tells whether pixels of
-/// a light have reflections.
-pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, is_traced: bool) -> String {
+/// Variant of the kernels of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Variant {
+    /// Whether pixels of a light have reflections.
+    pub(crate) is_traced: bool,
+    /// Whether materials are physical.
+    pub(crate) is_physical: bool,
+    /// Whether lamps shine on physical materials.
+    pub(crate) is_illuminated: bool,
+}
+
+impl Variant {
+    /// Binding of the split-sum table, behind the reflections, whose binding is `reflections`.
+    pub(crate) fn split_sum_binding(self, reflections: usize) -> usize {
+        reflections + usize::from(self.is_traced)
+    }
+}
+
+/// Binding of the reflections.
+const REFLECTIONS: usize = 4;
+
+/// Kernel for a surface; without a light, its radiance is zero.
+pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, variant: Variant) -> String {
     let source = Source::new()
         .real()
         .part(camera)
         .formula(surface)
-        .formula(&ColorOfPixel)
         .flag("SHOWS_LIGHT", surface.blended == Channels::Layers)
         .count("TINT_CHANNEL", channel::TINT)
         .count("SPECULAR_CHANNEL", channel::SPECULAR)
         .count("LIGHT_CHANNEL", channel::LIGHT);
     let source = match light {
-        Some(light) if is_traced => light.lookup(source).part(reflection).with(include_str!("reflected.wgsl")),
+        Some(light) if variant.is_traced => light.lookup(source).part(reflection).with(include_str!("reflected.wgsl")),
         Some(light) => light.lookup(source).with(LIT),
         None => texels(source, Storage::F32).with(UNLIT),
+    };
+    let source = match (variant.is_physical, light) {
+        (false, _) => source.formula(&ColorOfPixel).with(include_str!("deferred.wgsl")),
+        (true, None) => source.with(include_str!("black.wgsl")),
+        (true, Some(_)) => source
+            .part(|source| split_sums(source, variant.split_sum_binding(REFLECTIONS)))
+            .formula(&FacingOfPixel(*surface))
+            .part(|source| match variant.is_illuminated {
+                false => source.formula(&PhysicalColorOfPixel).with(include_str!("physical.wgsl")),
+                true => {
+                    let binding = variant.split_sum_binding(REFLECTIONS) + 1;
+                    source
+                        .count("ALBEDO_CHANNEL", channel::DIFFUSE)
+                        .count("METALNESS_CHANNEL", channel::METALNESS)
+                        .with(&format!("@group(0) @binding({binding}) var<storage, read> direct: array<f32>;\n"))
+                        .formula(&IlluminatedColorOfPixel)
+                        .with(include_str!("illuminated.wgsl"))
+                }
+            }),
     };
     source.with(include_str!("shade_pixels.wgsl")).text()
 }
@@ -62,6 +102,7 @@ pub(crate) fn shade_pixels(
     mut frame: Frame,
     light: Option<&Light>,
     camera: &Camera,
+    form: ShadingForm,
 ) -> Result<Frame, GpuError> {
     let view = CameraUniform::new(camera, 0);
     let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
@@ -69,12 +110,16 @@ pub(crate) fn shade_pixels(
     let none = context.allocate("no light", 4)?;
     let texels = light.map_or(&none, |light| &light.texels);
     let reflections = frame.reflections.as_ref().filter(|_| light.is_some());
-    let arrays = [&frame.blended, texels, &shaded].into_iter().chain(reflections).map(Buffer);
+    let is_physical = form == ShadingForm::Physical;
+    let direct = frame.direct.as_ref().filter(|_| light.is_some() && is_physical);
+    let variant = Variant { is_traced: reflections.is_some(), is_physical, is_illuminated: direct.is_some() };
+    let split_sum = light.filter(|_| variant.is_physical).map(|light| light.source.split_sum(context)).transpose()?;
+    let arrays =
+        [&frame.blended, texels, &shaded].into_iter().chain(reflections).chain(split_sum).chain(direct).map(Buffer);
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     let layout = light.map(|light| &light.layout);
-    let is_traced = reflections.is_some();
-    let key = format!("{surface:?} {layout:?}, traced: {is_traced}");
-    let source = || source(&surface, layout, is_traced);
+    let key = format!("{surface:?} {layout:?} {variant:?}");
+    let source = || source(&surface, layout, variant);
     context.dispatch(&key, "shade_pixels", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
     frame.shaded = Some(shaded);
     Ok(frame)

@@ -3,7 +3,8 @@
 // Threads: one invocation a pixel.
 // Inputs: camera, blended surface attributes, texels of the light, reflections that were traced.
 // Outputs: colours; the layers of light and specular colour where they are requested.
-// Variants: blended channels; with or without a light, with or without reflections.
+// Variants: blended channels; with or without a light, with or without reflections; base colours or
+// physical materials.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;
@@ -19,6 +20,12 @@ fn blended(channel: u32) -> f32 {
 // The tint, premultiplied.
 fn tint_of_pixel() -> vec3f {
     return vec3f(blended(TINT_CHANNEL), blended(TINT_CHANNEL + 1u), blended(TINT_CHANNEL + 2u));
+}
+
+// Colour of a pixel and its specular part.
+struct LitPixel {
+    color: vec3f,
+    specular: vec3f,
 }
 
 fn store_layer(channel: u32, color: vec3f) {
@@ -39,14 +46,15 @@ fn shade_pixels(
     if pixel >= size {
         return;
     }
-    let surface = surface_of_pixel(vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5);
+    let point = vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5;
+    let surface = surface_of_pixel(point);
     let light = light_of(surface.reflection_dir, surface.roughness);
-    let color = color_of_pixel(surface.base, surface.tint, light, surface.coverage);
+    let lit = lit_pixel(surface, point, light);
     if SHOWS_LIGHT {
         store_layer(LIGHT_CHANNEL, light * surface.coverage);
-        store_layer(SPECULAR_CHANNEL, tint_of_pixel() * light);
+        store_layer(SPECULAR_CHANNEL, lit.specular);
     }
-    shaded[pixel] = color.x;
-    shaded[size + pixel] = color.y;
-    shaded[2u * size + pixel] = color.z;
+    shaded[pixel] = lit.color.x;
+    shaded[size + pixel] = lit.color.y;
+    shaded[2u * size + pixel] = lit.color.z;
 }

@@ -1,13 +1,14 @@
 //! Gradient of deferred shading.
 
 use crate::{
-    codegen::formula::{call, formula},
+    codegen::formula::{call, fields, formula},
     stages::{
         camera::{camera_fields, take_camera},
-        shade_pixels::formulas::SurfaceOfPixel,
+        shade_pixels::formulas::{SurfaceOfPixel, physical_fields, take_physical},
     },
 };
 use specula_core::{
+    physical::{self, PixelFacing, pixel_facing_vjp},
     shade_pixels::{PixelSurface, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
 };
@@ -51,4 +52,32 @@ formula!(SurfaceOfPixelVjp, |this, inputs| surface_of_pixel_vjp(
     let surface = pixel_surface(&pixel, view_dir);
     let of_pixel = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
     (of_pixel.base, of_pixel.normal, of_pixel.tint, [of_pixel.roughness, of_pixel.coverage])
+});
+
+/// Gradient of
+/// [`PhysicalColorOfPixel`](crate::stages::shade_pixels::formulas::PhysicalColorOfPixel)
+/// ([`specula_core::physical::pixel_color_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct PhysicalColorOfPixelVjp;
+
+formula!(PhysicalColorOfPixelVjp, |_, inputs| physical_color_of_pixel_vjp(..physical_fields(), ..fields!(grad: 3)) -> (
+    base: 3, tint: 3, specular_light: 3, irradiance: 3, split_sum: 2, coverage: 1
+) {
+    let (surface, light, coverage) = take_physical(inputs);
+    let (of_surface, of_light, of_coverage) = physical::pixel_color_vjp(&surface, &light, coverage, inputs.vec3());
+    (of_surface.base, of_surface.tint, of_light.specular, of_light.irradiance, of_light.split_sum, [of_coverage])
+});
+
+/// Gradient of [`FacingOfPixel`](crate::stages::shade_pixels::formulas::FacingOfPixel) with respect
+/// to the blended normal ([`specula_core::physical::pixel_facing_vjp`]).
+#[derive(Clone, Copy, Debug)]
+pub struct FacingOfPixelVjp(pub SurfaceOfPixel);
+
+formula!(FacingOfPixelVjp, |this, inputs| facing_of_pixel_vjp(
+    ..[call("blended", this.0.blended.count() + 1)], point: 2, ..camera_fields(), grad_normal: 3, grad_n_dot_v: 1
+) -> (normal: 3) {
+    let pixel = this.0.pixel(inputs.slice(this.0.blended.count() + 1));
+    let [x, y] = inputs.array();
+    let view_dir = take_camera(inputs).view_dir(x, y);
+    pixel_facing_vjp(&pixel, view_dir, &PixelFacing { normal: inputs.vec3(), n_dot_v: inputs.number() })
 });

@@ -13,18 +13,22 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::{Frame, FrameGrad},
-        light::{LightGrad, LightLayout, sums::LightSums, texels},
+        light::{LightGrad, LightLayout, split_sums, split_sums_vjp, sums::LightSums, texels},
         prefilter::Light,
-        shade_pixels::formulas::SurfaceOfPixel,
+        shade_pixels::{
+            Variant,
+            formulas::{FacingOfPixel, SurfaceOfPixel},
+        },
         trace::{formulas::LightOfReflectionVjp, reflection},
     },
 };
 use core::iter;
-use formulas::{ColorOfPixelVjp, SurfaceOfPixelVjp};
+use formulas::{ColorOfPixelVjp, FacingOfPixelVjp, PhysicalColorOfPixelVjp, SurfaceOfPixelVjp};
 use specula_core::{
     camera::Camera,
     pack::Storage,
     rules::{Channels, channel},
+    shade::ShadingForm,
 };
 
 pub mod formulas;
@@ -49,15 +53,16 @@ const LOOKUP: &str = "= look_up";
 /// Calls in their place of the lookup of a reflection and its gradient.
 const REFLECTED: &str = "= look_up_reflected";
 
-/// Kernel for a surface; without a light, no gradient flows to one. `is_traced` tells whether
-/// pixels of a light have reflections.
-pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, is_traced: bool) -> String {
+/// Binding of the reflections.
+const REFLECTIONS: usize = 5;
+
+/// Kernel for a surface; without a light, no gradient flows to one.
+pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, variant: Variant) -> String {
     let index_of = |channel: usize| surface.blended.index_of(channel);
     let source = Source::new()
         .real()
         .part(camera)
         .formula(surface)
-        .formula(&ColorOfPixelVjp)
         .formula(&SurfaceOfPixelVjp(*surface))
         .count("TRANSMITTANCE", surface.blended.count())
         .count("COLOR_CHANNEL", channel::COLOR)
@@ -65,10 +70,24 @@ pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, is_t
         .part(|source| optional_channel(source, "TINT", index_of(channel::TINT)))
         .part(|source| optional_channel(source, "ROUGHNESS", index_of(channel::ROUGHNESS)));
     let kernel = include_str!("shade_pixels_vjp.wgsl");
+    let source = match light {
+        Some(light) => light.lookup_vjp(source),
+        None => texels(source, Storage::F32).with(UNLIT_LOOKUP),
+    };
+    let source = match (variant.is_physical, light) {
+        (false, _) => source.formula(&ColorOfPixelVjp).with(include_str!("deferred_vjp.wgsl")),
+        (true, None) => source.with(include_str!("black_vjp.wgsl")),
+        (true, Some(_)) => source
+            .part(|source| split_sums(source, variant.split_sum_binding(REFLECTIONS)))
+            .part(split_sums_vjp)
+            .formula(&FacingOfPixel(*surface))
+            .formula(&FacingOfPixelVjp(*surface))
+            .formula(&PhysicalColorOfPixelVjp)
+            .with(include_str!("physical_vjp.wgsl")),
+    };
     match light {
-        Some(light) if is_traced => light.lookup_vjp(source).part(reflected).with(&kernel.replace(LOOKUP, REFLECTED)),
-        Some(light) => light.lookup_vjp(source).with(kernel),
-        None => texels(source, Storage::F32).with(UNLIT_LOOKUP).with(kernel),
+        Some(_) if variant.is_traced => source.part(reflected).with(&kernel.replace(LOOKUP, REFLECTED)),
+        _ => source.with(kernel),
     }
     .text()
 }
@@ -93,6 +112,7 @@ pub(crate) fn shade_pixels_vjp(
     surface: &Frame,
     light: Option<&Light>,
     camera: &Camera,
+    form: ShadingForm,
     grad: FrameGrad,
 ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
     let view = CameraUniform::new(camera, 0);
@@ -106,12 +126,14 @@ pub(crate) fn shade_pixels_vjp(
         &grad.values,
         sums.as_ref().map_or(&none[1], LightSums::array),
     ];
-    let arrays = arrays.into_iter().chain(reflections).map(Buffer);
+    let variant =
+        Variant { is_traced: reflections.is_some(), is_physical: form == ShadingForm::Physical, is_illuminated: false };
+    let split_sum = light.filter(|_| variant.is_physical).map(|light| light.source.split_sum(context)).transpose()?;
+    let arrays = arrays.into_iter().chain(reflections).chain(split_sum).map(Buffer);
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     let layout = light.map(|light| &light.layout);
-    let is_traced = reflections.is_some();
-    let key = format!("{of_pixel:?} {layout:?}, traced: {is_traced}");
-    let source = || source(&of_pixel, layout, is_traced);
+    let key = format!("{of_pixel:?} {layout:?} {variant:?}");
+    let source = || source(&of_pixel, layout, variant);
     context.dispatch(&key, "shade_pixels_vjp", &source, &bindings, Dispatch::Invocations(surface.pixel_count()))?;
     let light_grad = sums.map(|sums| sums.finish(context)).transpose()?;
     Ok((grad, light_grad))

@@ -5,7 +5,8 @@
 // gradient of the colours.
 // Outputs: gradients of the blended channels, in place of those of the colours; sums of the
 // gradients of the light's texels.
-// Variants: blended channels; with or without a light, with or without reflections.
+// Variants: blended channels; with or without a light, with or without reflections; base colours or
+// physical materials.
 // Early exit: pixels without a splat.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -18,6 +19,18 @@ var<private> pixel: u32;
 
 fn blended(channel: u32) -> f32 {
     return frame[channel * camera.size.x * camera.size.y + pixel];
+}
+
+// Gradient of the colour of a pixel.
+struct LitPixelGrad {
+    base: vec3f,
+    tint: vec3f,
+    light: vec3f,
+    coverage: f32,
+    // Of the blended normal, beside what comes through the reflected direction.
+    normal: vec3f,
+    // Of the roughness, beside what comes through the lookup of the reflected light.
+    roughness: f32,
 }
 
 fn store_grad(channel: u32, grad: vec3f) {
@@ -53,12 +66,13 @@ fn shade_pixels_vjp(
     let surface = surface_of_pixel(point);
     let lookup = look_up(surface.reflection_dir, surface.roughness);
     let grad = grad_of(COLOR_CHANNEL);
-    let of_color = color_of_pixel_vjp(surface.base, surface.tint, lookup.radiance, surface.coverage, grad);
+    let of_color = lit_pixel_vjp(surface, point, lookup.radiance, grad);
     let of_light = look_up_vjp(lookup, surface.reflection_dir, surface.roughness, of_color.light);
-    let of_surface = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_light.w, of_light.xyz);
+    let of_roughness = of_light.w + of_color.roughness;
+    let of_surface = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_roughness, of_light.xyz);
     store_grad(COLOR_CHANNEL, of_surface.base);
     if HAS_NORMAL {
-        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + of_surface.normal);
+        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + of_surface.normal + of_color.normal);
     }
     if HAS_TINT {
         store_grad(TINT_CHANNEL, grad_of(TINT_CHANNEL) + of_surface.tint);

@@ -41,17 +41,24 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
         .real()
         .part(camera)
         .number("NOTHING", NOTHING)
-        .count("NODE_VECTORS", NODE_LEN / VECTOR)
-        .count("TRIANGLE_VECTORS", TRIANGLE_LEN / VECTOR)
-        .count("VERTEX_VECTORS", VERTEX_LEN / VECTOR)
+        .part(traversal)
         .formula(&RayOfPixel(*surface))
-        .formula(&InverseDirection)
-        .formula(&BoxSpan)
-        .formula(&CrossingOf)
         .formula(&FarReflection)
         .formula(&NearReflection)
         .with(include_str!("trace.wgsl"))
         .text()
+}
+
+/// Appends the near field at the bindings 1 and 3, and the triangle that a ray meets first.
+pub(crate) fn traversal(source: Source) -> Source {
+    source
+        .count("NODE_VECTORS", NODE_LEN / VECTOR)
+        .count("TRIANGLE_VECTORS", TRIANGLE_LEN / VECTOR)
+        .count("VERTEX_VECTORS", VERTEX_LEN / VECTOR)
+        .formula(&InverseDirection)
+        .formula(&BoxSpan)
+        .formula(&CrossingOf)
+        .with(include_str!("near_field.wgsl"))
 }
 
 /// Appends the lookup of far light of a pixel's reflection, and its light, for kernels that bind
@@ -60,10 +67,10 @@ pub(crate) fn reflection(source: Source) -> Source {
     source.with(include_str!("reflection.wgsl")).formula(&LookupOfReflection).formula(&LightOfReflection)
 }
 
-/// `NearField` of `trace.wgsl`.
+/// `NearField` of `near_field.wgsl`; without nodes no ray meets anything.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct NearFieldUniform {
+pub(crate) struct NearFieldUniform {
     node_count: u32,
     first_triangle: u32,
     first_vertex: u32,
@@ -71,7 +78,7 @@ struct NearFieldUniform {
 }
 
 impl NearFieldUniform {
-    fn new<A>(near_field: &NearField<A>) -> Self {
+    pub(crate) fn new<A>(near_field: &NearField<A>) -> Self {
         Self {
             node_count: near_field.node_count as u32,
             first_triangle: (near_field.triangles_start() / VECTOR) as u32,

@@ -1,0 +1,294 @@
+//! Lights of `specula relight`: those of a file and of the command line, and a scene under them.
+
+use crate::{
+    args::{EnvChoice, Lights},
+    failure::Failure,
+    output, progress,
+    scene::{read_env, refuse_plain},
+};
+use core::{fmt::Display, str::FromStr};
+use glam::Vec3;
+use serde::Deserialize;
+use specula_core::{lamps::Lamp, near_field::NearField};
+use specula_io::latlong::{LatLong, MapOrientation};
+use specula_scene::{
+    OpenedModel, RenderOptions, Scene, SceneError, Shading,
+    backdrop::Backdrop,
+    ground::Ground,
+    lamps::{SceneLamps, SphereChoice, SunChoice, shadow_surface, turned},
+    light_file::{LightOptions, MapUp},
+    picture_folder::light_differences,
+};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Light that a scene is put under.
+#[derive(Debug)]
+pub(crate) struct LightPlan {
+    /// File of an environment map; none for darkness.
+    env: Option<PathBuf>,
+    options: LightOptions,
+    suns: Vec<SunChoice>,
+    spheres: Vec<SphereChoice>,
+    /// Turn of the environment and the suns, in degrees.
+    turn: f32,
+    rays: usize,
+    /// Ground that catches shadows, and its height.
+    ground: Option<Option<f32>>,
+}
+
+/// Scene's new light.
+#[derive(Debug)]
+pub(crate) struct Shone {
+    /// Environment map, if there is one.
+    pub(crate) map: Option<LatLong>,
+    /// Surface that casts shadows, if any are cast.
+    pub(crate) occluder: Option<Arc<NearField<Vec<f32>>>>,
+}
+
+/// Contents of a file of lights.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+struct LightFile {
+    env: Option<String>,
+    env_up: MapUp,
+    exposure: f32,
+    turn: f32,
+    sun: Vec<String>,
+    lamp: Vec<String>,
+}
+
+impl LightPlan {
+    /// Lights of a file, if one is named, and of the command line.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read or says something else; no light at all.
+    pub(crate) fn new(args: &Lights, options: LightOptions) -> Result<Self, Failure> {
+        let file = args.lights.as_deref().map_or(Ok(LightFile::default()), read)?;
+        let folder = args.lights.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+        let in_file = file.env.filter(|name| name != "none").map(|name| folder.join(name));
+        let env = match &args.env {
+            Some(EnvChoice::File(path)) => Some(path.clone()),
+            Some(EnvChoice::None) => None,
+            None => in_file,
+        };
+        let name = || args.lights.clone().unwrap_or_default();
+        let mut suns: Vec<SunChoice> = parsed(&file.sun, "sun", &name())?;
+        let mut spheres: Vec<SphereChoice> = parsed(&file.lamp, "lamp", &name())?;
+        suns.extend(&args.sun);
+        spheres.extend(&args.lamp);
+        if env.is_none() && suns.is_empty() && spheres.is_empty() {
+            return Err(Failure::Input(
+                "the scene would be dark; name an environment map with --env, a sun with --sun 30,45, or a lamp with \
+                 --lamp 1,0,2,5"
+                    .into(),
+            ));
+        }
+        let up = if options.up == MapUp::Scene { file.env_up } else { options.up };
+        let options = LightOptions { up, exposure: options.exposure + file.exposure };
+        Ok(Self {
+            env,
+            options,
+            suns,
+            spheres,
+            turn: args.turn + file.turn,
+            rays: args.shadow_rays,
+            ground: args.ground,
+        })
+    }
+
+    /// Name of the light, for a folder: that of the environment map.
+    pub(crate) fn name(&self) -> String {
+        self.env.as_deref().map_or_else(|| "lamps".to_owned(), output::stem)
+    }
+
+    /// Parts of a folder's name, one for each change of the environment and each lamp.
+    pub(crate) fn differences(&self) -> Vec<String> {
+        let mut parts = light_differences(self.options);
+        parts.extend(self.suns.iter().map(|sun| format!("sun{sun}").replace(':', "-")));
+        parts.extend(self.spheres.iter().map(|sphere| format!("lamp{sphere}").replace(':', "-")));
+        parts.extend((self.turn != 0.0).then(|| format!("turn{:+}", self.turn)));
+        parts.extend(self.ground.map(|height| height.map_or("ground".to_owned(), |height| format!("ground{height}"))));
+        parts
+    }
+
+    /// Whether there are suns or lamps.
+    fn has_lamps(&self) -> bool {
+        !self.suns.is_empty() || !self.spheres.is_empty()
+    }
+
+    /// Refuses view-dependent colours under lamps, which shine on materials.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that says so.
+    pub(crate) fn refuse_view_dependent(&self, shading: Option<Shading>) -> Result<(), Failure> {
+        if self.has_lamps() && shading == Some(Shading::View) {
+            return Err(Failure::Input("suns and lamps shine on physical materials; omit --shading view".into()));
+        }
+        Ok(())
+    }
+
+    /// Lamps after a further turn in degrees, in a scene with this up direction.
+    pub(crate) fn lamps(&self, up: Vec3, further: f32) -> Vec<Lamp> {
+        let suns = self.suns.iter().map(|sun| sun.lamp(up, self.turn + further));
+        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
+    }
+
+    /// Orientation of the environment map after a further turn.
+    pub(crate) fn orientation(&self, up: Vec3, further: f32) -> MapOrientation {
+        turned(self.options.up.orientation(up), up, self.turn + further)
+    }
+
+    /// Puts a model under the light.
+    ///
+    /// # Errors
+    ///
+    /// A map that cannot be read; lamps on a scene without physical materials; those of rendering.
+    pub(crate) fn shine(&self, opened: &mut OpenedModel, up: Vec3, options: &RenderOptions) -> Result<Shone, Failure> {
+        refuse_plain(&opened.scene)?;
+        if self.has_lamps() && !opened.scene.gaussians.layout.is_physical {
+            return Err(Failure::Input(format!(
+                "{}, on which suns and lamps can shine; train it with --relightable, or name no more than an environment \
+                 map",
+                SceneError::NoMaterials
+            )));
+        }
+        let map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
+        let mut occluder = None;
+        if self.has_lamps() || self.ground.is_some() {
+            occluder = surface_of(opened, options)?;
+        }
+        if self.has_lamps() {
+            let lamps = self.lamps(up, 0.0);
+            opened.scene.add_lamps(SceneLamps { lamps, rays: self.rays, occluder: occluder.clone() })?;
+        }
+        self.relight(&mut opened.scene, map.as_ref(), up, 0.0);
+        Ok(Shone { map, occluder })
+    }
+
+    /// The backdrop with the ground that is asked for, which catches the shadows of `occluder`
+    /// under the light of the scene.
+    pub(crate) fn grounded(
+        &self,
+        backdrop: Backdrop,
+        scene: &Scene,
+        occluder: Option<&NearField<Vec<f32>>>,
+        up: Vec3,
+    ) -> Backdrop {
+        let ground = self.ground.zip(occluder).and_then(|(height, occluder)| {
+            Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())
+        });
+        match ground {
+            Some(ground) => Backdrop::Ground(Box::new(backdrop), Arc::new(ground)),
+            None => backdrop,
+        }
+    }
+
+    /// Replaces the environment of a scene, after a further turn.
+    pub(crate) fn relight(&self, scene: &mut Scene, map: Option<&LatLong>, up: Vec3, further: f32) {
+        match map {
+            Some(map) => scene.relight(map, self.orientation(up, further)),
+            None => scene.darken(),
+        }
+    }
+}
+
+/// Surface that casts shadows, with progress.
+fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Arc<NearField<Vec<f32>>>>, Failure> {
+    let mut work = None;
+    let surface = shadow_surface(opened, options, |done, all| {
+        let work = work.get_or_insert_with(|| {
+            tracing::info!("fusing {all} views into the surface that casts shadows");
+            progress::work("fusing", all as u64)
+        });
+        work.done(done as u64, String::new);
+    })?;
+    if let Some(work) = work {
+        work.finish();
+    }
+    if surface.is_none() {
+        tracing::warn!("no view shows a surface, so there are no shadows");
+    }
+    Ok(surface)
+}
+
+/// Reads a file of lights.
+fn read(path: &Path) -> Result<LightFile, Failure> {
+    /// Largest size of a file of lights, in bytes.
+    const SIZE_MAX: u64 = 1 << 20;
+    let wrong = |error: &dyn Display| Failure::Input(format!("{path:?} is no file of lights: {error}"));
+    let size = fs::metadata(path).map_err(|error| wrong(&error))?.len();
+    if size > SIZE_MAX {
+        return Err(wrong(&"it is larger than a mebibyte"));
+    }
+    let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
+    let file: LightFile = toml::from_str(&text).map_err(|error| wrong(&error.to_string().trim().replace('\n', " ")))?;
+    if !file.exposure.is_finite() || !file.turn.is_finite() {
+        return Err(wrong(&"exposure and turn are finite numbers"));
+    }
+    Ok(file)
+}
+
+/// Parses the entries of a file.
+fn parsed<T: FromStr<Err: Display>>(entries: &[String], key: &str, path: &Path) -> Result<Vec<T>, Failure> {
+    let parse = |entry: &String| {
+        entry.parse().map_err(|error| Failure::Input(format!("{path:?} has the {key} {entry:?}; {error}")))
+    };
+    entries.iter().map(parse).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::lamps::RAYS;
+
+    fn lights(file: Option<&Path>, sun: &[&str]) -> Lights {
+        Lights {
+            env: None,
+            sun: sun.iter().map(|text| text.parse().unwrap()).collect(),
+            lamp: Vec::new(),
+            turn: 10.0,
+            turn_light: None,
+            shadow_rays: RAYS,
+            ground: None,
+            lights: file.map(Path::to_owned),
+        }
+    }
+
+    #[test]
+    fn a_file_of_lights_says_what_options_say_and_options_are_added() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("evening.toml");
+        let text = "env = \"sky.hdr\"\nexposure = -1\nturn = 20\nsun = [\"30,45\", \"0,10,1:ff8800\"]\nlamp = [\"1,0,2,5,0.1\"]\n";
+        fs::write(&path, text).unwrap();
+        let plan = LightPlan::new(
+            &lights(Some(&path), &["90,80,2"]),
+            LightOptions { exposure: 0.5, ..LightOptions::default() },
+        );
+        let plan = plan.unwrap();
+        assert_eq!(plan.env, Some(folder.path().join("sky.hdr")));
+        assert_eq!((plan.options.exposure, plan.turn, plan.suns.len(), plan.spheres.len()), (-0.5, 30.0, 3, 1));
+        assert_eq!(plan.lamps(Vec3::Z, 0.0).len(), 4);
+        assert_eq!(plan.name(), "sky");
+
+        let dark = Lights { env: Some(EnvChoice::None), ..lights(Some(&path), &[]) };
+        assert_eq!(LightPlan::new(&dark, LightOptions::default()).unwrap().name(), "lamps");
+        for wrong in ["suns = []", "sun = [\"30\"]", "sun = 3", "exposure = nan", "env = ["] {
+            fs::write(&path, wrong).unwrap();
+            let refused = LightPlan::new(&lights(Some(&path), &[]), LightOptions::default()).unwrap_err().to_string();
+            assert!(refused.contains("evening.toml"), "{wrong}: {refused}");
+        }
+    }
+
+    #[test]
+    fn darkness_is_refused_with_what_to_name() {
+        let refused = LightPlan::new(&lights(None, &[]), LightOptions::default()).unwrap_err().to_string();
+        assert!(refused.contains("--env") && refused.contains("--sun") && refused.contains("--lamp"), "{refused}");
+        assert!(LightPlan::new(&lights(None, &["0,30"]), LightOptions::default()).is_ok());
+    }
+}

@@ -1,0 +1,183 @@
+//! Light of lamps on a blended surface: formulas over lanes, shadow rays one by one.
+
+use crate::{
+    context::Context,
+    error::CpuError,
+    frame::{Frame, PIXEL_X, PIXEL_Y, QUADS, Quad, quad_origin, tile_len},
+    lanes::Lanes,
+    stages::{
+        prefilter::Light,
+        shade_pixels::{BlendedQuad, SurfaceQuad},
+    },
+};
+use fearless_simd::{Simd, dispatch};
+use rayon::prelude::*;
+use specula_core::{
+    camera::{Camera, CameraOf},
+    lamps::{
+        self, DirectLight, Lamp, LampOf, LitPixel, Toward, direct_light, disc_axes, lit_pixel, seen_share, shadow_ray,
+        shift, spiral_point, toward,
+    },
+    near_field::NearField,
+    real::Real,
+    rules::{Channels, channel},
+    scene::BLOCK,
+    vector::{Vec3, vec3},
+};
+use std::sync::Arc;
+
+/// Numbers of a direct light.
+const LEN: usize = DirectLight::<f32>::LEN;
+
+/// Lamps and the surfaces that cast their shadows.
+#[derive(Clone, Debug)]
+pub(crate) struct Lamps {
+    lamps: Vec<LampRays>,
+    /// Points of a lamp that is wider than a point.
+    spiral: Vec<[f32; 4]>,
+    occluder: Option<Arc<NearField<Vec<f32>>>>,
+}
+
+/// Numbers of a lamp, and its number of rays.
+#[derive(Clone, Copy, Debug)]
+struct LampRays {
+    numbers: [f32; 8],
+    rays: usize,
+}
+
+impl Lamps {
+    /// Lamps with this many shadow rays to each that is wider than a point.
+    ///
+    /// # Errors
+    ///
+    /// [`CpuError::Lamps`] if they have a fault.
+    pub(crate) fn new(
+        lamps: &[Lamp],
+        rays: usize,
+        occluder: Option<Arc<NearField<Vec<f32>>>>,
+    ) -> Result<Self, CpuError> {
+        lamps::check(lamps, rays).map_err(CpuError::Lamps)?;
+        let rays_of = |lamp: &Lamp| LampRays { numbers: lamp.numbers(), rays: if lamp.is_wide() { rays } else { 1 } };
+        Ok(Self {
+            lamps: lamps.iter().map(rays_of).collect(),
+            spiral: (0..rays).map(|k| spiral_point(k, rays)).collect(),
+            occluder,
+        })
+    }
+}
+
+/// Finds the light of lamps on the pixels of a frame; one without all layers stays as it is, as
+/// does one under a light without lamps.
+pub(crate) fn illuminate(context: &Context, mut surface: Frame, light: &Light, camera: &Camera) -> Frame {
+    let has_layers = Channels::of_count(surface.channels) == Channels::Layers;
+    let Some(lamps) = light.lamps.as_deref().filter(|_| has_layers) else { return surface };
+    let (channels, cover) = (surface.channels, &surface.cover);
+    let mut direct = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);
+    let tiles = surface.blended.par_chunks(tile_len(channels)).zip(direct.par_chunks_mut(QUADS * LEN));
+    tiles.enumerate().for_each(|(slot, (tile, direct))| {
+        dispatch!(context.level, simd => {
+            let lifted = camera.lift(Lanes::splat(simd, 0.0));
+            illuminate_tile(simd, cover.origin(slot), lamps, &lifted, tile, direct);
+        });
+    });
+    surface.direct = Some(direct);
+    surface
+}
+
+#[inline(always)]
+fn illuminate_tile<S: Simd>(
+    simd: S,
+    origin: [f32; 2],
+    lamps: &Lamps,
+    camera: &CameraOf<Lanes<S>>,
+    tile: &[Quad],
+    direct: &mut [Quad],
+) {
+    for (quad, out) in direct.chunks_exact_mut(LEN).enumerate() {
+        let Some(SurfaceQuad { pixel, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
+            out.as_flattened_mut().fill(0.0);
+            continue;
+        };
+        let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
+        let offset = lamps.occluder.as_ref().map_or(0.0, |occluder| occluder.offset);
+        let lit = lit_pixel(camera, &pixel, depth, view_dir, depth.constant(offset));
+        let is_covered = depth.zero().less(pixel.coverage) & lit.start.is_finite();
+        let [x, y] = quad_origin(quad);
+        let place = Place {
+            // Pixels, not their centres.
+            column: Lanes::from_array(simd, PIXEL_X) + (origin[0] + x as f32 - 0.5),
+            row: Lanes::from_array(simd, PIXEL_Y) + (origin[1] + y as f32 - 0.5),
+            coverage: pixel.coverage.keep(is_covered),
+        };
+        let mut sum = DirectLight::none(depth);
+        for (index, lamp) in lamps.lamps.iter().enumerate() {
+            let seen =
+                toward(&LampOf::from_array(lamp.numbers.map(|x| depth.constant(x))), lit.point, lit.facing.normal);
+            let share = match &lamps.occluder {
+                Some(occluder) => share_of(simd, occluder, &lamps.spiral, index, lamp.rays, &place, &lit, &seen),
+                None => depth.constant(1.0),
+            };
+            sum = sum.and(direct_light(&lit, &seen, share));
+        }
+        out.iter_mut().zip(sum.to_array()).for_each(|(quad, numbers)| numbers.keep(is_covered).store(quad));
+    }
+}
+
+/// Pixels of a quad.
+struct Place<S: Simd> {
+    column: Lanes<S>,
+    row: Lanes<S>,
+    /// Coverage; zero where there is no surface.
+    coverage: Lanes<S>,
+}
+
+/// Share of a lamp that the pixels of a quad see.
+#[inline(always)]
+fn share_of<S: Simd>(
+    simd: S,
+    occluder: &NearField<Vec<f32>>,
+    spiral: &[[f32; 4]],
+    index: usize,
+    rays: usize,
+    place: &Place<S>,
+    lit: &LitPixel<Lanes<S>>,
+    seen: &Toward<Lanes<S>>,
+) -> Lanes<S> {
+    let like = place.coverage;
+    let (normal, axes) = (lit.facing.normal, disc_axes(seen.direction));
+    let shift = shift(place.column, place.row, like.constant(index as f32));
+    let (starts, reaches) = (lit.start.map(Lanes::to_array), seen.reach.to_array());
+    let (mut all, mut reaching) = (like.zero(), like.zero());
+    let is_covered = like.zero().less(like);
+    for point in &spiral[..rays] {
+        let ray = shadow_ray(normal, seen, axes, &shift, point.map(|x| like.constant(x)));
+        let weight = ray.weight.keep(is_covered);
+        if !weight.any_positive() {
+            continue;
+        }
+        let directions = ray.direction.map(Lanes::to_array);
+        let mut arriving = weight.to_array();
+        for lane in 0..BLOCK {
+            let [start, direction] =
+                [&starts, &directions].map(|v: &Vec3<[f32; BLOCK]>| vec3(v.x[lane], v.y[lane], v.z[lane]));
+            if arriving[lane] > 0.0 && occluder.is_blocked(start, direction, reaches[lane]) {
+                arriving[lane] = 0.0;
+            }
+        }
+        all = all + weight;
+        reaching = reaching + Lanes::from_array(simd, arriving);
+    }
+    seen_share(all, reaching)
+}
+
+/// Direct light of a covered tile.
+pub(crate) fn direct_of_tile(direct: &[Quad], slot: usize) -> &[Quad] {
+    &direct[slot * QUADS * LEN..(slot + 1) * QUADS * LEN]
+}
+
+/// Direct light of a quad of a tile.
+#[inline(always)]
+pub(crate) fn direct_of_quad<S: Simd>(simd: S, direct: &[Quad], quad: usize) -> DirectLight<Lanes<S>> {
+    let numbers = &direct[quad * LEN..(quad + 1) * LEN];
+    DirectLight::from_array(core::array::from_fn(|k| Lanes::load(simd, &numbers[k])))
+}

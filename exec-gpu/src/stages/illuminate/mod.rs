@@ -1,0 +1,129 @@
+//! Light of lamps on a blended surface, with shadows.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::{
+        camera::{CameraUniform, camera},
+        frame::Frame,
+        prefilter::Light,
+        shade_pixels::formulas::SurfaceOfPixel,
+        trace::{NearFieldUniform, traversal},
+    },
+};
+use bytemuck::{Pod, Zeroable};
+use formulas::{
+    AxesOfDisc, DIRECT_LEN, DirectLightOf, LAMP_LEN, LitPixelOf, ShadowRayOf, ShareSeen, ShiftOfPixel, TowardLamp,
+};
+use specula_core::{
+    camera::Camera,
+    lamps::{self, Lamp, spiral_point},
+    near_field::NearField,
+    rules::Channels,
+};
+use std::sync::Arc;
+
+pub mod formulas;
+
+/// Numbers of a vector, in which the numbers of lamps are read.
+const VECTOR: usize = 4;
+
+pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
+    Source::new()
+        .real()
+        .part(camera)
+        .count("LAMP_VECTORS", LAMP_LEN / VECTOR)
+        .part(traversal)
+        .formula(&LitPixelOf(*surface))
+        .formula(&TowardLamp)
+        .formula(&AxesOfDisc)
+        .formula(&ShiftOfPixel)
+        .formula(&ShadowRayOf)
+        .formula(&ShareSeen)
+        .formula(&DirectLightOf)
+        .with(include_str!("illuminate.wgsl"))
+        .text()
+}
+
+/// Lamps on the device, and the surfaces that cast their shadows.
+#[derive(Debug)]
+pub(crate) struct Lamps {
+    set: LampsUniform,
+    /// Numbers of the lamps, then the points of a lamp that is wider than a point.
+    numbers: Array,
+    occluder: Option<Arc<NearField<Array>>>,
+}
+
+/// `Lamps` of `illuminate.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct LampsUniform {
+    count: u32,
+    rays: u32,
+    padding: [u32; 2],
+}
+
+impl Lamps {
+    /// Uploads lamps with this many shadow rays to each that is wider than a point.
+    ///
+    /// # Errors
+    ///
+    /// [`GpuError::Lamps`] if they have a fault; see also [`Context::upload`].
+    pub(crate) fn new(
+        context: &mut Context,
+        lamps: &[Lamp],
+        rays: usize,
+        occluder: Option<Arc<NearField<Array>>>,
+    ) -> Result<Self, GpuError> {
+        lamps::check(lamps, rays).map_err(GpuError::Lamps)?;
+        let spiral = (0..rays).flat_map(|k| spiral_point(k, rays));
+        let numbers: Vec<f32> = lamps.iter().flat_map(Lamp::numbers).chain(spiral).collect();
+        let set = LampsUniform { count: lamps.len() as u32, rays: rays as u32, padding: [0; 2] };
+        Ok(Self { set, numbers: context.upload("numbers of lamps", &numbers)?, occluder })
+    }
+}
+
+/// Finds the light of lamps in all pixels; a frame without all layers stays as it is, as does one
+/// under a light without lamps.
+///
+/// # Errors
+///
+/// See [`Context::allocate`] and [`Context::dispatch`].
+pub(crate) fn illuminate(
+    context: &mut Context,
+    mut frame: Frame,
+    light: &Light,
+    camera: &Camera,
+) -> Result<Frame, GpuError> {
+    let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
+    let has_layers = surface.blended == Channels::Layers;
+    let Some(lamps) = light.lamps.as_deref().filter(|_| has_layers) else { return Ok(frame) };
+    let nothing = context.allocate("no near field", VECTOR)?;
+    let (near_field, numbers) = match lamps.occluder.as_deref() {
+        Some(occluder) => (NearFieldUniform::new(occluder), &occluder.values),
+        None => (NearFieldUniform::zeroed(), &nothing),
+    };
+    let view = CameraUniform::new(camera, 0);
+    let direct = context.allocate("light of lamps", DIRECT_LEN * frame.pixel_count())?;
+    let bindings = [
+        Uniform(view.bytes()),
+        Uniform(bytemuck::bytes_of(&near_field)),
+        Buffer(&frame.blended),
+        Buffer(numbers),
+        Buffer(&lamps.numbers),
+        Uniform(bytemuck::bytes_of(&lamps.set)),
+        Buffer(&direct),
+    ];
+    let (key, source) = (format!("{surface:?}"), || source(&surface));
+    context.dispatch(&key, "illuminate", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
+    frame.direct = Some(direct);
+    Ok(frame)
+}

@@ -1,0 +1,89 @@
+//! Ambient transfer of a surface ([`specula_core::physical`]): the share of the irradiance along
+//! its normal that reaches it past itself, and of what it reflects onto itself.
+//!
+//! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
+//! surface that a ray meets,
+//!
+//! ```text
+//! transfer = Σ_k (L(ω_k) if ω_k meets nothing, else L_o) / Σ_k L(ω_k)
+//! ```
+//!
+//! channel by channel. Errors of the few rays are mostly those of numerator and denominator alike.
+
+use crate::sky::Sky;
+use glam::Vec3;
+use rayon::prelude::*;
+use specula_core::{
+    near_field::{NearField, VERTEX_LEN},
+    random,
+    shade::reflect,
+    vector::{Vec3 as Real3, normalize_or},
+};
+
+/// Rays of a vertex.
+pub const RAYS: usize = 64;
+/// Largest transfer: light that others reflect is seldom brighter than the sky.
+const TRANSFER_MAX: f32 = 4.0;
+/// Sum of radiances below which nothing is to be transferred.
+const DARK: f32 = 1e-6;
+/// Stream of the rotations of the rays.
+const ROTATIONS: u64 = 0x616d_6269;
+/// Fractional parts of multiples of these fill a square evenly (the R₂ sequence; Roberts 2018).
+const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
+
+/// Transfers of the vertices of a near field, and the share of their rays that meet it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ambient {
+    /// Red, green and blue of each vertex.
+    pub transfers: Vec<[f32; 3]>,
+    /// Share of all rays that meet the surface, from 0 to 1.
+    pub met: f64,
+}
+
+impl Ambient {
+    /// Transfers of every vertex under a sky. Vertices without a normal are in the open.
+    pub fn new(near_field: &NearField<Vec<f32>>, sky: &Sky) -> Self {
+        let vertices: Vec<usize> = (0..near_field.vertex_count).collect();
+        let found: Vec<([f32; 3], usize)> =
+            vertices.par_iter().map(|vertex| transfer(near_field, sky, *vertex)).collect();
+        let met: usize = found.iter().map(|(_, met)| met).sum();
+        let rays = (RAYS * found.len()).max(1);
+        Self { transfers: found.into_iter().map(|(transfer, _)| transfer).collect(), met: met as f64 / rays as f64 }
+    }
+}
+
+/// Transfer of a vertex, and its rays that meet the surface.
+fn transfer(near_field: &NearField<Vec<f32>>, sky: &Sky, vertex: usize) -> ([f32; 3], usize) {
+    let numbers: [f32; VERTEX_LEN] = near_field.vertex(vertex);
+    let position = Vec3::from_slice(&numbers);
+    let normal = Vec3::from_slice(&numbers[3..]).normalize_or_zero();
+    if normal == Vec3::ZERO {
+        return ([1.0; 3], 0);
+    }
+    let start = position + near_field.offset * normal;
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let rotation = [0, 1].map(|axis| random::uniform(0, ROTATIONS, 2 * vertex as u64 + axis));
+    let (mut open, mut reached, mut met) = (Vec3::ZERO, Vec3::ZERO, 0);
+    for ray in 0..RAYS {
+        let [u, v] = [0, 1].map(|axis: usize| (rotation[axis] + R2[axis] * ray as f32).fract());
+        let (sine, cosine) = (core::f32::consts::TAU * v).sin_cos();
+        let direction = u.sqrt() * (cosine * tangent + sine * bitangent) + (1.0 - u).sqrt() * normal;
+        let radiance = sky.radiance(direction);
+        open += radiance;
+        match near_field.first_hit(start.into(), direction.into()) {
+            None => reached += radiance,
+            Some(hit) => {
+                let surface = near_field.surface(&hit);
+                let mirrored = reflect(Real3::from(-direction), normalize_or(surface.normal, Real3::from(-direction)));
+                let of_sky = sky.radiance(mirrored.into());
+                reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * of_sky;
+                met += 1;
+            }
+        }
+    }
+    if met == 0 {
+        return ([1.0; 3], 0);
+    }
+    let share = |k: usize| if open[k] > DARK { (reached[k] / open[k]).clamp(0.0, TRANSFER_MAX) } else { 1.0 };
+    ([0, 1, 2].map(share), met)
+}

@@ -1,0 +1,286 @@
+//! Ground below a scene that catches its shadows: a plane of the background's colour, as bright as
+//! the share of the light that reaches it past the scene.
+//!
+//! The share is (E_s + Σ_l V_l E_l H_l) / (E_o + Σ_l E_l H_l), channel by channel, with the
+//! irradiance E_o of the sky above the open plane, the part E_s of it that passes the scene, and of
+//! each lamp the irradiance E_l H_l ([`mod@specula_core::lamps`]) and the share V_l that is seen.
+
+use crate::lamps::SceneLamps;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use specula_core::{
+    camera::Camera,
+    lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
+    near_field::{NOTHING, NearField},
+    scene::Environment,
+    sphere::directions,
+};
+use specula_mesh::sky::Sky;
+
+/// Directions of the whole sky, of which half are above the ground.
+const DIRECTIONS: usize = 768;
+/// Points along an edge of the square on which the light of the sky is known; others are linear
+/// between them.
+const POINTS: usize = 128;
+/// Edge of the square, in widths of the scene. Shadows of the sky fade towards it.
+const WIDTHS: f32 = 4.0;
+/// Share of the square's half edge within which they do not.
+const FADE: f32 = 0.7;
+
+/// Plane below a scene, and the light on it.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    /// Unit normal.
+    up: Vec3,
+    /// Middle of the square, on the plane.
+    middle: Vec3,
+    /// Directions of the square's edges.
+    axes: [Vec3; 2],
+    half_edge: f32,
+    /// Distance from the middle beyond which there is nothing.
+    far: f32,
+    /// Irradiance of the open plane by the sky.
+    open: Vec3,
+    /// Irradiance that reaches the points of the square, row by row.
+    reaching: Vec<Vec3>,
+    lamps: Vec<GroundLamp>,
+    spiral: Vec<[f32; 4]>,
+    occluder: NearField<Vec<f32>>,
+}
+
+/// Numbers of a lamp, and its number of rays.
+#[derive(Clone, Copy, Debug)]
+struct GroundLamp {
+    numbers: [f32; 8],
+    rays: usize,
+}
+
+impl Ground {
+    /// Ground perpendicular to `up` at a height along it; by default that of the lowest point of
+    /// the surface that casts the shadows. None where this has no extent.
+    pub fn new(
+        occluder: &NearField<Vec<f32>>,
+        up: Vec3,
+        height: Option<f32>,
+        sky: Option<&Environment<Vec<f32>>>,
+        lamps: Option<&SceneLamps>,
+    ) -> Option<Self> {
+        let up = up.normalize_or_zero();
+        let axes = <[Vec3; 2]>::from(up.any_orthonormal_pair());
+        let positions = (0..occluder.vertex_count).map(|vertex| Vec3::from_slice(&occluder.vertex(vertex)[..3]));
+        let (mut least, mut greatest) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for position in positions {
+            let place = Vec3::new(axes[0].dot(position), axes[1].dot(position), up.dot(position));
+            (least, greatest) = (least.min(place), greatest.max(place));
+        }
+        let size = greatest - least;
+        let width = size.max_element();
+        if !(width > 0.0 && width.is_finite() && up != Vec3::ZERO) {
+            return None;
+        }
+        let center = 0.5 * (least + greatest);
+        let height = height.unwrap_or(least.z);
+        let middle = center.x * axes[0] + center.y * axes[1] + height * up;
+        let spiral = lamps.map_or(0, |lamps| lamps.rays);
+        let lamps = lamps.map_or(&[][..], |lamps| &lamps.lamps);
+        let ground_lamp =
+            |lamp: &Lamp| GroundLamp { numbers: lamp.numbers(), rays: if lamp.is_wide() { spiral } else { 1 } };
+        let mut ground = Self {
+            up,
+            middle,
+            axes,
+            half_edge: 0.5 * WIDTHS * width,
+            far: WIDTHS * width + (center.z - height).abs(),
+            open: Vec3::ZERO,
+            reaching: Vec::new(),
+            lamps: lamps.iter().map(ground_lamp).collect(),
+            spiral: (0..spiral).map(|k| spiral_point(k, spiral)).collect(),
+            occluder: occluder.clone(),
+        };
+        if let Some(environment) = sky {
+            ground.find_sky(&Sky::new(environment));
+        }
+        Some(ground)
+    }
+
+    /// Finds the light of the sky on the points of the square.
+    fn find_sky(&mut self, sky: &Sky) {
+        let share = 4.0 * core::f32::consts::PI / DIRECTIONS as f32;
+        let above = directions(DIRECTIONS).map(|direction| Vec3::from(direction.map(|x| x as f32)));
+        let light = |direction: Vec3| {
+            let cosine = direction.dot(self.up);
+            (cosine > 0.0).then(|| (direction, sky.radiance(direction) * (cosine * share)))
+        };
+        let lights: Vec<(Vec3, Vec3)> = above.filter_map(light).filter(|(_, light)| *light != Vec3::ZERO).collect();
+        if lights.is_empty() {
+            return;
+        }
+        let at = |index: usize| {
+            let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
+            let is_open = |direction: Vec3| !self.is_hidden(point, direction, NOTHING);
+            lights.iter().filter(|(direction, _)| is_open(*direction)).map(|(_, light)| *light).sum()
+        };
+        let reaching = (0..POINTS * POINTS).into_par_iter().map(at).collect();
+        self.open = lights.iter().map(|(_, light)| *light).sum();
+        self.reaching = reaching;
+    }
+
+    /// Whether a surface, from its front or its back, is between a point and a light. Scenes that
+    /// no camera saw from below are open there, and their backs hide light as well.
+    fn is_hidden(&self, point: Vec3, direction: Vec3, reach: f32) -> bool {
+        let reach = reach.min(point.distance(self.middle) + self.far);
+        let back = || self.occluder.is_blocked((point + reach * direction).into(), (-direction).into(), reach);
+        self.occluder.is_blocked(point.into(), direction.into(), reach) || back()
+    }
+
+    /// Point of the ground at a column and a row of the square.
+    fn point_of(&self, place: [f32; 2]) -> Vec3 {
+        let [x, y] = place.map(|k| (2.0 * k / (POINTS - 1) as f32 - 1.0) * self.half_edge);
+        self.middle + x * self.axes[0] + y * self.axes[1]
+    }
+
+    /// Irradiance of the sky that reaches a point.
+    fn sky_at(&self, point: Vec3) -> Vec3 {
+        if self.reaching.is_empty() {
+            return self.open;
+        }
+        let from_middle = point - self.middle;
+        let place = Vec2::new(self.axes[0].dot(from_middle), self.axes[1].dot(from_middle)) / self.half_edge;
+        let outwards = place.abs().max_element();
+        if outwards >= 1.0 {
+            return self.open;
+        }
+        let at = 0.5 * (place + 1.0) * (POINTS - 1) as f32;
+        let [column, row] = [at.x, at.y].map(|x| (x as usize).min(POINTS - 2));
+        let [right, down] = [at.x - column as f32, at.y - row as f32];
+        let number = |column: usize, row: usize| self.reaching[row * POINTS + column];
+        let upper = number(column, row).lerp(number(column + 1, row), right);
+        let lower = number(column, row + 1).lerp(number(column + 1, row + 1), right);
+        let fade = ((outwards - FADE) / (1.0 - FADE)).clamp(0.0, 1.0);
+        upper.lerp(lower, down).lerp(self.open, fade * fade * (3.0 - 2.0 * fade))
+    }
+
+    /// Share of the light that reaches a point, seen in the pixel of a column and a row.
+    fn share_at(&self, point: Vec3, [column, row]: [f32; 2]) -> Vec3 {
+        let (mut open, mut reaching) = (self.open, self.sky_at(point));
+        for (index, GroundLamp { numbers, rays }) in self.lamps.iter().enumerate() {
+            let seen = toward(&LampOf::from_array(*numbers), point.into(), self.up.into());
+            let height = horizon(self.up.dot(Vec3::from(seen.direction)), seen.sine);
+            let light = Vec3::from(seen.irradiance) * height;
+            let (axes, shift) = (disc_axes(seen.direction), shift(column, row, index as f32));
+            let (mut all, mut arriving) = (0.0, 0.0);
+            for place in &self.spiral[..*rays] {
+                let ray = shadow_ray(self.up.into(), &seen, axes, &shift, *place);
+                all += ray.weight;
+                if ray.weight > 0.0 && !self.is_hidden(point, ray.direction.into(), seen.reach) {
+                    arriving += ray.weight;
+                }
+            }
+            open += light;
+            reaching += light * seen_share(all, arriving);
+        }
+        let share = |k: usize| if open[k] > 0.0 { (reaching[k] / open[k]).clamp(0.0, 1.0) } else { 1.0 };
+        Vec3::from([0, 1, 2].map(share))
+    }
+
+    /// Share of the light that shadows leave in each pixel of a camera, red, green and blue, row by
+    /// row; 1 where the camera does not see the ground.
+    pub fn shares(&self, camera: &Camera) -> Vec<[f32; 3]> {
+        let world_from_camera = camera.camera_from_world.transpose();
+        let height = self.up.dot(self.middle - camera.position);
+        let share = |index: u32| {
+            let [column, row] = [index % camera.width, index / camera.width].map(|pixel| pixel as f32);
+            let ray = world_from_camera * camera.ray_in_camera(column + 0.5, row + 0.5);
+            let slope = self.up.dot(ray);
+            if height >= 0.0 || slope >= 0.0 {
+                return [1.0; 3];
+            }
+            self.share_at(camera.position + ray * (height / slope), [column, row]).to_array()
+        };
+        (0..camera.width * camera.height).into_par_iter().map(share).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::{cubemap::FACE_COUNT, scene::RadianceActivation};
+    use specula_mesh::{Mesh, near_field::SurfaceMeans};
+    use std::sync::Arc;
+
+    /// Square of this half edge at a height above the origin, whose front is below.
+    fn roof(half: f32, height: f32) -> NearField<Vec<f32>> {
+        square(half, height, [[0, 2, 1], [0, 3, 2]])
+    }
+
+    fn square(half: f32, height: f32, triangles: [[u32; 3]; 2]) -> NearField<Vec<f32>> {
+        let positions = [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]];
+        let mesh = Mesh {
+            positions: positions.to_vec(),
+            normals: vec![[0.0, 0.0, -1.0]; 4],
+            colors: vec![[0.5; 3]; 4],
+            triangles: triangles.to_vec(),
+        };
+        SurfaceMeans::new(mesh, 0.01).near_field().expect("there are triangles")
+    }
+
+    fn sky(radiance: f32) -> Environment<Vec<f32>> {
+        let values = vec![radiance; 3 * FACE_COUNT * 16 * 16];
+        Environment { resolution: 16, activation: RadianceActivation::Identity, values }
+    }
+
+    fn sun(direction: [f32; 3]) -> SceneLamps {
+        let lamp = Lamp::Sun { direction, irradiance: [2.0; 3], diameter: 0.0 };
+        SceneLamps { lamps: vec![lamp], rays: 1, occluder: None }
+    }
+
+    /// Below a square of half edge a at a height of h the sky is hidden as the form factor says:
+    /// (4/π) (a / √(a² + h²)) atan(a / √(a² + h²)).
+    #[test]
+    fn a_roof_hides_the_sky_by_its_form_factor() {
+        let (half, height) = (1.0_f32, 0.5_f32);
+        let ground = Ground::new(&roof(half, height), Vec3::Z, Some(0.0), Some(&sky(0.7)), None).unwrap();
+        let slant = half / half.hypot(height);
+        let hidden = 4.0 / core::f32::consts::PI * slant * slant.atan();
+        let found = ground.share_at(Vec3::ZERO, [0.0; 2]);
+        // Of 384 directions.
+        assert!((found.x - (1.0 - hidden)).abs() < 0.02, "{found} rather than {}", 1.0 - hidden);
+        assert_eq!(ground.share_at(Vec3::new(40.0, 0.0, 0.0), [0.0; 2]), Vec3::ONE, "far away nothing is hidden");
+    }
+
+    #[test]
+    fn suns_cast_shadows_where_geometry_says_and_the_rest_is_open() {
+        let roof = roof(1.0, 2.0);
+        let lamps = sun([1.0, 0.0, 1.0]);
+        let ground = Ground::new(&roof, Vec3::Z, Some(0.0), None, Some(&lamps)).unwrap();
+        // Moved by the height, away from the sun.
+        for (x, expected) in [(-3.1, 1.0), (-2.9, 0.0), (-1.1, 0.0), (-0.9, 1.0), (0.0, 1.0)] {
+            assert_eq!(ground.share_at(Vec3::new(x, 0.0, 0.0), [3.0, 4.0]), Vec3::splat(expected), "{x}");
+        }
+        let both = Ground::new(&roof, Vec3::Z, Some(0.0), Some(&sky(1.0)), Some(&lamps)).unwrap();
+        let shadowed = both.share_at(Vec3::new(-2.0, 0.0, 0.0), [0.0; 2]).x;
+        assert!(shadowed > 0.4 && shadowed < 0.75, "the sky lights the shadow: {shadowed}");
+        let with = SceneLamps { occluder: Some(Arc::new(roof.clone())), ..sun([0.0, 0.0, -1.0]) };
+        let below = Ground::new(&roof, Vec3::Z, None, None, Some(&with)).unwrap();
+        assert_eq!(below.middle.z, 2.0, "at the lowest point");
+        assert_eq!(below.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ONE, "no light, no shadow");
+    }
+
+    #[test]
+    fn backs_hide_light_as_well() {
+        let open_below = square(1.0, 2.0, [[0, 1, 2], [0, 2, 3]]);
+        let ground = Ground::new(&open_below, Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
+        assert_eq!(ground.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ZERO);
+        assert_eq!(ground.share_at(Vec3::new(1.5, 0.0, 0.0), [0.0; 2]), Vec3::ONE);
+    }
+
+    #[test]
+    fn cameras_see_the_ground_from_above_alone() {
+        let ground = Ground::new(&roof(1.0, 2.0), Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
+        let above = Camera::look_at(Vec3::new(4.0, 0.0, 3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
+        let shares = ground.shares(&above);
+        assert!(shares.contains(&[0.0; 3]) && shares.contains(&[1.0; 3]));
+        let below = Camera::look_at(Vec3::new(4.0, 0.0, -3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
+        assert!(ground.shares(&below).iter().all(|share| *share == [1.0; 3]));
+    }
+}

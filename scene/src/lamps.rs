@@ -1,0 +1,378 @@
+//! Lamps of a scene: suns and spheres as users name them, and the surface that casts their shadows.
+
+use crate::{OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit::evenly_spaced};
+use core::{f32::consts::FRAC_1_PI, fmt, str::FromStr};
+use glam::{DQuat, DVec3, Vec3};
+use rayon::prelude::*;
+use specula_core::{
+    camera::Camera,
+    color::linear_from_srgb,
+    lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
+    near_field::{NearField, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN},
+    rules::{Channels, RenderRules},
+};
+use specula_io::latlong::MapOrientation;
+use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans};
+use std::sync::Arc;
+
+/// Irradiance of a sun of which only the direction is given: about that under which a white surface
+/// that faces it is white.
+const SUN_STRENGTH: f32 = 3.0;
+/// Diameter of the sun as the Earth sees it, in degrees.
+const SUN_DIAMETER: f32 = 0.53;
+/// Views that are fused into a surface.
+const VIEWS: u32 = 100;
+/// Longest edge of a fused view, in pixels.
+const EDGE_MAX: u32 = 800;
+/// Voxels along the longest edge of the volume.
+const VOXELS: u16 = 160;
+
+/// Shadow rays of a vertex to a lamp that is wider than a point.
+const VERTEX_RAYS: usize = 8;
+/// Vertices of which a row of pixels is made up.
+const VERTEX_ROW: usize = 1000;
+
+/// Lamps of a scene.
+#[derive(Clone, Debug)]
+pub struct SceneLamps {
+    /// Lamps, in world space.
+    pub lamps: Vec<Lamp>,
+    /// Shadow rays of a pixel to each lamp that is wider than a point.
+    pub rays: usize,
+    /// Surface that casts shadows; none where there are no shadows.
+    pub occluder: Option<Arc<NearField<Vec<f32>>>>,
+}
+
+/// Colour of a lamp in sRGB; as text two hexadecimal digits each for red, green and blue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LampColor(pub [u8; 3]);
+
+impl LampColor {
+    /// Colour of a lamp without one.
+    pub const WHITE: Self = Self([255; 3]);
+
+    fn parse(text: &str) -> Option<Self> {
+        let digits = text.strip_prefix('#').unwrap_or(text);
+        if digits.len() != 6 || !digits.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+            return None;
+        }
+        let channel = |k: usize| u8::from_str_radix(&digits[2 * k..2 * k + 2], 16).ok();
+        Some(Self([channel(0)?, channel(1)?, channel(2)?]))
+    }
+
+    /// Light of this colour, linear; the strength is that of white.
+    fn light(self, strength: f32) -> [f32; 3] {
+        self.0.map(|byte| linear_from_srgb(f32::from(byte) / 255.0) * strength)
+    }
+}
+
+/// Writes a colon and the colour; nothing for white.
+impl fmt::Display for LampColor {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            [255, 255, 255] => Ok(()),
+            [red, green, blue] => write!(out, ":{red:02x}{green:02x}{blue:02x}"),
+        }
+    }
+}
+
+/// Numbers separated by commas, and a colour after a colon.
+fn numbers_and_color(text: &str) -> Option<(Vec<f32>, LampColor)> {
+    let (numbers, color) = match text.split_once(':') {
+        Some((numbers, color)) => (numbers, LampColor::parse(color.trim())?),
+        None => (text, LampColor::WHITE),
+    };
+    let numbers = crate::text::numbers::<f32>(numbers)?;
+    numbers.iter().all(|number| number.is_finite()).then_some((numbers, color))
+}
+
+/// Sun, as a user names it: `AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SunChoice {
+    /// Azimuth about the scene's up direction in degrees, counterclockwise as seen from above; 0 is
+    /// the centre of an environment map.
+    pub azimuth: f32,
+    /// Elevation above the horizon in degrees.
+    pub elevation: f32,
+    /// Irradiance of a surface that faces a white sun.
+    pub strength: f32,
+    /// Diameter in degrees.
+    pub diameter: f32,
+    /// Colour.
+    pub color: LampColor,
+}
+
+/// Text that names no [`SunChoice`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "use AZIMUTH,ELEVATION in degrees, then STRENGTH of 0 or more and the sun's diameter below 180°, such as 30,45 or \
+     30,45,3,0.53, and a colour after a colon, such as 30,45,3:ffddaa"
+)]
+pub struct InvalidSun;
+
+impl FromStr for SunChoice {
+    type Err = InvalidSun;
+
+    fn from_str(text: &str) -> Result<Self, InvalidSun> {
+        let (numbers, color) = numbers_and_color(text).ok_or(InvalidSun)?;
+        let (azimuth, elevation, strength, diameter) = match numbers[..] {
+            [azimuth, elevation] => (azimuth, elevation, SUN_STRENGTH, SUN_DIAMETER),
+            [azimuth, elevation, strength] => (azimuth, elevation, strength, SUN_DIAMETER),
+            [azimuth, elevation, strength, diameter] => (azimuth, elevation, strength, diameter),
+            _ => return Err(InvalidSun),
+        };
+        let is_valid = elevation.abs() <= 90.0 && strength >= 0.0 && (0.0..180.0).contains(&diameter);
+        let sun = Self { azimuth, elevation, strength, diameter, color };
+        if is_valid { Ok(sun) } else { Err(InvalidSun) }
+    }
+}
+
+impl fmt::Display for SunChoice {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { azimuth, elevation, strength, diameter, color } = self;
+        write!(out, "{azimuth},{elevation},{strength},{diameter}{color}")
+    }
+}
+
+impl SunChoice {
+    /// The sun in a scene with this up direction, turned about it by an angle in degrees.
+    pub fn lamp(&self, up: Vec3, turn: f32) -> Lamp {
+        let direction = direction(self.azimuth + turn, self.elevation, up).as_vec3().to_array();
+        Lamp::Sun { direction, irradiance: self.color.light(self.strength), diameter: self.diameter.to_radians() }
+    }
+}
+
+/// Unit direction of an azimuth and an elevation in degrees, in a scene with this up direction.
+fn direction(azimuth: f32, elevation: f32, up: Vec3) -> DVec3 {
+    let uv = [0.5 - f64::from(azimuth) / 360.0, 0.5 - f64::from(elevation) / 180.0];
+    MapOrientation::with_up(up.as_dvec3().to_array()).direction(uv).into()
+}
+
+/// Lamp of a sphere, as a user names it: `X,Y,Z,STRENGTH[,RADIUS][:RRGGBB]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphereChoice {
+    /// Centre, in world space.
+    pub position: [f32; 3],
+    /// Radiant intensity of a white lamp: irradiance at a distance of 1.
+    pub strength: f32,
+    /// Radius, in units of the scene.
+    pub radius: f32,
+    /// Colour.
+    pub color: LampColor,
+}
+
+/// Text that names no [`SphereChoice`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "use X,Y,Z,STRENGTH and a radius, of which neither is negative, such as 1,0,2,5 or 1,0,2,5,0.1, and a colour after a \
+     colon, such as 1,0,2,5:ffddaa"
+)]
+pub struct InvalidSphere;
+
+impl FromStr for SphereChoice {
+    type Err = InvalidSphere;
+
+    fn from_str(text: &str) -> Result<Self, InvalidSphere> {
+        let (numbers, color) = numbers_and_color(text).ok_or(InvalidSphere)?;
+        let (position, strength, radius) = match numbers[..] {
+            [x, y, z, strength] => ([x, y, z], strength, 0.0),
+            [x, y, z, strength, radius] => ([x, y, z], strength, radius),
+            _ => return Err(InvalidSphere),
+        };
+        if strength < 0.0 || radius < 0.0 {
+            return Err(InvalidSphere);
+        }
+        Ok(Self { position, strength, radius, color })
+    }
+}
+
+impl fmt::Display for SphereChoice {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { position: [x, y, z], strength, radius, color } = self;
+        write!(out, "{x},{y},{z},{strength},{radius}{color}")
+    }
+}
+
+impl SphereChoice {
+    /// The lamp in world space, which is that of the scene.
+    pub fn lamp(&self) -> Lamp {
+        let Self { position, strength, radius, color } = *self;
+        Lamp::Sphere { position, intensity: color.light(strength), radius }
+    }
+}
+
+/// Orientation of an environment map that is turned about the scene's up direction by an angle in
+/// degrees, counterclockwise as seen from above, as azimuths count.
+pub fn turned(orientation: MapOrientation, up: Vec3, degrees: f32) -> MapOrientation {
+    let turn = DQuat::from_axis_angle(up.as_dvec3().normalize(), f64::from(degrees).to_radians());
+    match orientation {
+        _ if degrees == 0.0 => orientation,
+        MapOrientation::Axis(map) => MapOrientation::rotated(map, turn),
+        MapOrientation::Rotated { map, world_from_map } => MapOrientation::rotated(map, turn * world_from_map),
+    }
+}
+
+/// Surface that casts the shadows of a model: its near field if it has one, else a new one from the
+/// depths of its training views, or of views around it. None where no view shows a surface.
+/// `progress` is given the number of fused views and of all.
+///
+/// # Errors
+///
+/// Those of [`SceneRenderer::render`], or a `cameras.json` that cannot be read.
+pub fn shadow_surface(
+    opened: &OpenedModel,
+    options: &RenderOptions,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<Option<Arc<NearField<Vec<f32>>>>, SceneError> {
+    let scene = &opened.scene;
+    if scene.near_field.is_some() || scene.gaussians.count == 0 {
+        return Ok(scene.near_field.clone());
+    }
+    let cameras: Vec<Camera> = evenly_spaced(&opened.surrounding_cameras(VIEWS)?, VIEWS as usize);
+    let unlit = Scene { light: None, lamps: None, ..scene.clone() };
+    let mut renderer = SceneRenderer::without_light(unlit, Channels::Training, options)?;
+    let rules = RenderRules { is_lit: false, ..*renderer.rules() };
+    let mut fusion = Fusion::around(&scene.gaussians, VOXELS);
+    for (index, camera) in cameras.iter().enumerate() {
+        let camera = limited(camera);
+        fusion.add(&camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?);
+        progress(index + 1, cameras.len());
+    }
+    Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Arc::new))
+}
+
+/// Adds the light of lamps to the base colours of a surface that reflected rays meet, where its
+/// vertices have a diffuse albedo.
+pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps) {
+    let SceneLamps { lamps, occluder, .. } = lamps;
+    let lamps: Vec<([f32; LampOf::<f32>::LEN], usize)> =
+        lamps.iter().map(|lamp| (lamp.numbers(), if lamp.is_wide() { VERTEX_RAYS } else { 1 })).collect();
+    let spiral: Vec<[f32; 4]> = (0..VERTEX_RAYS).map(|k| spiral_point(k, VERTEX_RAYS)).collect();
+    let (start, offset) = (near_field.vertices_start(), near_field.offset);
+    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    vertices.par_iter_mut().enumerate().for_each(|(index, numbers)| {
+        let [position, normal] = [0, 3].map(|first| Vec3::from_slice(&numbers[first..]));
+        let normal = normal.normalize_or_zero();
+        let from = position + offset * normal;
+        // A vertex takes the place of a pixel.
+        let [column, row] = [index % VERTEX_ROW, index / VERTEX_ROW].map(|k| k as f32);
+        let mut irradiance = Vec3::ZERO;
+        for (lamp, (of_lamp, rays)) in lamps.iter().enumerate() {
+            let seen = toward(&LampOf::from_array(*of_lamp), position.into(), normal.into());
+            let light = Vec3::from(seen.irradiance) * horizon(normal.dot(Vec3::from(seen.direction)), seen.sine);
+            let (axes, shift) = (disc_axes(seen.direction), shift(column, row, lamp as f32));
+            let (mut all, mut arriving) = (0.0, 0.0);
+            for point in &spiral[..*rays] {
+                let ray = shadow_ray(normal.into(), &seen, axes, &shift, *point);
+                let is_blocked = |occluder: &Arc<NearField<Vec<f32>>>| {
+                    ray.weight > 0.0 && occluder.is_blocked(from.into(), ray.direction, seen.reach)
+                };
+                all += ray.weight;
+                arriving += if occluder.as_ref().is_some_and(is_blocked) { 0.0 } else { ray.weight };
+            }
+            irradiance += light * seen_share(all, arriving);
+        }
+        let added = Vec3::from_slice(&numbers[VERTEX_ALBEDO..]) * irradiance * FRAC_1_PI;
+        (0..3).for_each(|k| numbers[VERTEX_BASE + k] += added[k]);
+    });
+}
+
+/// Camera of at most [`EDGE_MAX`] pixels along its longest edge.
+fn limited(camera: &Camera) -> Camera {
+    let longest = camera.width.max(camera.height).max(EDGE_MAX);
+    let [width, height] = [camera.width, camera.height].map(|edge| (edge * EDGE_MAX / longest).max(1));
+    camera.resized(width, height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_mesh::Mesh;
+
+    /// Rounding of a direction from degrees.
+    const SAME: f32 = 1e-6;
+
+    #[test]
+    fn suns_stand_where_environment_maps_have_their_places() {
+        let sun = |text: &str, up: Vec3, turn: f32| match text.parse::<SunChoice>().unwrap().lamp(up, turn) {
+            Lamp::Sun { direction, .. } => Vec3::from(direction),
+            Lamp::Sphere { .. } => unreachable!("a sun was named"),
+        };
+        let is_near = |a: Vec3, b: Vec3| a.distance(b) < SAME;
+        assert!(is_near(sun("0,0", Vec3::Z, 0.0), Vec3::X), "the centre of a map");
+        assert!(is_near(sun("90,0", Vec3::Z, 0.0), Vec3::Y), "counterclockwise from above");
+        assert!(is_near(sun("30,0", Vec3::Z, 60.0), Vec3::Y), "and so it turns");
+        assert!(is_near(sun("123,90", Vec3::Y, 0.0), Vec3::Y), "the zenith");
+        let up = Vec3::new(1.0, -2.0, 0.5).normalize();
+        let [east, north] = ["10,30", "100,30"].map(|text| sun(text, up, 0.0));
+        assert!((east.dot(up) - 0.5).abs() < SAME && (north.dot(up) - 0.5).abs() < SAME, "the elevation is about up");
+        assert!(east.cross(north).dot(up) > 0.0, "counterclockwise about any up");
+    }
+
+    #[test]
+    fn environments_turn_with_suns() {
+        let up = Vec3::new(0.2, 1.0, -0.4).normalize();
+        for up in [Vec3::Z, Vec3::Y, up] {
+            let straight = MapOrientation::with_up(up.as_dvec3().to_array());
+            let center = DVec3::from(turned(straight, up, 70.0).direction([0.5; 2]));
+            assert!(center.distance(direction(70.0, 0.0, up)) < f64::from(SAME), "{up}");
+            assert_eq!(turned(straight, up, 0.0), straight);
+        }
+    }
+
+    /// Two squares that face up, one above the other, under a sun: the upper one is lit, and shades
+    /// the middle of the larger one below.
+    #[test]
+    fn surfaces_that_rays_meet_are_lit_by_lamps() {
+        let square = |half: f32, height: f32| {
+            [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
+        };
+        let positions = [square(1.0, 1.0), square(0.5, 0.0), square(3.0, 0.0)].concat();
+        let mesh = Mesh {
+            normals: vec![[0.0, 0.0, 1.0]; positions.len()],
+            colors: vec![[0.0; 3]; positions.len()],
+            // The roof is seen from below, where rays come from.
+            triangles: vec![[0, 2, 1], [0, 3, 2]],
+            positions,
+        };
+        let mut near_field = SurfaceMeans::new(mesh, 1e-3).near_field().expect("there are triangles");
+        let start = near_field.vertices_start();
+        let albedo = [0.2, 0.4, 0.8];
+        near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0.iter_mut().for_each(|numbers| {
+            numbers[VERTEX_BASE..VERTEX_BASE + 3].fill(0.125);
+            numbers[VERTEX_ALBEDO..].copy_from_slice(&albedo);
+        });
+        let occluder = Some(Arc::new(near_field.clone()));
+        let sun = Lamp::Sun { direction: [0.0, 0.0, 1.0], irradiance: [3.0; 3], diameter: 0.01 };
+        shine_on(&mut near_field, &SceneLamps { lamps: vec![sun], rays: 4, occluder });
+        for vertex in 0..12 {
+            let is_shaded = (4..8).contains(&vertex);
+            let numbers = near_field.vertex(vertex);
+            for (found, albedo) in numbers[VERTEX_BASE..].iter().zip(albedo) {
+                let expected = 0.125 + if is_shaded { 0.0 } else { albedo * 3.0 * FRAC_1_PI };
+                assert!((found - expected).abs() < 1e-5, "vertex {vertex}: {found} rather than {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn lamps_are_read_as_people_write_them() {
+        let sun: SunChoice = "30, 45, 2:ff0080".parse().unwrap();
+        assert_eq!((sun.azimuth, sun.elevation, sun.diameter), (30.0, 45.0, SUN_DIAMETER));
+        let [red, green, blue] = sun.color.light(sun.strength);
+        assert_eq!([red, green], [2.0, 0.0]);
+        assert!((blue - 2.0 * 0.215_861).abs() < 1e-4, "the colour is in sRGB: {sun:?}");
+        assert_eq!(sun.to_string().parse(), Ok(sun));
+        assert_eq!("-30,45".parse::<SunChoice>().unwrap().strength, SUN_STRENGTH);
+        assert_eq!("0,10,1,3".parse::<SunChoice>().unwrap().diameter, 3.0);
+        let lamp: SphereChoice = "1,-2,3,4,0.5:#ffffff".parse().unwrap();
+        let white = Lamp::Sphere { position: [1.0, -2.0, 3.0], intensity: [4.0; 3], radius: 0.5 };
+        assert_eq!((lamp.lamp(), lamp.to_string().as_str()), (white, "1,-2,3,4,0.5"));
+        for wrong in ["", "1", "0,91", "0,45,-1", "0,45,1,180", "0,45,1,1,1", "0,45:red", "0,45:fffff", "NaN,0"] {
+            assert!(wrong.parse::<SunChoice>().is_err(), "{wrong:?} passed for a sun");
+        }
+        for wrong in ["", "1,2,3", "1,2,3,-4", "1,2,3,4,-1", "1,2,3,4,5,6", "inf,0,0,1", "1,2,3,4:éé"] {
+            assert!(wrong.parse::<SphereChoice>().is_err(), "{wrong:?} passed for a lamp");
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! Steps of the physical materials, beside those of the view-dependent colours.
+
+use specula_core::{
+    loss::LossWeights,
+    optimise::AT_REST,
+    rules::RenderRules,
+    scene::Layout,
+    shade::{ShadingForm, ShadingRules},
+};
+
+/// Rules of a picture of the materials, from those of the view-dependent colours.
+pub(crate) fn physical_rules(rules: &RenderRules) -> RenderRules {
+    let shading = ShadingRules { form: ShadingForm::Physical, ..rules.shading };
+    RenderRules { shading, sh_degree: None, ..*rules }
+}
+
+/// Weights of the colour losses alone: those of the geometry belong to the other step.
+pub(crate) fn physical_weights(weights: &LossWeights, factor: f32) -> LossWeights {
+    LossWeights {
+        absolute: weights.absolute * factor,
+        squared: weights.squared * factor,
+        dssim: weights.dssim * factor,
+        normal: 0.0,
+        normal_form: weights.normal_form,
+        sparse_coverage: 0.0,
+        residual_image: 0.0,
+        coverage: 0.0,
+        sparse: 0.0,
+        residual: 0.0,
+    }
+}
+
+/// Rates of a step of the view-dependent colours: planes of the materials rest.
+pub(crate) fn view_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
+    let mut rates = rates.to_vec();
+    if let Some(first) = layout.physical_planes() {
+        rates[first..layout.physical_end()].fill(AT_REST);
+    }
+    rates
+}
+
+/// Rates of a step of the materials: those of albedo and metalness. All that the view-dependent
+/// colours share rests, so that they lose nothing.
+pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
+    let mut resting = vec![AT_REST; rates.len()];
+    if let Some(first) = layout.physical_planes() {
+        resting[first..layout.physical_end()].copy_from_slice(&rates[first..layout.physical_end()]);
+    }
+    resting
+}
