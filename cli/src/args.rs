@@ -20,7 +20,7 @@ use clap::{Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};
-pub(crate) use lights::{EnvChoice, Lights};
+pub(crate) use lights::{EnvChoice, LampOptions, Lights};
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;

@@ -1,7 +1,7 @@
 //! Lights of `specula relight`: those of a file and of the command line, and a scene under them.
 
 use crate::{
-    args::{EnvChoice, Lights},
+    args::{EnvChoice, LampOptions, Lights},
     failure::Failure,
     output, progress,
     scene::{read_env, refuse_plain},
@@ -61,6 +61,59 @@ struct LightFile {
     lamp: Vec<String>,
 }
 
+/// Lights of a file, if one is named, and the suns and lamps of the command line.
+#[derive(Debug, Default)]
+pub(crate) struct NamedLights {
+    /// File of an environment map that the file of lights names.
+    pub(crate) env: Option<PathBuf>,
+    /// Up direction of that map.
+    pub(crate) env_up: MapUp,
+    /// Exposure in stops that the file of lights names.
+    pub(crate) exposure: f32,
+    /// Turn in degrees that the file of lights names.
+    pub(crate) turn: f32,
+    pub(crate) suns: Vec<SunChoice>,
+    pub(crate) spheres: Vec<SphereChoice>,
+}
+
+impl NamedLights {
+    /// Reads the file.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read or says something else.
+    pub(crate) fn read(options: &LampOptions) -> Result<Self, Failure> {
+        let file = options.lights.as_deref().map_or(Ok(LightFile::default()), read)?;
+        let folder = options.lights.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+        let name = options.lights.clone().unwrap_or_default();
+        let mut suns: Vec<SunChoice> = parsed(&file.sun, "sun", &name)?;
+        let mut spheres: Vec<SphereChoice> = parsed(&file.lamp, "lamp", &name)?;
+        suns.extend(&options.sun);
+        spheres.extend(&options.lamp);
+        let env = file.env.filter(|name| name != "none").map(|name| folder.join(name));
+        let LightFile { env_up, exposure, turn, .. } = file;
+        Ok(Self { env, env_up, exposure, turn, suns, spheres })
+    }
+
+    /// Up direction of the environment map: that of the command line, unless it is the default.
+    pub(crate) fn up(&self, asked: MapUp) -> MapUp {
+        if asked == MapUp::Scene { self.env_up } else { asked }
+    }
+
+    /// Whether there are suns or lamps.
+    pub(crate) fn has_lamps(&self) -> bool {
+        !self.suns.is_empty() || !self.spheres.is_empty()
+    }
+}
+
+/// Failure of lamps on a scene without physical materials.
+pub(crate) fn no_materials() -> Failure {
+    Failure::Input(format!(
+        "{}, on which suns and lamps can shine; train it with --relightable, or name no more than an environment map",
+        SceneError::NoMaterials
+    ))
+}
+
 impl LightPlan {
     /// Lights of a file, if one is named, and of the command line.
     ///
@@ -68,19 +121,14 @@ impl LightPlan {
     ///
     /// A file that cannot be read or says something else; no light at all.
     pub(crate) fn new(args: &Lights, options: LightOptions) -> Result<Self, Failure> {
-        let file = args.lights.as_deref().map_or(Ok(LightFile::default()), read)?;
-        let folder = args.lights.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
-        let in_file = file.env.filter(|name| name != "none").map(|name| folder.join(name));
+        let named = NamedLights::read(&args.lamps)?;
+        let up = named.up(options.up);
+        let NamedLights { env: in_file, exposure, turn, suns, spheres, .. } = named;
         let env = match &args.env {
             Some(EnvChoice::File(path)) => Some(path.clone()),
             Some(EnvChoice::None) => None,
             None => in_file,
         };
-        let name = || args.lights.clone().unwrap_or_default();
-        let mut suns: Vec<SunChoice> = parsed(&file.sun, "sun", &name())?;
-        let mut spheres: Vec<SphereChoice> = parsed(&file.lamp, "lamp", &name())?;
-        suns.extend(&args.sun);
-        spheres.extend(&args.lamp);
         if env.is_none() && suns.is_empty() && spheres.is_empty() {
             return Err(Failure::Input(
                 "the scene would be dark; name an environment map with --env, a sun with --sun 30,45, or a lamp with \
@@ -88,17 +136,9 @@ impl LightPlan {
                     .into(),
             ));
         }
-        let up = if options.up == MapUp::Scene { file.env_up } else { options.up };
-        let options = LightOptions { up, exposure: options.exposure + file.exposure };
-        Ok(Self {
-            env,
-            options,
-            suns,
-            spheres,
-            turn: args.turn + file.turn,
-            rays: args.shadow_rays,
-            ground: args.ground,
-        })
+        let options = LightOptions { up, exposure: options.exposure + exposure };
+        let turn = args.turn + turn;
+        Ok(Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground })
     }
 
     /// Name of the light, for a folder: that of the environment map.
@@ -152,11 +192,7 @@ impl LightPlan {
     pub(crate) fn shine(&self, opened: &mut OpenedModel, up: Vec3, options: &RenderOptions) -> Result<Shone, Failure> {
         refuse_plain(&opened.scene)?;
         if self.has_lamps() && !opened.scene.gaussians.layout.is_physical {
-            return Err(Failure::Input(format!(
-                "{}, on which suns and lamps can shine; train it with --relightable, or name no more than an environment \
-                 map",
-                SceneError::NoMaterials
-            )));
+            return Err(no_materials());
         }
         let map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
         let mut occluder = None;
@@ -250,13 +286,15 @@ mod tests {
     fn lights(file: Option<&Path>, sun: &[&str]) -> Lights {
         Lights {
             env: None,
-            sun: sun.iter().map(|text| text.parse().unwrap()).collect(),
-            lamp: Vec::new(),
+            lamps: LampOptions {
+                sun: sun.iter().map(|text| text.parse().unwrap()).collect(),
+                lamp: Vec::new(),
+                lights: file.map(Path::to_owned),
+            },
             turn: 10.0,
             turn_light: None,
             shadow_rays: RAYS,
             ground: None,
-            lights: file.map(Path::to_owned),
         }
     }
 

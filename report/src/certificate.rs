@@ -16,7 +16,9 @@ use specula_core::{
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
-use specula_scene::{RenderBackend, Scene, SceneError, SceneRenderer, ShadingModel, environment::fitting};
+use specula_scene::{
+    RenderBackend, Scene, SceneError, SceneRenderer, ShadingModel, environment::fitting, lamps::SceneLamps,
+};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Reason for which an error cannot be certified.
@@ -148,6 +150,10 @@ impl RenderBackend for CertifiedScene {
     }
 
     fn set_lamps(&mut self, _: &[Lamp]) -> Result<(), SceneError> {
+        Err(SceneError::Immutable)
+    }
+
+    fn add_lamps(&mut self, _: usize, _: &SceneLamps) -> Result<(), SceneError> {
         Err(SceneError::Immutable)
     }
 

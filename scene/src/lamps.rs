@@ -1,6 +1,9 @@
 //! Lamps of a scene: suns and spheres as users name them, and the surface that casts their shadows.
 
-use crate::{OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit::evenly_spaced};
+use crate::{
+    OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer,
+    orbit::{self, evenly_spaced},
+};
 use core::{f32::consts::FRAC_1_PI, fmt, str::FromStr};
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -10,6 +13,7 @@ use specula_core::{
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
     near_field::{NearField, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN},
     rules::{Channels, RenderRules},
+    scene::Gaussians,
 };
 use specula_io::latlong::MapOrientation;
 use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans};
@@ -143,7 +147,7 @@ impl SunChoice {
 }
 
 /// Unit direction of an azimuth and an elevation in degrees, in a scene with this up direction.
-fn direction(azimuth: f32, elevation: f32, up: Vec3) -> DVec3 {
+pub fn direction(azimuth: f32, elevation: f32, up: Vec3) -> DVec3 {
     let uv = [0.5 - f64::from(azimuth) / 360.0, 0.5 - f64::from(elevation) / 180.0];
     MapOrientation::with_up(up.as_dvec3().to_array()).direction(uv).into()
 }
@@ -222,17 +226,39 @@ pub fn turned(orientation: MapOrientation, up: Vec3, degrees: f32) -> MapOrienta
 pub fn shadow_surface(
     opened: &OpenedModel,
     options: &RenderOptions,
-    mut progress: impl FnMut(usize, usize),
+    progress: impl FnMut(usize, usize),
 ) -> Result<Option<Arc<NearField<Vec<f32>>>>, SceneError> {
     let scene = &opened.scene;
     if scene.near_field.is_some() || scene.gaussians.count == 0 {
         return Ok(scene.near_field.clone());
     }
-    let cameras: Vec<Camera> = evenly_spaced(&opened.surrounding_cameras(VIEWS)?, VIEWS as usize);
+    let cameras = opened.surrounding_cameras(VIEWS)?;
     let unlit = Scene { light: None, lamps: None, ..scene.clone() };
     let mut renderer = SceneRenderer::without_light(unlit, Channels::Training, options)?;
-    let rules = RenderRules { is_lit: false, ..*renderer.rules() };
-    let mut fusion = Fusion::around(&scene.gaussians, VOXELS);
+    fused_surface(&mut renderer, &scene.gaussians, &cameras, progress)
+}
+
+/// Surface of Gaussians on a renderer, fused from the depths that these cameras see, of which up to
+/// a hundred are chosen evenly; around the Gaussians, where there are no cameras. None where no
+/// view shows a surface. `progress` is given the number of fused views and of all.
+///
+/// # Errors
+///
+/// Those of [`SceneRenderer::render`].
+pub fn fused_surface(
+    renderer: &mut SceneRenderer,
+    gaussians: &Gaussians<Vec<f32>>,
+    cameras: &[Camera],
+    mut progress: impl FnMut(usize, usize),
+) -> Result<Option<Arc<NearField<Vec<f32>>>>, SceneError> {
+    if gaussians.count == 0 {
+        return Ok(None);
+    }
+    let around = if cameras.is_empty() { orbit::sphere(gaussians, VIEWS) } else { Vec::new() };
+    let cameras = evenly_spaced(if cameras.is_empty() { &around } else { cameras }, VIEWS as usize);
+    let unlit = RenderRules { is_lit: false, traces_near: false, illuminates: false, ..*renderer.rules() };
+    let rules = RenderRules { channels: Channels::Training, ..unlit };
+    let mut fusion = Fusion::around(gaussians, VOXELS);
     for (index, camera) in cameras.iter().enumerate() {
         let camera = limited(camera);
         fusion.add(&camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?);

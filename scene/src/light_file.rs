@@ -40,6 +40,15 @@ impl TryFrom<String> for MapUp {
 }
 
 impl MapUp {
+    /// Lower-case name, of options and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Scene => "scene",
+            Self::Y => "y",
+            Self::Z => "z",
+        }
+    }
+
     /// Orientation of the map in a scene with this up direction.
     pub fn orientation(self, up: Vec3) -> MapOrientation {
         match self {

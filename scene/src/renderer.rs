@@ -58,6 +58,16 @@ pub trait RenderBackend: Send {
     /// [`SceneError::Immutable`], for backends that keep their light.
     fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError>;
 
+    /// Puts lamps beside the light of a slot, in place of those that it had; the light is not
+    /// filtered again. A view by rules that do not illuminate shows none of them. A slot whose
+    /// lamps were refused by the executor is empty.
+    ///
+    /// # Errors
+    ///
+    /// Lamps with a fault ([`specula_core::lamps::check`]), those of the executor, or
+    /// [`SceneError::Immutable`].
+    fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError>;
+
     /// Replaces Gaussians and near field; lights that are set afterwards are around the latter.
     ///
     /// # Errors
@@ -82,6 +92,7 @@ struct Uploaded<E: Renderer> {
     gaussians: Gaussians<E::Array>,
     near_field: Option<E::NearField>,
     lamps: Option<UploadedLamps<E::NearField>>,
+    occluders: Occluders<E::NearField>,
     lights: Vec<Option<E::Light>>,
     /// Rounds a filtered light to its storage.
     store: fn(E::Light, Storage) -> E::Light,
@@ -95,6 +106,30 @@ struct UploadedLamps<N> {
     occluder: Option<N>,
 }
 
+/// Surface that cast shadows last, and the same on an executor.
+struct Occluders<N> {
+    latest: Option<(Arc<NearField<Vec<f32>>>, N)>,
+}
+
+impl<N: Clone> Occluders<N> {
+    /// The surface on the executor, uploaded unless it was the last one as well.
+    fn get<E: Renderer<NearField = N>>(
+        &mut self,
+        exec: &mut E,
+        surface: Option<&Arc<NearField<Vec<f32>>>>,
+    ) -> Result<Option<N>, E::Error> {
+        let Some(surface) = surface else { return Ok(None) };
+        match &self.latest {
+            Some((known, uploaded)) if Arc::ptr_eq(known, surface) => Ok(Some(uploaded.clone())),
+            _ => {
+                let uploaded = upload_near_field(exec, surface)?;
+                self.latest = Some((surface.clone(), uploaded.clone()));
+                Ok(Some(uploaded))
+            }
+        }
+    }
+}
+
 impl<E: Renderer> Uploaded<E>
 where
     E::Error: Into<SceneError>,
@@ -106,20 +141,17 @@ where
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let uploaded = near_field.as_deref().map(|near_field| upload_near_field(&mut exec, near_field)).transpose();
-        let uploaded = uploaded.map_err(Into::into)?;
+        let mut occluders = Occluders { latest: None };
+        // The near field may cast shadows as well.
+        let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
         let lamps = match lamps {
             Some(SceneLamps { lamps, rays, occluder }) => {
-                let occluder = match (occluder, near_field) {
-                    (Some(occluder), Some(near_field)) if Arc::ptr_eq(occluder, near_field) => uploaded.clone(),
-                    (Some(occluder), _) => Some(upload_near_field(&mut exec, occluder).map_err(Into::into)?),
-                    (None, _) => None,
-                };
+                let occluder = occluders.get(&mut exec, occluder.as_ref()).map_err(Into::into)?;
                 Some(UploadedLamps { lamps: lamps.clone(), rays: *rays, occluder })
             }
             None => None,
         };
-        Ok(Self { exec, gaussians, near_field: uploaded, lamps, lights: Vec::new(), store, storage })
+        Ok(Self { exec, gaussians, near_field: uploaded, lamps, occluders, lights: Vec::new(), store, storage })
     }
 }
 
@@ -162,6 +194,16 @@ where
         Ok(())
     }
 
+    fn add_lamps(&mut self, slot: usize, SceneLamps { lamps, rays, occluder }: &SceneLamps) -> Result<(), SceneError> {
+        specula_core::lamps::check(lamps, *rays).map_err(|error| SceneError::Executor(Box::new(error)))?;
+        let Self { exec, occluders, lights, .. } = self;
+        let occluder = occluders.get(exec, occluder.as_ref()).map_err(Into::into)?;
+        if let Some(light) = lights.get_mut(slot).and_then(Option::take) {
+            lights[slot] = Some(exec.add_lamps(light, lamps, *rays, occluder.as_ref()).map_err(Into::into)?);
+        }
+        Ok(())
+    }
+
     fn set_surface(
         &mut self,
         gaussians: &Gaussians<Vec<f32>>,
@@ -170,6 +212,7 @@ where
         self.gaussians = self.exec.upload_gaussians(gaussians).map_err(Into::into)?;
         let near_field = near_field.map(|near_field| upload_near_field(&mut self.exec, near_field));
         self.near_field = near_field.transpose().map_err(Into::into)?;
+        self.occluders.latest = None;
         Ok(())
     }
 }
@@ -405,6 +448,18 @@ impl SceneRenderer {
     /// [`SceneError::Immutable`], for backends that keep their light.
     pub fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
         self.backend.set_lamps(lamps)
+    }
+
+    /// Puts lamps beside the light of a slot, in place of those that it had; the light is not
+    /// filtered again. Rules show them where they illuminate
+    /// ([`Plan::illuminated`](specula_core::plan::Plan::illuminated)).
+    ///
+    /// # Errors
+    ///
+    /// Lamps with a fault, those of the executor, which leave the slot empty, or
+    /// [`SceneError::Immutable`] for backends that keep their light.
+    pub fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError> {
+        self.backend.add_lamps(slot, lamps)
     }
 
     /// Replaces the Gaussians by others, rounded to the storage of the renderer

@@ -6,6 +6,7 @@
 //! rest of a model is named beside the numbers: the equation that combines the terms, the
 //! base axis of normals, the prefilter of the light.
 
+use serde::Deserialize;
 use serde_json::{Map, Value};
 use specula_core::{
     normal::AxisRule,
@@ -22,7 +23,8 @@ use specula_train::profile::Profile;
 const COMMENT: &str = "specula";
 
 /// Colours of a scene that has physical materials beside its view-dependent colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Shading {
     /// View-dependent colours, which look best under the light of the training.
     View,

@@ -35,6 +35,7 @@ mod queue;
 mod request;
 mod routes;
 mod server;
+mod setup;
 mod state;
 mod upload;
 mod url;
@@ -44,6 +45,7 @@ mod worker;
 
 pub use error::ViewerError;
 pub use live::{LiveTraining, Request};
+pub use setup::{LightSetup, SetupEnvironment};
 pub use specula_scene::light_file::MapUp;
-pub use viewer::{ViewedScene, Viewer, ViewerOptions, ViewerThread};
+pub use viewer::{AddedLight, ViewedScene, Viewer, ViewerOptions, ViewerThread};
 pub use views::PhotographSource;

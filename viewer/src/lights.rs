@@ -1,8 +1,12 @@
 //! Lights of a scene: its own, and environment maps that were added.
 
-use crate::{ViewerError, request::LightSetting};
+use crate::{
+    ViewerError,
+    request::{DARKNESS, LightSetting, NONE},
+};
 use core::f32::consts::LN_2;
 use glam::Vec3;
+use serde_json::{Value, json};
 use specula_core::{
     light_network::CHANNELS,
     scene::{Environment, RadianceActivation},
@@ -38,6 +42,25 @@ pub(crate) type Cube = Environment<Vec<f32>>;
 pub(crate) struct Label {
     pub(crate) id: u32,
     pub(crate) name: String,
+    /// Name of its file, and the up direction by which it was read; none for a light without one.
+    pub(crate) file: Option<(String, MapUp)>,
+}
+
+impl Label {
+    /// The label as the page reads it.
+    pub(crate) fn json(&self) -> Value {
+        let mut json = json!({"id": id_json(self.id), "name": self.name});
+        if let Some((file, up)) = &self.file {
+            json["file"] = file.as_str().into();
+            json["up"] = up.name().into();
+        }
+        json
+    }
+}
+
+/// Identifier as requests have it.
+pub(crate) fn id_json(id: u32) -> Value {
+    if id == DARKNESS { NONE.into() } else { id.into() }
 }
 
 /// Lights that pictures can be requested under.
@@ -47,6 +70,8 @@ pub(crate) struct Lights {
     resolution: usize,
     /// Up direction of the scene.
     up: Vec3,
+    /// Whether darkness is one of the lights: suns and lamps can shine instead.
+    offers_darkness: bool,
     table: Mutex<Table>,
 }
 
@@ -60,9 +85,21 @@ struct Table {
 
 impl Lights {
     /// Light of a scene with this up direction; lights are added at this resolution.
-    pub(crate) fn new(scene_light: Option<Cube>, resolution: usize, up: Vec3) -> Self {
+    pub(crate) fn new(scene_light: Option<Cube>, resolution: usize, up: Vec3, offers_darkness: bool) -> Self {
         let table = Table { scene_light: scene_light.map(Arc::new), added: Vec::new(), count: 0 };
-        Self { resolution, up, table: Mutex::new(table) }
+        Self { resolution, up, offers_darkness, table: Mutex::new(table) }
+    }
+
+    /// Up direction of the scene.
+    pub(crate) fn up(&self) -> Vec3 {
+        self.up
+    }
+
+    /// Light that is black everywhere.
+    pub(crate) fn darkness(&self) -> Cube {
+        let resolution = self.resolution;
+        let values = vec![0.0; 18 * resolution * resolution];
+        Cube { resolution, activation: RadianceActivation::Identity, values }
     }
 
     /// Replaces the scene's own light.
@@ -70,14 +107,18 @@ impl Lights {
         self.lock().scene_light = light.map(Arc::new);
     }
 
-    /// Reads and adds a lat-long map. Returns its label, and warnings about its contents.
+    /// Reads and adds a lat-long map that has the file name `name`. Returns its label, and warnings
+    /// about its contents.
     pub(crate) fn add(&self, file: &Path, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
         let (map, warnings) = light_file::read(file)?;
         let values = latlong::to_cube(&map, self.resolution, up.orientation(self.up));
         let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
         let mut table = self.lock();
         table.count += 1;
-        let label = Label { id: table.count, name: name.chars().take(NAME_MAX).collect() };
+        let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
+        let file_name = Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = stem.chars().take(NAME_MAX).collect();
+        let label = Label { id: table.count, name, file: Some((file_name, up)) };
         if table.added.len() == LIGHTS_MAX {
             table.added.remove(0);
         }
@@ -88,8 +129,10 @@ impl Lights {
     /// Labels of all lights, the scene's own first.
     pub(crate) fn labels(&self) -> Vec<Label> {
         let table = self.lock();
-        let scene_light = table.scene_light.as_ref().map(|_| Label { id: SCENE_LIGHT, name: "scene light".into() });
-        scene_light.into_iter().chain(table.added.iter().map(|(label, _)| label.clone())).collect()
+        let plain = |id: u32, name: &str| Label { id, name: name.into(), file: None };
+        let scene_light = table.scene_light.as_ref().map(|_| plain(SCENE_LIGHT, "scene light"));
+        let darkness = self.offers_darkness.then(|| plain(DARKNESS, NONE));
+        scene_light.into_iter().chain(darkness).chain(table.added.iter().map(|(label, _)| label.clone())).collect()
     }
 
     /// Light with its rotation and exposure. The outer option is none for a light that was
@@ -98,6 +141,7 @@ impl Lights {
         let table = self.lock();
         let cube = match setting.id {
             SCENE_LIGHT => table.scene_light.clone(),
+            DARKNESS => return Some(Some(self.darkness())),
             id => Some(table.added.iter().find(|(label, _)| label.id == id)?.1.clone()),
         };
         drop(table);
@@ -154,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_light_that_is_not_moved_is_itself_to_the_last_bit() {
-        let lights = Lights::new(Some(grey()), 16, Vec3::Z);
+        let lights = Lights::new(Some(grey()), 16, Vec3::Z, false);
         assert_eq!(lights.get(OF_SCENE), Some(Some(grey())));
         let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..OF_SCENE }).unwrap().unwrap();
         assert!(brighter.values.iter().all(|number| (number - 2.0 * 0.5_f32.exp()).abs() < 1e-5), "twice as bright");
@@ -165,7 +209,7 @@ mod tests {
         let weight = |index| initial_weight(index, -0.5, 3) + 0.001 * (index % 7) as f32;
         let values = (0..WEIGHT_COUNT).map(weight).collect();
         let network = Cube { resolution: 16, activation: RadianceActivation::Network, values };
-        let lights = Lights::new(Some(network.clone()), 16, Vec3::Z);
+        let lights = Lights::new(Some(network.clone()), 16, Vec3::Z, false);
         assert_eq!(lights.get(OF_SCENE), Some(Some(network.clone())));
         let brighter = lights.get(LightSetting { stops: 2.0, ..OF_SCENE }).unwrap().unwrap();
         assert!(brighter.is_network(), "other levels become brighter as well");
@@ -187,7 +231,7 @@ mod tests {
         let rgb = (0..3 * width * height).map(|k| if k < 3 * width * height / 2 { 1.0 } else { 0.0 }).collect();
         latlong::write(&file, &LatLong { width, height, rgb }).unwrap();
         for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
-            let lights = Lights::new(None, 16, above);
+            let lights = Lights::new(None, 16, above, false);
             let id = lights.add(&file, "sky", MapUp::Scene).unwrap().0.id;
             let setting = LightSetting { id, ..OF_SCENE };
             let cube = lights.get(setting).unwrap().unwrap();
@@ -208,11 +252,21 @@ mod tests {
     }
 
     #[test]
+    fn darkness_is_a_light_where_lamps_can_shine() {
+        let names = |lights: &Lights| lights.labels().iter().map(|label| label.json()).collect::<Vec<_>>();
+        let lights = Lights::new(Some(grey()), 16, Vec3::Z, true);
+        assert_eq!(names(&lights), [json!({"id": 0, "name": "scene light"}), json!({"id": "none", "name": "none"})]);
+        assert_eq!(names(&Lights::new(Some(grey()), 16, Vec3::Z, false)).len(), 1);
+        let dark = lights.get(LightSetting { id: DARKNESS, turn: 30.0, stops: 4.0 }).unwrap().unwrap();
+        assert!(dark.values.iter().all(|number| *number == 0.0), "however it is turned and exposed");
+    }
+
+    #[test]
     fn the_oldest_light_makes_room_and_the_scenes_own_stays() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sky.hdr");
         latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
-        let lights = Lights::new(Some(grey()), 16, Vec3::Z);
+        let lights = Lights::new(Some(grey()), 16, Vec3::Z, false);
         for _ in 0..=LIGHTS_MAX {
             lights.add(&file, "sky", MapUp::Z).unwrap();
         }

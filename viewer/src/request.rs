@@ -2,10 +2,14 @@
 
 use crate::http::HttpError;
 use axum::{extract::Query, http::Uri};
-use core::str::FromStr;
+use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::{Deserialize, de::DeserializeOwned};
-use specula_scene::Layer;
+use specula_core::lamps::{DISTANCE_MAX, LIGHT_MAX, Lamp, RAYS, check};
+use specula_scene::{
+    Layer, Shading,
+    lamps::{SphereChoice, SunChoice},
+};
 
 /// Largest edge of a picture, in pixels.
 const EDGE_MAX: u32 = 4096;
@@ -34,13 +38,16 @@ pub(crate) fn query<T: DeserializeOwned>(uri: &Uri) -> Result<T, HttpError> {
 }
 
 /// Request of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FrameRequest {
     pub(crate) viewpoint: Viewpoint,
     /// Width and height in pixels.
     pub(crate) size: [u32; 2],
     pub(crate) content: Content,
     pub(crate) light: LightSetting,
+    pub(crate) lamps: LampSetting,
+    /// Colours that are asked for; by default those that suit the light.
+    pub(crate) shading: Option<Shading>,
     /// Whether the light is the background, instead of a colour.
     pub(crate) has_backdrop: bool,
 }
@@ -53,8 +60,20 @@ impl FrameRequest {
             Some(index) => Viewpoint::View(index),
             None => Viewpoint::Pose(query(uri)?),
         };
-        let PictureParameters { size, layer, backdrop } = query(uri)?;
-        Ok(Self { viewpoint, size: size.0, content: layer, light: query(uri)?, has_backdrop: backdrop.is_some() })
+        let PictureParameters { size, layer, shading, backdrop } = query(uri)?;
+        let lamps: LampSetting = query(uri)?;
+        if !lamps.is_dark() && shading == Some(Shading::View) {
+            return Err(HttpError::bad_request("suns and lamps shine on physical materials; omit shading=view"));
+        }
+        Ok(Self {
+            viewpoint,
+            size: size.0,
+            content: layer,
+            light: query(uri)?,
+            lamps,
+            shading,
+            has_backdrop: backdrop.is_some(),
+        })
     }
 
     /// Request of a `/point`.
@@ -74,6 +93,7 @@ struct PictureParameters {
     size: Size,
     #[serde(default)]
     layer: Content,
+    shading: Option<Shading>,
     backdrop: Option<Backdrop>,
 }
 
@@ -180,10 +200,32 @@ pub(crate) struct LightSetting {
     pub(crate) stops: f32,
 }
 
+/// Identifier of darkness, which is called `none`.
+pub(crate) const DARKNESS: u32 = u32::MAX;
+/// Name of [`DARKNESS`].
+pub(crate) const NONE: &str = "none";
+
+/// Identifier of a light, as text.
+#[derive(Default, Deserialize)]
+#[serde(try_from = "String")]
+struct LightId(u32);
+
+impl TryFrom<String> for LightId {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<Self, &'static str> {
+        match text.parse() {
+            _ if text == NONE => Ok(Self(DARKNESS)),
+            Ok(id) => Ok(Self(id)),
+            Err(_) => Err("use the number of a light that /scene lists, or none"),
+        }
+    }
+}
+
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct LightParameters {
-    light: u32,
+    light: LightId,
     turn: f32,
     stops: f32,
 }
@@ -191,7 +233,18 @@ struct LightParameters {
 impl TryFrom<LightParameters> for LightSetting {
     type Error = String;
 
-    fn try_from(LightParameters { light: id, turn, stops }: LightParameters) -> Result<Self, String> {
+    fn try_from(LightParameters { light: LightId(id), turn, stops }: LightParameters) -> Result<Self, String> {
+        Self::new(id, turn, stops)
+    }
+}
+
+impl LightSetting {
+    /// Light within its bounds.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that names the bound.
+    pub(crate) fn new(id: u32, turn: f32, stops: f32) -> Result<Self, String> {
         if !(turn.abs() <= TURN_MAX) {
             return Err(format!("turn is an angle in degrees, from -{TURN_MAX} to {TURN_MAX}"));
         }
@@ -200,6 +253,84 @@ impl TryFrom<LightParameters> for LightSetting {
         }
         Ok(Self { id, turn, stops })
     }
+}
+
+/// Suns and lamps of a picture.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "LampParameters")]
+pub(crate) struct LampSetting {
+    pub(crate) suns: Vec<SunChoice>,
+    pub(crate) spheres: Vec<SphereChoice>,
+    /// Shadow rays of a pixel to each lamp that is wider than a point.
+    pub(crate) rays: usize,
+}
+
+impl LampSetting {
+    /// Largest number of suns and lamps of a picture.
+    pub(crate) const COUNT_MAX: usize = 8;
+
+    /// Suns and lamps within their bounds.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that names the bound.
+    pub(crate) fn new(suns: Vec<SunChoice>, spheres: Vec<SphereChoice>, rays: usize) -> Result<Self, String> {
+        let (count, most) = (suns.len() + spheres.len(), Self::COUNT_MAX);
+        if count > most {
+            return Err(format!("use at most {most} suns and lamps together instead of {count}"));
+        }
+        if !(1..=RAYS).contains(&rays) {
+            return Err(format!("rays is from 1 to {RAYS}"));
+        }
+        let setting = Self { suns, spheres, rays };
+        if check(&setting.lamps(Vec3::Z, 0.0), rays).is_err() {
+            return Err(format!(
+                "suns and lamps have a strength of at most {LIGHT_MAX}, and places and radii up to {DISTANCE_MAX}"
+            ));
+        }
+        Ok(setting)
+    }
+
+    /// Whether there are none.
+    pub(crate) const fn is_dark(&self) -> bool {
+        self.suns.is_empty() && self.spheres.is_empty()
+    }
+
+    /// Lamps in a scene with this up direction; suns are turned about it by an angle in degrees.
+    pub(crate) fn lamps(&self, up: Vec3, turn: f32) -> Vec<Lamp> {
+        let suns = self.suns.iter().map(|sun| sun.lamp(up, turn));
+        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
+    }
+}
+
+/// Suns and lamps as options of `relight` name them, separated by semicolons.
+#[derive(Deserialize)]
+#[serde(default)]
+struct LampParameters {
+    suns: String,
+    lamps: String,
+    rays: usize,
+}
+
+impl Default for LampParameters {
+    fn default() -> Self {
+        Self { suns: String::new(), lamps: String::new(), rays: RAYS }
+    }
+}
+
+impl TryFrom<LampParameters> for LampSetting {
+    type Error = String;
+
+    fn try_from(LampParameters { suns, lamps, rays }: LampParameters) -> Result<Self, String> {
+        Self::new(entries(&suns, "suns")?, entries(&lamps, "lamps")?, rays)
+    }
+}
+
+/// Parses entries separated by semicolons; none of an empty text.
+fn entries<T: FromStr<Err: Display>>(text: &str, name: &str) -> Result<Vec<T>, String> {
+    let entries = text.split(';').filter(|_| !text.is_empty());
+    let parse = |entry: &str| entry.parse().map_err(|error| format!("{name} has {entry:?}; {error}"));
+    entries.map(parse).collect()
 }
 
 /// Encoding of a picture.
@@ -368,6 +499,23 @@ mod tests {
     }
 
     #[test]
+    fn suns_and_lamps_are_those_of_relight() {
+        assert!(frame(GOOD).unwrap().lamps.is_dark());
+        assert!(frame(&format!("{GOOD}&suns=&lamps=")).unwrap().lamps.is_dark(), "an empty list is one");
+        let request = frame(&format!("{GOOD}&suns=30,45;-20,10,2,3:ff8800&lamps=1,-2,3,4,0.5&rays=4&turn=60")).unwrap();
+        let LampSetting { suns, spheres, rays } = &request.lamps;
+        assert_eq!(suns[..], ["30,45", "-20,10,2,3:ff8800"].map(|text| text.parse().unwrap()));
+        assert_eq!((&spheres[..], *rays), (&["1,-2,3,4,0.5".parse().unwrap()][..], 4));
+        let lamps = request.lamps.lamps(Vec3::Z, request.light.turn);
+        assert_eq!(lamps[0], "90,45".parse::<SunChoice>().unwrap().lamp(Vec3::Z, 0.0), "suns turn with the light");
+        assert_eq!(lamps[2], spheres[0].lamp(), "and lamps stay");
+        let eight = ["0,45"; LampSetting::COUNT_MAX].join(";");
+        assert_eq!(frame(&format!("{GOOD}&suns={eight}")).unwrap().lamps.rays, RAYS, "all rays by default");
+        assert_eq!(frame(&format!("{GOOD}&light=none")).unwrap().light.id, DARKNESS);
+        assert_eq!(frame(&format!("{GOOD}&shading=physical")).unwrap().shading, Some(Shading::Physical));
+    }
+
+    #[test]
     fn parameters_that_are_not_used_are_not_read() {
         assert!(frame("view=3&size=1,1&eye=nowhere").is_ok(), "a view has its own pose");
         assert_eq!(Encoding::of(&uri("format=png&quality=none")).unwrap(), Encoding::Png);
@@ -405,6 +553,24 @@ mod tests {
             ("light=-1", "light"),
             ("view=x", "view"),
             ("backdrop=red", "backdrop"),
+            ("light=sun", "light"),
+            ("shading=matte", "shading"),
+            ("suns=30", "suns"),
+            ("suns=NaN,40", "suns"),
+            ("suns=0,91", "suns"),
+            ("suns=0,45,inf", "suns"),
+            ("suns=0,45;", "suns"),
+            ("suns=0,45,1:red", "suns"),
+            ("suns=0,45,2e9", "1000000000"),
+            ("lamps=1,2,3", "lamps"),
+            ("lamps=1,2,3,-4", "lamps"),
+            ("lamps=NaN,2,3,4", "lamps"),
+            ("lamps=2e9,0,0,1", "1000000000"),
+            ("lamps=1,2,3,4,2e9", "1000000000"),
+            ("suns=0,1;0,2;0,3;0,4;0,5&lamps=0,0,0,1;0,0,0,2;0,0,0,3;0,0,0,4", "at most 8"),
+            ("rays=0", "rays"),
+            ("rays=33", "rays"),
+            ("suns=0,45&shading=view", "shading=view"),
         ];
         for (more, word) in cases {
             let message = frame(&replaced(more)).unwrap_err().message;

@@ -3,6 +3,7 @@
 use crate::{
     guard::Denied,
     http::{HttpError, json_response},
+    lights::Label,
     live::LiveTraining,
     request::{Action, ClientParameter, Encoding, FrameRequest, SteeringParameters, query},
     state::ServerState,
@@ -28,7 +29,7 @@ const PREVIEW_QUALITY: u8 = 85;
 const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'";
 
 /// Files of the page: path, content type, text.
-const FILES: [(&str, &str, &str); 10] = [
+const FILES: [(&str, &str, &str); 13] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
     ("/address.js", SCRIPT, include_str!("page/address.js")),
@@ -37,6 +38,9 @@ const FILES: [(&str, &str, &str); 10] = [
     ("/controls.js", SCRIPT, include_str!("page/controls.js")),
     ("/stream.js", SCRIPT, include_str!("page/stream.js")),
     ("/light.js", SCRIPT, include_str!("page/light.js")),
+    ("/lamps.js", SCRIPT, include_str!("page/lamps.js")),
+    ("/handles.js", SCRIPT, include_str!("page/handles.js")),
+    ("/materials.js", SCRIPT, include_str!("page/materials.js")),
     ("/path.js", SCRIPT, include_str!("page/path.js")),
     ("/training.js", SCRIPT, include_str!("page/training.js")),
 ];
@@ -87,8 +91,8 @@ fn authorised(mut response: Response, is_page: bool) -> Response {
 /// Description of the scene, its lights, and whether a light is being read.
 async fn scene(State(state): State<Arc<ServerState>>) -> Response {
     let mut description = state.description.clone();
-    description["lights"] =
-        state.lights.labels().into_iter().map(|label| json!({"id": label.id, "name": label.name})).collect();
+    description["lights"] = state.lights.labels().iter().map(Label::json).collect();
+    description["setup"] = state.setup().json();
     description["live"] = state.live.is_some().into();
     description["reading"] = state.is_reading().into();
     json_response(&description)

@@ -7,11 +7,15 @@ use crate::{
     live::LiveTraining,
     queue::{Queue, QueueError},
     request::FrameRequest,
+    setup::LightSetup,
     worker::{Frame, Job},
 };
 use axum::{body::Bytes, http::StatusCode};
 use serde_json::Value;
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 /// Largest size of all pictures that are being sent, in KiB.
@@ -33,6 +37,8 @@ pub(crate) struct ServerState {
     pub(crate) upload_folder: PathBuf,
     /// Permit to read an uploaded light.
     pub(crate) uploads: Arc<Semaphore>,
+    /// Light that the page starts with; that of the scene, where none was set.
+    setup: OnceLock<LightSetup>,
     /// Permits to send pictures, one for each KiB.
     sending: Arc<Semaphore>,
 }
@@ -50,7 +56,18 @@ impl ServerState {
         upload_folder: PathBuf,
     ) -> Self {
         let (uploads, sending) = (Arc::new(Semaphore::new(1)), Arc::new(Semaphore::new(SENDING_MAX)));
-        Self { guard, queue, lights, description, is_shaded, live, upload_folder, uploads, sending }
+        let setup = OnceLock::new();
+        Self { guard, queue, lights, description, is_shaded, live, upload_folder, uploads, setup, sending }
+    }
+
+    /// Light that the page starts with.
+    pub(crate) fn setup(&self) -> LightSetup {
+        self.setup.get().cloned().unwrap_or_default()
+    }
+
+    /// Sets the light that the page starts with, once.
+    pub(crate) fn start_under(&self, setup: LightSetup) {
+        self.setup.get_or_init(|| setup);
     }
 
     /// Whether a light is being received or read.

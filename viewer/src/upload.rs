@@ -15,7 +15,6 @@ use axum::{
 use core::time::Duration;
 use http_body_util::BodyExt;
 use serde::Deserialize;
-use serde_json::json;
 use specula_io::latlong;
 use specula_scene::light_file::MapUp;
 use std::{io::Write, path::Path, sync::Arc};
@@ -125,7 +124,6 @@ fn add(
     UploadParameters { name, up }: &UploadParameters,
     file: &NamedTempFile,
 ) -> Result<Response, HttpError> {
-    let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
     // Messages name the file of the client instead of the temporary one.
     let renamed = |message: &str| message.replace(&format!("{:?}", file.path()), &format!("{name:?}"));
     let bad_request = |error: ViewerError| HttpError::bad_request(renamed(&error.to_string()));
@@ -135,10 +133,12 @@ fn add(
         let message = format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most");
         return Err(HttpError::bad_request(message));
     }
-    let (label, warnings) = state.lights.add(file.path(), &stem, *up).map_err(bad_request)?;
+    let (label, warnings) = state.lights.add(file.path(), name, *up).map_err(bad_request)?;
     let warnings: Vec<String> = warnings.iter().map(|warning| renamed(warning)).collect();
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-    Ok(json_response(&json!({"id": label.id, "name": label.name, "notes": warnings})))
+    let mut answer = label.json();
+    answer["notes"] = warnings.into();
+    Ok(json_response(&answer))
 }
 
 #[cfg(test)]

@@ -6,8 +6,9 @@ use crate::{
     lights::Lights,
     live::LiveTraining,
     queue::Queue,
-    request,
+    request::{self, LampSetting},
     server::{listen, serve},
+    setup::LightSetup,
     state::ServerState,
     url,
     views::{PhotographSource, Views, camera_json},
@@ -18,7 +19,8 @@ use serde_json::{Value, json};
 use specula_core::{rules::Channels, shade::ShadingForm};
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
 use specula_scene::{
-    Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp, orbit::StartView,
+    Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, lamps::direction, light_file::MapUp,
+    orbit::StartView,
 };
 use std::{
     path::Path,
@@ -97,6 +99,15 @@ impl ViewedScene {
     }
 }
 
+/// Light that was added to a viewer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AddedLight {
+    /// Identifier, counted from 1.
+    pub id: u32,
+    /// Warnings about its contents, such as numbers that are no radiance.
+    pub warnings: Vec<String>,
+}
+
 /// Viewer that is ready to serve.
 #[derive(Debug)]
 pub struct Viewer {
@@ -147,18 +158,22 @@ impl Viewer {
         let ViewedScene { name, scene, views, held_out, orientation, photographs, background } = viewed;
         let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
         let views = Views::new(views, held_out, photographs);
-        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up));
+        let is_physical = scene.gaussians.layout.is_physical;
+        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up, is_physical));
         let is_shaded = scene.gaussians.layout.is_shaded();
         let description = json!({
             "name": name,
             "gaussians": scene.gaussians.count,
             "shaded": is_shaded,
+            "physical": is_physical,
             "layers": layers(&scene, &views),
             "views": views.json(),
             "first": first,
             "start": camera_json(&start),
             "centre": centre.to_array(),
             "up": up.to_array(),
+            "azimuth_zero": direction(0.0, 0.0, up).as_vec3().to_array(),
+            "lamps_max": LampSetting::COUNT_MAX,
             "background": background,
             "pixels_max": request::PIXELS_MAX,
         });
@@ -171,16 +186,29 @@ impl Viewer {
         Ok(Self { state, runtime, listener, address, upload_folder })
     }
 
-    /// Adds a lat-long map of radiance to the lights of the scene. Returns warnings about its
-    /// contents, such as numbers that are no radiance.
+    /// Adds a lat-long map of radiance to the lights of the scene.
     ///
     /// # Errors
     ///
     /// A file that cannot be read as a light.
-    pub fn add_light(&self, file: &Path, up: MapUp) -> Result<Vec<String>, ViewerError> {
-        let name = file.file_stem().unwrap_or_default().to_string_lossy();
-        let (_, warnings) = self.state.lights.add(file, &name, up)?;
-        Ok(warnings)
+    pub fn add_light(&self, file: &Path, up: MapUp) -> Result<AddedLight, ViewerError> {
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let (label, warnings) = self.state.lights.add(file, &name, up)?;
+        Ok(AddedLight { id: label.id, warnings })
+    }
+
+    /// Lets the page start with a light, unless an address names another; the first call counts.
+    ///
+    /// # Errors
+    ///
+    /// Numbers that no request may contain; suns or lamps on a scene without physical materials.
+    pub fn start_under(&self, setup: LightSetup) -> Result<(), ViewerError> {
+        if setup.has_lamps() && self.state.description["physical"] != true {
+            return Err(SceneError::NoMaterials.into());
+        }
+        setup.check()?;
+        self.state.start_under(setup);
+        Ok(())
     }
 
     /// URLs of the page, with the token in their fragment: one for each network interface where the

@@ -43,6 +43,12 @@ impl Views {
         self.cameras.get(index).map(|(_, camera)| *camera)
     }
 
+    /// Cameras of the training; all where all are held out.
+    pub(crate) fn training_cameras(&self) -> Vec<Camera> {
+        let held_out = if self.held_out < self.cameras.len() { self.held_out } else { 0 };
+        self.cameras[held_out..].iter().map(|(_, camera)| *camera).collect()
+    }
+
     /// Name of a view.
     pub(crate) fn name(&self, index: usize) -> &str {
         self.cameras.get(index).map_or("", |(name, _)| name)
@@ -113,10 +119,15 @@ impl Views {
     }
 }
 
-/// Camera as the page reads it, with the horizontal field of view in degrees.
+/// Camera as the page reads it, with the horizontal field of view in degrees; focal lengths and the
+/// principal point as fractions of width and height.
 pub(crate) fn camera_json(camera: &Camera) -> Value {
     let angle = 2.0 * (0.5 * camera.width as f32 / camera.focal_px[0]).atan();
+    let size = [camera.width, camera.height].map(|edge| edge as f32);
+    let in_picture = |pixels: [f32; 2]| [pixels[0] / size[0], pixels[1] / size[1]];
     json!({
+        "focal": in_picture(camera.focal_px),
+        "principal": in_picture(camera.principal_px),
         "eye": camera.position.to_array(),
         "look": camera.camera_from_world.row(2).to_array(),
         "up": (-camera.camera_from_world.row(1)).to_array(),

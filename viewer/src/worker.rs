@@ -5,23 +5,26 @@ use crate::{
     lights::{Cube, Lights, OF_SCENE},
     live::LiveTraining,
     queue::Queue,
-    request::{Content, FrameRequest, LightSetting, Pose, Viewpoint},
+    request::{Content, FrameRequest, LampSetting, LightSetting, Pose, Viewpoint},
     views::Views,
 };
 use core::time::Duration;
 use specula_core::{
     camera::Camera,
     metrics::psnr,
+    near_field::NearField,
     pack::Storage,
-    plan::Needs,
-    rules::{Channels, RenderRules, channel},
-    scene::{Image, Layout},
+    plan::{Needs, Plan},
+    rules::{Channels, channel},
+    scene::{Gaussians, Image, Layout},
+    shade::ShadingForm,
 };
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
     Layer, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::over_environment,
     environment::{fitting, levels_of},
+    lamps::{SceneLamps, fused_surface},
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::{sync::Arc, thread, time::Instant};
@@ -53,14 +56,36 @@ pub(crate) struct Frame {
     pub(crate) time: Duration,
 }
 
-/// Light in a slot of the renderer, and the rules of pictures under it by their channels.
+/// Light in a slot of the renderer, and the plans of pictures under it by their channels.
 #[derive(Debug)]
 struct FilteredLight {
     setting: LightSetting,
     slot: usize,
-    rules: [RenderRules; 3],
-    /// Rules of the layers of physical materials.
-    of_materials: RenderRules,
+    /// Plans of view-dependent colours.
+    of_view: [Plan; 3],
+    /// Plans of physical materials; those of view-dependent colours where there are none.
+    of_materials: [Plan; 3],
+    /// Lamps beside the light.
+    lamps: Option<SceneLamps>,
+}
+
+/// Surface that casts the shadows of lamps.
+#[derive(Debug)]
+enum ShadowSurface {
+    /// Surface of the scene; none where there is none.
+    Known(Option<Arc<NearField<Vec<f32>>>>),
+    /// Gaussians of which it is still to be fused.
+    Unfused(Gaussians<Vec<f32>>),
+}
+
+impl ShadowSurface {
+    /// Near field of a scene; its Gaussians, where it has none and lamps can shine on it.
+    fn of(scene: &Scene) -> Self {
+        match &scene.near_field {
+            None if scene.gaussians.layout.is_physical => Self::Unfused(scene.gaussians.clone()),
+            near_field => Self::Known(near_field.clone()),
+        }
+    }
 }
 
 /// Channels of pictures, in ascending order of their cost.
@@ -76,6 +101,7 @@ pub(crate) struct RenderWorker {
     needs: Needs,
     /// Whether reflected rays may meet the scene itself.
     traces_near: bool,
+    shadow_surface: ShadowSurface,
     lights: Arc<Lights>,
     /// In the order of their last use.
     filtered: Vec<FilteredLight>,
@@ -102,7 +128,7 @@ impl RenderWorker {
     ) -> Result<Self, SceneError> {
         let scene = scene.rounded(storage);
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
-        let traces_near = scene.near_field.is_some();
+        let (traces_near, shadow_surface) = (scene.near_field.is_some(), ShadowSurface::of(&scene));
         let renderer = load(scene)?;
         let filtered = Vec::new();
         Ok(Self {
@@ -112,6 +138,7 @@ impl RenderWorker {
             shading_model,
             needs,
             traces_near,
+            shadow_surface,
             lights,
             filtered,
             views,
@@ -151,6 +178,7 @@ impl RenderWorker {
         self.needs = Needs::of(&scene.gaussians);
         self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
         self.traces_near = scene.near_field.is_some();
+        self.shadow_surface = ShadowSurface::of(&scene);
         self.lights.set_scene_light(scene.light);
         self.filtered.clear();
         Ok(())
@@ -168,7 +196,7 @@ impl RenderWorker {
         let start = Instant::now();
         let (camera, view) = self.camera(request)?;
         let layer = self.layer(request.content)?;
-        let image = self.image(&camera, layer, request.light)?;
+        let image = self.image(&camera, layer, request)?;
         let name = view.map(|index| self.views.name(index).to_owned());
         let (picture, psnr) = match (request.content, view) {
             (Content::Error, Some(index)) => self.compare(&image, index, &camera)?,
@@ -230,23 +258,65 @@ impl RenderWorker {
         }
     }
 
-    /// Shading of a layer under a light: physical materials, if there are any, show themselves and
-    /// light that is not that of the training.
-    fn model_of(&self, setting: LightSetting, of_materials: bool) -> ShadingModel {
-        let is_own = setting == OF_SCENE;
-        if self.layout.is_physical && (of_materials || !is_own) {
-            self.shading_model.shaded(Shading::Physical)
-        } else {
-            self.shading_model
+    /// Whether a layer shows physical materials: by default these show themselves and light that is
+    /// not that of the training.
+    fn shows_materials(&self, layer: Layer, request: &FrameRequest) -> Result<bool, ViewerError> {
+        let is_physical = self.layout.is_physical;
+        if !is_physical && !request.lamps.is_dark() {
+            let message =
+                format!("{}, on which suns and lamps can shine; train it with --relightable", SceneError::NoMaterials);
+            return Err(ViewerError::Request(message));
+        }
+        match request.shading {
+            Some(Shading::Physical) if !is_physical => Err(SceneError::NoMaterials.into()),
+            _ if layer.is_of_materials() || !request.lamps.is_dark() => Ok(true),
+            Some(shading) => Ok(shading == Shading::Physical),
+            None => {
+                let is_own = self.shading_model.shading.form == ShadingForm::Physical;
+                Ok(is_physical && (is_own || request.light != OF_SCENE))
+            }
         }
     }
 
-    fn image(&mut self, camera: &Camera, layer: Layer, setting: LightSetting) -> Result<Image<Vec<f32>>, ViewerError> {
+    fn image(&mut self, camera: &Camera, layer: Layer, request: &FrameRequest) -> Result<Image<Vec<f32>>, ViewerError> {
         let channels = Layer::channels(&[layer]);
         let index = CHANNELS.iter().position(|other| *other == channels).expect("layers have one of these channels");
-        let FilteredLight { slot, rules, of_materials, .. } = self.filtered(setting)?;
-        let (slot, rules) = (*slot, if layer.is_of_materials() { *of_materials } else { rules[index] });
+        let shows_materials = self.shows_materials(layer, request)?;
+        let lamps = self.lamps(request)?;
+        let FilteredLight { slot, of_view, of_materials, lamps: known, .. } = self.filtered(request.light)?;
+        let plan = if shows_materials { of_materials[index] } else { of_view[index] };
+        let (slot, rules) = (*slot, plan.illuminated(lamps.is_some()).rules);
+        let is_known = lamps.as_ref().is_none_or(|lamps| known.as_ref().is_some_and(|known| is_same(known, lamps)));
+        if let Some(lamps) = lamps.filter(|_| !is_known) {
+            // Without its lamps the slot is not in use any more.
+            let mut filtered = self.filtered.pop().expect("it was used last");
+            self.renderer.add_lamps(slot, &lamps)?;
+            filtered.lamps = Some(lamps);
+            self.filtered.push(filtered);
+        }
         Ok(self.renderer.render_lit(slot, camera, &rules)?)
+    }
+
+    /// Lamps of a request, with the surface that casts their shadows; none where no lamps shine.
+    fn lamps(&mut self, request: &FrameRequest) -> Result<Option<SceneLamps>, ViewerError> {
+        let LampSetting { rays, .. } = request.lamps;
+        if request.lamps.is_dark() {
+            return Ok(None);
+        }
+        let occluder = self.occluder()?;
+        Ok(Some(SceneLamps { lamps: request.lamps.lamps(self.lights.up(), request.light.turn), rays, occluder }))
+    }
+
+    /// Surface that casts shadows, which is fused on first use where the scene has none.
+    fn occluder(&mut self) -> Result<Option<Arc<NearField<Vec<f32>>>>, ViewerError> {
+        let gaussians = match &self.shadow_surface {
+            ShadowSurface::Known(surface) => return Ok(surface.clone()),
+            ShadowSurface::Unfused(gaussians) => gaussians,
+        };
+        tracing::info!("fusing views into the surface that casts shadows");
+        let surface = fused_surface(&mut self.renderer, gaussians, &self.views.training_cameras(), |_, _| ())?;
+        self.shadow_surface = ShadowSurface::Known(surface.clone());
+        Ok(surface)
     }
 
     /// Light of a setting; none for a scene that does not look it up.
@@ -271,16 +341,19 @@ impl RenderWorker {
     }
 
     fn filter(&mut self, setting: LightSetting) -> Result<FilteredLight, ViewerError> {
-        let cube = self.light(setting)?;
-        let rules = CHANNELS.map(|channels| self.rules(cube.as_ref(), self.model_of(setting, false), channels));
-        let of_materials = self.rules(cube.as_ref(), self.model_of(setting, true), Channels::Layers);
+        // Lamps shine beside a light, and be it black.
+        let darkness = || self.layout.is_physical.then(|| self.lights.darkness());
+        let cube = self.light(setting)?.or_else(darkness);
+        let materials = if self.layout.is_physical { Shading::Physical } else { Shading::View };
+        let [of_view, of_materials] =
+            [Shading::View, materials].map(|shading| self.plans(cube.as_ref(), self.shading_model.shaded(shading)));
         let slot = self.free_slot();
         // Levels of either shading.
-        let of_layers = if self.layout.is_physical { &of_materials } else { &rules[CHANNELS.len() - 1] };
+        let of_layers = of_materials[CHANNELS.len() - 1].illuminated(self.layout.is_physical).rules;
         if let Some(cube) = cube.filter(|_| of_layers.is_lit) {
-            self.renderer.set_light(slot, &fitting(&cube, self.shading_model.scheme), of_layers)?;
+            self.renderer.set_light(slot, &fitting(&cube, self.shading_model.scheme), &of_layers)?;
         }
-        Ok(FilteredLight { setting, slot, rules, of_materials })
+        Ok(FilteredLight { setting, slot, of_view, of_materials, lamps: None })
     }
 
     /// Free slot; without one, that of the light that was not used for longest.
@@ -292,11 +365,11 @@ impl RenderWorker {
         (0..SLOTS).find(is_free).expect("fewer lights than slots")
     }
 
-    /// Rules of pictures under a light.
-    fn rules(&self, cube: Option<&Cube>, model: ShadingModel, channels: Channels) -> RenderRules {
+    /// Plans of pictures under a light, by their channels.
+    fn plans(&self, cube: Option<&Cube>, model: ShadingModel) -> [Plan; 3] {
         let needs = self.needs.under(cube);
         let levels = cube.map(|cube| levels_of(cube, model.scheme));
-        model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.traces_near).rules
+        CHANNELS.map(|channels| model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.traces_near))
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.
@@ -313,6 +386,12 @@ impl RenderWorker {
         let picture = picture::error_map(&rendered_rgb, &truth_rgb, ERROR_SHOWN_MAX);
         Ok((picture, Some(psnr(mean_squared_error(&rendered, &truth)))))
     }
+}
+
+/// Whether two sets of lamps are the same, shadows included.
+fn is_same(one: &SceneLamps, other: &SceneLamps) -> bool {
+    let surface = |lamps: &SceneLamps| lamps.occluder.as_ref().map(Arc::as_ptr);
+    one.lamps == other.lamps && one.rays == other.rays && surface(one) == surface(other)
 }
 
 /// Camera resized to fit into a size, with its aspect ratio.
@@ -349,4 +428,166 @@ fn no_light(id: u32) -> ViewerError {
 
 fn no_photographs() -> ViewerError {
     ViewerError::Request("there are no photographs to compare with: the data set of the scene is not known".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use specula_core::{
+        lamps::RAYS,
+        scene::{
+            ALBEDO, AMBIENT, DIFFUSE, Environment, LOG_SCALE, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS,
+            RadianceActivation, TINT, len_of_values,
+        },
+    };
+    use specula_scene::{ExecutorChoice, RenderOptions};
+
+    const SIZE: [u32; 2] = [64, 48];
+    const UP: Vec3 = Vec3::Z;
+
+    /// A floor of flat Gaussians, and a ball above it that casts a shadow.
+    fn scene() -> Scene {
+        let floor = (0..400).map(|k| (Vec3::new((k % 20) as f32 * 0.2 - 1.9, (k / 20) as f32 * 0.2 - 1.9, 0.0), -4.0));
+        let ball = [(Vec3::new(0.0, 0.0, 0.8), -1.2)];
+        let means: Vec<(Vec3, f32)> = floor.chain(ball).collect();
+        let layout = Layout::shaded(None).physical();
+        let mut gaussians =
+            Gaussians { count: means.len(), layout, values: vec![0.0; len_of_values(means.len(), layout)] };
+        let planes = layout.physical_planes().unwrap();
+        for (index, (mean, height)) in means.into_iter().enumerate() {
+            gaussians.set(index, MEAN, mean.to_array());
+            gaussians.set(index, LOG_SCALE, [-1.6, -1.6, height]);
+            gaussians.set(index, QUAT, [1.0, 0.0, 0.0, 0.0]);
+            gaussians.set(index, OPACITY, [4.0]);
+            gaussians.set(index, DIFFUSE, [0.4, -0.2, -1.0]);
+            gaussians.set(index, TINT, [-1.0; 3]);
+            gaussians.set(index, ROUGHNESS, [0.5]);
+            gaussians.set(index, planes + ALBEDO, [0.5, 0.0, -0.5]);
+            gaussians.set(index, planes + METALNESS, [-3.0]);
+            gaussians.set(index, planes + AMBIENT, [1.0; 3]);
+        }
+        let values = (0..18 * 16 * 16).map(|k| 0.1 + 0.05 * (k % 7) as f32).collect();
+        let light = Environment { resolution: 16, activation: RadianceActivation::Identity, values };
+        Scene { gaussians, light: Some(light), near_field: None, lamps: None, shading_model: ShadingModel::DEFERRED }
+    }
+
+    fn options() -> RenderOptions {
+        RenderOptions::full_precision(ExecutorChoice::Cpu)
+    }
+
+    /// Cameras whose depths are fused.
+    fn around() -> impl Iterator<Item = Camera> {
+        let eyes = (0..8).map(|k| Vec3::new((k as f32).cos() * 4.0, (k as f32).sin() * 4.0, 3.0));
+        eyes.map(|eye| Camera { near: 0.01, ..Camera::look_at(eye, Vec3::ZERO, UP, 0.9, 160, 160) })
+    }
+
+    fn worker(scene: &Scene) -> RenderWorker {
+        let lights = Arc::new(Lights::new(scene.light.clone(), 16, UP, scene.gaussians.layout.is_physical));
+        let load = |scene| SceneRenderer::without_light(scene, Channels::Layers, &options());
+        let views = Views::new(around().map(|camera| (String::new(), camera)).collect(), 0, None);
+        RenderWorker::new(scene.clone(), Storage::F32, load, lights, views, [0.0; 3], 0.01).unwrap()
+    }
+
+    fn request(more: &str) -> FrameRequest {
+        let query = format!("eye=0,-5,3&look=0,5,-2.6&up=0,0,1&angle=50&size={},{}{more}", SIZE[0], SIZE[1]);
+        FrameRequest::of_frame(&format!("/frame?{query}").parse().unwrap()).unwrap()
+    }
+
+    fn shown(worker: &mut RenderWorker, more: &str) -> RgbImage {
+        worker.render(&request(more)).unwrap().picture
+    }
+
+    /// The picture of the same request by the renderer of the scene.
+    fn expected(scene: &Scene, more: &str) -> RgbImage {
+        let request = request(more);
+        let Viewpoint::Pose(pose) = request.viewpoint else { unreachable!("it has a pose") };
+        let camera = Camera { near: 0.01, ..camera_of(&pose, SIZE) };
+        let lamps = request.lamps.lamps(UP, request.light.turn);
+        let mut scene = scene.clone();
+        let occluder = scene.near_field.clone().or_else(|| surface(&scene));
+        scene.add_lamps(SceneLamps { lamps, rays: request.lamps.rays, occluder }).unwrap();
+        SceneRenderer::new(scene, Channels::Color, &options()).unwrap().picture(&camera, [0.0; 3]).unwrap()
+    }
+
+    fn surface(scene: &Scene) -> Option<Arc<NearField<Vec<f32>>>> {
+        let mut renderer = SceneRenderer::without_light(scene.clone(), Channels::Training, &options()).unwrap();
+        let cameras: Vec<Camera> = around().collect();
+        fused_surface(&mut renderer, &scene.gaussians, &cameras, |_, _| ()).unwrap()
+    }
+
+    #[test]
+    fn pictures_under_lamps_are_those_of_the_renderer_to_the_last_bit() {
+        let plain = scene();
+        let near_field = surface(&plain);
+        assert!(near_field.is_some(), "the floor and the ball are seen");
+        let around = Scene { near_field, ..plain.clone() };
+        let sun = "&suns=30,50,4,3:ffcc88";
+        let others = ["&suns=30,50,4,3:ffcc88&rays=4", "&suns=200,20&lamps=1,-1,2,6,0.3", "&lamps=0,0,2,3"];
+        for scene in [plain, around] {
+            let mut worker = worker(&scene);
+            let before = shown(&mut worker, "");
+            let sunny = shown(&mut worker, sun);
+            assert_eq!(sunny, expected(&scene, sun));
+            assert_ne!(sunny, shown(&mut worker, "&shading=physical"), "the sun shines");
+            for other in others {
+                let picture = shown(&mut worker, other);
+                assert_eq!(picture, expected(&scene, other), "{other}");
+                assert_ne!(picture, sunny, "{other}");
+            }
+            assert_eq!(shown(&mut worker, sun), sunny, "whatever was asked for between");
+            assert_eq!(shown(&mut worker, ""), before, "and nothing is left of lamps");
+            assert_eq!(worker.filtered.len(), 1, "the light is filtered once");
+        }
+    }
+
+    #[test]
+    fn lamps_shine_in_darkness_and_cast_shadows() {
+        let mut scene = scene();
+        let mut worker = worker(&scene);
+        let dark = shown(&mut worker, "&light=none");
+        assert!(dark.iter().all(|byte| *byte == 0), "nothing shines");
+        let sun = "&light=none&suns=0,90,3,0";
+        let sunny = shown(&mut worker, sun);
+        scene.darken();
+        assert_eq!(sunny, expected(&scene, sun));
+        let unshaded = {
+            worker.shadow_surface = ShadowSurface::Known(None);
+            shown(&mut worker, sun)
+        };
+        let darker = sunny.iter().zip(unshaded.iter()).filter(|(shaded, open)| shaded < open).count();
+        assert!(darker > 50, "{darker} numbers lie in the shadow of the ball");
+        assert_eq!(shown(&mut worker, "&light=none"), dark);
+    }
+
+    #[test]
+    fn materials_and_view_dependent_colours_are_chosen() {
+        let scene = scene();
+        let mut worker = worker(&scene);
+        let [own, view, physical] = ["", "&shading=view", "&shading=physical"].map(|more| shown(&mut worker, more));
+        assert_eq!(own, view, "the light of the training shows view-dependent colours");
+        assert_ne!(view, physical);
+        let [brighter, materials, colors] =
+            ["&stops=1", "&stops=1&shading=physical", "&stops=1&shading=view"].map(|more| shown(&mut worker, more));
+        assert_eq!(brighter, materials, "any other light shows materials");
+        assert_ne!(brighter, colors);
+    }
+
+    #[test]
+    fn lamps_are_refused_without_materials() {
+        let mut scene = scene();
+        let layout = Layout::shaded(None);
+        let mut gaussians = Gaussians { count: 16, layout, values: vec![0.0; len_of_values(16, layout)] };
+        (0..16).for_each(|index| gaussians.set(index, QUAT, [1.0, 0.0, 0.0, 0.0]));
+        scene.gaussians = gaussians;
+        let mut worker = worker(&scene);
+        for (more, word) in
+            [("&suns=0,45", "--relightable"), ("&lamps=0,0,1,1", "--relightable"), ("&shading=physical", "materials")]
+        {
+            let refused = worker.render(&request(more)).unwrap_err().to_string();
+            assert!(refused.contains("without physical materials") && refused.contains(word), "{refused}");
+        }
+        assert!(worker.render(&request("&shading=view")).is_ok());
+        assert_eq!(request("&suns=0,45").lamps.rays, RAYS);
+    }
 }

@@ -14,18 +14,8 @@ pub(crate) struct Lights {
     /// shine.
     #[arg(long, value_name = "FILE|none")]
     pub(crate) env: Option<EnvChoice>,
-    /// Sun at an azimuth and an elevation in degrees, such as 30,45; may be repeated. Azimuths
-    /// count from the centre of an environment map, counterclockwise as seen from above. STRENGTH
-    /// is the irradiance of a surface that faces the sun (3 by default; a white one is white at
-    /// 3.14), ANGLE the sun's diameter in degrees (0.53 by default; more makes softer shadows),
-    /// RRGGBB its colour in sRGB.
-    #[arg(long, value_name = "AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]", allow_hyphen_values = true)]
-    pub(crate) sun: Vec<SunChoice>,
-    /// Lamp at a point of the scene's world, such as 1,0,2,5; may be repeated. STRENGTH is the
-    /// irradiance at a distance of 1, falling with the square of the distance; RADIUS, in units of
-    /// the scene, makes shadows soft (0 by default).
-    #[arg(long, value_name = "X,Y,Z,STRENGTH[,RADIUS][:RRGGBB]", allow_hyphen_values = true)]
-    pub(crate) lamp: Vec<SphereChoice>,
+    #[command(flatten)]
+    pub(crate) lamps: LampOptions,
     /// Turn the environment and all suns about the scene's up direction, counterclockwise as seen
     /// from above.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
@@ -42,6 +32,23 @@ pub(crate) struct Lights {
     /// along the scene's up direction, by default that of its lowest point.
     #[arg(long, value_name = "HEIGHT", num_args = 0..=1, allow_negative_numbers = true, value_parser = finite, conflicts_with = "truth")]
     pub(crate) ground: Option<Option<f32>>,
+}
+
+/// Suns, lamps, and a file of lights.
+#[derive(Args, Debug, Default)]
+pub(crate) struct LampOptions {
+    /// Sun at an azimuth and an elevation in degrees, such as 30,45; may be repeated. Azimuths
+    /// count from the centre of an environment map, counterclockwise as seen from above. STRENGTH
+    /// is the irradiance of a surface that faces the sun (3 by default; a white one is white at
+    /// 3.14), ANGLE the sun's diameter in degrees (0.53 by default; more makes softer shadows),
+    /// RRGGBB its colour in sRGB.
+    #[arg(long, value_name = "AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]", allow_hyphen_values = true)]
+    pub(crate) sun: Vec<SunChoice>,
+    /// Lamp at a point of the scene's world, such as 1,0,2,5; may be repeated. STRENGTH is the
+    /// irradiance at a distance of 1, falling with the square of the distance; RADIUS, in units of
+    /// the scene, makes shadows soft (0 by default).
+    #[arg(long, value_name = "X,Y,Z,STRENGTH[,RADIUS][:RRGGBB]", allow_hyphen_values = true)]
+    pub(crate) lamp: Vec<SphereChoice>,
     /// File of lights, in TOML: env (a path from the file's folder), env-up, exposure, turn, and
     /// lists of text, sun and lamp, as these options. Options of the command line are added, and
     /// --env and --env-up replace those of the file.

@@ -1,6 +1,7 @@
 //! Arguments of `specula view`.
 
 use super::{
+    lights::LampOptions,
     parse::{address, token},
     scene::{EnvUp, SceneOptions},
 };
@@ -18,7 +19,9 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 /// sent on demand; on phones and slow connections they become smaller while the camera moves. Drag
 /// to rotate, scroll or pinch to zoom, press ? for all keys. Keys 1 to 0 select layers. An
 /// environment map (.hdr, .exr) can be dropped onto the page and rotated by dragging. Camera paths
-/// can be recorded and rendered to a ZIP file of frames.
+/// can be recorded and rendered to a ZIP file of frames. Models of --relightable are lit by suns
+/// and lamps, which are added and dragged on the page; --sun, --lamp and --lights let it start with
+/// some, beside the first map of --env.
 ///
 /// The page is only reachable from this machine, unless --listen names another address. It then
 /// requires a token, which is part of the printed address. Connections are not encrypted: in
@@ -29,6 +32,7 @@ Examples:
   specula view out/chair
   specula view out/spheres --env sunset.hdr forest.hdr
   specula view scene.ply --background white
+  specula view out/chair --sun 30,45 --lamp 1,0,2,5 materials (--relightable) under a sun and a lamp
   specula view out/chair --listen 0.0.0.0:7008      from a phone in the same network
   specula train data/chair -m out/chair --view      a scene during its training")]
 pub(crate) struct View {
@@ -48,6 +52,10 @@ pub(crate) struct View {
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
+    /// The page starts under these suns and lamps and the environment map of --lights or the first
+    /// of --env, as relight shows them; without such a map they shine alone.
+    #[command(flatten)]
+    pub(crate) lamps: LampOptions,
     /// Background; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<BackgroundColor>,

@@ -3,12 +3,17 @@
 use crate::{
     args::{Train, View, ViewUntil},
     failure::Failure,
-    interrupt, output,
+    interrupt,
+    lights::{NamedLights, no_materials},
+    output,
     scene::{self, background_of, note_oddities},
 };
 use core::net::SocketAddr;
 use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
-use specula_viewer::{LiveTraining, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread};
+use specula_viewer::{
+    AddedLight, LightSetup, LiveTraining, PhotographSource, SetupEnvironment, ViewedScene, Viewer, ViewerError,
+    ViewerOptions, ViewerThread,
+};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -19,6 +24,10 @@ use std::{
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let opened = scene::open(&args.scene, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
     note_oddities(&opened);
+    let lights = NamedLights::read(&args.lamps)?;
+    if lights.has_lamps() && !opened.scene.gaussians.layout.is_physical {
+        return Err(no_materials());
+    }
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     let photographs = photographs_of(&opened);
@@ -27,14 +36,28 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let render = (&args.scene_options.renderer).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, None)?;
-    for file in &args.env {
-        let warnings = viewer.add_light(file, args.env_up.into())?;
-        warnings.iter().for_each(|warning| tracing::info!("{warning}"));
-    }
+    add_lights(&viewer, args, lights)?;
     interrupt::watch()?;
     print_urls(&viewer)?;
     tracing::info!("open it in a browser; Ctrl-C ends it");
     Ok(viewer.serve(interrupt::is_requested)?)
+}
+
+/// Adds environment maps, and lets the page start under the lights that are named.
+fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), Failure> {
+    let mut first = None;
+    let of_file = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
+    for (file, up) in of_file.into_iter().chain(args.env.iter().map(|file| (file, args.env_up.into()))) {
+        let AddedLight { id, warnings } = viewer.add_light(file, up)?;
+        warnings.iter().for_each(|warning| tracing::info!("{warning}"));
+        first.get_or_insert(id);
+    }
+    if args.lamps.lights.is_none() && !lights.has_lamps() {
+        return Ok(());
+    }
+    let environment = first.map_or(SetupEnvironment::None, SetupEnvironment::Added);
+    let NamedLights { turn, exposure, suns, spheres, .. } = lights;
+    Ok(viewer.start_under(LightSetup { environment, turn, exposure, suns, spheres })?)
 }
 
 impl From<ViewerError> for Failure {

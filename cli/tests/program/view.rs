@@ -29,6 +29,12 @@ fn trained(tiny: &Tiny) -> PathBuf {
     tiny.path("model")
 }
 
+/// A model with physical materials.
+fn relightable(tiny: &Tiny) -> PathBuf {
+    train(tiny, "relightable").args(["--eval", "--relightable", "--quiet"]).assert().success();
+    tiny.path("relightable")
+}
+
 /// A picture that the program writes of a view.
 fn rendered(tiny: &Tiny, model: &Path, words: &[&str], name: &str) -> RgbImage {
     let out = tiny.path("pictures");
@@ -150,6 +156,43 @@ fn a_light_is_behind_the_scene_where_that_is_asked_for() {
     assert!(corner(&shown("&backdrop=env&turn=180")) != corner(&behind), "it turns with the light");
     assert_eq!(shown("&backdrop=env&layer=normal"), shown("&layer=normal"), "behind colours alone");
     assert_eq!(site.get(&format!("/frame?{POSE}&backdrop=x")).status, 400);
+}
+
+#[test]
+fn suns_and_lamps_of_the_command_line_start_the_page() {
+    let tiny = Tiny::new();
+    let model = relightable(&tiny);
+    fs::write(tiny.path("sky.hdr"), sky(&tiny)).unwrap();
+    let file = tiny.path("evening.toml");
+    fs::write(&file, "env = \"sky.hdr\"\nexposure = -1\nturn = 20\nsun = [\"30,45\"]\n").unwrap();
+    let site = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap(), "--lamp", "0,0,3,2:ff8800"]);
+    let scene = site.get("/scene").json();
+    let setup = json!({"light": 1, "turn": 20.0, "stops": -1.0, "suns": "30,45,3,0.53", "lamps": "0,0,3,2,0:ff8800"});
+    assert_eq!((&scene["setup"], &scene["physical"]), (&setup, &json!(true)));
+    assert_eq!(scene["lights"][2], json!({"id": 1, "name": "sky", "file": "sky.hdr", "up": "scene"}));
+    let sunny = Site::of(&model, &["--quiet", "--sun", "30,45"]);
+    assert_eq!(sunny.get("/scene").json()["setup"]["light"], json!("none"), "suns alone shine, as with relight");
+    let shown = |words: &str| sunny.get(&format!("/frame?{POSE}{words}"));
+    assert!(shown("&light=none&suns=30,45").picture() != shown("&light=none").picture());
+    let many = ["0,45"; 9].join(";");
+    for (words, word) in
+        [(format!("&suns={many}"), "at most 8"), ("&suns=0,NaN".into(), "suns"), ("&rays=99".into(), "rays")]
+    {
+        let refused = shown(&words);
+        assert!(refused.status == 400 && refused.text().contains(word), "{words}: {refused:?}");
+    }
+
+    let refused = |model: &Path, words: &[&str], word: &str| {
+        let output = specula().arg("view").arg(model).args(["--listen", "0"]).args(words).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && said.contains(word), "{words:?}: {said}");
+    };
+    refused(&model, &[["--sun", "0,45"]; 9].concat(), "at most 8");
+    refused(&model, &["--lights", "nowhere.toml"], "nowhere.toml");
+    let plain = trained(&tiny);
+    refused(&plain, &["--sun", "0,45"], "--relightable");
+    let answer = Site::of(&plain, &["--quiet"]).get(&format!("/frame?{POSE}&suns=0,45"));
+    assert!(answer.status == 400 && answer.text().contains("--relightable"), "{answer:?}");
 }
 
 #[test]
@@ -545,6 +588,8 @@ fn a_browser_shows_turns_and_relights_the_scene() {
     the_address_says_what_is_shown(&browser, &page, &first);
     a_change_while_a_picture_is_unpacked_is_waited_for(&page, &first);
     a_slow_link_ends_with_the_same(&browser, &site, &first);
+    materials_are_told_of_where_there_are_none(&page);
+    suns_and_lamps_are_placed_and_dragged(&browser, &tiny);
     the_token_is_needed_and_found(&browser, &model);
 }
 
@@ -776,6 +821,96 @@ fn a_change_while_a_picture_is_unpacked_is_waited_for(page: &Page<'_>, first: &R
     );
     page.press("1");
     assert!(is_same(&shown(page), first), "what is out of date does not count as shown");
+}
+
+fn materials_are_told_of_where_there_are_none(page: &Page<'_>) {
+    let is_shown = |id: &str| page.eval(&format!("!document.getElementById('{id}').hidden"));
+    assert_eq!([is_shown("no-lamps"), is_shown("lamps-of-materials"), is_shown("colors")], [true, false, false]);
+}
+
+/// Pixels of a window with a panel beside the picture.
+const WIDE: [u32; 2] = [900, 640];
+
+fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
+    let model = relightable(tiny);
+    let site = Site::of(&model, &["--quiet"]);
+    let page = browser.open(&site.url, WIDE);
+    let first = shown(&page);
+    let click = |id: &str| drop(page.eval(&format!("document.getElementById('{id}').click()")));
+    let centre = |selector: &str| -> [f64; 2] {
+        let rect = format!("document.querySelector('{selector}').getBoundingClientRect()");
+        let centre = page.eval(&format!("(({{ x, y, width, height }}) => [x + width / 2, y + height / 2])({rect})"));
+        serde_json::from_value(centre).unwrap()
+    };
+    let address = || page.eval("location.hash").as_str().unwrap().to_owned();
+
+    click("add-sun");
+    let sunny = shown(&page);
+    assert!(share_that_differs(&first, &sunny) > 0.02, "a sun shines");
+    page.wait("location.hash.includes('suns=')");
+    let suns = address().split(['#', '&']).find(|part| part.starts_with("suns=")).unwrap().to_owned();
+    let size = format!("{},{}", sunny.width(), sunny.height());
+    let asked = site.get(&format!("/frame?view=0&size={size}&{suns}")).picture();
+    let [left, above] = [sunny.width() - asked.width(), sunny.height() - asked.height()].map(|edge| edge / 2);
+    let inside = image::imageops::crop_imm(&sunny, left, above, asked.width(), asked.height()).to_image();
+    assert!(is_same(&inside, &asked), "at rest it has all shadow rays");
+    let other = browser.open(page.eval("location.href").as_str().unwrap(), WIDE);
+    assert!(is_same(&shown(&other), &sunny), "whoever opens the address sees the same");
+    other.close();
+
+    let from = centre("#suns-of-dial circle");
+    page.drag(from, [from[0] + 40.0, from[1] - 20.0]);
+    let moved = shown(&page);
+    assert!(share_that_differs(&sunny, &moved) > 0.01, "the sun is dragged on its dial");
+    page.wait(&format!("!location.hash.includes('{suns}')"));
+    let is_preview = "performance.getEntriesByType('resource').some((entry) => entry.name.includes('rays=4'))";
+    assert_eq!(page.eval(is_preview), true, "with few rays meanwhile");
+
+    click("add-lamp");
+    let lit = shown(&page);
+    assert!(share_that_differs(&moved, &lit) > 0.01, "a lamp shines");
+    page.wait("location.hash.includes('lamps=')");
+    let before = address();
+    let from = centre("#handles button");
+    let to = [from[0] - 60.0, from[1] + 30.0];
+    page.drag(from, to);
+    assert!(share_that_differs(&lit, &shown(&page)) > 0.005, "the lamp is dragged on the picture");
+    let at = centre("#handles button");
+    assert!((0..2).all(|k| (at[k] - to[k]).abs() < 1.5), "its handle is under the pointer: {at:?} rather than {to:?}");
+    page.wait(&format!("location.hash !== '{before}'"));
+
+    page.eval(
+        "(() => {
+          const address = URL.createObjectURL;
+          URL.createObjectURL = (blob) => address((window.latest = blob));
+          HTMLAnchorElement.prototype.click = () => {};
+        })()",
+    );
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 'none'; list.dispatchEvent(new Event('change')); })()");
+    let in_darkness = shown(&page);
+    click("save-lights");
+    let file = tiny.path("lights.toml");
+    fs::write(&file, page.eval("window.latest.text()").as_str().unwrap()).unwrap();
+    page.wait("location.hash.includes('light=none')");
+    let again = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap()]);
+    let other = browser.open(&again.url, WIDE);
+    assert!(is_same(&shown(&other), &in_darkness), "the file says the same");
+    other.close();
+    let mut relight = specula();
+    relight.arg("relight").arg(&model).arg("--lights").arg(&file).args(["--executor", "cpu", "--quiet", "-o"]);
+    relight.arg(tiny.path("relit")).assert().success();
+
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
+    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
+    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
+    assert!(is_same(&shown(&page), &first), "without them it is as before");
+    page.eval("document.querySelector('[data-shading=physical]').click()");
+    let materials = shown(&page);
+    assert!(!is_same(&materials, &first), "materials can be seen under the training's light");
+    page.wait("location.hash.includes('shading=physical') && !location.hash.includes('suns')");
+    page.eval("document.querySelector('[data-shading=view]').click()");
+    assert!(is_same(&shown(&page), &first), "and view-dependent colours again");
+    page.close();
 }
 
 fn the_token_is_needed_and_found(browser: &Browser, model: &Path) {

@@ -3,17 +3,23 @@
 /** Attempts to upload a light, and the delay between them in milliseconds. */
 const ATTEMPTS = 120;
 const RETRY_DELAY = 1000;
+/** Largest exposure of the slider, in stops. */
+const STOPS_MAX = 4;
 
 export class Light {
   /** `initial` holds the parameters of the URL fragment at page load. */
   constructor(server, initial, changed, notify) {
     Object.assign(this, { server, changed, notify, id: 0, turn: 0, stops: 0 });
     const element = (id) => document.getElementById(id);
+    // The slider reaches the exposure that the page starts with.
+    this.stopsMax = Math.max(STOPS_MAX, Math.abs(server.scene.setup.stops));
+    this.labels = new Map();
     [this.choice, this.panorama, this.file] = ["lights", "panorama", "light-file"].map(element);
     [this.turnInput, this.stopsInput] = ["turn", "stops"].map(element);
     element("light").hidden = !server.scene.shaded;
+    [this.stopsInput.min, this.stopsInput.max] = [-this.stopsMax, this.stopsMax];
     server.scene.lights.forEach((light) => this.addOption(light));
-    this.choice.addEventListener("change", () => this.choose(Number(this.choice.value)));
+    this.choice.addEventListener("change", () => this.choose(this.choice.value));
     element("open-light").addEventListener("click", () => this.file.click());
     this.file.addEventListener("change", () => this.upload([...this.file.files]));
     this.turnInput.addEventListener("input", () => this.set({ turn: Number(this.turnInput.value) }));
@@ -26,17 +32,20 @@ export class Light {
   }
 
   /** Restores the selection from parameters of the URL fragment. */
-  restore({ light, turn, stops, backdrop }) {
-    const { lights } = this.server.scene;
+  restore({ backdrop, ...given }) {
+    const { lights, setup } = this.server.scene;
+    const { light, turn, stops } = { ...setup, ...given };
     this.backdrop.checked = backdrop === "env";
     this.set({ turn: Number(turn) || 0, stops: Number(stops) || 0 });
-    this.choose(lights.some(({ id }) => id === Number(light)) ? Number(light) : lights[0].id);
+    this.choose(this.labels.has(String(light)) ? light : lights[0].id);
   }
 
-  /** Parameters of the URL fragment: those that differ from their defaults. */
+  /** Parameters of the URL fragment: those that differ from zero here or where the page starts. */
   state() {
+    const { setup } = this.server.scene;
     const all = { light: this.id, turn: this.turn, stops: this.stops };
-    const changed = Object.fromEntries(Object.entries(all).filter(([, value]) => value !== 0));
+    const differs = ([name, value]) => value !== 0 || setup[name] !== 0;
+    const changed = Object.fromEntries(Object.entries(all).filter(differs));
     return this.backdrop.checked ? { ...changed, backdrop: "env" } : changed;
   }
 
@@ -51,13 +60,24 @@ export class Light {
     return { light, turn, stops, ...(this.backdrop.checked ? { backdrop: "env" } : {}) };
   }
 
-  addOption({ id, name }) {
-    this.choice.add(new Option(name, id));
+  addOption(label) {
+    this.labels.set(String(label.id), label);
+    this.choice.add(new Option(label.id === "none" ? "none: darkness" : label.name, label.id));
+  }
+
+  /** Label of the selected light. */
+  get label() {
+    return this.labels.get(String(this.id)) ?? { id: 0 };
+  }
+
+  /** Whether the light is that of the training, as it was. */
+  get isOwn() {
+    return this.id === 0 && this.turn === 0 && this.stops === 0;
   }
 
   choose(id) {
-    this.id = id;
-    this.choice.value = id;
+    this.id = this.labels.get(String(id)).id;
+    this.choice.value = this.id;
     this.loadPreview();
     this.set({});
   }
@@ -78,7 +98,7 @@ export class Light {
   /** Sets the rotation in degrees and the exposure in stops. */
   set({ turn = this.turn, stops = this.stops }) {
     this.turn = ((((turn + 180) % 360) + 360) % 360) - 180;
-    this.stops = Math.min(Math.max(stops, -4), 4);
+    this.stops = Math.min(Math.max(stops, -this.stopsMax), this.stopsMax);
     this.turnInput.value = this.turn;
     this.stopsInput.value = this.stops;
     document.getElementById("turn-value").value = `${Math.round(this.turn)}°`;

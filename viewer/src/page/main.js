@@ -3,7 +3,10 @@
 import { Address, initial, token } from "./address.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
+import { Handles } from "./handles.js";
+import { Lamps } from "./lamps.js";
 import { Light } from "./light.js";
+import { Materials } from "./materials.js";
 import { Path, save } from "./path.js";
 import { Stream } from "./stream.js";
 import { Training } from "./training.js";
@@ -41,6 +44,14 @@ const server = {
 
 /** Longer edge of the picture in which the depth under the pointer is looked up, in pixels. */
 const FOCUS_EDGE = 640;
+/** Shadow rays of a pixel to each lamp during movement; at rest the server's default holds. */
+const PREVIEW_RAYS = 4;
+/** Components of physical materials, as their buttons explain them. */
+const HINTS = {
+  albedo: "colour of the material without light",
+  metallic: "share of metal, white is a metal",
+  ambient: "share of the surrounding light that is not shadowed, white is open",
+};
 /** Duration of an error message, in milliseconds. */
 const MESSAGE_TIME = 8000;
 
@@ -64,26 +75,41 @@ async function start() {
   const camera = new Camera(scene);
   camera.restore(initial);
   let layer = "rgb";
-  let light = null;
-  const query = () => ({ layer, ...(light ? light.query() : {}) });
-  const stream = new Stream(canvas, (size) => ({ ...query(), ...camera.query(size) }), server);
+  let [light, lamps, materials, handles] = [null, null, null, null];
+  const query = () => ({ layer, ...light?.query(), ...lamps?.query(), ...materials?.query() });
+  const preview = () => (lamps?.isDark === false ? { rays: PREVIEW_RAYS } : {});
+  const pictureQuery = (size, isStill) => ({ ...query(), ...(isStill ? {} : preview()), ...camera.query(size) });
+  const stream = new Stream(canvas, pictureQuery, server);
   stream.onshown = (frame) => {
+    handles?.update();
     if (element("message").className === "stream") notify("");
     showStatus(frame, layer);
   };
   stream.hasBackground = () => layer === "rgb" && !query().backdrop;
   stream.onerror = (error) => notify(error.message, "stream");
-  const state = () => ({ ...camera.state(), ...(light ? light.state() : {}), ...(layer === "rgb" ? {} : { layer }) });
+  const state = () => ({
+    ...camera.state(),
+    ...light?.state(),
+    ...lamps?.state(),
+    ...materials?.query(),
+    ...(layer === "rgb" ? {} : { layer }),
+  });
   const address = new Address(state);
+  /** Shows a change of camera or lights, which goes on or is a single step. */
+  const changed = (isMoving) => {
+    address.changed();
+    lamps?.alignDial();
+    handles?.update();
+    materials?.show();
+    stream.change(isMoving);
+  };
   const moved = () => {
     showCamera(camera);
-    address.changed();
-    stream.change();
+    changed(true);
   };
   const jumped = () => {
     showCamera(camera);
-    address.changed();
-    stream.change(false);
+    changed(false);
   };
   /** Changes the camera in one step of the undo history. */
   const jump = (change) => {
@@ -101,7 +127,12 @@ async function start() {
   };
   addLayerButtons(scene.layers, showLayer);
   addViewOptions(scene.views, (index) => jump(() => camera.showView(index)));
-  light = new Light(server, initial, () => stream.change(address.changed()), notify);
+  light = new Light(server, initial, () => changed(true), notify);
+  lamps = new Lamps(server, initial, light, camera, changed, notify);
+  const suits = () => (lamps.isDark && light.isOwn ? "view" : "physical");
+  materials = new Materials(scene, initial, suits, () => !lamps.isDark, () => changed(false));
+  handles = new Handles(canvas, stream, camera, lamps);
+  lamps.onselect = () => handles.update();
   const path = new Path(camera, server, query, moved, notify);
   const training = new Training(server, stream, light, notify);
 
@@ -111,6 +142,7 @@ async function start() {
     document.body.classList.toggle("with-panel", !panel.hidden);
     element("show-panel").setAttribute("aria-expanded", !panel.hidden);
     light.alignPanorama();
+    handles.update();
   };
   const toggleMode = () => {
     camera.mode = camera.mode === "orbit" ? "fly" : "orbit";
@@ -155,7 +187,7 @@ async function start() {
 
   // Small screens start without the panel.
   if (window.matchMedia("(max-width: 640px), (max-height: 480px)").matches) togglePanel();
-  new ResizeObserver(() => stream.change(false)).observe(canvas);
+  new ResizeObserver(() => changed(false)).observe(canvas);
   showLayer(scene.layers.includes(initial.layer) ? initial.layer : "rgb");
   showCamera(camera);
 }
@@ -183,7 +215,10 @@ function addLayerButtons(layers, show) {
     button.dataset.layer = name;
     button.setAttribute("role", "radio");
     const key = name === "error" ? "x" : (index + 1) % 10;
-    button.title = name === "error" ? "Difference from the photograph of the nearest view (x)" : `${name} (${key})`;
+    const hint = name in HINTS ? `${name}: ${HINTS[name]}` : name;
+    // There are keys for ten layers.
+    const stroke = index < 10 ? ` (${key})` : "";
+    button.title = name === "error" ? "Difference from the photograph of the nearest view (x)" : hint + stroke;
     button.addEventListener("click", () => show(name));
     return button;
   };

@@ -14,7 +14,7 @@ const FAST_LINK = 1500;
 const RETRY_DELAY = 1000;
 
 export class Stream {
-  /** `query` returns the parameters of a picture of a given size. */
+  /** `query` returns the parameters of a picture of a given size, at rest or during movement. */
   constructor(canvas, query, server) {
     Object.assign(this, { canvas, query, server });
     this.context = canvas.getContext("2d", { alpha: false });
@@ -93,7 +93,7 @@ export class Stream {
       ? { format: "png" }
       : { format: "jpeg", quality: isDraft ? 92 : this.isSlow ? 45 : 75 };
     const start = performance.now();
-    const query = { ...this.query(size), size: size.join(","), ...encoding };
+    const query = { ...this.query(size, isStill), size: size.join(","), ...encoding };
     const response = await this.server.get("frame", query, { signal: abort.signal });
     const blob = await response.blob();
     const picture = await createImageBitmap(blob);
