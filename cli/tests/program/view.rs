@@ -858,6 +858,7 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     assert!(is_same(&shown(&other), &sunny), "whoever opens the address sees the same");
     other.close();
 
+    page.eval("document.getElementById('dial').scrollIntoView({ block: 'center' })");
     let from = centre("#suns-of-dial circle");
     page.drag(from, [from[0] + 40.0, from[1] - 20.0]);
     let moved = shown(&page);

@@ -8,12 +8,14 @@ const SUN = { strength: 3, width: 0.53, color: "ffffff" };
 /** Azimuth of an added sun from the viewer's own, and its elevation, in degrees. */
 const SUN_ASIDE = 40;
 const SUN_ELEVATION = 45;
-/** Place of an added lamp from the target: up, right, towards the eye, relative to its distance. */
-const LAMP_ASIDE = [0.3, 0.2, 0.3];
+/** Place of an added lamp: nearer than the target, relative to its distance; to the right of the
+ *  picture's centre and above it, relative to half of the shorter edge. */
+const LAMP_NEARER = 0.25;
+const LAMP_ASIDE = [0.4, 0.6];
 /** Radius of an added lamp, relative to that distance. */
 const LAMP_RADIUS = 0.02;
 /** Irradiance of the target by an added lamp. */
-const LAMP_IRRADIANCE = 3;
+const LAMP_IRRADIANCE = 2;
 /** Largest radius that the slider reaches, relative to the first camera's distance. */
 const RADIUS_MAX = 0.25;
 /** Ends of the slider of strengths, in powers of two. */
@@ -118,9 +120,10 @@ export class Lamps {
   }
 
   addLamp() {
-    const { eye, look, right, distance } = this.camera;
-    const [above, aside, nearer] = LAMP_ASIDE.map((share) => share * distance);
-    const offset = [[this.server.scene.up, above], [right, aside], [look, -nearer]];
+    const { eye, look, right, angle, distance } = this.camera;
+    const half = (1 - LAMP_NEARER) * distance * Math.tan(radians(angle) / 2);
+    const [aside, above] = LAMP_ASIDE.map((share) => share * half);
+    const offset = [[cross(right, look), above], [right, aside], [look, -LAMP_NEARER * distance]];
     const away = offset.reduce((sum, [axis, step]) => add(sum, scale(axis, step)), [0, 0, 0]);
     const position = add(add(eye, scale(look, distance)), away).map((x) => rounded(x));
     const strength = rounded(LAMP_IRRADIANCE * dot(away, away), 3);
