@@ -21,7 +21,7 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 /// environment map (.hdr, .exr) can be dropped onto the page and rotated by dragging. Camera paths
 /// can be recorded and rendered to a ZIP file of frames. Models of --relightable are lit by suns
 /// and lamps, which are added and dragged on the page; --sun, --lamp and --lights let it start with
-/// some, beside the first map of --env.
+/// some, in darkness or under the first map of --env.
 ///
 /// The page is only reachable from this machine, unless --listen names another address. It then
 /// requires a token, which is part of the printed address. Connections are not encrypted: in
@@ -52,8 +52,8 @@ pub(crate) struct View {
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// The page starts under these suns and lamps and the environment map of --lights or the first
-    /// of --env, as relight shows them; without such a map they shine alone.
+    /// The page starts under these suns and lamps and the first map of --env, else that of --lights,
+    /// as relight shows them; without such a map they shine alone.
     #[command(flatten)]
     pub(crate) lamps: LampOptions,
     /// Background; by default that of the training, else black.

@@ -47,7 +47,8 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
 fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), Failure> {
     let mut first = None;
     let of_file = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
-    for (file, up) in of_file.into_iter().chain(args.env.iter().map(|file| (file, args.env_up.into()))) {
+    // As with relight, --env takes the place of a file's map, which can be chosen on the page.
+    for (file, up) in args.env.iter().map(|file| (file, args.env_up.into())).chain(of_file) {
         let AddedLight { id, warnings } = viewer.add_light(file, up)?;
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
         first.get_or_insert(id);

@@ -170,6 +170,15 @@ fn suns_and_lamps_of_the_command_line_start_the_page() {
     let setup = json!({"light": 1, "turn": 20.0, "stops": -1.0, "suns": "30,45,3,0.53", "lamps": "0,0,3,2,0:ff8800"});
     assert_eq!((&scene["setup"], &scene["physical"]), (&setup, &json!(true)));
     assert_eq!(scene["lights"][2], json!({"id": 1, "name": "sky", "file": "sky.hdr", "up": "scene"}));
+    fs::copy(tiny.path("sky.hdr"), tiny.path("noon.hdr")).unwrap();
+    let both = ["--quiet", "--lights", file.to_str().unwrap(), "--env", tiny.path("noon.hdr").to_str().unwrap()]
+        .map(str::to_owned);
+    let scene = Site::of(&model, &both.each_ref().map(String::as_str)).get("/scene").json();
+    assert_eq!(
+        (&scene["setup"]["light"], &scene["lights"][2]["name"]),
+        (&json!(1), &json!("noon")),
+        "--env comes first"
+    );
     let sunny = Site::of(&model, &["--quiet", "--sun", "30,45"]);
     assert_eq!(sunny.get("/scene").json()["setup"]["light"], json!("none"), "suns alone shine, as with relight");
     let shown = |words: &str| sunny.get(&format!("/frame?{POSE}{words}"));
@@ -241,7 +250,7 @@ fn clients_look_at_what_they_like_and_go_when_they_like() {
     let model = trained(&tiny);
     let site = Site::of(&model, &["--quiet"]);
     let added = site.post("/light?name=sky.hdr", &sky(&tiny)).json();
-    assert_eq!(added, json!({"id": 1, "name": "sky", "notes": []}));
+    assert_eq!(added, json!({"id": 1, "name": "sky", "file": "sky.hdr", "up": "scene", "notes": []}));
     let paths = ["", "&light=1", "&light=1&turn=90", "&light=1&stops=2", "&layer=normal"]
         .map(|more| format!("/frame?view=0&size=32,32{more}"));
     let alone: Vec<Vec<u8>> = paths.iter().map(|path| site.get(path).body).collect();
@@ -825,7 +834,8 @@ fn a_change_while_a_picture_is_unpacked_is_waited_for(page: &Page<'_>, first: &R
 
 fn materials_are_told_of_where_there_are_none(page: &Page<'_>) {
     let is_shown = |id: &str| page.eval(&format!("!document.getElementById('{id}').hidden"));
-    assert_eq!([is_shown("no-lamps"), is_shown("lamps-of-materials"), is_shown("colors")], [true, false, false]);
+    let shown = ["no-lamps", "lamps-of-materials", "colors"].map(is_shown);
+    assert_eq!(shown, [true, false, false], "a sentence takes the place of lamps");
 }
 
 /// Pixels of a window with a panel beside the picture.
