@@ -52,8 +52,8 @@ pub(crate) struct View {
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// The page starts under these suns and lamps and the first map of --env, else that of --lights,
-    /// as relight shows them; without such a map they shine alone.
+    /// The page starts under these suns and lamps and the first map of --env, else that of
+    /// --lights, as relight shows them; without such a map they shine alone.
     #[command(flatten)]
     pub(crate) lamps: LampOptions,
     /// Background; by default that of the training, else black.
