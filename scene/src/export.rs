@@ -304,7 +304,7 @@ impl PlainGaussians {
             let residual = self.kept.iter().map(|index| gaussians.get::<3>(*index, start + 3 * k));
             Attribute::of(glb::harmonic("RESIDUAL", k), residual)
         }));
-        let [form, axis, filter] = shading_model.names();
+        let [form, axis, filter, _] = shading_model.names();
         let properties = json!({"form": form, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
         let light = light.as_ref().map(|light| (radiance(light), light.resolution));

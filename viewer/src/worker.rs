@@ -74,8 +74,8 @@ pub(crate) struct RenderWorker {
     layout: Layout,
     shading_model: ShadingModel,
     needs: Needs,
-    /// Whether reflected rays may meet the scene itself.
-    traces_near: bool,
+    /// Whether there is a surface that reflected rays may meet.
+    has_surface: bool,
     lights: Arc<Lights>,
     /// In the order of their last use.
     filtered: Vec<FilteredLight>,
@@ -102,7 +102,7 @@ impl RenderWorker {
     ) -> Result<Self, SceneError> {
         let scene = scene.rounded(storage);
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
-        let traces_near = scene.near_field.is_some();
+        let has_surface = scene.near_field.is_some();
         let renderer = load(scene)?;
         let filtered = Vec::new();
         Ok(Self {
@@ -111,7 +111,7 @@ impl RenderWorker {
             layout,
             shading_model,
             needs,
-            traces_near,
+            has_surface,
             lights,
             filtered,
             views,
@@ -150,7 +150,7 @@ impl RenderWorker {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
         self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
-        self.traces_near = scene.near_field.is_some();
+        self.has_surface = scene.near_field.is_some();
         self.lights.set_scene_light(scene.light);
         self.filtered.clear();
         Ok(())
@@ -296,7 +296,7 @@ impl RenderWorker {
     fn rules(&self, cube: Option<&Cube>, model: ShadingModel, channels: Channels) -> RenderRules {
         let needs = self.needs.under(cube);
         let levels = cube.map(|cube| levels_of(cube, model.scheme));
-        model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.traces_near).rules
+        model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.has_surface && model.traces_near()).rules
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.
