@@ -296,7 +296,10 @@ impl RenderWorker {
     fn rules(&self, cube: Option<&Cube>, model: ShadingModel, channels: Channels) -> RenderRules {
         let needs = self.needs.under(cube);
         let levels = cube.map(|cube| levels_of(cube, model.scheme));
-        model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.has_surface && model.traces_near()).rules
+        model
+            .plan(self.layout, &needs, levels.as_ref(), channels)
+            .tracing(self.has_surface && model.traces_near())
+            .rules
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.
