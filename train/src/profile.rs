@@ -358,9 +358,16 @@ fn official(iterations: u32) -> Profile {
     }
 }
 
+/// Rate that falls over a training of `specula`: to a tenth from 7000 iterations on, to more in
+/// shorter trainings, which end before they have converged (docs/trials.md).
+fn falling(rate: f32, iterations: u32) -> Schedule {
+    let share = (700.0 / iterations.max(1) as f32).clamp(0.1, 0.5);
+    Schedule { first: rate, last: share * rate, steps: iterations }
+}
+
 /// specula's own profile, tuned for quality.
 fn specula(iterations: u32) -> Profile {
-    let falling = |rate: f32| Schedule { first: rate, last: 0.1 * rate, steps: iterations };
+    let falling = |rate: f32| falling(rate, iterations);
     let paper = paper(iterations);
     Profile {
         name: "specula",
@@ -462,7 +469,7 @@ impl Profile {
             self.layout = self.layout.physical();
             self.physical = Some(PhysicalSchedule::DEFAULT);
             self.near_field = Some(NearFieldSchedule::DEFAULT);
-            self.rates.material = Schedule { first: 2e-2, last: 2e-3, steps: iterations };
+            self.rates.material = falling(2e-2, iterations);
         }
         self
     }
@@ -583,6 +590,18 @@ mod tests {
         assert_eq!(profile().reflecting_itself().relightable(1000).reflections, Reflections::Near);
         let per_gaussian = by_name("paper", 1000).expect("a profile");
         assert_eq!(per_gaussian.clone().reflecting_itself().relightable(1000), per_gaussian);
+    }
+
+    #[test]
+    fn rates_of_short_trainings_fall_less() {
+        let share = |iterations: u32| {
+            let Schedule { first, last, .. } = by_name("specula", iterations).expect("a profile").rates.tint;
+            last / first
+        };
+        let expected = [(0, 0.5), (1400, 0.5), (2000, 0.35), (7000, 0.1), (30_000, 0.1)];
+        for (iterations, expected) in expected {
+            assert!((share(iterations) - expected).abs() < 1e-6, "{iterations}: {}", share(iterations));
+        }
     }
 
     #[test]
