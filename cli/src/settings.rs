@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
 };
 use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, shade::ShadingForm};
-use specula_train::profile::{self, Ablation, NearFieldSchedule, Profile};
+use specula_train::profile::{self, Ablation, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations` on
 /// pictures of objects or of whole scenes.
@@ -88,11 +88,9 @@ fn with_light(profile: Profile, kind: LightKind, iterations: u32) -> Result<Prof
 
 /// Profile with reflections of the far light alone or of the scene itself.
 fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> Result<Profile, Failure> {
-    let is_per_pixel = profile.light.is_some() && profile.shading.form == ShadingForm::Deferred;
     match reflections {
-        None => {}
-        Some(Reflections::Far) => profile.near_field = None,
-        Some(Reflections::Near) if is_per_pixel => profile.near_field = Some(NearFieldSchedule::DEFAULT),
+        None | Some(Reflections::Far) => {}
+        Some(Reflections::Near) if profile.is_lit_per_pixel() => profile = profile.reflecting_itself(),
         Some(Reflections::Near) => {
             return Err(Failure::Input(format!(
                 "rays are reflected pixel by pixel; use --profile specula, or --light-per pixel, with --reflections near \

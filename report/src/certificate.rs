@@ -68,7 +68,9 @@ impl CertificateError {
 
 /// Scene, cameras and background as the subject of measurements, with splats in the order of means.
 pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> Subject {
-    let Scene { gaussians, light, near_field, shading_model: ShadingModel { shading, scheme }, .. } = scene;
+    let Scene { gaussians, light, near_field, shading_model, .. } = scene;
+    let ShadingModel { shading, scheme, .. } = shading_model;
+    let near_field = near_field.filter(|_| shading_model.traces_near());
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
     Subject { gaussians, light, near_field, shading, scheme, cameras, background, order: BlendOrder::Mean }
 }

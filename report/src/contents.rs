@@ -54,7 +54,7 @@ impl Contents {
         let degree = layout.sh_degree;
         contents.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
         if layout.is_shaded() {
-            let [shading, axis, prefilter] = scene.shading_model.names();
+            let [shading, axis, prefilter, _] = scene.shading_model.names();
             let text = format!("{shading}; normals from axis: {axis}; light filtered: {prefilter}");
             contents.add("shading", text, json!({"form": shading, "axis": axis, "prefilter": prefilter}));
         }

@@ -167,7 +167,7 @@ fn surrounded<E: ReadBack>(
 
 impl<E: ReadBack> Baker<E> {
     fn new(mut exec: E, scene: &Scene) -> Result<Self, E::Error> {
-        let ShadingModel { shading, scheme } = scene.shading_model;
+        let ShadingModel { shading, scheme, .. } = scene.shading_model;
         let light = match &scene.light {
             Some(light) => {
                 let light = fitting(light, scheme);
@@ -177,7 +177,7 @@ impl<E: ReadBack> Baker<E> {
             }
             None => None,
         };
-        let traces_near = scene.near_field.is_some();
+        let traces_near = scene.near_field.is_some() && scene.shading_model.traces_near();
         let picture_rules = RenderRules { traces_near, ..RenderRules::full(shading, scheme, Channels::Layers) };
         let gaussian_rules = RenderRules::full(per_gaussian(shading), scheme, Channels::Color);
         Ok(Self { exec, light, picture_rules, gaussian_rules })

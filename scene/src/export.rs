@@ -47,6 +47,7 @@ use specula_core::{
     cull::CullReason,
     executor::ReadBack,
     scene::{Gaussians, Layout},
+    shade::ShadingRules,
 };
 use specula_io::{
     Result, gaussian_ply,
@@ -299,12 +300,19 @@ impl PlainGaussians {
             Attribute::of("TINT".into(), all().map(|activated| activated.tint)),
             Attribute::of("ROUGHNESS".into(), all().map(|activated| [activated.roughness])),
         ];
+        if gaussians.layout.is_physical {
+            // Albedo and metalness take the places of diffuse colour and tint.
+            let all =
+                || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, ShadingRules::PHYSICAL));
+            attributes.push(Attribute::of("ALBEDO".into(), all().map(|activated| activated.diffuse)));
+            attributes.push(Attribute::of("METALLIC".into(), all().map(|activated| [activated.tint[0]])));
+        }
         let start = gaussians.layout.sh_start();
         attributes.extend((0..gaussians.layout.sh_count()).map(|k| {
             let residual = self.kept.iter().map(|index| gaussians.get::<3>(*index, start + 3 * k));
             Attribute::of(glb::harmonic("RESIDUAL", k), residual)
         }));
-        let [form, axis, filter] = shading_model.names();
+        let [form, axis, filter, _] = shading_model.names();
         let properties = json!({"form": form, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
         let light = light.as_ref().map(|light| (radiance(light), light.resolution));

@@ -59,7 +59,7 @@ impl Scene {
     pub fn plan(&self, channels: Channels) -> Plan {
         let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
         let plan = self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels);
-        plan.tracing(self.near_field.is_some()).illuminated(self.lamps.is_some())
+        plan.tracing(self.near_field.is_some() && self.shading_model.traces_near()).illuminated(self.lamps.is_some())
     }
 
     /// Gaussians rounded to their storage, so that a plan looks at the numbers that are rendered.

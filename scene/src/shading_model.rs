@@ -17,7 +17,7 @@ use specula_core::{
     shade::{ShadingForm, ShadingRules},
 };
 use specula_io::model_folder::Model;
-use specula_train::profile::Profile;
+use specula_train::profile::{Profile, Reflections};
 
 /// First word of a PLY comment that names a shading model.
 const COMMENT: &str = "specula";
@@ -49,15 +49,19 @@ pub struct ShadingModel {
     pub shading: ShadingRules,
     /// Prefilter of the light.
     pub scheme: PrefilterScheme,
+    /// Light that mirrored rays of view-dependent colours bring, in scenes with a near field.
+    pub reflections: Reflections,
 }
 
 impl ShadingModel {
     /// Equations of the paper, with the exact prefilter.
-    pub const PAPER: Self = Self { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact };
+    pub const PAPER: Self =
+        Self { shading: ShadingRules::PAPER, scheme: PrefilterScheme::Exact, reflections: Reflections::Near };
     /// Equations of the paper with light looked up per pixel.
     pub const DEFERRED: Self = Self { shading: ShadingRules::DEFERRED, ..Self::PAPER };
     /// Behaviour of the authors' code.
-    pub const OFFICIAL: Self = Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official };
+    pub const OFFICIAL: Self =
+        Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official, ..Self::PAPER };
 
     /// Plan of pictures with these channels, for Gaussians of this layout: the one place that
     /// decides which stages they can do without.
@@ -77,9 +81,14 @@ impl ShadingModel {
         Self { shading: ShadingRules { form, ..self.shading }, ..self }
     }
 
+    /// Whether mirrored rays meet the surface of a scene that has one.
+    pub fn traces_near(self) -> bool {
+        self.shading.form == ShadingForm::Physical || self.reflections == Reflections::Near
+    }
+
     /// Shading model that a profile trains.
     pub const fn of_profile(profile: &Profile) -> Self {
-        Self { shading: profile.shading, scheme: profile.scheme }
+        Self { shading: profile.shading, scheme: profile.scheme, reflections: profile.reflections }
     }
 
     /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file;
@@ -87,13 +96,18 @@ impl ShadingModel {
     pub fn of_model(model: &Model) -> Self {
         let from_info = model.info.as_ref().and_then(|info| {
             let word = |key: &str| info.rest.get(key).and_then(Value::as_str);
-            Self::from_names(&info.shading, word("axis"), word("prefilter"))
+            Self::from_names(&info.shading, word("axis"), word("prefilter"), word("reflections"))
         });
         let from_comments = || model.comments.iter().find_map(|comment| Self::from_comment(comment));
         from_info.or_else(from_comments).unwrap_or(Self::OFFICIAL)
     }
 
-    fn from_names(shading: &str, axis: Option<&str>, prefilter: Option<&str>) -> Option<Self> {
+    fn from_names(
+        shading: &str,
+        axis: Option<&str>,
+        prefilter: Option<&str>,
+        reflections: Option<&str>,
+    ) -> Option<Self> {
         let mut model = match shading {
             "paper" => Self::PAPER,
             "deferred" => Self::DEFERRED,
@@ -111,6 +125,11 @@ impl ShadingModel {
             Some("official") => PrefilterScheme::Official,
             _ => model.scheme,
         };
+        model.reflections = match reflections {
+            Some("far") => Reflections::Far,
+            Some("near") => Reflections::Near,
+            _ => model.reflections,
+        };
         Some(model)
     }
 
@@ -122,13 +141,13 @@ impl ShadingModel {
         let pairs: Map<String, Value> =
             words.filter_map(|word| word.split_once('=')).map(|(key, word)| (key.to_owned(), word.into())).collect();
         let word = |key: &str| pairs.get(key).and_then(Value::as_str);
-        Self::from_names(word("shading")?, word("axis"), word("prefilter"))
+        Self::from_names(word("shading")?, word("axis"), word("prefilter"), word("reflections"))
     }
 
     /// Comment of a PLY file, as [`ShadingModel::of_model`] reads it.
     pub fn comment(self) -> String {
-        let [shading, axis, prefilter] = self.names();
-        format!("{COMMENT} shading={shading} axis={axis} prefilter={prefilter}")
+        let [shading, axis, prefilter, reflections] = self.names();
+        format!("{COMMENT} shading={shading} axis={axis} prefilter={prefilter} reflections={reflections}")
     }
 
     /// Converts attributes of this model to the numbers of files.
@@ -141,8 +160,8 @@ impl ShadingModel {
         convert(gaussians, self.shading, -1.0);
     }
 
-    /// Names of the equation, the axis and the prefilter.
-    pub fn names(self) -> [&'static str; 3] {
+    /// Names of the equation, the axis, the prefilter and the reflections.
+    pub fn names(self) -> [&'static str; 4] {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",
@@ -158,6 +177,10 @@ impl ShadingModel {
             match self.scheme {
                 PrefilterScheme::Exact => "exact",
                 PrefilterScheme::Official => "official",
+            },
+            match self.reflections {
+                Reflections::Far => "far",
+                Reflections::Near => "near",
             },
         ]
     }
@@ -218,10 +241,19 @@ mod tests {
     }
 
     #[test]
+    fn materials_meet_the_surface_that_view_dependent_colours_may_leave_out() {
+        let far = ShadingModel { reflections: Reflections::Far, ..ShadingModel::DEFERRED };
+        assert!(!far.traces_near() && ShadingModel::DEFERRED.traces_near());
+        assert!(far.shaded(Shading::Physical).traces_near());
+        assert!(!far.shaded(Shading::Physical).shaded(Shading::View).traces_near());
+    }
+
+    #[test]
     fn comments_say_how_to_read_a_file() {
         let free_normals = ShadingRules { axis: AxisRule::None, ..ShadingRules::PAPER };
         let free = ShadingModel { shading: free_normals, ..ShadingModel::PAPER };
-        for model in [ShadingModel::PAPER, ShadingModel::DEFERRED, ShadingModel::OFFICIAL, free] {
+        let far = ShadingModel { reflections: Reflections::Far, ..ShadingModel::DEFERRED };
+        for model in [ShadingModel::PAPER, ShadingModel::DEFERRED, ShadingModel::OFFICIAL, free, far] {
             assert_eq!(ShadingModel::from_comment(&model.comment()), Some(model));
         }
         assert_eq!(ShadingModel::from_comment("made with love"), None);

@@ -94,6 +94,16 @@ pub struct GaussianStart {
     pub diffuse_share: f32,
 }
 
+/// Light that mirrored rays of view-dependent colours bring. Rays of physical materials always meet
+/// the scene's own surface, where there is one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reflections {
+    /// Light from far away alone.
+    Far,
+    /// The scene's own surface as well, where rays meet it.
+    Near,
+}
+
 /// Schedule of the near field: how often the surface that reflected rays meet is made anew.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearFieldSchedule {
@@ -167,6 +177,8 @@ pub struct Profile {
     pub physical: Option<PhysicalSchedule>,
     /// Schedule of the near field; none where reflected rays leave for the far light unhindered.
     pub near_field: Option<NearFieldSchedule>,
+    /// Light that mirrored rays of view-dependent colours bring.
+    pub reflections: Reflections,
     /// Share of the training at half resolution, where a step costs less.
     pub coarse_until: f32,
     /// Share of the training after which the normal loss begins.
@@ -230,6 +242,7 @@ fn plain(iterations: u32) -> Profile {
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
         physical: None,
         near_field: None,
+        reflections: Reflections::Far,
         coarse_until: 0.25,
         normal_from: 0.0,
         normal_last: 1.0,
@@ -345,9 +358,16 @@ fn official(iterations: u32) -> Profile {
     }
 }
 
+/// Rate that falls over a training of `specula`: to a tenth from 7000 iterations on, to more in
+/// shorter trainings, which end before they have converged (docs/trials.md).
+fn falling(rate: f32, iterations: u32) -> Schedule {
+    let share = (700.0 / iterations.max(1) as f32).clamp(0.1, 0.5);
+    Schedule { first: rate, last: share * rate, steps: iterations }
+}
+
 /// specula's own profile, tuned for quality.
 fn specula(iterations: u32) -> Profile {
-    let falling = |rate: f32| Schedule { first: rate, last: 0.1 * rate, steps: iterations };
+    let falling = |rate: f32| falling(rate, iterations);
     let paper = paper(iterations);
     Profile {
         name: "specula",
@@ -416,6 +436,21 @@ impl Profile {
         self
     }
 
+    /// Profile whose view-dependent colours reflect the scene itself; unchanged unless light is
+    /// looked up pixel by pixel.
+    pub fn reflecting_itself(mut self) -> Self {
+        if self.is_lit_per_pixel() {
+            self.near_field = Some(NearFieldSchedule::DEFAULT);
+            self.reflections = Reflections::Near;
+        }
+        self
+    }
+
+    /// Whether light is looked up pixel by pixel.
+    pub fn is_lit_per_pixel(&self) -> bool {
+        self.light.is_some() && self.shading.form == ShadingForm::Deferred
+    }
+
     /// Light from a network instead of a cube map ([`specula_core::light_network`]), of the same
     /// initial radiance; unchanged without a light.
     pub fn with_light_network(mut self, iterations: u32) -> Self {
@@ -430,11 +465,11 @@ impl Profile {
     /// Profile that also fits physical materials, for relighting, whose light may be kept away by
     /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
     pub fn relightable(mut self, iterations: u32) -> Self {
-        if self.light.is_some() && self.shading.form == ShadingForm::Deferred {
+        if self.is_lit_per_pixel() {
             self.layout = self.layout.physical();
             self.physical = Some(PhysicalSchedule::DEFAULT);
             self.near_field = Some(NearFieldSchedule::DEFAULT);
-            self.rates.material = Schedule { first: 2e-2, last: 2e-3, steps: iterations };
+            self.rates.material = falling(2e-2, iterations);
         }
         self
     }
@@ -545,6 +580,28 @@ mod tests {
         };
         assert_eq!(due(7000), [700, 2100, 3500, 4900, 6300]);
         assert_eq!(due(30), [3, 9, 15, 21, 27]);
+    }
+
+    #[test]
+    fn materials_alone_reflect_the_scene_itself_unless_view_dependent_colours_shall() {
+        let profile = || by_name("specula", 1000).expect("a profile");
+        let relightable = profile().relightable(1000);
+        assert!(relightable.near_field.is_some() && relightable.reflections == Reflections::Far);
+        assert_eq!(profile().reflecting_itself().relightable(1000).reflections, Reflections::Near);
+        let per_gaussian = by_name("paper", 1000).expect("a profile");
+        assert_eq!(per_gaussian.clone().reflecting_itself().relightable(1000), per_gaussian);
+    }
+
+    #[test]
+    fn rates_of_short_trainings_fall_less() {
+        let share = |iterations: u32| {
+            let Schedule { first, last, .. } = by_name("specula", iterations).expect("a profile").rates.tint;
+            last / first
+        };
+        let expected = [(0, 0.5), (1400, 0.5), (2000, 0.35), (7000, 0.1), (30_000, 0.1)];
+        for (iterations, expected) in expected {
+            assert!((share(iterations) - expected).abs() < 1e-6, "{iterations}: {}", share(iterations));
+        }
     }
 
     #[test]

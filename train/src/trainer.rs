@@ -5,7 +5,7 @@ use crate::{
     exposure,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
-    profile::Profile,
+    profile::{Profile, Reflections},
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
 };
@@ -199,7 +199,7 @@ impl<E: Executor> Trainer<E> {
         };
         let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
         if let Some(physical) = profile.physical.filter(|physical| physical.is_due(step.number, iterations)) {
-            let rules = physical_rules(&rules);
+            let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let weights = physical_weights(&weights, physical.weight);
             let rates = physical_rates(profile.layout, &rates);
             let step = TrainingStep { rules: &rules, weights: &weights, rates: &rates, is_observed: false, ..step };
@@ -256,7 +256,7 @@ impl<E: Executor> Trainer<E> {
         let channels = if is_plain && channels == Channels::Training { Channels::Color } else { channels };
         RenderRules {
             sh_degree: bands.or(is_plain.then_some(0)).map(|bands| bands.min(3)),
-            traces_near: self.near_field.is_some(),
+            traces_near: profile.reflections == Reflections::Near && self.near_field.is_some(),
             ..RenderRules::full(profile.shading, profile.scheme, channels)
         }
     }

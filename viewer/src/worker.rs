@@ -99,8 +99,8 @@ pub(crate) struct RenderWorker {
     layout: Layout,
     shading_model: ShadingModel,
     needs: Needs,
-    /// Whether reflected rays may meet the scene itself.
-    traces_near: bool,
+    /// Whether there is a surface that reflected rays may meet.
+    has_surface: bool,
     shadow_surface: ShadowSurface,
     lights: Arc<Lights>,
     /// In the order of their last use.
@@ -128,7 +128,7 @@ impl RenderWorker {
     ) -> Result<Self, SceneError> {
         let scene = scene.rounded(storage);
         let (layout, shading_model, needs) = (scene.gaussians.layout, scene.shading_model, Needs::of(&scene.gaussians));
-        let (traces_near, shadow_surface) = (scene.near_field.is_some(), ShadowSurface::of(&scene));
+        let (has_surface, shadow_surface) = (scene.near_field.is_some(), ShadowSurface::of(&scene));
         let renderer = load(scene)?;
         let filtered = Vec::new();
         Ok(Self {
@@ -137,7 +137,7 @@ impl RenderWorker {
             layout,
             shading_model,
             needs,
-            traces_near,
+            has_surface,
             shadow_surface,
             lights,
             filtered,
@@ -177,7 +177,7 @@ impl RenderWorker {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
         self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
-        self.traces_near = scene.near_field.is_some();
+        self.has_surface = scene.near_field.is_some();
         self.shadow_surface = ShadowSurface::of(&scene);
         self.lights.set_scene_light(scene.light);
         self.filtered.clear();
@@ -369,7 +369,8 @@ impl RenderWorker {
     fn plans(&self, cube: Option<&Cube>, model: ShadingModel) -> [Plan; 3] {
         let needs = self.needs.under(cube);
         let levels = cube.map(|cube| levels_of(cube, model.scheme));
-        CHANNELS.map(|channels| model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(self.traces_near))
+        let traces_near = self.has_surface && model.traces_near();
+        CHANNELS.map(|channels| model.plan(self.layout, &needs, levels.as_ref(), channels).tracing(traces_near))
     }
 
     /// Error map against the photograph of a view, and PSNR in dB.

@@ -128,7 +128,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
 
 fn info(args: &Demo, settings: &Settings, data: &Dataset) -> ModelInfo {
     let mut info = model_info(settings, data);
-    let [_, axis, prefilter] = ShadingModel::of_profile(&settings.profile).names();
+    let [_, axis, prefilter, _] = ShadingModel::of_profile(&settings.profile).names();
     info.rest.insert("axis".into(), axis.into());
     info.rest.insert("prefilter".into(), prefilter.into());
     info.eval = true;

@@ -13,8 +13,8 @@ use specula_core::{
     color::srgb_from_linear,
     pack::unpack2,
     scene::{
-        DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, ROUGHNESS, RadianceActivation, TINT,
-        len_of_values,
+        ALBEDO, AMBIENT, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS,
+        RadianceActivation, TINT, len_of_values,
     },
     sh::Y0,
 };
@@ -55,7 +55,8 @@ impl Ball {
     }
 
     fn of(light: impl Fn([f64; 3]) -> [f32; 3], diffuse: impl Fn(Vec3) -> [f32; 3], roughness: f32) -> Self {
-        let layout = Layout::shaded(None);
+        let layout = Layout::shaded(None).physical();
+        let first = layout.physical_planes().unwrap();
         let mut gaussians = Gaussians { count: COUNT, layout, values: vec![0.0; len_of_values(COUNT, layout)] };
         for k in 0..COUNT {
             let normal = on_sphere(k, COUNT);
@@ -68,6 +69,9 @@ impl Ball {
             gaussians.set(k, DIFFUSE, diffuse(normal).map(|color| logit(color) + 3.0_f32.ln()));
             gaussians.set(k, TINT, [0.6_f32, 0.5, 0.4].map(logit));
             gaussians.set(k, ROUGHNESS, [logit(roughness)]);
+            gaussians.set(k, first + ALBEDO, [0.7_f32, 0.5, 0.2].map(logit));
+            gaussians.set(k, first + METALNESS, [logit(0.25)]);
+            gaussians.set(k, first + AMBIENT, [1.0; 3]);
         }
         let ball = Self { tiny: Tiny::new(), gaussians };
         ball.save(&light);
@@ -396,8 +400,9 @@ fn a_glb_has_gaussians_as_khronos_wants_them_and_the_shading_beside_them() {
     let one = |name: &str| -> Vec<f32> { gltf::accessor::Iter::new(accessor(name), |_| Some(blob)).unwrap().collect() };
     let [means, scales, normals] = ["POSITION", "KHR_gaussian_splatting:SCALE", "SPECULA_shading:NORMAL"].map(three);
     let (rotations, opacities) = (four("KHR_gaussian_splatting:ROTATION"), one("KHR_gaussian_splatting:OPACITY"));
-    let [diffuse, tint] = ["SPECULA_shading:DIFFUSE", "SPECULA_shading:TINT"].map(three);
-    let roughness = one("SPECULA_shading:ROUGHNESS");
+    let [diffuse, tint, albedo] =
+        ["SPECULA_shading:DIFFUSE", "SPECULA_shading:TINT", "SPECULA_shading:ALBEDO"].map(three);
+    let [roughness, metallic] = ["SPECULA_shading:ROUGHNESS", "SPECULA_shading:METALLIC"].map(one);
     assert_eq!(means.len(), COUNT);
     for (k, row) in rows.iter().enumerate() {
         assert_eq!(means[k], columns(row, ["x", "y", "z"]));
@@ -409,6 +414,8 @@ fn a_glb_has_gaussians_as_khronos_wants_them_and_the_shading_beside_them() {
         assert_near(&diffuse[k], &[0.3, 0.1, 0.05], ROUNDED, "diffuse");
         assert_near(&tint[k], &[0.6, 0.5, 0.4], ROUNDED, "tint");
         assert_near(&[roughness[k]], &[0.3], ROUNDED, "roughness");
+        assert_near(&albedo[k], &[0.7, 0.5, 0.2], ROUNDED, "albedo");
+        assert_near(&[metallic[k]], &[0.25], ROUNDED, "metalness");
     }
     for j in 0..16_usize {
         let degree = j.isqrt();

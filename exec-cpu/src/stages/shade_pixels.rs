@@ -297,7 +297,9 @@ fn tile_vjp<S: Simd>(
         };
 
         let of_picture = BlendedQuad::new(simd, grad, quad);
-        let grad_color = of_picture.load3(channel::COLOR);
+        // Physical materials that no light reaches are black, whatever they are.
+        let is_black = form == ShadingForm::Physical && lighting.is_none();
+        let grad_color = if is_black { none } else { of_picture.load3(channel::COLOR) };
         let ambient = lighting.filter(|_| form == ShadingForm::Physical).map(|lighting| {
             let facing = pixel_facing(&pixel, view_dir);
             (lighting.light, facing, look_up_irradiance(simd, lighting.light, facing.normal))

@@ -10,12 +10,15 @@ use specula_train::trainer::Settings;
 /// of the data set.
 pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
     let Settings { profile, iterations, seed, background, .. } = settings;
-    let [shading, axis, prefilter] = ShadingModel::of_profile(profile).names();
+    let [shading, axis, prefilter, reflections] = ShadingModel::of_profile(profile).names();
     let is_shaded = profile.layout.is_shaded();
     let mut rest = Map::new();
     if is_shaded {
         rest.insert("axis".into(), axis.into());
         rest.insert("prefilter".into(), prefilter.into());
+    }
+    if profile.near_field.is_some() {
+        rest.insert("reflections".into(), reflections.into());
     }
     rest.insert("background".into(), json!(background));
     rest.insert("train_views".into(), data.train.len().into());

@@ -43,7 +43,7 @@ use specula_tests::{
     stress::{every_case, results::Results, too_many_splats},
 };
 use specula_train::{
-    profile::{NearFieldSchedule, by_name, exposure_rate},
+    profile::{NearFieldSchedule, Reflections, by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, TINT_LOGIT_OFF, Trainer},
     view::View,
@@ -427,6 +427,7 @@ fn antialiased(name: &str) -> Settings {
 fn reflecting() -> Settings {
     let mut settings = settings("specula");
     settings.profile.start.roughness = 0.2;
+    settings.profile.reflections = Reflections::Near;
     settings.profile.near_field = Some(NearFieldSchedule { from: 0.3, every: 0.3, voxels: 24 });
     settings
 }
