@@ -7,8 +7,8 @@ use specula_core::{
     camera::{Camera, NEAR, near_of},
     random,
     scene::{
-        DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY, QUAT,
-        ROUGHNESS, RadianceActivation, TINT,
+        ALBEDO, AMBIENT, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1,
+        NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, RadianceActivation, TINT, len_of_values,
     },
     shade::ShadingRules,
 };
@@ -59,6 +59,26 @@ impl Case {
     /// The same under a light.
     pub fn lit(self, environment: Environment<Vec<f32>>) -> Self {
         Self { environment: Some(environment), ..self }
+    }
+
+    /// The same with physical materials: black, white and saturated albedos, dielectrics and
+    /// metals, in darkness, in the open and beside bright surfaces.
+    #[must_use]
+    pub fn with_materials(&self) -> Self {
+        let layout = LAYOUT.physical();
+        let count = self.cloud.count;
+        let mut cloud = Cloud { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+        for gaussian in 0..count {
+            for plane in 0..LAYOUT.plane_count() {
+                cloud.set(gaussian, plane, self.cloud.get::<1>(gaussian, plane));
+            }
+            let raw = |k: usize| [-SATURATED, 0.0, SATURATED][gaussian / k % 3];
+            let first = LAYOUT.sh_end();
+            cloud.set(gaussian, first + ALBEDO, [raw(1), raw(3), raw(9)]);
+            cloud.set(gaussian, first + METALNESS, [raw(2)]);
+            cloud.set(gaussian, first + AMBIENT, [[0.0; 3], [1.0; 3], [4.0, 0.5, 0.0]][gaussian / 4 % 3]);
+        }
+        Self { cloud, ..self.clone() }
     }
 
     /// The ways of shading that tell something about it: both ways of looking light up, if there is

@@ -40,7 +40,7 @@ use specula_tests::{
     near_fields::{polished, random_near_field},
     plain::{self, lift_environment, lift_gaussians, prefilter},
     strategies::{random_cloud, random_environment},
-    stress::{every_case, results::Results, too_many_splats},
+    stress::{Case, every_case, results::Results, too_many_splats},
 };
 use specula_train::{
     profile::{NearFieldSchedule, Reflections, by_name, exposure_rate},
@@ -333,6 +333,17 @@ fn pictures_and_gradients_are_finite_at_every_edge() {
             assert!(is_finite, "{} ({:?}): a number is not finite", case.name, shading.form);
             assert_eq!(nonfinite, 0, "{} ({:?}): gradients are not finite", case.name, shading.form);
         }
+    }
+}
+
+#[test]
+fn pictures_and_gradients_of_materials_are_finite_at_every_edge() {
+    let mut exec = CpuExecutor::new();
+    for case in every_case().iter().map(Case::with_materials) {
+        let Results { picture, gradient, losses, nonfinite } = Results::new(&mut exec, &case, ShadingRules::PHYSICAL);
+        let is_finite = [picture, gradient, losses].iter().flatten().all(|x| x.is_finite());
+        assert!(is_finite, "{}: a number is not finite", case.name);
+        assert_eq!(nonfinite, 0, "{}: gradients are not finite", case.name);
     }
 }
 

@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, direct_light,
         disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{NOTHING, NearField},
+    near_field::{NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -386,6 +386,44 @@ fn black_lamps_and_channels_change_no_bit() {
     assert_eq!(on.blended(subject.gaussians.layout), Channels::Layers, "albedo and depth");
     let view = RenderRules { shading: ShadingRules::DEFERRED, ..on };
     assert_eq!(view.blended(subject.gaussians.layout), Channels::Lit, "lamps shine on materials alone");
+}
+
+/// Suns of a million and lamps within the scene, among surfaces with holes and without normals.
+#[test]
+fn pictures_under_any_lamps_are_finite() {
+    let rules = Subject::rules(true, Channels::Layers);
+    for seed in 7..10 {
+        let mut subject = Subject::new(seed);
+        let near_field = subject.occluder.as_mut().expect("there is one");
+        let start = near_field.vertices_start();
+        near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0.iter_mut().for_each(|vertex| vertex[3..6].fill(0.0));
+        subject.gaussians.set(0, QUAT, [0.0; 4]);
+        for lamps in [
+            [sun(Vec3::new(0.1, -0.2, 1.0), 1e6, 0.0), sun(-Vec3::Z, LIGHT_MAX, 3.1)],
+            [ball(Vec3::ZERO, LIGHT_MAX, 0.0), ball(Vec3::new(0.1, 0.0, 0.0), 1e6, 1.0)],
+            [ball(subject.camera.position, 1e6, 0.5), ball(1e6 * Vec3::X, LIGHT_MAX, 1e3)],
+        ] {
+            let picture = subject.picture(Some(&lamps), &rules);
+            assert!(picture.values.iter().all(|x| x.is_finite()), "{seed}: {lamps:?}");
+        }
+    }
+}
+
+/// A closed box keeps every light outside.
+#[test]
+fn nothing_shines_into_a_closed_box() {
+    let mut subject = Subject::new(11);
+    subject.environment.values.fill(0.0);
+    let mut walls = sphere_of(Vec3::ZERO, 3.0);
+    // Seen from within: rays meet the fronts of triangles alone.
+    let triangles = walls.triangles_start()..walls.vertices_start();
+    walls.values[triangles].as_chunks_mut::<TRIANGLE_LEN>().0.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+    subject.occluder = Some(walls);
+    let rules = Subject::rules(true, Channels::Color);
+    let [outside, inside] = [ball(5.0 * Vec3::Z, 1e6, 0.2), ball(1.5 * Vec3::Z, 1.0, 0.2)];
+    let suns = [sun(Vec3::new(0.3, 0.4, 1.0), 1e6, 0.3), sun(Vec3::new(-0.3, 0.4, -1.0), 1e6, 0.0), outside];
+    assert!(colors(&subject.picture(Some(&suns), &rules)).iter().all(|x| *x == 0.0), "the box is closed");
+    assert!(colors(&subject.picture(Some(&[inside]), &rules)).iter().any(|x| *x > 0.1), "a lamp within shines");
 }
 
 #[test]
