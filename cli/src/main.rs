@@ -15,6 +15,7 @@ mod progress;
 mod scene;
 mod settings;
 mod training;
+mod truth;
 
 use args::{Arguments, Command};
 use clap::error::ErrorKind;

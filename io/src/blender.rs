@@ -3,6 +3,7 @@
 use crate::{
     error::Result,
     listing::{Listing, LoadOptions},
+    materials::MaterialFiles,
     shot::{NormalFiles, Shot},
     transforms::{Frame, Transforms},
 };
@@ -19,9 +20,9 @@ pub(crate) fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     let train = Transforms::read(&folder.join(TRAIN))?;
     let mut listing = Listing { source: format!("{:?}", train.path()), ..Listing::default() };
     let test = read_test(folder, &mut listing.notes)?;
-    listing.train = shots(&train, options, |_| None, &mut listing.notes)?;
+    listing.train = shots(&train, options, |_| Truth::default(), &mut listing.notes)?;
     if let Some(test) = &test {
-        listing.test = shots(test, options, normals_beside, &mut listing.notes)?;
+        listing.test = shots(test, options, Truth::beside, &mut listing.notes)?;
     }
     Ok(listing)
 }
@@ -38,7 +39,7 @@ fn read_test(folder: &Path, notes: &mut Vec<String>) -> Result<Option<Transforms
 fn shots(
     transforms: &Transforms,
     options: &LoadOptions,
-    normal_of: impl Fn(&Path) -> Option<NormalFiles>,
+    truth_of: impl Fn(&Path) -> Truth,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Shot>> {
     let mut shots = Vec::with_capacity(transforms.frames.len());
@@ -47,7 +48,7 @@ fn shots(
             notes.push(format!("skipped {:?}, which macOS made for its own use", frame.file_path));
             continue;
         }
-        shots.push(shot(transforms, frame, options, &normal_of)?);
+        shots.push(shot(transforms, frame, options, &truth_of)?);
     }
     Ok(shots)
 }
@@ -56,13 +57,15 @@ fn shot(
     transforms: &Transforms,
     frame: &Frame,
     options: &LoadOptions,
-    normal_of: &impl Fn(&Path) -> Option<NormalFiles>,
+    truth_of: &impl Fn(&Path) -> Truth,
 ) -> Result<Shot> {
     let image = transforms.image_of(frame)?;
+    let Truth { normal, materials } = truth_of(&image);
     Ok(Shot {
         name: frame.name(),
         mask: None,
-        normal: normal_of(&image),
+        normal,
+        materials,
         pose: transforms.pose(frame)?,
         // Sizes in these lists may belong to larger images of another shape.
         measured_size: None,
@@ -72,10 +75,24 @@ fn shot(
     })
 }
 
-/// Normal map of an image, `r_0_normal.png` beside `r_0.png`. Opaque images, such as those of
-/// `ball` in Shiny Blender, have their coverage in `r_0_alpha.png`.
-fn normals_beside(image: &Path) -> Option<NormalFiles> {
-    let stem = image.file_stem()?.to_string_lossy();
-    let beside = |kind: &str| Some(image.with_file_name(format!("{stem}_{kind}.png"))).filter(|path| path.is_file());
-    Some(NormalFiles { map: beside("normal")?, coverage: beside("alpha") })
+/// Files of the ground truth of a view.
+#[derive(Default)]
+struct Truth {
+    normal: Option<NormalFiles>,
+    materials: MaterialFiles,
+}
+
+impl Truth {
+    /// Files beside an image `r_0.png`: `r_0_normal.png`, `r_0_albedo.png`, `r_0_material.png`.
+    /// Opaque images, such as those of `ball` in Shiny Blender, have their coverage in
+    /// `r_0_alpha.png`.
+    fn beside(image: &Path) -> Self {
+        let Some(stem) = image.file_stem() else { return Self::default() };
+        let named = |kind: &str| image.with_file_name(format!("{}_{kind}.png", stem.to_string_lossy()));
+        let beside = |kind: &str| Some(named(kind)).filter(|path| path.is_file());
+        Self {
+            normal: beside("normal").map(|map| NormalFiles { map, coverage: beside("alpha") }),
+            materials: MaterialFiles { albedo: beside("albedo"), surface: beside("material") },
+        }
+    }
 }

@@ -102,6 +102,19 @@ pub enum Error {
         /// Width and height of the camera.
         expected: [u32; 2],
     },
+    /// Ground truth has another size than its picture.
+    #[error(
+        "{path:?} has {} by {} pixels, but the picture that it is the truth of {} by {}; render it at that size, or \
+         remove it to measure without", found[0], found[1], expected[0], expected[1]
+    )]
+    TruthSize {
+        /// The file.
+        path: PathBuf,
+        /// Width and height of the file.
+        found: [u32; 2],
+        /// Width and height of the picture.
+        expected: [u32; 2],
+    },
     /// A line or record of a file is invalid.
     #[error("{place} of {path:?} {what}")]
     Place {

@@ -52,6 +52,7 @@ pub mod ktx;
 pub mod latlong;
 pub mod lens;
 mod listing;
+pub mod materials;
 pub mod mesh;
 pub mod model_folder;
 mod near_field;

@@ -11,6 +11,7 @@ use crate::{
     error::{Error, Result},
     lens::Lens,
     listing::{Listing, LoadOptions},
+    materials::MaterialFiles,
     shot::{Pose, Shot, find_image, find_mask, is_macos_shadow, name_of, without_image_ending},
 };
 use std::{collections::HashSet, path::PathBuf};
@@ -106,7 +107,17 @@ pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, opt
 fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders) -> Shot {
     let Posed { image, mask, pose, measured_size, lens } = camera;
     let mask = mask.or_else(|| find_mask(&folders.root.join(MASKS), &image));
-    Shot { name: name_of(&image), image: file, mask, normal: None, pose, measured_size, lens, downscale }
+    Shot {
+        name: name_of(&image),
+        image: file,
+        mask,
+        normal: None,
+        materials: MaterialFiles::default(),
+        pose,
+        measured_size,
+        lens,
+        downscale,
+    }
 }
 
 /// Adds folders to the names of views where names would be equal otherwise.

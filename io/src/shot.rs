@@ -4,6 +4,7 @@ use crate::{
     budget::{PICTURE, len_of},
     error::{Error, Result},
     lens::{Distortion, Lens},
+    materials::{MaterialFiles, Materials},
     pixels::{Mask, NORMALS_RESIZED, Normals, Pixels},
 };
 use glam::{DMat3, DVec3};
@@ -28,6 +29,8 @@ pub struct View {
     pub image: Pixels,
     /// Ground-truth normals, where a test view has them.
     pub normal: Option<Normals>,
+    /// Ground-truth materials; empty where a view has none.
+    pub materials: Materials,
 }
 
 /// Position and rotation of a camera.
@@ -49,6 +52,8 @@ pub(crate) struct Shot {
     pub(crate) mask: Option<PathBuf>,
     /// Files of the ground-truth normals.
     pub(crate) normal: Option<NormalFiles>,
+    /// Files of the ground-truth materials.
+    pub(crate) materials: MaterialFiles,
     /// Pose of the camera.
     pub(crate) pose: Pose,
     /// Size for which the lens was calibrated, if known.
@@ -103,11 +108,17 @@ impl Shot {
         let image = stored.resized([width, height]);
         let lens = lens.resized(width, height);
         let is_undistorted = lens.distortion != Distortion::None;
-        let image = if is_undistorted { lens.undistorted(&image) } else { image };
+        let undistorted = |image: Pixels| if is_undistorted { lens.undistorted(&image) } else { image };
+        let image = undistorted(image);
 
         let normal = self.normal.as_ref().map(|files| normals_at(files, [width, height])).transpose()?;
+        let materials = self.materials.read(size, |truth| {
+            let is_full = [truth.width, truth.height] == [width, height];
+            undistorted(if is_full { truth } else { truth.resized(width, height) })
+        })?;
         let unknown = image.unknown_count();
-        let view = View { name: self.name.clone(), camera: camera_of(&self.pose, &lens), image, normal };
+        let camera = camera_of(&self.pose, &lens);
+        let view = View { name: self.name.clone(), camera, image, normal, materials };
         Ok(Opened { view, is_undistorted, is_turned, unknown })
     }
 

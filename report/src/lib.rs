@@ -5,6 +5,8 @@
 //! |---|---|
 //! | [`measure`] | list of measures, `results.json` and `per_view.json` |
 //! | [`lpips`] | LPIPS by a network from a file |
+//! | [`materials`] | albedo, roughness and metalness against ground truth |
+//! | [`light`] | learned light against the true one |
 //! | [`relighting`] | PSNR under other lights, with and without the best factors |
 //! | [`evaluation`] | page with each view beside its ground truth and error |
 //! | [`certificate`] | pictures within an error, verified one by one |
@@ -31,7 +33,9 @@ pub mod demo;
 mod error;
 pub mod evaluation;
 mod html;
+pub mod light;
 pub mod lpips;
+pub mod materials;
 pub mod measure;
 pub mod relighting;
 pub mod tradeoff;

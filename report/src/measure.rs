@@ -30,7 +30,7 @@ pub struct Measure {
 }
 
 /// Every measure, in the order of tables.
-pub const MEASURES: [Measure; 7] = [
+pub const MEASURES: [Measure; 10] = [
     Measure { name: "PSNR", label: "PSNR", unit: " dB", decimals: 2, higher_is_better: true },
     Measure { name: "SSIM", label: "SSIM", unit: "", decimals: 4, higher_is_better: true },
     Measure { name: "LPIPS", label: "LPIPS", unit: "", decimals: 4, higher_is_better: false },
@@ -44,6 +44,9 @@ pub const MEASURES: [Measure; 7] = [
     },
     Measure { name: "MAE", label: "normal MAE", unit: "°", decimals: 2, higher_is_better: false },
     Measure { name: "MAE_weighted", label: "weighted MAE", unit: "°", decimals: 2, higher_is_better: false },
+    Measure { name: "albedo_PSNR", label: "albedo PSNR", unit: " dB", decimals: 2, higher_is_better: true },
+    Measure { name: "roughness_error", label: "roughness error", unit: "", decimals: 3, higher_is_better: false },
+    Measure { name: "metalness_error", label: "metalness error", unit: "", decimals: 3, higher_is_better: false },
 ];
 /// Index of the peak signal-to-noise ratio in [`MEASURES`].
 pub const PSNR: usize = 0;
@@ -59,6 +62,12 @@ pub const PSNR_FITTED: usize = 4;
 pub const MAE: usize = 5;
 /// Index of the mean angle between normals, weighted by opacity, in [`MEASURES`].
 pub const MAE_WEIGHTED: usize = 6;
+/// Index of PSNR of the albedo after scaling ([`mod@crate::materials`]) in [`MEASURES`].
+pub const ALBEDO_PSNR: usize = 7;
+/// Index of the mean absolute error of perceptual roughness in [`MEASURES`].
+pub const ROUGHNESS_ERROR: usize = 8;
+/// Index of the mean absolute error of metalness in [`MEASURES`].
+pub const METALNESS_ERROR: usize = 9;
 
 impl Measure {
     /// Value with its significant decimal places.
@@ -113,8 +122,8 @@ pub fn measure_views(
     })
 }
 
-/// Writes the measures of an iteration, and its progress, to the folder of a model: seconds of
-/// training, number of Gaussians.
+/// Writes the measures of an iteration and further `facts` of them, and its progress, to the folder
+/// of a model: seconds of training, number of Gaussians.
 ///
 /// # Errors
 ///
@@ -125,9 +134,12 @@ pub fn save(
     seconds: f64,
     gaussians: usize,
     measured: &[ViewMeasures],
+    facts: Map<String, Value>,
 ) -> specula_io::Result<()> {
     let quality = quality(measured);
-    model_folder::save_quality(folder, &model_folder::method_of(iteration), &quality)?;
+    let method = model_folder::method_of(iteration);
+    model_folder::save_quality(folder, &method, &quality)?;
+    model_folder::add_quality(folder, &method, &quality, facts)?;
     model_folder::save_progress(folder, iteration, seconds, gaussians, &quality)
 }
 
@@ -190,7 +202,7 @@ mod tests {
     #[test]
     fn a_mean_is_that_of_the_views_that_have_the_measure() {
         let views = [view(30.0, None), view(20.0, Some(4.0))];
-        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0), None]);
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0), None, None, None, None]);
         assert_eq!(summary(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
         let files = quality(&views);
         assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));

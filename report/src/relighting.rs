@@ -1,11 +1,13 @@
 //! Relit views against ground truth.
 //!
-//! Light and reflectance are known only up to a factor per colour channel, so PSNR is measured
-//! twice: as rendered, and after the factors of linear red, green and blue that fit the ground
-//! truth best.
+//! Light and reflectance are known only up to a factor per colour channel, so PSNR is measured by
+//! several protocols: as rendered, after the factors of linear red, green and blue that fit the
+//! ground truth of all views best, and after factors of each view's own. A fourth protocol scales
+//! the albedo before it is rendered ([`specula_scene::Scene::scale_albedo`]), which is measured as
+//! rendered.
 
 use crate::error::{Error, Result};
-use core::fmt;
+use core::{fmt, slice};
 use serde_json::{Value, json};
 use specula_core::{
     color::{linear_from_srgb, srgb_from_linear},
@@ -110,6 +112,17 @@ impl RelitView {
     }
 }
 
+/// Mean PSNR in dB of views over a background, as rendered.
+pub fn mean_psnr(views: &[RelitView], background: [f32; 3]) -> f64 {
+    mean_scaled_psnr(views, background, |_| [1.0; 3])
+}
+
+/// Mean PSNR in dB of views over a background, each after its factors.
+fn mean_scaled_psnr(views: &[RelitView], background: [f32; 3], factors: impl Fn(&RelitView) -> [f32; 3]) -> f64 {
+    let psnrs = views.iter().map(|view| view.psnr(factors(view), background));
+    psnrs.sum::<f64>() / views.len().max(1) as f64
+}
+
 /// Agreement of relit views with ground truth.
 #[derive(Clone, Copy, Debug)]
 pub struct RelightingQuality {
@@ -119,30 +132,52 @@ pub struct RelightingQuality {
     pub psnr_scaled: f64,
     /// Factors of linear red, green and blue, the same for all views.
     pub scale: [f32; 3],
+    /// Mean PSNR in dB, after scaling each view by factors of its own.
+    pub psnr_view_scaled: f64,
 }
 
 impl fmt::Display for RelightingQuality {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { psnr, psnr_scaled, scale: [r, g, b] } = self;
-        write!(out, "PSNR {psnr:.2} dB; {psnr_scaled:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, {b:.3}")
+        let Self { psnr, psnr_scaled, scale: [r, g, b], psnr_view_scaled } = self;
+        write!(
+            out,
+            "PSNR {psnr:.2} dB; {psnr_scaled:.2} dB after scaling red, green, blue by {r:.3}, {g:.3}, {b:.3}; \
+             {psnr_view_scaled:.2} dB after scaling each view"
+        )
     }
 }
 
 impl RelightingQuality {
-    /// Measures views over a background, as rendered and with the best factors.
+    /// Measures views over a background, as rendered, with the best factors, and with those of each
+    /// view.
     pub fn of(views: &[RelitView], background: [f32; 3]) -> Self {
-        let scale = [0, 1, 2].map(|channel| best_factor(views, channel, background[channel]));
-        let mean = |factors: [f32; 3]| {
-            views.iter().map(|view| view.psnr(factors, background)).sum::<f64>() / views.len().max(1) as f64
-        };
-        Self { psnr: mean([1.0; 3]), psnr_scaled: mean(scale), scale }
+        let scale = best_factors(views, background);
+        Self {
+            psnr: mean_psnr(views, background),
+            psnr_scaled: mean_scaled_psnr(views, background, |_| scale),
+            scale,
+            psnr_view_scaled: mean_scaled_psnr(views, background, |view| {
+                best_factors(slice::from_ref(view), background)
+            }),
+        }
     }
 
     /// JSON object, with the number of views.
     pub fn to_json(&self, views: usize) -> Value {
-        let Self { psnr, psnr_scaled, scale } = self;
-        json!({"PSNR": psnr, "PSNR_scaled": psnr_scaled, "scale": scale, "views": views})
+        let Self { psnr, psnr_scaled, scale, psnr_view_scaled } = self;
+        json!({
+            "PSNR": psnr,
+            "PSNR_scaled": psnr_scaled,
+            "PSNR_view_scaled": psnr_view_scaled,
+            "scale": scale,
+            "views": views,
+        })
     }
+}
+
+/// Factors of linear red, green and blue with the least squared error.
+fn best_factors(views: &[RelitView], background: [f32; 3]) -> [f32; 3] {
+    [0, 1, 2].map(|channel| best_factor(views, channel, background[channel]))
 }
 
 /// Factor with the least squared error, by golden-section search over its logarithm.
@@ -198,5 +233,12 @@ mod tests {
         let measured = RelightingQuality::of(&[view(1.7)], [1.0; 3]);
         assert!(measured.scale.iter().all(|scale| (scale - 1.7).abs() < 0.02), "{:?}", measured.scale);
         assert!(measured.psnr_scaled > 50.0 && measured.psnr < 30.0, "{measured:?}");
+        assert!((measured.psnr_view_scaled - measured.psnr_scaled).abs() < 1e-9, "one view has the factors of all");
+    }
+
+    #[test]
+    fn factors_of_each_view_forgive_what_those_of_all_views_do_not() {
+        let measured = RelightingQuality::of(&[view(0.5), view(2.0)], [1.0; 3]);
+        assert!(measured.psnr_scaled < 30.0 && measured.psnr_view_scaled > 50.0, "{measured:?}");
     }
 }

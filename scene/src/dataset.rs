@@ -7,6 +7,7 @@ use specula_io::{
     Result,
     cameras::NamedCamera,
     dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
+    materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
     points_ply::PointCloud,
@@ -37,6 +38,8 @@ pub struct Dataset {
     pub train: Vec<View>,
     /// Views held out.
     pub test: Vec<View>,
+    /// Ground-truth materials of each view held out; empty where a view has none.
+    pub test_materials: Vec<Materials>,
     /// Initial points.
     pub points: Option<Vec<Point>>,
     /// Orientation estimated from the cameras; none without cameras.
@@ -55,14 +58,16 @@ impl Dataset {
     ///
     /// Those of [`specula_io::dataset::load`].
     pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Self> {
-        let dataset::Dataset { train, test, points, source, notes } = dataset::load(folder, options, progress)?;
+        let dataset::Dataset { train, mut test, points, source, notes } = dataset::load(folder, options, progress)?;
+        let test_materials = test.iter_mut().map(|view| core::mem::take(&mut view.materials)).collect();
         let positions = points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
         let orientation = estimate(train.iter().chain(&test).map(|view| &view.camera), positions);
         let mut train: Vec<View> = train.into_iter().map(view_of).collect();
         let mut test: Vec<View> = test.into_iter().map(view_of).collect();
         let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
         train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
-        Ok(Self { train, test, points: points.map(|cloud| points_of(&cloud)), orientation, source, notes })
+        let points = points.map(|cloud| points_of(&cloud));
+        Ok(Self { train, test, test_materials, points, orientation, source, notes })
     }
 
     /// Returns whether alpha cuts objects out of all training pictures.

@@ -6,13 +6,14 @@ use crate::{
     lamps::{SceneLamps, shine_on},
 };
 use specula_core::{
+    activation::{logit, sigmoid},
     cull::{CullReason, CullStats},
-    near_field::NearField,
+    near_field::{NearField, VERTEX_ALBEDO, VERTEX_LEN},
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, RadianceActivation},
+    scene::{ALBEDO, Environment, Gaussians, RadianceActivation},
 };
 use specula_io::{
     Result,
@@ -116,6 +117,24 @@ impl Scene {
         }
         self.shading_model = self.shading_model.shaded(shading);
         Ok(self)
+    }
+
+    /// Multiplies the albedo of physical materials by a factor for linear red, green and blue, up to
+    /// an albedo of 1; of what the surface of the scene reflects as well. A scene without materials
+    /// keeps what it has.
+    pub fn scale_albedo(&mut self, factors: [f32; 3]) {
+        let Some(first) = self.gaussians.layout.physical_planes().map(|first| first + ALBEDO) else { return };
+        let scaled = |albedo: [f32; 3]| core::array::from_fn(|k| (albedo[k] * factors[k]).clamp(0.0, 1.0));
+        for index in 0..self.gaussians.count {
+            let albedo: [f32; 3] = scaled(self.gaussians.get::<3>(index, first).map(sigmoid));
+            self.gaussians.set(index, first, albedo.map(logit));
+        }
+        let Some(near_field) = self.near_field.as_mut().map(Arc::make_mut) else { return };
+        let start = near_field.vertices_start();
+        for numbers in near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0 {
+            let albedo = &mut numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3];
+            albedo.iter_mut().zip(factors).for_each(|(albedo, factor)| *albedo = (*albedo * factor).clamp(0.0, 1.0));
+        }
     }
 
     /// Adds lamps to the light of a scene of physical materials, or to darkness, in place of those

@@ -8,23 +8,23 @@ use crate::{
     failure::Failure,
     output, progress,
     scene::{self, background_of, note_oddities, relight, shade},
+    truth::{measure_light, measure_materials, up_of},
 };
 use glam::Vec3;
 use specula_core::rules::Channels;
-use specula_io::{dataset::LoadOptions, model_folder};
+use specula_io::{dataset::LoadOptions, materials::Materials, model_folder, picture};
 use specula_report::{
-    evaluation::{self, EvaluatedView, Evaluation, RelitScene},
+    evaluation::{self, EvaluatedLight, EvaluatedView, Evaluation, RelitScene},
     lpips::LpipsNetwork,
     measure::{self, LPIPS, PSNR_FITTED},
     relighting::GroundTruth,
 };
 use specula_scene::{
-    OpenedModel, SceneRenderer,
+    OpenedModel, Scene, SceneRenderer, Shading,
     backdrop::{BackgroundChoice, BackgroundColor},
     camera_set::Split,
     dataset::{named_cameras, options_of},
     light_file::LightOptions,
-    orientation,
     picture_folder::differences,
 };
 use specula_train::{evaluate::fitted_psnr, view::View};
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
     let source = source_of(args, &opened)?;
-    let views = views_of(args, &opened, &source)?;
+    let (views, truths) = views_of(args, &opened, &source)?;
     let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);
     let results = opened.folder.clone().zip(method.clone());
@@ -51,6 +51,15 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
 
     let split = Split::from(args.split);
     let is_relit = split == Split::Test && opened.scene.gaussians.layout.is_shaded();
+    let materials = measure_materials(&opened.scene, &(&args.renderer).into(), &views, &truths)?;
+    let albedo_scale = materials.as_ref().and_then(|materials| materials.albedo_scale);
+    let up = up_of(opened.info.as_ref(), views.iter().map(|view| &view.camera));
+    // A light that was put in place of the learned one says nothing about the training.
+    let light = if opened.is_relit { None } else { measure_light(&opened.scene, &source, up)? };
+    let light = light.map(|(pair, quality)| EvaluatedLight {
+        picture: folder.as_ref().map(|_| picture::to_png(&pair.picture(&quality))),
+        quality,
+    });
     let mut evaluation = Evaluation {
         scene: args.scene.clone(),
         method,
@@ -59,7 +68,12 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
         gaussians: opened.scene.gaussians.count,
         lpips_network: network.as_ref().map(|network| network.name.clone()),
         views: Vec::new(),
-        relit: if is_relit { measure_relit(args, &opened, &source, &views)? } else { Vec::new() },
+        relit: match is_relit {
+            true => measure_relit(args, &opened, &source, &views, up, albedo_scale)?,
+            false => Vec::new(),
+        },
+        albedo_scale,
+        light,
     };
 
     let is_exposed = args.exposure || opened.exposures()?.is_some();
@@ -73,6 +87,9 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
         Ok(evaluated)
     })?;
     work.finish();
+    if let Some(materials) = &materials {
+        materials.add_to(evaluation.views.iter_mut().map(|view| &mut view.measures));
+    }
     if let Some(network) = &network {
         measure_lpips(network, &mut renderer, &views, background, &mut evaluation.views)?;
     }
@@ -135,21 +152,38 @@ fn measure_lpips(
 }
 
 /// Measures a scene under every light of its data set with ground truth of these views.
-fn measure_relit(args: &Eval, opened: &OpenedModel, source: &Path, views: &[View]) -> Result<Vec<RelitScene>, Failure> {
+/// `up` is the scene's up direction; with factors of the albedo, a scene with these is measured too.
+fn measure_relit(
+    args: &Eval,
+    opened: &OpenedModel,
+    source: &Path,
+    views: &[View],
+    up: Vec3,
+    albedo_scale: Option<[f32; 3]>,
+) -> Result<Vec<RelitScene>, Failure> {
     let cameras = named_cameras(views);
     let background = background_of(opened, args.background);
-    let found = orientation::recorded_or_estimated(opened.info.as_ref(), cameras.iter().map(|(_, camera)| camera));
-    let up = found.map_or(Vec3::Z, |found| orientation::up(&found));
+    let renderer_under = |light: &Path, mut scene: Scene| -> Result<SceneRenderer, Failure> {
+        relight(&mut scene, light, LightOptions::default(), up)?;
+        shade(&mut scene, args.shading.shading())?;
+        Ok(SceneRenderer::new(scene, Channels::Color, &(&args.renderer).into())?)
+    };
+    // Factors of the albedo are of physical materials, not of the view-dependent colours.
+    let albedo_scale = albedo_scale.filter(|_| args.shading.shading() != Some(Shading::View));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truth = GroundTruth::read(&folder, &cameras)?;
-        let mut scene = opened.scene.clone();
-        relight(&mut scene, &light, LightOptions::default(), up)?;
-        shade(&mut scene, args.shading.shading())?;
-        let mut renderer = SceneRenderer::new(scene, Channels::Color, &(&args.renderer).into())?;
+        let mut renderer = renderer_under(&light, opened.scene.clone())?;
+        let scaled = albedo_scale.map(|scale| {
+            let mut scene = opened.scene.clone();
+            scene.scale_albedo(scale);
+            renderer_under(&light, scene)
+        });
+        let mut scaled = scaled.transpose()?;
         let work = progress::work("relighting", views.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
         let name = output::stem(&light);
-        let relit = RelitScene::measure(name, &mut renderer, &cameras, &truth, background.0, progress)?;
+        let relit =
+            RelitScene::measure(name, &mut renderer, scaled.as_mut(), &cameras, &truth, background.0, progress)?;
         work.finish();
         Ok(relit)
     };
@@ -196,15 +230,16 @@ fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {
     })
 }
 
-fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<Vec<View>, Failure> {
+/// Views to measure, and the ground-truth materials of the first of them.
+fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<(Vec<View>, Vec<Materials>), Failure> {
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
     let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
-    let views: Vec<View> = match Split::from(args.split) {
-        Split::Test => data.test,
-        Split::Train => data.train,
-        Split::All => data.test.into_iter().chain(data.train).collect(),
+    let (views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
+        Split::Test => (data.test, data.test_materials),
+        Split::Train => (data.train, Vec::new()),
+        Split::All => (data.test.into_iter().chain(data.train).collect(), data.test_materials),
     };
     if views.is_empty() {
         return Err(Failure::Input(format!(
@@ -212,5 +247,5 @@ fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<Vec<View
             Split::from(args.split).name()
         )));
     }
-    Ok(views)
+    Ok((views, truths))
 }

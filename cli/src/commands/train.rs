@@ -87,7 +87,7 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     interrupt::watch()?;
 
     let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
-    let views = result::Views { names, test: &data.test, cameras, background };
+    let views = result::Views { names, test: &data.test, materials: &data.test_materials, cameras, background };
     let live = watching.as_ref().map(Watching::live);
     let session = session.with(|training| result::pause(args, training, &info, &views), live);
     let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;

@@ -2,17 +2,29 @@
 
 use crate::{
     comparison::run::{CONDITIONS, Run},
-    measure::{LPIPS, MAE, MAE_WEIGHTED, MEASURES, Measure, PSNR, PSNR_FITTED},
+    evaluation::RELIT,
+    light,
+    measure::{
+        ALBEDO_PSNR, LPIPS, MAE, MAE_WEIGHTED, MEASURES, METALNESS_ERROR, Measure, PSNR, PSNR_FITTED, ROUGHNESS_ERROR,
+    },
 };
 use specula_scene::number::group_digits;
+
+/// Correlation of the learned light with the true one.
+const LIGHT_CORRELATION: Measure =
+    Measure { name: light::CORRELATION, label: "light correlation", unit: "", decimals: 3, higher_is_better: true };
 
 /// Quantity of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quantity {
     /// Measure with this index in [`MEASURES`].
     Measure(usize),
-    /// PSNR under other lights, as rendered or after scaling.
-    Relit { is_scaled: bool },
+    /// PSNR under other lights by the protocol with this index in [`RELIT`].
+    Relit(usize),
+    /// Correlation of the learned light with the true one.
+    LightCorrelation,
+    /// Radiance of the learned light relative to the true one.
+    LightScale,
     /// Condition of the training with this index in [`CONDITIONS`]; shown only if unequal.
     Condition(usize),
     /// Number of Gaussians.
@@ -27,16 +39,19 @@ impl Quantity {
     /// Every quantity, in the order of columns.
     pub(super) fn all() -> impl Iterator<Item = Self> {
         let measures = (0..MEASURES.len()).map(Self::Measure);
-        let relit = [false, true].map(|is_scaled| Self::Relit { is_scaled });
+        let relit = (0..RELIT.len()).map(Self::Relit);
+        let light = [Self::LightCorrelation, Self::LightScale];
         let conditions = (0..CONDITIONS.len()).map(Self::Condition);
-        measures.chain(relit).chain(conditions).chain([Self::Gaussians, Self::Seconds, Self::Size])
+        measures.chain(relit).chain(light).chain(conditions).chain([Self::Gaussians, Self::Seconds, Self::Size])
     }
 
     /// Value of a run; none if unknown.
     pub(super) fn value(self, run: &Run) -> Option<f64> {
         match self {
             Self::Measure(index) => run.measured[index],
-            Self::Relit { is_scaled } => run.relit[usize::from(is_scaled)],
+            Self::Relit(index) => run.relit[index],
+            Self::LightCorrelation => run.light_correlation,
+            Self::LightScale => run.light_scale,
             Self::Condition(index) => run.conditions[index],
             Self::Gaussians => run.gaussians,
             Self::Seconds => run.seconds,
@@ -48,9 +63,9 @@ impl Quantity {
     pub(super) fn measure(self) -> Option<Measure> {
         match self {
             Self::Measure(index) => Some(MEASURES[index]),
-            Self::Relit { is_scaled: false } => Some(Measure { label: "relit PSNR", ..MEASURES[PSNR] }),
-            Self::Relit { is_scaled: true } => Some(Measure { label: "relit PSNR, scaled", ..MEASURES[PSNR] }),
-            Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => None,
+            Self::Relit(index) => Some(Measure { label: RELIT[index].label, ..MEASURES[PSNR] }),
+            Self::LightCorrelation => Some(LIGHT_CORRELATION),
+            Self::LightScale | Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => None,
         }
     }
 
@@ -61,7 +76,8 @@ impl Quantity {
             Self::Gaussians => ("Gaussians", ""),
             Self::Seconds => ("training", "s"),
             Self::Size => ("size", "MB"),
-            Self::Measure(_) | Self::Relit { .. } => {
+            Self::LightScale => ("light scale", ""),
+            Self::Measure(_) | Self::Relit(_) | Self::LightCorrelation => {
                 self.measure().map_or(("", ""), |measure| (measure.label, measure.unit.trim()))
             }
         }
@@ -72,6 +88,7 @@ impl Quantity {
         match self.measure() {
             Some(measure) => measure.format(value),
             None if self == Self::Size => format!("{value:.1}"),
+            None if self == Self::LightScale => format!("{value:.3}"),
             None => group_digits(value.round() as usize),
         }
     }
@@ -93,11 +110,15 @@ impl Quantity {
     /// where ground truth of normals or of other lights is needed.
     pub(super) fn is_missing(self, run: &Run, runs: &[Run]) -> bool {
         let is_measurable = match self {
-            Self::Relit { is_scaled } => run.is_shaded && !is_scaled,
+            Self::Relit(index) => run.is_shaded && index == 0,
+            Self::Measure(ALBEDO_PSNR) | Self::LightCorrelation => run.is_physical,
+            // They are taken with the albedo and the correlation.
+            Self::Measure(ROUGHNESS_ERROR | METALNESS_ERROR) | Self::LightScale => false,
             Self::Measure(_) => true,
             Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => false,
         };
-        let needs_truth = matches!(self, Self::Measure(MAE | MAE_WEIGHTED) | Self::Relit { .. });
+        let needs_truth =
+            matches!(self, Self::Measure(MAE | MAE_WEIGHTED | ALBEDO_PSNR) | Self::Relit(_) | Self::LightCorrelation);
         let mut others = runs.iter().filter(|other| !needs_truth || other.scene == run.scene);
         self.value(run).is_none() && is_measurable && others.any(|other| self.value(other).is_some())
     }

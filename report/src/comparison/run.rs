@@ -2,6 +2,8 @@
 
 use crate::{
     error::{Error, Result},
+    evaluation::RELIT,
+    light,
     measure::{MEASURES, PSNR, Values},
 };
 use serde::{Deserialize, Deserializer, de::DeserializeOwned};
@@ -56,8 +58,12 @@ pub(super) struct Run {
     pub(super) measured: Values,
     /// Whether the model can be relit.
     pub(super) is_shaded: bool,
-    /// Relighting PSNR in dB, as rendered and after scaling.
-    pub(super) relit: [Option<f64>; 2],
+    /// Whether it has physical materials.
+    pub(super) is_physical: bool,
+    /// Relighting PSNR in dB by each of [`RELIT`].
+    pub(super) relit: [Option<f64>; RELIT.len()],
+    pub(super) light_correlation: Option<f64>,
+    pub(super) light_scale: Option<f64>,
     pub(super) gaussians: Option<f64>,
     /// Time of the training.
     pub(super) seconds: Option<f64>,
@@ -102,6 +108,8 @@ impl Run {
         let source = info.as_ref().map(|info| info.source_path.clone()).or_else(|| source_in_cfg_args(folder));
         let source = source.unwrap_or_default();
         let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
+        let settings = settings_of(folder);
+        let number = |name: &str| results.numbers.get(name)?.0;
         Ok(Self {
             folder: folder.to_owned(),
             scene: last_component(Path::new(&source)).unwrap_or_else(|| "scene".into()),
@@ -110,14 +118,17 @@ impl Run {
             profile: info
                 .as_ref()
                 .map_or_else(|| last_component(folder).unwrap_or_default(), |info| info.profile.clone()),
-            measured: MEASURES.map(|measure| results.measures.get(measure.name)?.0),
+            measured: MEASURES.map(|measure| number(measure.name)),
             is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
-            relit: [results.relit.0, results.relit_scaled.0],
+            is_physical: settings.get("relightable").and_then(toml::Value::as_bool).unwrap_or(false),
+            relit: RELIT.map(|protocol| number(protocol.name)),
+            light_correlation: number(light::CORRELATION),
+            light_scale: number(light::SCALE),
             gaussians: count_in(&model_folder::gaussians_at(folder, iteration)).or(facts.gaussians.0),
             seconds: so_far.or(in_total),
             megabytes: megabytes_of(folder, iteration),
             unmeasured: latest.filter(|latest| measured_at.is_some_and(|measured| measured < *latest)),
-            settings: settings_of(folder),
+            settings,
             lpips_network: results.lpips_network.0,
             views: views_of(folder, view_count.unwrap_or(0))?,
             background: facts.background.0,
@@ -148,15 +159,11 @@ type Methods<T> = BTreeMap<String, Lenient<T>>;
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Results {
-    #[serde(rename = "relit_PSNR")]
-    relit: Lenient<f64>,
-    #[serde(rename = "relit_PSNR_scaled")]
-    relit_scaled: Lenient<f64>,
     #[serde(rename = "LPIPS_network")]
     lpips_network: Lenient<String>,
-    /// Each of [`MEASURES`] by name.
+    /// Numbers by name.
     #[serde(flatten)]
-    measures: BTreeMap<String, Lenient<f64>>,
+    numbers: BTreeMap<String, Lenient<f64>>,
 }
 
 /// Entry of `timeline.json`.

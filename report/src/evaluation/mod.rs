@@ -6,6 +6,6 @@ mod results;
 mod view;
 
 pub use page::{EvaluationPage, page};
-pub use relit::{RelitScene, lights};
-pub use results::Evaluation;
+pub use relit::{Protocol, RELIT, RelitScene, lights};
+pub use results::{EvaluatedLight, Evaluation, albedo_summary};
 pub use view::EvaluatedView;

@@ -4,10 +4,11 @@ use crate::{
     error::Result,
     evaluation::{
         relit::RelitScene,
-        results::Evaluation,
+        results::{EvaluatedLight, Evaluation},
         view::{EDGE_MAX, ERROR_MAX, EvaluatedView},
     },
     html::Table,
+    light::COMMON_SIZE,
     measure::{MEASURES, PSNR, means},
 };
 use askama::Template;
@@ -18,6 +19,8 @@ use specula_scene::number::group_digits;
 const VIEWS_MAX: usize = 200;
 /// Folder of the pictures, relative to the page.
 const PICTURES: &str = "views";
+/// Picture of the learned light beside the true one, relative to the page.
+const LIGHT_PICTURE: &str = "light.png";
 /// Pictures of a view: name of the file, and caption.
 const KINDS: [[&str; 2]; 3] = [["truth", "ground truth"], ["picture", "rendering"], ["error", "error"]];
 
@@ -26,7 +29,7 @@ const KINDS: [[&str; 2]; 3] = [["truth", "ground truth"], ["picture", "rendering
 pub struct EvaluationPage<'a> {
     /// HTML, which requests nothing from outside its folder.
     pub html: String,
-    /// JPEGs, each with its path relative to the page.
+    /// JPEGs of views and a PNG of the light, each with its path relative to the page.
     pub pictures: Vec<(String, &'a [u8])>,
 }
 
@@ -41,7 +44,9 @@ pub fn page(evaluation: &Evaluation) -> Result<EvaluationPage<'_>> {
         let pictures = evaluation.views[index].pictures.iter().flatten();
         KINDS.iter().zip(pictures).map(move |([kind, _], bytes)| (picture_path(index, kind), bytes.as_slice()))
     };
-    let pictures = order.iter().take(VIEWS_MAX).flat_map(|index| pictures_of_view(*index)).collect();
+    let light = evaluation.light.as_ref().and_then(|light| light.picture.as_deref());
+    let pictures = order.iter().take(VIEWS_MAX).flat_map(|index| pictures_of_view(*index));
+    let pictures = pictures.chain(light.map(|bytes| (LIGHT_PICTURE.to_owned(), bytes))).collect();
     Ok(EvaluationPage { html: Page::new(evaluation, &order).render()?, pictures })
 }
 
@@ -64,6 +69,9 @@ struct Page {
     scene: String,
     facts: String,
     means: Table,
+    /// Factors of the albedo as text.
+    albedo_scale: Option<String>,
+    light: Option<LightSection>,
     relit: Option<Table>,
     error_max: f32,
     edge_max: u32,
@@ -77,19 +85,48 @@ struct Page {
 impl Page {
     fn new(evaluation: &Evaluation, order: &[usize]) -> Self {
         let ranges = Ranges::of(&evaluation.views);
-        let heads = ["light", "PSNR dB", "PSNR dB, scaled", "factors of red, green, blue", "views"];
+        let heads = [
+            "light",
+            "PSNR dB",
+            "PSNR dB, scaled",
+            "factors of red, green, blue",
+            "PSNR dB, albedo scaled",
+            "PSNR dB, views scaled",
+            "views",
+        ];
         let relit = || Table::new(heads, evaluation.relit.iter().map(RelitScene::cells));
         let shown = order.iter().take(VIEWS_MAX);
         Self {
             scene: evaluation.scene.display().to_string(),
             facts: facts(evaluation),
             means: ranges.table(),
+            albedo_scale: evaluation.albedo_scale.map(|scale| scale.map(|factor| format!("{factor:.3}")).join(", ")),
+            light: evaluation.light.as_ref().map(LightSection::new),
             relit: (!evaluation.relit.is_empty()).then(relit),
             error_max: ERROR_MAX,
             edge_max: EDGE_MAX,
             measures: ranges.measures().map(|index| (index, MEASURES[index].label)).collect(),
             views: shown.map(|index| ViewSection::new(*index, &evaluation.views[*index], &ranges)).collect(),
             hidden: order.len().saturating_sub(VIEWS_MAX),
+        }
+    }
+}
+
+/// Learned light on the page.
+struct LightSection {
+    measures: Table,
+    /// Path of the picture of both lights, if there is one.
+    picture: Option<&'static str>,
+}
+
+impl LightSection {
+    fn new(light: &EvaluatedLight) -> Self {
+        let [width, height] = COMMON_SIZE;
+        let common = format!("correlation at {width} × {height}");
+        let heads = [common.as_str(), "texel by texel", "scale", "scale of red, green, blue"];
+        Self {
+            measures: Table::new(heads, [light.quality.cells()]),
+            picture: light.picture.as_ref().map(|_| LIGHT_PICTURE),
         }
     }
 }
@@ -198,6 +235,7 @@ impl Bar {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::LightQuality;
     use specula_train::evaluate::ViewQuality;
 
     fn evaluation(psnrs: &[f64]) -> Evaluation {
@@ -214,6 +252,24 @@ mod tests {
             lpips_network: None,
             views: psnrs.iter().enumerate().map(view).collect(),
             relit: Vec::new(),
+            albedo_scale: None,
+            light: None,
+        }
+    }
+
+    #[test]
+    fn a_true_light_has_a_section_with_its_picture_and_others_none() {
+        let mut evaluation = evaluation(&[30.0]);
+        let text = page(&evaluation).expect("the template is valid").html;
+        assert!(!text.contains("light.png") && !text.contains("albedo"), "nothing is said of what is unknown");
+        let quality =
+            LightQuality { correlation: Some(0.75), correlation_texels: None, scale: 1.5, scale_rgb: [1.0, 1.5, 2.25] };
+        evaluation.light = Some(EvaluatedLight { quality, picture: Some(vec![7]) });
+        evaluation.albedo_scale = Some([0.5, 1.0, 2.0]);
+        let page = page(&evaluation).expect("the template is valid");
+        assert!(page.pictures.contains(&("light.png".to_owned(), &[7][..])));
+        for expected in ["src=\"light.png\"", "0.750", "1.000, 1.500, 2.250", "0.500, 1.000, 2.000"] {
+            assert!(page.html.contains(expected), "{expected}");
         }
     }
 

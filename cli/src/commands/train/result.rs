@@ -6,13 +6,17 @@ use crate::{
     failure::Failure,
     output, progress,
     scene::measure_views,
+    truth::{measure_light, measure_materials, up_of},
 };
+use core::iter;
+use serde_json::Map;
 use specula_core::{camera::Camera, cutoffs::BlendOrder, rules::Channels};
 use specula_io::{
     exposure,
+    materials::Materials,
     model_folder::{self, ModelInfo},
 };
-use specula_report::{certificate::CertifiedScene, measure};
+use specula_report::{certificate::CertifiedScene, evaluation::albedo_summary, light::LightQuality, measure};
 use specula_scene::{
     RenderOptions, Scene, SceneRenderer,
     backdrop::BackgroundColor,
@@ -27,6 +31,8 @@ pub(super) struct Views<'a> {
     /// Names of the training pictures.
     pub(super) names: Vec<String>,
     pub(super) test: &'a [View],
+    /// Ground-truth materials of each of these views.
+    pub(super) materials: &'a [Materials],
     pub(super) cameras: Vec<Camera>,
     pub(super) background: BackgroundColor,
 }
@@ -47,7 +53,7 @@ pub(super) fn pause(args: &Train, training: &mut Training, info: &ModelInfo, vie
             let mut renderer = SceneRenderer::new(scene, Channels::Training, &options)?;
             measure_views(&mut renderer, views.test, views.background, is_exposed)
         })?;
-        measure::save(&args.model_path, iteration, training.seconds(), count, &measured)?;
+        measure::save(&args.model_path, iteration, training.seconds(), count, &measured, Map::new())?;
         tracing::info!("iteration {iteration}: {}", measure::summary(&measure::means(&measured)));
     }
     Ok(())
@@ -100,23 +106,43 @@ pub(super) fn finish(
         return Ok(());
     }
     let is_lit = scene.light.is_some();
+    let options = RenderOptions::full_precision(training.choice().clone());
+    let materials = measure_materials(&scene, &options, views.test, views.materials)?;
+    let light = measured_light(args, &scene, &info, views);
     let mut renderer = match &certified {
         Some(certified) => certified.renderer(&scene, Channels::Training),
-        None => {
-            SceneRenderer::new(scene, Channels::Training, &RenderOptions::full_precision(training.choice().clone()))?
-        }
+        None => SceneRenderer::new(scene, Channels::Training, &options)?,
     };
     let test = views.test;
-    let measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some())?;
+    let mut measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some())?;
     if let Some(certified) = &certified {
         let report = certified::report(certified);
         output::say(&report)?;
         save_certificate(args, &mut info, format!("{}; {report}", certified.certificate()))?;
     }
-    measure::save(&args.model_path, iteration, seconds, count, &measured)?;
-    output::say(&format!("{}  ({} test views; {facts})", measure::summary(&measure::means(&measured)), test.len()))?;
+    materials.iter().for_each(|materials| materials.add_to(&mut measured));
+    let of_light = light.as_ref().map_or_else(Map::new, LightQuality::facts);
+    measure::save(&args.model_path, iteration, seconds, count, &measured, of_light)?;
+    let means = measure::summary(&measure::means(&measured));
+    let first = format!("{means}  ({} test views; {facts})", test.len());
+    let albedo = materials.and_then(|materials| materials.albedo_scale).map(albedo_summary);
+    let lines = iter::once(first).chain(albedo).chain(light.as_ref().map(LightQuality::summary));
+    output::say(&lines.collect::<Vec<_>>().join("\n"))?;
     tracing::info!("{}", next_commands(args, is_lit));
     Ok(())
+}
+
+/// Agreement of the learned light with that of the data set. A file of the latter that cannot be
+/// read is only a warning.
+fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'_>) -> Option<LightQuality> {
+    let up = up_of(Some(info), views.cameras.iter());
+    match measure_light(scene, args.source()?, up) {
+        Ok(compared) => compared.map(|(_, quality)| quality),
+        Err(error) => {
+            tracing::warn!("the light is not compared with the true one: {error}");
+            None
+        }
+    }
 }
 
 /// Note with commands for a trained model.
