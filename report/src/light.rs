@@ -4,9 +4,12 @@
 //! light's own mean, with the solid angle of each direction as its weight w:
 //!
 //! ```text
-//! correlation  Σ w (x − x̄)(y − ȳ) / √(Σ w (x − x̄)² Σ w (y − ȳ)²)     x, y = ln of the mean of red, green, blue
-//! scale        exp(Σ w ln(learned / true) / Σ w)                     of each channel; overall their geometric mean
+//! correlation  Σ w (x − x̄)(y − ȳ) / √(Σ w (x − x̄)² Σ w (y − ȳ)²)
+//! scale        exp(Σ w ln(learned / true) / Σ w)
 //! ```
+//!
+//! with x and y the logarithms of the means of red, green and blue of both lights. Each channel has
+//! a scale; that of the light is their geometric mean.
 
 use crate::error::Result;
 use serde_json::{Map, Value, json};

@@ -152,7 +152,8 @@ fn measure_lpips(
 }
 
 /// Measures a scene under every light of its data set with ground truth of these views.
-/// `up` is the scene's up direction; with factors of the albedo, a scene with these is measured too.
+/// `up` is the scene's up direction; with factors of the albedo, a scene with these is measured
+/// too.
 fn measure_relit(
     args: &Eval,
     opened: &OpenedModel,
