@@ -120,8 +120,8 @@ impl Scene {
     }
 
     /// Multiplies the albedo of physical materials by a factor for linear red, green and blue, up
-    /// to an albedo of 1; of what the surface of the scene reflects as well. A scene without materials
-    /// keeps what it has.
+    /// to an albedo of 1; of what the surface of the scene reflects as well. A scene without
+    /// materials keeps what it has.
     pub fn scale_albedo(&mut self, factors: [f32; 3]) {
         let Some(first) = self.gaussians.layout.physical_planes().map(|first| first + ALBEDO) else { return };
         let scaled = |albedo: [f32; 3]| core::array::from_fn(|k| (albedo[k] * factors[k]).clamp(0.0, 1.0));
