@@ -192,3 +192,48 @@ impl Scene {
         model_folder::save(folder, iteration, &snapshot)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::scene::{Layout, METALNESS, len_of_values};
+
+    /// Largest error of an albedo that went through its logit.
+    const ROUNDING: f32 = 1e-6;
+
+    #[test]
+    fn albedos_are_scaled_up_to_one_and_nothing_else_is() {
+        let layout = Layout::shaded(None).physical();
+        let first = layout.physical_planes().unwrap();
+        let mut gaussians = Gaussians { count: 2, layout, values: vec![0.0; len_of_values(2, layout)] };
+        gaussians.set(0, first + ALBEDO, [0.2, 0.5, 0.9].map(logit));
+        gaussians.set(0, first + METALNESS, [logit(0.25)]);
+        let vertex: [f32; VERTEX_LEN] = core::array::from_fn(|number| 0.05 * number as f32);
+        let near_field =
+            NearField { node_count: 0, triangle_count: 0, vertex_count: 1, offset: 0.0, values: vertex.to_vec() };
+        let mut scene = Scene {
+            gaussians,
+            light: None,
+            near_field: Some(Arc::new(near_field)),
+            lamps: None,
+            shading_model: ShadingModel::DEFERRED,
+        };
+        let before = scene.clone();
+        scene.scale_albedo([2.0, 0.5, 1.5]);
+        let albedo = |index: usize| scene.gaussians.get::<3>(index, first + ALBEDO).map(sigmoid::<f32>);
+        for (found, expected) in albedo(0).into_iter().chain(albedo(1)).zip([0.4, 0.25, 1.0, 1.0, 0.25, 0.75]) {
+            assert!((found - expected).abs() < ROUNDING, "{found} is not {expected}");
+        }
+        let metalness = |scene: &Scene| scene.gaussians.get::<1>(0, first + METALNESS);
+        assert_eq!(metalness(&scene), metalness(&before));
+        let numbers = scene.near_field.unwrap().values.clone();
+        assert_eq!(numbers[..VERTEX_ALBEDO], vertex[..VERTEX_ALBEDO]);
+        for (found, expected) in numbers[VERTEX_ALBEDO..].iter().zip([1.0, 0.35, 1.0]) {
+            assert!((found - expected).abs() < ROUNDING, "{found} is not {expected}");
+        }
+        let mut plain = Scene { gaussians: Gaussians { layout: Layout::shaded(None), ..before.gaussians }, ..before };
+        let values = plain.gaussians.values.clone();
+        plain.scale_albedo([2.0; 3]);
+        assert_eq!(plain.gaussians.values, values, "without materials there is no albedo");
+    }
+}

@@ -9,13 +9,19 @@ use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
 use std::path::PathBuf;
 
-/// Measure a model on held-out views: PSNR, SSIM, FLIP, and the error of normals.
+/// Measure a model on held-out views: PSNR, SSIM, FLIP, normals, materials and light.
 ///
 /// PSNR, SSIM and FLIP are computed per 8-bit picture and averaged. The error of normals is the
 /// mean angle in degrees over pixels whose true alpha exceeds one half, for data sets with normal
 /// maps; the weighted one counts each pixel by the product of rendered and true opacity, as
 /// Ref-NeRF does. For data sets with relit ground truth (relight/NAME.hdr and relight/NAME/),
-/// relighting is measured too, without scaling and with the best scale per colour channel.
+/// relighting is measured too, without scaling, with the best scale per colour channel, and with
+/// that of each view.
+///
+/// Models trained with --relightable are also measured against true materials (r_0_albedo.png and
+/// r_0_material.png beside a test picture) and a true light (env.hdr in the folder of the data
+/// set), where there are any: albedo after the best scale per channel, roughness, metalness,
+/// correlation and brightness of the light, and relighting with the albedo scaled likewise.
 ///
 /// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under
 /// ours_N, or, with settings that differ from training, under a longer name such as ours_N_f16 or

@@ -206,6 +206,40 @@ fn what_is_missing_is_told_with_its_command() {
 }
 
 #[test]
+fn materials_light_and_all_protocols_of_relighting_have_columns() {
+    let runs = Runs::new();
+    let measures = json!({
+        "PSNR": 30.0, "albedo_PSNR": 20.0, "roughness_error": 0.1, "metalness_error": 0.2, "relit_PSNR": 21.0,
+        "relit_PSNR_scaled": 22.0, "relit_PSNR_albedo_scaled": 23.0, "relit_PSNR_view_scaled": 24.0,
+        "light_correlation": 0.8126, "light_scale": 1.5,
+    });
+    let config = "relightable = true\n";
+    let ours = runs.add(&Said { name: "ours", measures, config, ..SAID });
+    let other = runs.add(&Said { name: "other", profile: "paper", measures: json!({"PSNR": 31.0}), config, ..SAID });
+    let plain = runs.add(&Said { name: "plain", profile: "3dgs", measures: json!({"PSNR": 31.0}), ..SAID });
+    let (table, said) = compared(&[ours, other, plain], &[]);
+    let heads = [
+        "PSNR dB ↑",
+        "albedo PSNR dB ↑",
+        "roughness error ↓",
+        "metalness error ↓",
+        "relit PSNR dB ↑",
+        "relit PSNR, scaled dB ↑",
+        "relit PSNR, albedo scaled dB ↑",
+        "relit PSNR, views scaled dB ↑",
+        "light correlation ↑",
+        "light scale",
+        "Gaussians",
+    ];
+    assert!(table.contains(&heads.join(" | ")), "{table}");
+    let row = "| 30.00 | 20.00 | 0.100 | 0.200 | 21.00 | 22.00 | 23.00 | 24.00 | 0.813 | 1.500 |";
+    assert!(table.contains(row), "{table}");
+    for (measure, count) in [("albedo PSNR", 1), ("light correlation", 1), ("roughness error", 0), ("light scale", 0)] {
+        assert_eq!(said.matches(&format!("has no {measure}")).count(), count, "{measure}: {said}");
+    }
+}
+
+#[test]
 fn runs_that_were_measured_otherwise_are_not_held_against_one_another() {
     let runs = Runs::new();
     let measures = || json!({"PSNR": 30.0});

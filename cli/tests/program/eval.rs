@@ -133,6 +133,102 @@ fn relighting_is_measured_where_its_truth_is_known() {
     assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("Under other lights"));
 }
 
+/// Writes materials of a ball, a metal of roughness 0.2 on one side and Lambertian on the other, and
+/// a light.
+fn write_truth(tiny: &Tiny) {
+    for view in 0..3 {
+        let picture = image::open(tiny.file(&format!("test/r_{view}.png"))).unwrap().to_rgba8();
+        picture.save(tiny.file(&format!("test/r_{view}_albedo.png"))).unwrap();
+        let material = |x: u32, y: u32| match picture.get_pixel(x, y).0 {
+            [.., 255] if x < picture.width() / 2 => image::Rgba([51, 255, 0, 255]),
+            [.., 255] => image::Rgba([0, 0, 255, 255]),
+            _ => image::Rgba([0; 4]),
+        };
+        let surface = image::RgbaImage::from_fn(picture.width(), picture.height(), material);
+        surface.save(tiny.file(&format!("test/r_{view}_material.png"))).unwrap();
+    }
+    write_light(tiny, 1.0);
+}
+
+/// Writes a true light that is four times as bright above as below.
+fn write_light(tiny: &Tiny, above: f32) {
+    let rgb = (0..3 * 16 * 8).map(|index| if index < 3 * 16 * 4 { above } else { 0.25 * above }).collect();
+    latlong::write(&tiny.file("env.hdr"), &LatLong { width: 16, height: 8, rgb }).unwrap();
+}
+
+#[test]
+fn materials_and_light_are_measured_where_their_truth_is_known() {
+    const KEYS: [&str; 4] = ["albedo_PSNR", "roughness_error", "metalness_error", "light_scale"];
+    /// What is said of materials and light.
+    const WORDS: [&str; 4] = ["albedo", "roughness error", "metalness", "light"];
+    /// Error of a ratio of scales: that of numbers in `f32`.
+    const ROUNDING: f64 = 1e-4;
+    let tiny = Tiny::new();
+    let model = tiny.path("model");
+    let told = printed(train(&tiny, "model").args(["--eval", "--relightable", "--quiet"]));
+    let evaluated = eval(&model, &[]);
+    let recorded = fs::read_to_string(model.join("results.json")).unwrap();
+    for text in [&told, &evaluated, &recorded] {
+        assert!(WORDS.iter().all(|word| !text.contains(word)), "without truth nothing is said: {text}");
+    }
+    assert!(!model.join("test/ours_30/light.png").exists());
+
+    write_truth(&tiny);
+    fs::create_dir_all(tiny.file("relight/sky")).unwrap();
+    fs::copy(tiny.file("env.hdr"), tiny.file("relight/sky.hdr")).unwrap();
+    fs::copy(tiny.file("test/r_1.png"), tiny.file("relight/sky/r_1.png")).unwrap();
+    let said = eval(&model, &[]);
+    for part in
+        ["  albedo PSNR ", "\nalbedo: scaled by ", "\nlight: correlation ", " dB after scaling the albedo  (1 v"]
+    {
+        assert!(said.contains(part), "{part:?} is missing in {said}");
+    }
+    let measured = json(&model.join("results.json"))["ours_30"].clone();
+    for key in KEYS.iter().chain(&["relit_PSNR_albedo_scaled", "relit_PSNR_view_scaled"]) {
+        assert!(measured[key].as_f64().is_some_and(|value| value > 0.0), "{key}: {measured}");
+    }
+    let page = model.join("test/ours_30");
+    assert!(image::open(page.join("light.png")).is_ok());
+    assert!(fs::read_to_string(page.join("index.html")).unwrap().contains("src=\"light.png\""));
+
+    let report: Value = serde_json::from_str(&eval(&model, &["--json"])).unwrap();
+    assert_eq!(report["albedo_scale"].as_array().unwrap().len(), 3);
+    let scale = report["light"]["scale"].as_f64().unwrap();
+    write_light(&tiny, 2.0);
+    let report: Value = serde_json::from_str(&eval(&model, &["--json"])).unwrap();
+    let ratio = scale / report["light"]["scale"].as_f64().unwrap();
+    assert!((ratio - 2.0).abs() < ROUNDING, "relative to twice the light it is half as bright: {ratio}");
+
+    // The end of a training says the same.
+    let told = printed(train(&tiny, "again").args(["--eval", "--relightable", "--quiet"]));
+    assert!(told.contains("\nalbedo: scaled by ") && told.contains("\nlight: correlation "), "{told}");
+    let again = json(&tiny.path("again").join("results.json"))["ours_30"].clone();
+    assert!(KEYS.iter().all(|key| again[key].is_number()), "{again}");
+
+    // A model without materials has nothing to compare.
+    printed(train(&tiny, "plain").args(["--eval", "--quiet"]));
+    let said = eval(&tiny.path("plain"), &[]);
+    assert!(WORDS.iter().all(|word| !said.contains(word)), "{said}");
+}
+
+#[test]
+fn broken_truths_of_materials_and_light_are_told_in_one_sentence() {
+    let tiny = Tiny::new();
+    let model = tiny.path("model");
+    printed(train(&tiny, "model").args(["--eval", "--relightable", "--quiet"]));
+    let refusal = || {
+        let output = specula().arg("eval").arg(&model).arg("--quiet").assert().failure().get_output().clone();
+        String::from_utf8(output.stderr).unwrap()
+    };
+    fs::write(tiny.file("env.hdr"), "no light").unwrap();
+    let said = refusal();
+    assert!(said.lines().count() == 1 && said.contains("env.hdr"), "{said}");
+    write_truth(&tiny);
+    image::RgbaImage::new(5, 7).save(tiny.file("test/r_1_albedo.png")).unwrap();
+    let said = refusal();
+    assert!(said.lines().count() == 1 && said.contains("r_1_albedo.png") && said.contains("5 by 7"), "{said}");
+}
+
 /// A network of a few channels with random weights; what it says is compared with the reference
 /// package elsewhere.
 const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.onnx");

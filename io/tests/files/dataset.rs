@@ -8,6 +8,7 @@ use specula_core::camera::Camera;
 use specula_io::{
     Result, cameras,
     dataset::{self, Dataset, LoadOptions},
+    materials::Materials,
     points_ply::{self, PointCloud},
 };
 use std::{
@@ -153,6 +154,39 @@ fn an_opaque_picture_has_normals_where_its_coverage_is_at_least_one_half() {
     assert!((0..64).all(|pixel| normals.mask[pixel] == expected(pixel)), "{:?}", normals.mask);
     assert!((0..64).all(|pixel| (normals.values[pixel] != [0.0; 3]) == expected(pixel)));
     assert!(view.image.rgba.chunks(4).all(|pixel| pixel[3] == 255), "the picture stays as it is");
+}
+
+#[test]
+fn materials_stand_beside_test_images_and_lambertian_ones_have_no_roughness() {
+    let folder = scene();
+    assert!(load(folder.path()).unwrap().test[0].materials.is_empty());
+    write_image(&folder, "test/r_0_albedo.png", 8, 8, [200, 100, 50, 255]);
+    let half = |x: u32, _| Rgba(if x < 4 { [51, 255, 0, 255] } else { [77, 7, 255, 255] });
+    RgbaImage::from_fn(8, 8, half).save(folder.path().join("test/r_0_material.png")).unwrap();
+    for downscale in [1, 2, 8] {
+        let options = LoadOptions { downscale, ..LoadOptions::default() };
+        let data = dataset::load(folder.path(), &options, |_, _| {}).unwrap();
+        let Materials { albedo, surface } = data.test[0].materials.clone();
+        let (albedo, surface) = (albedo.unwrap(), surface.unwrap());
+        assert_eq!([albedo.width, albedo.height, surface.width], [8 / downscale; 3]);
+        assert!(albedo.rgba.chunks(4).all(|pixel| pixel == [200, 100, 50, 255]));
+        assert_eq!(surface.rgba[..3], [51, 255, 0], "Lambertian surfaces have no share in a mean");
+        assert_eq!(surface.rgba[3], if downscale == 8 { 128 } else { 255 });
+        assert!(downscale == 8 || surface.rgba[4 * surface.width as usize - 1] == 0, "they have no truth");
+    }
+    assert!(load(folder.path()).unwrap().train.iter().all(|view| view.materials.is_empty()));
+}
+
+#[test]
+fn materials_of_another_size_or_kind_are_refused_in_one_sentence() {
+    let folder = scene();
+    write_image(&folder, "test/r_0_material.png", 4, 8, [0; 4]);
+    let said = refusal(folder.path());
+    assert_says(&said, &["r_0_material.png", "has 4 by 8 pixels", "8 by 8", "remove it"]);
+    write(&folder, "test/r_0_material.png", "no picture");
+    assert_says(&refusal(folder.path()), &["r_0_material.png"]);
+    fs::remove_file(folder.path().join("test/r_0_material.png")).unwrap();
+    assert!(load(folder.path()).is_ok());
 }
 
 #[test]
