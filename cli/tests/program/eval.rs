@@ -133,8 +133,8 @@ fn relighting_is_measured_where_its_truth_is_known() {
     assert!(fs::read_to_string(model.join("test/ours_30/index.html")).unwrap().contains("Under other lights"));
 }
 
-/// Writes materials of a ball, a metal of roughness 0.2 on one side and Lambertian on the other, and
-/// a light.
+/// Writes materials of a ball, a metal of roughness 0.2 on one side and Lambertian on the other,
+/// and a light.
 fn write_truth(tiny: &Tiny) {
     for view in 0..3 {
         let picture = image::open(tiny.file(&format!("test/r_{view}.png"))).unwrap().to_rgba8();
@@ -159,7 +159,7 @@ fn write_light(tiny: &Tiny, above: f32) {
 #[test]
 fn materials_and_light_are_measured_where_their_truth_is_known() {
     const KEYS: [&str; 4] = ["albedo_PSNR", "roughness_error", "metalness_error", "light_scale"];
-    /// What is said of materials and light.
+    /// Words of the lines on materials and light.
     const WORDS: [&str; 4] = ["albedo", "roughness error", "metalness", "light"];
     /// Error of a ratio of scales: that of numbers in `f32`.
     const ROUNDING: f64 = 1e-4;
