@@ -33,6 +33,7 @@ const MET_MIN: f64 = 0.01;
 /// Near field of a scene as some cameras see it; none where they see no surface, or where it
 /// neither reflects itself nor, with physical materials, keeps light of `sky` from itself.
 ///
+/// `render` renders a view without light.
 ///
 /// # Errors
 ///
