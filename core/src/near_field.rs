@@ -52,6 +52,13 @@ pub const SHARP: f32 = 0.25;
 /// Roughness from which it says nothing: half-widths of 14°.
 pub const BLURRED: f32 = 0.5;
 
+/// Depth below the plane of a triangle, in offsets of the near field, from which a shadow ray is
+/// blocked by its back: a start on the surface is off by one offset at most, and so is the triangle.
+pub const BACK_DEPTH: f32 = 2.0;
+
+/// Depth that says that no ray meets the back of a triangle.
+pub const FRONTS_ALONE: f32 = -1.0;
+
 /// Share of a triangle by which it is larger for rays, so that none passes between neighbours.
 const EDGE: f32 = 1e-5;
 /// Share by which boxes are larger for rays than rounding makes them smaller.
@@ -223,21 +230,25 @@ impl<A: AsRef<[f32]>> NearField<A> {
     /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
     /// ray that is not finite meets nothing.
     pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
-        self.hit_within(origin, direction, origin.x.constant(NOTHING), false)
+        self.hit_within(origin, direction, origin.x.constant(NOTHING), origin.x.constant(FRONTS_ALONE), false)
     }
 
-    /// Whether a ray meets the front of a triangle within a distance, in lengths of its direction.
+    /// Whether a ray meets a triangle within a distance, in lengths of its direction: its front, or
+    /// its back from at least [`BACK_DEPTH`] offsets below it. Undersides that no camera saw are
+    /// open, and what stands above them hides light by its back.
     pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
-        self.hit_within(origin, direction, reach, true).is_some()
+        let depth = reach.constant(BACK_DEPTH * self.offset);
+        self.hit_within(origin, direction, reach, depth, true).is_some()
     }
 
-    /// First hit of a ray within a distance; any hit, if that is enough.
+    /// First hit of a ray within a distance; any hit, if that is enough. Backs are met from a depth.
     #[inline(always)]
     fn hit_within<R: Real<Mask = bool>>(
         &self,
         origin: Vec3<R>,
         direction: Vec3<R>,
         reach: R,
+        back_depth: R,
         any_is_enough: bool,
     ) -> Option<Hit<R>> {
         let inverse = inverse_direction(direction);
@@ -260,7 +271,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
             }
             for triangle in first..first + count {
                 let corners = self.corners(triangle).map(|vertex| self.position(vertex, nearest));
-                let crossing = crossing(corners, origin, direction);
+                let crossing = crossing(corners, origin, direction, back_depth);
                 if crossing.distance.less(nearest) {
                     nearest = crossing.distance;
                     hit = Some(Hit { distance: nearest, triangle, weights: crossing.weights });
@@ -308,29 +319,35 @@ pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: V
 #[derive(Clone, Copy, Debug)]
 pub struct Crossing<R> {
     /// Distance along the ray, in lengths of its direction; [`NOTHING`] for a ray that misses the
-    /// triangle or meets its back.
+    /// triangle.
     pub distance: R,
     /// Weights of the second and the third corner.
     pub weights: [R; 2],
 }
 
 /// Crossing of a ray and a triangle, whose corners are counterclockwise seen from its front (Möller
-/// and Trumbore 1997, "Fast, Minimum Storage Ray/Triangle Intersection").
+/// and Trumbore 1997, "Fast, Minimum Storage Ray/Triangle Intersection"). Its back is met by rays
+/// that start at least `back_depth` below its plane, by none if that is negative.
 #[inline(always)]
-pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Vec3<R>) -> Crossing<R> {
+pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Vec3<R>, back_depth: R) -> Crossing<R> {
     let (to_b, to_c, from_a) = (b - a, c - a, origin - a);
     let across = direction.cross(to_c);
     let volume = to_b.dot(across);
     let zero = volume.zero();
     let is_front = zero.less(volume);
-    let per_volume = R::select(is_front, volume, volume.constant(1.0)).recip();
+    let normal = to_b.cross(to_c);
+    let below = -(normal.dot(from_a));
+    let is_deep = (back_depth * normal.dot(normal).sqrt()).less_or_equal(below);
+    let is_back = volume.less(zero) & zero.less_or_equal(back_depth) & is_deep;
+    let is_faced = is_front | is_back;
+    let per_volume = R::select(is_faced, volume, volume.constant(1.0)).recip();
     let u = from_a.dot(across) * per_volume;
     let along = from_a.cross(to_b);
     let v = direction.dot(along) * per_volume;
     let distance = to_c.dot(along) * per_volume;
     let least = zero.constant(-EDGE);
     let is_inside = least.less(u) & least.less(v) & (u + v).less(zero.constant(1.0 + EDGE));
-    let is_met = is_front & is_inside & zero.less(distance);
+    let is_met = is_faced & is_inside & zero.less(distance);
     Crossing { distance: R::select(is_met, distance, zero.constant(NOTHING)), weights: [u, v] }
 }
 

@@ -37,8 +37,6 @@ pub struct Ground {
     /// Directions of the square's edges.
     axes: [Vec3; 2],
     half_edge: f32,
-    /// Distance from the middle beyond which there is nothing.
-    far: f32,
     /// Irradiance of the open plane by the sky.
     open: Vec3,
     /// Irradiance that reaches the points of the square, row by row.
@@ -90,7 +88,6 @@ impl Ground {
             middle,
             axes,
             half_edge: 0.5 * WIDTHS * width,
-            far: WIDTHS * width + (center.z - height).abs(),
             open: Vec3::ZERO,
             reaching: Vec::new(),
             lamps: lamps.iter().map(ground_lamp).collect(),
@@ -117,20 +114,12 @@ impl Ground {
         }
         let at = |index: usize| {
             let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
-            let is_open = |direction: Vec3| !self.is_hidden(point, direction, NOTHING);
+            let is_open = |direction: Vec3| !self.occluder.is_blocked(point.into(), direction.into(), NOTHING);
             lights.iter().filter(|(direction, _)| is_open(*direction)).map(|(_, light)| *light).sum()
         };
         let reaching = (0..POINTS * POINTS).into_par_iter().map(at).collect();
         self.open = lights.iter().map(|(_, light)| *light).sum();
         self.reaching = reaching;
-    }
-
-    /// Whether a surface, from its front or its back, is between a point and a light. Scenes that
-    /// no camera saw from below are open there, and their backs hide light as well.
-    fn is_hidden(&self, point: Vec3, direction: Vec3, reach: f32) -> bool {
-        let reach = reach.min(point.distance(self.middle) + self.far);
-        let back = || self.occluder.is_blocked((point + reach * direction).into(), (-direction).into(), reach);
-        self.occluder.is_blocked(point.into(), direction.into(), reach) || back()
     }
 
     /// Point of the ground at a column and a row of the square.
@@ -172,7 +161,7 @@ impl Ground {
             for place in &self.spiral[..*rays] {
                 let ray = shadow_ray(self.up.into(), &seen, axes, &shift, *place);
                 all += ray.weight;
-                if ray.weight > 0.0 && !self.is_hidden(point, ray.direction.into(), seen.reach) {
+                if ray.weight > 0.0 && !self.occluder.is_blocked(point.into(), ray.direction, seen.reach) {
                     arriving += ray.weight;
                 }
             }

@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, direct_light,
         disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN, crossing},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -110,9 +110,10 @@ proptest! {
         }
     }
 
-    /// Any hit within a distance is the first hit, if that is so near.
+    /// A front within reach blocks a ray, and so does a back that it reaches from below; nothing
+    /// else does.
     #[test]
-    fn a_ray_is_blocked_where_the_first_hit_is_within_reach(
+    fn rays_are_blocked_by_fronts_and_by_backs_above_them(
         seed in any::<u64>(),
         origin in proptest::array::uniform3(-3.0..3.0_f32),
         direction in unit_vector(),
@@ -121,8 +122,38 @@ proptest! {
         let near_field = random_near_field(40, seed);
         let origin = Real3::from(Vec3::from(origin));
         let direction = Real3::from(Vec3::from(direction.map(|x| x as f32)));
-        let first = near_field.first_hit(origin, direction).map_or(NOTHING, |hit| hit.distance);
-        prop_assert_eq!(near_field.is_blocked(origin, direction, reach), first < reach);
+        let position = |vertex: usize| Real3::from(Vec3::from_slice(&near_field.vertex(vertex)[..3]));
+        let depth = BACK_DEPTH * near_field.offset;
+        let nearest = (0..near_field.triangle_count)
+            .map(|triangle| crossing(near_field.corners(triangle).map(position), origin, direction, depth).distance)
+            .fold(NOTHING, f32::min);
+        prop_assert_eq!(near_field.is_blocked(origin, direction, reach), nearest < reach);
+        let front = near_field.first_hit(origin, direction).map_or(NOTHING, |hit| hit.distance);
+        prop_assert!(nearest <= front);
+    }
+
+    /// A triangle is met by its back from the depth on, and not from a start that noise put below
+    /// its own surface.
+    #[test]
+    fn backs_are_met_from_a_depth(
+        corners in [unit_vector(), unit_vector(), unit_vector()],
+        weights in [0.1..0.4_f32, 0.1..0.4_f32],
+        direction in unit_vector(),
+        depth in 0.01..0.5_f32,
+        below in prop_oneof![0.0..0.9_f32, 1.1..3.0_f32],
+    ) {
+        let [a, b, c] = corners.map(|corner| Vec3::from(corner.map(|x| x as f32)));
+        let normal = (b - a).cross(c - a);
+        prop_assume!(normal.length() > 0.1);
+        let normal = normal.normalize();
+        let direction = Vec3::from(direction.map(|x| x as f32));
+        let along = direction.dot(normal);
+        prop_assume!(along > 0.1);
+        let place = a + weights[0] * (b - a) + weights[1] * (c - a);
+        let start = place - direction * (below * depth / along);
+        let found = |depth: f32| crossing([a, b, c].map(Real3::from), start.into(), direction.into(), depth).distance;
+        prop_assert_eq!(found(depth) < NOTHING, below > 1.0);
+        prop_assert_eq!(found(FRONTS_ALONE), NOTHING);
     }
 
     /// Rays lead to the lamp's disc, and together they weigh what the disc shines on the surface.

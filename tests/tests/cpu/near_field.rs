@@ -9,8 +9,8 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        BLURRED, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface, Reflection, SHARP,
-        crossing, share_of_near, vertex_surface,
+        BLURRED, FRONTS_ALONE, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface, Reflection,
+        SHARP, crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
@@ -53,7 +53,8 @@ fn nearest<R: Real<Mask = bool>>(
     };
     let mut hit: Option<Hit<R>> = None;
     for triangle in 0..near_field.triangle_count {
-        let found = crossing(near_field.corners(triangle).map(position), origin, direction);
+        let found =
+            crossing(near_field.corners(triangle).map(position), origin, direction, like.constant(FRONTS_ALONE));
         let nearest = hit.map_or(like.constant(NOTHING), |hit| hit.distance);
         if found.distance.less(nearest) {
             hit = Some(Hit { distance: found.distance, triangle, weights: found.weights });

@@ -63,11 +63,12 @@ formula!(BoxSpan, |_, inputs| box_span(min: 3, max: 3, origin: 3, inverse: 3) ->
 #[derive(Clone, Copy, Debug)]
 pub struct CrossingOf;
 
-formula!(CrossingOf, |_, inputs| crossing_of(a: 3, b: 3, c: 3, origin: 3, direction: 3) -> (
+formula!(CrossingOf, |_, inputs| crossing_of(a: 3, b: 3, c: 3, origin: 3, direction: 3, back_depth: 1) -> (
     distance: 1, weights: 2
 ) {
     let corners = [inputs.vec3(), inputs.vec3(), inputs.vec3()];
-    let Crossing { distance, weights } = crossing(corners, inputs.vec3(), inputs.vec3());
+    let Crossing { distance, weights } =
+        crossing(corners, inputs.vec3(), inputs.vec3(), inputs.number());
     ([distance], weights)
 });
 

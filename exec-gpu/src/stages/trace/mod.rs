@@ -25,7 +25,7 @@ use formulas::{
 };
 use specula_core::{
     camera::Camera,
-    near_field::{NODE_LEN, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{BACK_DEPTH, FRONTS_ALONE, NODE_LEN, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
     rules::{Channels, channel},
 };
 use std::sync::Arc;
@@ -52,6 +52,8 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
 /// Appends the near field at the bindings 1 and 3, and the triangle that a ray meets first.
 pub(crate) fn traversal(source: Source) -> Source {
     source
+        .number("BACK_DEPTH", BACK_DEPTH)
+        .number("FRONTS_ALONE", FRONTS_ALONE)
         .count("NODE_VECTORS", NODE_LEN / VECTOR)
         .count("TRIANGLE_VECTORS", TRIANGLE_LEN / VECTOR)
         .count("VERTEX_VECTORS", VERTEX_LEN / VECTOR)

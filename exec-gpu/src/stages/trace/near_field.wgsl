@@ -30,10 +30,11 @@ fn position(vertex: u32) -> vec3f {
     return numbers[vertex_start(vertex)].xyz;
 }
 
-// Tests in the order of `NearField::first_hit`; ends with any hit, if that is enough. Without one
-// the distance is `reach`.
+// Tests in the order of `NearField::first_hit`; for any hit, as `NearField::is_blocked`, which ends
+// with the first one found and meets backs as well. Without one the distance is `reach`.
 fn hit_within(origin: vec3f, direction: vec3f, reach: f32, any_is_enough: bool) -> Hit {
     let inverse = inverse_direction(direction);
+    let back_depth = select(FRONTS_ALONE, BACK_DEPTH * near_field.offset, any_is_enough);
     var hit = Hit(reach, 0u, vec2f(0.0));
     var index = 0u;
     while index < near_field.node_count {
@@ -49,8 +50,9 @@ fn hit_within(origin: vec3f, direction: vec3f, reach: f32, any_is_enough: bool) 
         }
         for (var triangle = first; triangle < first + count; triangle++) {
             let vertices = corners_of(triangle);
-            let crossing =
-                crossing_of(position(vertices.x), position(vertices.y), position(vertices.z), origin, direction);
+            let crossing = crossing_of(
+                position(vertices.x), position(vertices.y), position(vertices.z), origin, direction, back_depth,
+            );
             if crossing.distance < hit.distance {
                 hit = Hit(crossing.distance, triangle, crossing.weights);
                 if any_is_enough {
