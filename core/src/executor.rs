@@ -15,6 +15,16 @@ use crate::{
 };
 use core::ops::Range;
 
+/// Surface around lamps: `N` is a near field of an executor.
+#[derive(Clone, Copy, Debug)]
+pub struct Occluder<'a, N> {
+    /// Surface that casts shadows.
+    pub surface: &'a N,
+    /// Irradiance / π of each vertex by the lamps' light that other parts of the surface reflect:
+    /// red, green and blue, finite; empty where none is reflected.
+    pub reflected: &'a [f32],
+}
+
 /// Length of a host buffer that does not fit the array or the frame that is read into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BufferLength {
@@ -194,8 +204,8 @@ pub trait Renderer {
     fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
 
     /// The same light with lamps, in place of those that it had, and with this many shadow rays to
-    /// each lamp that is wider than a point. Surfaces of `occluder` cast the shadows; without one
-    /// there are none.
+    /// each lamp that is wider than a point. Surfaces of `occluder` cast the shadows and reflect
+    /// light onto each other; without one there are neither.
     ///
     /// # Errors
     ///
@@ -206,7 +216,7 @@ pub trait Renderer {
         light: Self::Light,
         lamps: &[Lamp],
         rays: usize,
-        occluder: Option<&Self::NearField>,
+        occluder: Option<Occluder<'_, Self::NearField>>,
     ) -> Result<Self::Light, Self::Error>;
 
     /// Projects Gaussians to splats. Gaussians whose mean, shape or opacity is not finite are not

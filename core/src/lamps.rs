@@ -22,6 +22,10 @@
 //! ([`crate::near_field`]): a spiral of equal areas (Vogel 1979), shifted and turned from pixel to
 //! pixel by numbers that derive from its place. Each ray weighs as much as its light on the
 //! surface.
+//!
+//! Lamps' light that surfaces reflect once from their diffuse layers onto others is known at the
+//! vertices of the triangles; a pixel takes it from the triangle below it
+//! ([`crate::near_field::NearField::surface_below`]).
 
 use crate::{
     camera::CameraOf,
@@ -93,6 +97,8 @@ pub enum LampError {
         /// Index of the lamp.
         index: usize,
     },
+    /// Reflected light is not three finite numbers for each vertex of the surface.
+    Reflected,
 }
 
 impl core::fmt::Display for LampError {
@@ -104,6 +110,7 @@ impl core::fmt::Display for LampError {
             Self::Number { index } => {
                 write!(out, "lamp {index} has no direction, or a number that is negative, too large or not finite")
             }
+            Self::Reflected => write!(out, "reflected light is not three finite numbers for each vertex"),
         }
     }
 }
@@ -313,6 +320,12 @@ impl<R: Real> DirectLight<R> {
     pub fn none(like: R) -> Self {
         Self { irradiance: Vec3::zero(like), specular: Vec3::zero(like) }
     }
+    /// Light that other surfaces reflect: irradiance / π alone, since highlights of what is dim
+    /// beside a lamp are dimmer still.
+    #[inline(always)]
+    pub fn reflected(irradiance: Vec3<R>) -> Self {
+        Self { irradiance, specular: Vec3::zero(irradiance.x) }
+    }
     /// Both lights together.
     #[inline(always)]
     pub fn and(self, other: Self) -> Self {
@@ -341,6 +354,18 @@ pub fn direct_light<R: Real>(pixel: &LitPixel<R>, toward: &Toward<R>, share: R) 
         irradiance: toward.irradiance * (height * share * FRAC_1_PI),
         specular: toward.irradiance.times(specular) * share,
     }
+}
+
+/// Checks the irradiance / π of a surface's vertices by light that other parts of it reflect;
+/// empty where none is reflected.
+///
+/// # Errors
+///
+/// [`LampError::Reflected`].
+pub fn check_reflected(vertex_count: usize, reflected: &[f32]) -> Result<(), LampError> {
+    let is_whole = reflected.is_empty() || reflected.len() == 3 * vertex_count;
+    let is_fine = is_whole && reflected.iter().all(|number| number.is_finite());
+    if is_fine { Ok(()) } else { Err(LampError::Reflected) }
 }
 
 /// Turn of a pixel's shadow rays, and shift from ring to ring.

@@ -56,6 +56,10 @@ pub const BLURRED: f32 = 0.5;
 /// blocked by its back: a start on the surface is off by one offset at most, and so is the triangle.
 pub const BACK_DEPTH: f32 = 2.0;
 
+/// Distance below the start of shadow rays within which their own surface lies, in offsets: one
+/// offset was added, and a pixel's depth and the triangles differ by as much.
+pub const BELOW: f32 = 4.0;
+
 /// Depth that says that no ray meets the back of a triangle.
 pub const FRONTS_ALONE: f32 = -1.0;
 
@@ -239,6 +243,25 @@ impl<A: AsRef<[f32]>> NearField<A> {
     pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
         let depth = reach.constant(BACK_DEPTH * self.offset);
         self.hit_within(origin, direction, reach, depth, true).is_some()
+    }
+
+    /// Place of the surface from which shadow rays start at a point, lifted along the unit normal:
+    /// that below it within [`BELOW`] offsets. None where the surface is farther away.
+    pub fn surface_below<R: Real<Mask = bool>>(&self, start: Vec3<R>, normal: Vec3<R>) -> Option<Hit<R>> {
+        let like = start.x;
+        let reach = like.constant(BELOW * self.offset);
+        self.hit_within(start, -normal, reach, like.constant(FRONTS_ALONE), false)
+    }
+
+    /// Vector of a hit, from those of the vertices, three numbers each.
+    pub fn between<R: Real>(&self, hit: &Hit<R>, of_vertices: &[f32]) -> Vec3<R> {
+        let [second, third] = hit.weights;
+        let vector = |vertex: usize| {
+            let [x, y, z] = [0, 1, 2].map(|k| second.constant(of_vertices[3 * vertex + k]));
+            vec3(x, y, z)
+        };
+        let [a, b, c] = self.corners(hit.triangle).map(vector);
+        a * (-(second + third) + 1.0) + b * second + c * third
     }
 
     /// First hit of a ray within a distance; any hit, if that is enough. Backs are met from a depth.

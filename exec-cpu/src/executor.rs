@@ -27,7 +27,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport, TrainingStep},
+    executor::{BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport, TrainingStep},
     expose::Exposure,
     lamps::Lamp,
     light_network::LightNetworkError,
@@ -254,9 +254,9 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         light: Light,
         lamps: &[Lamp],
         rays: usize,
-        occluder: Option<&Self::NearField>,
+        occluder: Option<Occluder<'_, Self::NearField>>,
     ) -> Result<Light, CpuError> {
-        Ok(light.with_lamps(Lamps::new(lamps, rays, occluder.cloned())?))
+        Ok(light.with_lamps(Lamps::new(lamps, rays, occluder)?))
     }
 
     fn project(&mut self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<Splats, CpuError> {

@@ -43,7 +43,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, RandomKey, Renderer, StepReport},
+    executor::{BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport},
     expose::Exposure,
     lamps::Lamp,
     light_network::LightNetworkError,
@@ -326,9 +326,9 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         light: Light,
         lamps: &[Lamp],
         rays: usize,
-        occluder: Option<&Self::NearField>,
+        occluder: Option<Occluder<'_, Self::NearField>>,
     ) -> Result<Light, GpuError> {
-        Ok(light.with_lamps(Lamps::new(&mut self.context, lamps, rays, occluder.cloned())?))
+        Ok(light.with_lamps(Lamps::new(&mut self.context, lamps, rays, occluder)?))
     }
 
     fn project(&mut self, gaussians: &Gaussians<ChunkedArray>, camera: &Camera) -> Result<Splats, GpuError> {

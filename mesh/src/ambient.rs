@@ -52,22 +52,26 @@ impl Ambient {
     }
 }
 
-/// Transfer of a vertex, and its rays that meet the surface.
-fn transfer(near_field: &NearField<Vec<f32>>, sky: &Sky, vertex: usize) -> ([f32; 3], usize) {
+/// Starts and directions of the rays of a vertex, weighted by their cosine; none without a normal.
+pub(crate) fn rays(near_field: &NearField<Vec<f32>>, vertex: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
     let numbers: [f32; VERTEX_LEN] = near_field.vertex(vertex);
     let position = Vec3::from_slice(&numbers);
     let normal = Vec3::from_slice(&numbers[3..]).normalize_or_zero();
-    if normal == Vec3::ZERO {
-        return ([1.0; 3], 0);
-    }
+    let count = if normal == Vec3::ZERO { 0 } else { RAYS };
     let start = position + near_field.offset * normal;
-    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let [tangent, bitangent] = if count == 0 { [Vec3::ZERO; 2] } else { normal.any_orthonormal_pair().into() };
     let rotation = [0, 1].map(|axis| random::uniform(0, ROTATIONS, 2 * vertex as u64 + axis));
-    let (mut open, mut reached, mut met) = (Vec3::ZERO, Vec3::ZERO, 0);
-    for ray in 0..RAYS {
+    (0..count).map(move |ray| {
         let [u, v] = [0, 1].map(|axis: usize| (rotation[axis] + R2[axis] * ray as f32).fract());
         let (sine, cosine) = (core::f32::consts::TAU * v).sin_cos();
-        let direction = u.sqrt() * (cosine * tangent + sine * bitangent) + (1.0 - u).sqrt() * normal;
+        (start, u.sqrt() * (cosine * tangent + sine * bitangent) + (1.0 - u).sqrt() * normal)
+    })
+}
+
+/// Transfer of a vertex, and its rays that meet the surface.
+fn transfer(near_field: &NearField<Vec<f32>>, sky: &Sky, vertex: usize) -> ([f32; 3], usize) {
+    let (mut open, mut reached, mut met) = (Vec3::ZERO, Vec3::ZERO, 0);
+    for (start, direction) in rays(near_field, vertex) {
         let radiance = sky.radiance(direction);
         open += radiance;
         match near_field.first_hit(start.into(), direction.into()) {

@@ -2,6 +2,7 @@
 //!
 //! * [`fusion`]: a mesh from the depths of rendered views
 //! * [`ambient`]: light that reaches a surface past itself, under a [`sky`]
+//! * [`sight`]: light that a surface reflects onto itself
 //! * [`near_field`]: a mesh with the attributes of its surface, for reflected rays
 //! * [`hierarchy`]: boxes around triangles, in the order in which rays visit them
 #![forbid(unsafe_code)]
@@ -10,6 +11,7 @@ pub mod ambient;
 pub mod fusion;
 pub mod hierarchy;
 pub mod near_field;
+pub mod sight;
 pub mod sky;
 mod view;
 

@@ -1,7 +1,7 @@
 //! Near fields ([`specula_core::near_field`]) from meshes: the attributes of the surface at each
 //! vertex are means over the views that see it.
 
-use crate::{Mesh, hierarchy::Hierarchy, sky::Sky, view::View};
+use crate::{Mesh, ambient::Ambient, hierarchy::Hierarchy, sky::Sky, view::View};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -188,10 +188,10 @@ fn gather<const N: usize>(
     });
 }
 
-/// Diffuse albedo times ambient transfer of a covered pixel of physical materials.
+/// Diffuse albedo of a covered pixel of physical materials.
 fn diffuse_albedo(image: &Image<Vec<f32>>, pixel: usize, coverage: f32) -> [f32; 3] {
     let at = |plane: usize| image.plane(plane)[pixel] / coverage;
-    let share = ((1.0 - at(channel::METALNESS)) * at(channel::AMBIENT)).max(0.0);
+    let share = (1.0 - at(channel::METALNESS)).max(0.0);
     [0, 1, 2].map(|k| at(channel::DIFFUSE + k).max(0.0) * share)
 }
 
@@ -205,6 +205,17 @@ pub fn relight(near_field: &mut NearField<Vec<f32>>, sky: &Sky) {
     for (numbers, irradiance) in vertices.iter_mut().zip(sky.irradiance(&normals)) {
         let base = Vec3::from_slice(&numbers[VERTEX_ALBEDO..]) * irradiance;
         numbers[VERTEX_BASE..VERTEX_BASE + 3].copy_from_slice(&base.to_array());
+    }
+}
+
+/// Multiplies the base colours of a near field by the ambient transfers of its vertices: the light
+/// that reaches them past other surfaces.
+pub fn transfer(near_field: &mut NearField<Vec<f32>>, ambient: &Ambient) {
+    let start = near_field.vertices_start();
+    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    for (numbers, transfer) in vertices.iter_mut().zip(&ambient.transfers) {
+        let base = &mut numbers[VERTEX_BASE..VERTEX_BASE + 3];
+        base.iter_mut().zip(transfer).for_each(|(base, transfer)| *base *= transfer);
     }
 }
 

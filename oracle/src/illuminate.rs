@@ -21,6 +21,8 @@ pub struct Lamps {
     pub rays: usize,
     /// Surface that casts shadows.
     pub occluder: Option<NearField<Vec<f32>>>,
+    /// Irradiance / π of the occluder's vertices by reflected light; empty for none.
+    pub reflected: Vec<f32>,
 }
 
 /// Light of lamps on the pixel of a column and a row, seen along −`view_dir`.
@@ -39,7 +41,7 @@ pub(super) fn illuminate<R: Number>(
     if !(R::of(0.0).less(pixel.coverage) & lit.start.is_finite()) {
         return none;
     }
-    lamps.lamps.iter().enumerate().fold(none, |sum, (index, lamp)| {
+    let direct = lamps.lamps.iter().enumerate().fold(none, |sum, (index, lamp)| {
         let seen = toward(&LampOf::from_array(lamp.numbers().map(number)), lit.point, lit.facing.normal);
         let rays = if lamp.is_wide() { lamps.rays } else { 1 };
         let share = match &lamps.occluder {
@@ -47,7 +49,12 @@ pub(super) fn illuminate<R: Number>(
             None => R::of(1.0),
         };
         sum.and(direct_light(&lit, &seen, share))
-    })
+    });
+    let Some(occluder) = lamps.occluder.as_ref().filter(|_| !lamps.reflected.is_empty()) else { return direct };
+    match occluder.surface_below(lit.start, lit.facing.normal) {
+        Some(hit) => direct.and(DirectLight::reflected(occluder.between(&hit, &lamps.reflected))),
+        None => direct,
+    }
 }
 
 /// Share of a lamp that a pixel sees.

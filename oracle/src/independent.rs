@@ -9,11 +9,13 @@
 //! * [`surface`]: their colours: harmonics, and the paper's shading function
 //! * [`lobe`]: light under a GGX lobe, the integral that every prefilter approximates; [`brdf`]:
 //!   light under the whole reflectance that the lobe is a part of
+//! * [`paths`]: solids of such a reflectance by path tracing, with shadows and every bounce
 //!
 //! It is not meant for numbers of any size: it lacks the model's limits.
 
 pub mod brdf;
 pub mod lobe;
+pub mod paths;
 pub mod rays;
 mod sphere;
 pub mod surface;

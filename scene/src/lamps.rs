@@ -16,7 +16,7 @@ use specula_core::{
     scene::Gaussians,
 };
 use specula_io::latlong::MapOrientation;
-use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans};
+use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans, sight::Sight};
 use std::sync::Arc;
 
 /// Irradiance of a sun of which only the direction is given: about that under which a white surface
@@ -31,6 +31,8 @@ const EDGE_MAX: u32 = 800;
 /// Voxels along the longest edge of the volume.
 const VOXELS: u16 = 160;
 
+/// Shadow rays from which lamps' light is reflected from surface to surface. Fewer are a preview.
+const RAYS_OF_REFLECTED: usize = 8;
 /// Shadow rays of a vertex to a lamp that is wider than a point.
 const VERTEX_RAYS: usize = 8;
 /// Vertices of which a row of pixels is made up.
@@ -50,6 +52,13 @@ pub struct SceneLamps {
 /// Colour of a lamp in sRGB; as text two hexadecimal digits each for red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LampColor(pub [u8; 3]);
+
+impl SceneLamps {
+    /// Whether light of the lamps is reflected from surface to surface.
+    pub(crate) fn reflects(&self) -> bool {
+        self.rays >= RAYS_OF_REFLECTED
+    }
+}
 
 impl LampColor {
     /// Colour of a lamp without one.
@@ -270,16 +279,43 @@ pub fn fused_surface(
 /// Adds the light of lamps to the base colours of a surface that reflected rays meet, where its
 /// vertices have a diffuse albedo.
 pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps) {
+    let light = radiances(near_field, lamps);
+    let start = near_field.vertices_start();
+    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    for (numbers, added) in vertices.iter_mut().zip(light) {
+        (0..3).for_each(|k| numbers[VERTEX_BASE + k] += added[k]);
+    }
+}
+
+/// Irradiance / π of the vertices of a surface by the light of lamps that it reflects onto itself
+/// once or twice from its diffuse layers, three numbers each; none where there is no such light.
+pub(crate) fn reflected_by(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps, sight: &Sight) -> Vec<f32> {
+    let direct = radiances(near_field, lamps);
+    if direct.iter().all(|light| *light == Vec3::ZERO) {
+        return Vec::new();
+    }
+    let once = sight.irradiance(&direct);
+    let albedo = |vertex: usize| Vec3::from_slice(&near_field.vertex(vertex)[VERTEX_ALBEDO..]);
+    let added = direct.iter().zip(once).enumerate().map(|(vertex, (light, again))| light + albedo(vertex) * again);
+    sight.irradiance(&added.collect::<Vec<_>>()).into_iter().flat_map(|light| light.to_array()).collect()
+}
+
+/// Radiance that leaves the diffuse layers of a surface's vertices under lamps.
+fn radiances(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps) -> Vec<Vec3> {
     let SceneLamps { lamps, occluder, .. } = lamps;
     let lamps: Vec<([f32; LampOf::<f32>::LEN], usize)> =
         lamps.iter().map(|lamp| (lamp.numbers(), if lamp.is_wide() { VERTEX_RAYS } else { 1 })).collect();
     let spiral: Vec<[f32; 4]> = (0..VERTEX_RAYS).map(|k| spiral_point(k, VERTEX_RAYS)).collect();
-    let (start, offset) = (near_field.vertices_start(), near_field.offset);
-    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
-    vertices.par_iter_mut().enumerate().for_each(|(index, numbers)| {
+    let vertices = 0..near_field.vertex_count;
+    let radiance = |index: usize| {
+        let numbers = near_field.vertex(index);
+        let albedo = Vec3::from_slice(&numbers[VERTEX_ALBEDO..]);
+        if albedo == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
         let [position, normal] = [0, 3].map(|first| Vec3::from_slice(&numbers[first..]));
         let normal = normal.normalize_or_zero();
-        let from = position + offset * normal;
+        let from = position + near_field.offset * normal;
         // A vertex takes the place of a pixel.
         let [column, row] = [index % VERTEX_ROW, index / VERTEX_ROW].map(|k| k as f32);
         let mut irradiance = Vec3::ZERO;
@@ -298,9 +334,9 @@ pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps)
             }
             irradiance += light * seen_share(all, arriving);
         }
-        let added = Vec3::from_slice(&numbers[VERTEX_ALBEDO..]) * irradiance * FRAC_1_PI;
-        (0..3).for_each(|k| numbers[VERTEX_BASE + k] += added[k]);
-    });
+        albedo * irradiance * FRAC_1_PI
+    };
+    vertices.into_par_iter().map(radiance).collect()
 }
 
 /// Camera of at most [`EDGE_MAX`] pixels along its longest edge.

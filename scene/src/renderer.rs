@@ -4,14 +4,14 @@ use crate::{
     Scene, SceneError,
     device::{Device, RenderOptions},
     environment::RESOLUTION_SLOW,
-    lamps::SceneLamps,
+    lamps::{SceneLamps, reflected_by},
     overlap::overlap,
 };
 use core::fmt;
 use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
-    executor::Renderer,
+    executor::{Occluder, Renderer},
     lamps::Lamp,
     light_network::LightNetworkError,
     near_field::NearField,
@@ -24,6 +24,7 @@ use specula_cpu::{CpuViewer, stages::prefilter::Light};
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuExecutor;
 use specula_io::picture::{self, RgbImage};
+use specula_mesh::sight::Sight;
 use specula_train::{
     evaluate::{over_background, render_view, rules_to_measure},
     view::View,
@@ -101,14 +102,21 @@ struct Uploaded<E: Renderer> {
 
 /// Lamps, and the surface that casts their shadows on an executor.
 struct UploadedLamps<N> {
-    lamps: Vec<Lamp>,
-    rays: usize,
+    lamps: SceneLamps,
     occluder: Option<N>,
 }
 
-/// Surface that cast shadows last, and the same on an executor.
+/// Surface that cast shadows last.
 struct Occluders<N> {
-    latest: Option<(Arc<NearField<Vec<f32>>>, N)>,
+    latest: Option<Latest<N>>,
+}
+
+struct Latest<N> {
+    known: Arc<NearField<Vec<f32>>>,
+    /// The same on an executor.
+    uploaded: N,
+    /// Sight of itself, found for the first lamps whose light it reflects.
+    sight: Option<Sight>,
 }
 
 impl<N: Clone> Occluders<N> {
@@ -120,12 +128,26 @@ impl<N: Clone> Occluders<N> {
     ) -> Result<Option<N>, E::Error> {
         let Some(surface) = surface else { return Ok(None) };
         match &self.latest {
-            Some((known, uploaded)) if Arc::ptr_eq(known, surface) => Ok(Some(uploaded.clone())),
+            Some(Latest { known, uploaded, .. }) if Arc::ptr_eq(known, surface) => Ok(Some(uploaded.clone())),
             _ => {
                 let uploaded = upload_near_field(exec, surface)?;
-                self.latest = Some((surface.clone(), uploaded.clone()));
+                self.latest = Some(Latest { known: surface.clone(), uploaded: uploaded.clone(), sight: None });
                 Ok(Some(uploaded))
             }
+        }
+    }
+
+    /// Light of lamps that the surface reflects onto itself; none for other surfaces than the last
+    /// one, and none for previews.
+    fn reflected(&mut self, lamps: &SceneLamps) -> Vec<f32> {
+        let Some(Latest { known, sight, .. }) = self.latest.as_mut().filter(|_| lamps.reflects()) else {
+            return Vec::new();
+        };
+        match &lamps.occluder {
+            Some(occluder) if Arc::ptr_eq(known, occluder) => {
+                reflected_by(occluder, lamps, sight.get_or_insert_with(|| Sight::new(occluder)))
+            }
+            _ => Vec::new(),
         }
     }
 }
@@ -145,9 +167,9 @@ where
         // The near field may cast shadows as well.
         let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
         let lamps = match lamps {
-            Some(SceneLamps { lamps, rays, occluder }) => {
-                let occluder = occluders.get(&mut exec, occluder.as_ref()).map_err(Into::into)?;
-                Some(UploadedLamps { lamps: lamps.clone(), rays: *rays, occluder })
+            Some(lamps) => {
+                let occluder = occluders.get(&mut exec, lamps.occluder.as_ref()).map_err(Into::into)?;
+                Some(UploadedLamps { lamps: lamps.clone(), occluder })
             }
             None => None,
         };
@@ -180,8 +202,10 @@ where
         if let Some(near_field) = &self.near_field {
             light = self.exec.surround(light, near_field);
         }
-        if let Some(UploadedLamps { lamps, rays, occluder }) = &self.lamps {
-            light = self.exec.add_lamps(light, lamps, *rays, occluder.as_ref()).map_err(Into::into)?;
+        if let Some(UploadedLamps { lamps, occluder }) = &self.lamps {
+            let reflected = self.occluders.reflected(lamps);
+            let occluder = occluder.as_ref().map(|surface| Occluder { surface, reflected: &reflected });
+            light = self.exec.add_lamps(light, &lamps.lamps, lamps.rays, occluder).map_err(Into::into)?;
         }
         self.lights[slot] = Some(light);
         Ok(())
@@ -189,17 +213,20 @@ where
 
     fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
         if let Some(known) = &mut self.lamps {
-            known.lamps = lamps.to_vec();
+            known.lamps.lamps = lamps.to_vec();
         }
         Ok(())
     }
 
-    fn add_lamps(&mut self, slot: usize, SceneLamps { lamps, rays, occluder }: &SceneLamps) -> Result<(), SceneError> {
-        specula_core::lamps::check(lamps, *rays).map_err(|error| SceneError::Executor(Box::new(error)))?;
+    fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError> {
+        let SceneLamps { lamps: all, rays, occluder } = lamps;
+        specula_core::lamps::check(all, *rays).map_err(|error| SceneError::Executor(Box::new(error)))?;
         let Self { exec, occluders, lights, .. } = self;
-        let occluder = occluders.get(exec, occluder.as_ref()).map_err(Into::into)?;
+        let surface = occluders.get(exec, occluder.as_ref()).map_err(Into::into)?;
+        let reflected = occluders.reflected(lamps);
+        let occluder = surface.as_ref().map(|surface| Occluder { surface, reflected: &reflected });
         if let Some(light) = lights.get_mut(slot).and_then(Option::take) {
-            lights[slot] = Some(exec.add_lamps(light, lamps, *rays, occluder.as_ref()).map_err(Into::into)?);
+            lights[slot] = Some(exec.add_lamps(light, all, *rays, occluder).map_err(Into::into)?);
         }
         Ok(())
     }

@@ -99,6 +99,7 @@ impl Scene {
         let mut near_field = NearField::clone(near_field);
         near_field::relight(&mut near_field, &sky);
         let ambient = Ambient::new(&near_field, &sky);
+        near_field::transfer(&mut near_field, &ambient);
         set_ambient(&mut self.gaussians, Some((&near_field, &ambient)));
         if let Some(lamps) = &self.lamps {
             shine_on(&mut near_field, lamps);

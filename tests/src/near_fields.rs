@@ -58,6 +58,14 @@ pub fn polished(mut gaussians: Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     gaussians
 }
 
+/// Random near field whose vertices other surfaces light, and that light: irradiance / π. Rays
+/// start so far above it that many pixels of any cloud in it find it below.
+pub fn lit_near_field(count: u64, seed: u64) -> (NearField<Vec<f32>>, Vec<f32>) {
+    let near_field = NearField { offset: 0.3, ..random_near_field(count, seed) };
+    let reflected = (0..3 * near_field.vertex_count as u64).map(|index| uniform(seed, 91, index)).collect();
+    (near_field, reflected)
+}
+
 /// Near field of triangles anywhere in a cube from −2 to 2, of any surface.
 pub fn random_near_field(count: u64, seed: u64) -> NearField<Vec<f32>> {
     let triangle = |k: u64| {

@@ -14,6 +14,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
+    executor::Occluder,
     lamps::{
         self, DirectLight, Lamp, LampOf, LitPixel, Toward, direct_light, disc_axes, lit_pixel, seen_share, shadow_ray,
         shift, spiral_point, toward,
@@ -36,6 +37,8 @@ pub(crate) struct Lamps {
     /// Points of a lamp that is wider than a point.
     spiral: Vec<[f32; 4]>,
     occluder: Option<Arc<NearField<Vec<f32>>>>,
+    /// Irradiance / π of the occluder's vertices by reflected light; empty for none.
+    reflected: Vec<f32>,
 }
 
 /// Numbers of a lamp, and its number of rays.
@@ -54,14 +57,19 @@ impl Lamps {
     pub(crate) fn new(
         lamps: &[Lamp],
         rays: usize,
-        occluder: Option<Arc<NearField<Vec<f32>>>>,
+        occluder: Option<Occluder<'_, Arc<NearField<Vec<f32>>>>>,
     ) -> Result<Self, CpuError> {
         lamps::check(lamps, rays).map_err(CpuError::Lamps)?;
+        let reflected = occluder.as_ref().map_or(&[][..], |occluder| occluder.reflected);
+        let occluder = occluder.map(|occluder| occluder.surface.clone());
+        let vertex_count = occluder.as_ref().map_or(0, |occluder| occluder.vertex_count);
+        lamps::check_reflected(vertex_count, reflected).map_err(CpuError::Lamps)?;
         let rays_of = |lamp: &Lamp| LampRays { numbers: lamp.numbers(), rays: if lamp.is_wide() { rays } else { 1 } };
         Ok(Self {
             lamps: lamps.iter().map(rays_of).collect(),
             spiral: (0..rays).map(|k| spiral_point(k, rays)).collect(),
             occluder,
+            reflected: reflected.to_vec(),
         })
     }
 }
@@ -119,6 +127,9 @@ fn illuminate_tile<S: Simd>(
             };
             sum = sum.and(direct_light(&lit, &seen, share));
         }
+        if let Some(occluder) = lamps.occluder.as_deref().filter(|_| !lamps.reflected.is_empty()) {
+            sum = sum.and(reflected_light(simd, occluder, &lamps.reflected, &place, &lit));
+        }
         out.iter_mut().zip(sum.to_array()).for_each(|(quad, numbers)| numbers.keep(is_covered).store(quad));
     }
 }
@@ -129,6 +140,29 @@ struct Place<S: Simd> {
     row: Lanes<S>,
     /// Coverage; zero where there is no surface.
     coverage: Lanes<S>,
+}
+
+/// Light that other surfaces reflect onto the pixels of a quad.
+#[inline(always)]
+fn reflected_light<S: Simd>(
+    simd: S,
+    occluder: &NearField<Vec<f32>>,
+    reflected: &[f32],
+    place: &Place<S>,
+    lit: &LitPixel<Lanes<S>>,
+) -> DirectLight<Lanes<S>> {
+    let (starts, normals) = (lit.start.map(Lanes::to_array), lit.facing.normal.map(Lanes::to_array));
+    let coverage = place.coverage.to_array();
+    let mut irradiance = [[0.0; BLOCK]; 3];
+    for lane in (0..BLOCK).filter(|lane| coverage[*lane] > 0.0) {
+        let [start, normal] = [&starts, &normals].map(|v: &Vec3<[f32; BLOCK]>| vec3(v.x[lane], v.y[lane], v.z[lane]));
+        if let Some(hit) = occluder.surface_below(start, normal) {
+            let found = occluder.between(&hit, reflected).to_array();
+            irradiance.iter_mut().zip(found).for_each(|(lanes, x)| lanes[lane] = x);
+        }
+    }
+    let [x, y, z] = irradiance.map(|lanes| Lanes::from_array(simd, lanes));
+    DirectLight::reflected(vec3(x, y, z))
 }
 
 /// Share of a lamp that the pixels of a quad see.

@@ -9,10 +9,10 @@ use specula_core::{
     camera::Camera,
     color::linear_from_srgb,
     double::Double,
-    executor::Renderer,
+    executor::{Occluder, Renderer},
     lamps::{
-        DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, direct_light,
-        disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
+        DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, check_reflected,
+        direct_light, disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
     near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN, crossing},
     physical::PixelFacing,
@@ -30,7 +30,7 @@ use specula_core::{
 use specula_cpu::{CpuError, CpuExecutor};
 use specula_tests::{
     compare::{assert_psnr, psnr},
-    near_fields::{gray, of_triangles, polished, random_near_field},
+    near_fields::{gray, lit_near_field, of_triangles, polished, random_near_field},
     plain::{self, lift_environment, lift_gaussians},
     strategies::{random_cloud, random_environment, same_every_time, unit_vector},
 };
@@ -324,6 +324,8 @@ struct Subject {
     environment: Environment<Vec<f32>>,
     camera: Camera,
     occluder: Option<NearField<Vec<f32>>>,
+    /// Light that the occluder reflects onto itself.
+    reflected: Vec<f32>,
 }
 
 impl Subject {
@@ -334,6 +336,7 @@ impl Subject {
             environment: random_environment(RESOLUTION, RadianceActivation::Identity, seed),
             camera: Camera::look_at(eye, Vec3::new(0.2, 0.0, 0.1), Vec3::Z, 0.7, 70, 45),
             occluder: Some(random_near_field(60, seed)),
+            reflected: Vec::new(),
         }
     }
 
@@ -347,8 +350,9 @@ impl Subject {
         let occluder = self.occluder.as_ref().map(|near_field| {
             exec.upload_near_field(&near_field.with_values(near_field.values.as_slice())).expect("it is whole")
         });
+        let occluder = occluder.as_ref().map(|surface| Occluder { surface, reflected: &self.reflected });
         if let Some(lamps) = lamps {
-            light = exec.add_lamps(light, lamps, RAYS, occluder.as_ref()).expect("they can shine");
+            light = exec.add_lamps(light, lamps, RAYS, occluder).expect("they can shine");
         }
         render_view(&mut exec, &self.gaussians, Some(&light), &self.camera, rules).expect("the CPU renders")
     }
@@ -373,10 +377,15 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn a_picture_under_lamps_is_that_of_the_plain_pipeline_in_every_layer() {
-    for seed in 1..3 {
+    for seed in 1..4 {
         let mut subject = Subject::new(seed);
-        if seed == 2 {
-            subject.occluder = None;
+        match seed {
+            2 => subject.occluder = None,
+            3 => {
+                let (occluder, reflected) = lit_near_field(60, seed);
+                (subject.occluder, subject.reflected) = (Some(occluder), reflected);
+            }
+            _ => {}
         }
         let rules = Subject::rules(true, Channels::Layers);
         let ours = wide(&subject.picture(Some(&lamps()), &rules).values);
@@ -388,11 +397,42 @@ fn a_picture_under_lamps_is_that_of_the_plain_pipeline_in_every_layer() {
             frame.values.iter().map(|x| x.0).collect::<Vec<f64>>()
         };
         let without = exact(light.clone());
-        let lit = plain::Lamps { lamps: lamps().to_vec(), rays: RAYS, occluder: subject.occluder.clone() };
+        let lit = plain::Lamps {
+            lamps: lamps().to_vec(),
+            rays: RAYS,
+            occluder: subject.occluder.clone(),
+            reflected: subject.reflected.clone(),
+        };
         let exact = exact(light.with_lamps(lit));
         println!("seed {seed}: {:.1} dB; without {:.1} dB", psnr(&ours, &exact), psnr(&ours, &without));
         assert_psnr(&ours, &exact, SAME_FRAME);
         assert!(psnr(&ours, &without) < 40.0, "lamps shine");
+    }
+}
+
+/// Light that other surfaces reflect is that of the triangle below a pixel; without it, or of zeros,
+/// no bit changes.
+#[test]
+fn reflected_light_is_added_to_what_lies_below_a_pixel() {
+    let rules = Subject::rules(true, Channels::Color);
+    let (occluder, reflected) = lit_near_field(60, 4);
+    let mut subject = Subject { occluder: Some(occluder), ..Subject::new(4) };
+    let picture = |subject: &Subject| colors(&subject.picture(Some(&lamps()), &rules));
+    let without = picture(&subject);
+    subject.reflected = vec![0.0; reflected.len()];
+    assert!(picture(&subject) == without, "zeros change a bit");
+    subject.reflected = reflected;
+    let with = picture(&subject);
+    assert!(with.iter().zip(&without).all(|(with, without)| with >= without), "light is added");
+    let brighter = with.iter().zip(&without).filter(|(with, without)| **with > **without + 0.01).count();
+    assert!(brighter > with.len() / 50, "{brighter} of {} numbers", with.len());
+}
+
+#[test]
+fn reflected_light_that_is_none_is_refused() {
+    assert_eq!([check_reflected(2, &[]), check_reflected(2, &[0.5; 6])], [Ok(()); 2]);
+    for fault in [vec![0.5; 5], vec![0.5; 9], [vec![0.5; 5], vec![f32::NAN]].concat(), vec![f32::INFINITY; 6]] {
+        assert_eq!(check_reflected(2, &fault), Err(LampError::Reflected), "{fault:?}");
     }
 }
 
@@ -511,7 +551,7 @@ fn plane(occluder: Option<NearField<Vec<f32>>>) -> Subject {
     let mut environment = random_environment(RESOLUTION, RadianceActivation::Identity, 1);
     environment.values.fill(0.0);
     let camera = Camera::look_at(8.0 * Vec3::Z, Vec3::ZERO, Vec3::Y, 0.6, 120, 120);
-    Subject { gaussians, environment, camera, occluder }
+    Subject { gaussians, environment, camera, occluder, reflected: Vec::new() }
 }
 
 /// Sphere of triangles, whose faces are within 0.2 % of its radius.

@@ -2,7 +2,7 @@
 //! executor.
 
 use specula_core::{
-    executor::Renderer,
+    executor::{Occluder, Renderer},
     lamps::{Lamp, LampError},
     near_field::NearField,
     pack::Storage,
@@ -26,7 +26,7 @@ use specula_tests::{
     compare::{assert_psnr, psnr},
     device::executor,
     formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
-    near_fields::{polished, random_near_field},
+    near_fields::{lit_near_field, polished, random_near_field},
     strategies::{random_cloud, random_environment},
 };
 use specula_train::evaluate::render_view;
@@ -89,6 +89,8 @@ struct Scene {
     gaussians: Gaussians<Vec<f32>>,
     light: Environment<Vec<f32>>,
     near_field: NearField<Vec<f32>>,
+    /// Light that the near field reflects onto itself.
+    reflected: Vec<f32>,
 }
 
 impl Scene {
@@ -97,6 +99,7 @@ impl Scene {
             gaussians: polished(random_cloud(80, Layout::shaded(Some(1)).physical(), seed)),
             light: random_environment(16, RadianceActivation::Identity, seed),
             near_field: random_near_field(60, seed),
+            reflected: Vec::new(),
         }
     }
 
@@ -112,7 +115,7 @@ impl Scene {
         let near_field = self.near_field.with_values(self.near_field.values.as_slice());
         let near_field = exec.upload_near_field(&near_field).expect("it is whole");
         let light = exec.surround(light, &near_field);
-        let occluder = has_shadows.then_some(&near_field);
+        let occluder = has_shadows.then_some(Occluder { surface: &near_field, reflected: &self.reflected });
         let light = exec.add_lamps(light, &lamps(), RAYS, occluder).expect("they can shine");
         let image = render_view(exec, &gaussians, Some(&light), &camera(70, 45), rules).expect("the executor renders");
         image.values.iter().map(|x| f64::from(*x)).collect()
@@ -149,6 +152,21 @@ fn both_executors_render_the_same_light_and_shadows() {
         let open = scene.picture(&mut gpu, &lit, false);
         assert_eq!(open != ours, has_shadows, "surfaces cast shadows");
     }
+}
+
+#[test]
+fn both_executors_add_the_same_reflected_light() {
+    let Some(mut gpu) = executor() else { return };
+    let (near_field, reflected) = lit_near_field(60, 6);
+    let dark = Scene { near_field, ..Scene::new(6) };
+    let without = dark.picture(&mut gpu, &rules(true, false, Channels::Layers), true);
+    let scene = Scene { reflected, ..dark };
+    let lit = rules(true, false, Channels::Layers);
+    let (ours, theirs) = (scene.picture(&mut gpu, &lit, true), scene.picture(&mut CpuExecutor::new(), &lit, true));
+    println!("{:.1} dB", psnr(&ours, &theirs));
+    assert_psnr(&ours, &theirs, SAME_FRAME);
+    assert!(scene.picture(&mut gpu, &lit, true) == ours, "the same bits twice");
+    assert!(psnr(&ours, &without) < 50.0, "light is reflected");
 }
 
 #[test]

@@ -56,7 +56,11 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let around = |x: f32, y: f32| [[x - 0.2, x + 0.2], [y - 0.2, y + 0.2], [1.9, 2.1]];
     let triangle = [around(-3.0, -3.0), around(0.0, 4.0), around(3.0, -3.0)].concat();
     let ray = [[-0.3, 0.3], [-0.3, 0.3], [-0.3, 0.3], [-0.1, 0.1], [-0.1, 0.1], [0.9, 1.0]];
-    assert_same(gpu, &CrossingOf, &uniform_rows(5, &[triangle, ray.to_vec()].concat()));
+    let back_depth = vec![[-0.5, 0.5]];
+    assert_same(gpu, &CrossingOf, &uniform_rows(5, &[triangle.clone(), ray.to_vec(), back_depth.clone()].concat()));
+    // Two corners changed places: the back.
+    let back = [&triangle[..3], &triangle[6..], &triangle[3..6]].concat();
+    assert_same(gpu, &CrossingOf, &uniform_rows(5, &[back, ray.to_vec(), back_depth].concat()));
 
     let direction = [[0.2, 1.0], [-0.5, 0.5], [-0.5, 0.5]];
     assert_same(gpu, &FarReflection, &uniform_rows(6, &[direction.to_vec(), vec![share]].concat()));

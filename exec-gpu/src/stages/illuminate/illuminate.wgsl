@@ -1,7 +1,7 @@
 // Light of lamps (stage `illuminate`).
 //
 // Threads: one invocation a pixel.
-// Inputs: camera, blended layers, near field that casts shadows, lamps.
+// Inputs: camera, blended layers, near field that casts shadows, lamps, light that it reflects.
 // Outputs: direct light, plane by plane.
 // Variants: none.
 // Early exit: pixels without a splat, and rays below the horizon.
@@ -10,7 +10,9 @@ struct Lamps {
     count: u32,
     // Shadow rays to a lamp that is wider than a point.
     rays: u32,
-    padding: vec2u,
+    // 1 where surfaces reflect light onto each other.
+    is_reflected: u32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -19,6 +21,9 @@ struct Lamps {
 @group(0) @binding(4) var<storage, read> lamps: array<vec4f>;
 @group(0) @binding(5) var<uniform> lamp_set: Lamps;
 @group(0) @binding(6) var<storage, read_write> direct: array<f32>;
+
+// Irradiance / pi of the near field's vertices by reflected light.
+@group(0) @binding(7) var<storage, read> reflected: array<f32>;
 
 var<private> pixel: u32;
 var<private> lamp: u32;
@@ -62,6 +67,24 @@ fn share_of(place: vec2u, surface: LitPixelOf, toward: TowardLamp) -> f32 {
     return share_seen(all, reaching);
 }
 
+fn reflected_at(vertex: u32) -> vec3f {
+    return vec3f(reflected[3u * vertex], reflected[3u * vertex + 1u], reflected[3u * vertex + 2u]);
+}
+
+// Irradiance / pi by light that other surfaces reflect onto the pixel's.
+fn reflected_irradiance(surface: LitPixelOf) -> vec3f {
+    let reach = BELOW * near_field.offset;
+    let hit = hit_within(surface.start, -surface.normal, reach, false);
+    if hit.distance >= reach {
+        return vec3f(0.0);
+    }
+    let corners = corners_of(hit.triangle);
+    let weights = hit.weights;
+    return reflected_at(corners.x) * (1.0 - (weights.x + weights.y))
+        + reflected_at(corners.y) * weights.x
+        + reflected_at(corners.z) * weights.y;
+}
+
 @compute @workgroup_size(GROUP)
 fn illuminate(
     @builtin(workgroup_id) group: vec3u,
@@ -94,6 +117,9 @@ fn illuminate(
             );
             irradiance += light.diffuse_irradiance;
             specular += light.specular;
+        }
+        if lamp_set.is_reflected != 0u {
+            irradiance += reflected_irradiance(surface);
         }
     }
     store(0u, irradiance);

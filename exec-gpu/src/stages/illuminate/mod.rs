@@ -25,8 +25,9 @@ use formulas::{
 };
 use specula_core::{
     camera::Camera,
+    executor::Occluder,
     lamps::{self, Lamp, spiral_point},
-    near_field::NearField,
+    near_field::{BELOW, NearField},
     rules::Channels,
 };
 use std::sync::Arc;
@@ -41,6 +42,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
         .real()
         .part(camera)
         .count("LAMP_VECTORS", LAMP_LEN / VECTOR)
+        .number("BELOW", BELOW)
         .part(traversal)
         .formula(&LitPixelOf(*surface))
         .formula(&TowardLamp)
@@ -60,6 +62,8 @@ pub(crate) struct Lamps {
     /// Numbers of the lamps, then the points of a lamp that is wider than a point.
     numbers: Array,
     occluder: Option<Arc<NearField<Array>>>,
+    /// Irradiance / π of the occluder's vertices by reflected light; one number where there is none.
+    reflected: Array,
 }
 
 /// `Lamps` of `illuminate.wgsl`.
@@ -68,7 +72,9 @@ pub(crate) struct Lamps {
 struct LampsUniform {
     count: u32,
     rays: u32,
-    padding: [u32; 2],
+    /// 1 where surfaces reflect light onto each other.
+    is_reflected: u32,
+    padding: u32,
 }
 
 impl Lamps {
@@ -81,13 +87,29 @@ impl Lamps {
         context: &mut Context,
         lamps: &[Lamp],
         rays: usize,
-        occluder: Option<Arc<NearField<Array>>>,
+        occluder: Option<Occluder<'_, Arc<NearField<Array>>>>,
     ) -> Result<Self, GpuError> {
         lamps::check(lamps, rays).map_err(GpuError::Lamps)?;
+        let reflected = occluder.as_ref().map_or(&[][..], |occluder| occluder.reflected);
+        let occluder = occluder.map(|occluder| occluder.surface.clone());
+        let vertex_count = occluder.as_ref().map_or(0, |occluder| occluder.vertex_count);
+        lamps::check_reflected(vertex_count, reflected).map_err(GpuError::Lamps)?;
         let spiral = (0..rays).flat_map(|k| spiral_point(k, rays));
         let numbers: Vec<f32> = lamps.iter().flat_map(Lamp::numbers).chain(spiral).collect();
-        let set = LampsUniform { count: lamps.len() as u32, rays: rays as u32, padding: [0; 2] };
-        Ok(Self { set, numbers: context.upload("numbers of lamps", &numbers)?, occluder })
+        let is_reflected = !reflected.is_empty();
+        let set = LampsUniform {
+            count: lamps.len() as u32,
+            rays: rays as u32,
+            is_reflected: is_reflected.into(),
+            padding: 0,
+        };
+        let reflected = if is_reflected { reflected } else { &[0.0] };
+        Ok(Self {
+            set,
+            numbers: context.upload("numbers of lamps", &numbers)?,
+            occluder,
+            reflected: context.upload("reflected light of lamps", reflected)?,
+        })
     }
 }
 
@@ -121,6 +143,7 @@ pub(crate) fn illuminate(
         Buffer(&lamps.numbers),
         Uniform(bytemuck::bytes_of(&lamps.set)),
         Buffer(&direct),
+        Buffer(&lamps.reflected),
     ];
     let (key, source) = (format!("{surface:?}"), || source(&surface));
     context.dispatch(&key, "illuminate", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
