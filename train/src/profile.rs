@@ -5,7 +5,9 @@
 //! that weights the normal loss is not quantised to 8 bits; one rasterisation replaces five; and
 //! the gradient of the mip chain is its true adjoint.
 
+use core::fmt;
 use specula_core::{
+    cubemap::FACE_COUNT,
     loss::{LossWeights, NormalForm},
     normal::AxisRule,
     optimise::Schedule,
@@ -14,6 +16,7 @@ use specula_core::{
     scene::{Layout, RadianceActivation},
     shade::{ShadingForm, ShadingRules},
 };
+use std::sync::Arc;
 
 /// Learning rates of all attributes over a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,6 +82,20 @@ pub struct LightStart {
     pub radiance: f32,
     /// Largest radiance kept after each step; infinite for none.
     pub radiance_max: f32,
+}
+
+/// Light that is known before a training, and stays as it is: linear radiance of the texels of a
+/// cube map. Printed as a checksum.
+#[derive(Clone, PartialEq)]
+pub struct KnownLight(pub Arc<[f32]>);
+
+impl fmt::Debug for KnownLight {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // FNV-1a over the bits of the numbers.
+        let mix = |sum: u64, number: &f32| (sum ^ u64::from(number.to_bits())).wrapping_mul(0x0100_0000_01b3);
+        let sum = self.0.iter().fold(0xcbf2_9ce4_8422_2325, mix);
+        write!(out, "KnownLight({} numbers, {sum:016x})", self.0.len())
+    }
 }
 
 /// Initial attributes of Gaussians.
@@ -166,6 +183,8 @@ pub struct Profile {
     pub scheme: PrefilterScheme,
     /// Initial light; none for plain Gaussian splatting.
     pub light: Option<LightStart>,
+    /// Light that is known and not trained; none for one that is found.
+    pub known_light: Option<KnownLight>,
     /// Initial attributes.
     pub start: GaussianStart,
     /// Region in which Gaussians reflect the light; none for everywhere. Gaussians outside have
@@ -237,6 +256,7 @@ fn plain(iterations: u32) -> Profile {
         shading: ShadingRules::PAPER,
         scheme: PrefilterScheme::Exact,
         light: None,
+        known_light: None,
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
@@ -462,6 +482,21 @@ impl Profile {
         self
     }
 
+    /// Profile of a light that is known: linear radiance of a cube map of the profile's resolution,
+    /// which stays as it is. Unchanged without a light.
+    ///
+    /// # Panics
+    ///
+    /// For another number of texels.
+    pub fn under(mut self, radiance: Vec<f32>) -> Self {
+        if let Some(LightStart { resolution, .. }) = self.light {
+            assert_eq!(radiance.len(), 3 * FACE_COUNT * resolution * resolution, "three numbers for each texel");
+            self.known_light = Some(KnownLight(radiance.into()));
+            self.rates.environment = Schedule::constant(0.0);
+        }
+        self
+    }
+
     /// Profile that also fits physical materials, for relighting, whose light may be kept away by
     /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
     pub fn relightable(mut self, iterations: u32) -> Self {
@@ -530,6 +565,17 @@ fn in_use<'a>(rendered: &'a mut f32, attributes: &'a mut f32) -> &'a mut f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_known_light_is_not_trained_and_prints_as_a_checksum() {
+        let texels = 3 * FACE_COUNT * 64 * 64;
+        let profile = |radiance: f32| by_name("specula", 1000).unwrap().under(vec![radiance; texels]);
+        assert_eq!(profile(0.5).rates.environment, Schedule::constant(0.0));
+        let [one, same, other] = [0.5, 0.5, 0.25].map(|radiance| format!("{:?}", profile(radiance)));
+        assert!(one == same && one != other && one.len() < 10_000, "{} characters", one.len());
+        let plain = by_name("3dgs", 1000).unwrap();
+        assert_eq!(plain.clone().under(Vec::new()), plain, "there is no light");
+    }
 
     #[test]
     fn a_profile_says_which_form_of_a_loss_it_uses() {

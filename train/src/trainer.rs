@@ -5,7 +5,7 @@ use crate::{
     exposure,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
-    profile::{Profile, Reflections},
+    profile::{KnownLight, Profile, Reflections},
     start::{Point, gaussians, random_points, rates_by_plane},
     view::{View, extent_of},
 };
@@ -552,9 +552,15 @@ fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Resu
 }
 
 fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {
+    /// Radiance below which a known light is not told from black.
+    const BLACK: f32 = 1e-6;
     let start = profile.light?;
     let number = number_of(start.activation, start.radiance);
     let empty = Environment { resolution: start.resolution, activation: start.activation, values: Vec::new() };
+    if let Some(KnownLight(radiance)) = &profile.known_light {
+        let values = radiance.iter().map(|radiance| number_of(start.activation, radiance.max(BLACK))).collect();
+        return Some(Environment { values, ..empty });
+    }
     let first = |index| if empty.is_network() { initial_weight(index, number, seed) } else { number };
     let values = (0..empty.len_of_values()).map(first).collect();
     Some(Environment { values, ..empty })

@@ -301,6 +301,12 @@ pub(crate) struct Start {
     #[arg(long)]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) relightable: bool,
+    /// Light that is known, from a light probe or a renderer: a lat-long map of linear radiance
+    /// (.hdr or .exr), its upper edge the scene's up direction. It stays as it is, and with it
+    /// --relightable finds materials in absolute terms.
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) light_reference: Option<PathBuf>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
     #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]

@@ -9,23 +9,26 @@ use crate::{
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
-    interrupt, output, progress, settings,
+    interrupt, output, progress, scene, settings,
     training::Session,
 };
 use core::net::SocketAddr;
+use glam::Vec3;
 use serde_json::{Value, json};
+use specula_core::scene::RadianceActivation;
 use specula_io::{
     self as io,
     checkpoint::Facts,
     dataset::LoadOptions,
-    exposure,
+    exposure, latlong,
     model_folder::{self, ModelInfo},
 };
 use specula_scene::{
     backdrop::BackgroundColor,
     dataset::{Dataset, InitialPoints, cloud_of, named_cameras},
     foreground,
-    orientation::{of_gaussians, with_up},
+    light_file::MapUp,
+    orientation::{self, of_gaussians, with_up},
     training::{self, Checkpoints, Start, Training, model_info},
 };
 use specula_train::{profile::Profile, start::Point, trainer::Settings};
@@ -51,6 +54,9 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
         profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
+    }
+    if let Some(path) = &args.start.light_reference {
+        profile = under_known_light(profile, path, &data)?;
     }
     let background = background_of(args, &data);
     let settings =
@@ -94,6 +100,21 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     result::finish(args, &mut training, info, outcome, &views)?;
     let result = || Ok((training.scene()?, training.iteration()));
     watching.map_or(Ok(()), |watching| watching.stay(result))
+}
+
+/// Profile under a light that is known, which stays as it is.
+fn under_known_light(profile: Profile, path: &Path, data: &Dataset) -> Result<Profile, Failure> {
+    let Some(light) = profile.light else {
+        return Err(Failure::Input(format!("--profile {} has no light; omit --light-reference", profile.name)));
+    };
+    if light.activation == RadianceActivation::Network {
+        return Err(Failure::Input("a known light is a cube map; omit --light mlp or --light-reference".into()));
+    }
+    let up = data.orientation.as_ref().map_or(Vec3::Z, orientation::up);
+    let map = scene::read_env(path, 0.0)?;
+    let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));
+    tracing::info!("the light is that of {path:?} and stays as it is");
+    Ok(profile.under(radiance))
 }
 
 /// Data set folder.

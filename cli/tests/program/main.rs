@@ -8,6 +8,7 @@ mod end_to_end;
 mod eval;
 mod export;
 mod glossy;
+mod known_light;
 mod lamps;
 mod library;
 mod light_network;

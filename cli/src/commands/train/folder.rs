@@ -5,7 +5,10 @@ use crate::{args::Train, config, failure::Failure, settings};
 use specula_core::state::TrainingState;
 use specula_io::{self as io, checkpoint::Facts, model_folder};
 use specula_scene::training::{self, Lock};
-use specula_train::{profile::Profile, trainer::Settings};
+use specula_train::{
+    profile::{KnownLight, Profile},
+    trainer::Settings,
+};
 use std::path::Path;
 
 /// Locks the model folder.
@@ -80,12 +83,22 @@ pub(super) fn read_checkpoint(
             saved.state.iteration, args.iterations
         ));
     }
-    let profile = Profile {
+    let mut profile = Profile {
         foreground: settings.profile.foreground,
         ..settings::profile_of(args, earlier.iterations, of_objects)?
     };
+    if let Some(KnownLight(radiance)) = &settings.profile.known_light {
+        profile = profile.under(radiance.to_vec());
+    }
     let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
     if training::settings_text(&same) != earlier.settings {
+        if let Some(light) = &args.start.light_reference {
+            return refuse(format!(
+                "is of a training under another light than that of {light:?}, or of specula {}, which trained \
+                 otherwise; name the file as it was",
+                earlier.program
+            ));
+        }
         return refuse(format!(
             "is of specula {}, which trained otherwise; continue with that version",
             earlier.program
