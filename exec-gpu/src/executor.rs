@@ -12,7 +12,7 @@ use crate::{
     },
     stages::{
         bin::{Tiles, bin},
-        blend::{blend, read},
+        blend::{blend, parts, read},
         blend_in_order::blend_in_order,
         blend_vjp::{ReplayDivision, SplatGrads, blend_vjp},
         densify::densify,
@@ -38,7 +38,7 @@ use crate::{
         trace::{trace, upload_near_field},
     },
 };
-use core::{fmt::Debug, mem, ops::Range};
+use core::{fmt::Debug, iter, mem, ops::Range};
 use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
@@ -62,6 +62,19 @@ use std::sync::Arc;
 pub trait Precision: Debug {
     /// The format.
     fn storage(&self) -> Storage;
+}
+
+/// Capacity that a frame needs.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameCapacity(Capacity);
+
+/// Result of [`GpuExecutor::read_frame_later`].
+#[derive(Clone, Debug)]
+pub struct LaterFrame {
+    /// Values of the frame; none where its splats exceeded the capacity.
+    pub values: Option<Vec<f32>>,
+    /// Capacity that the frame needs, for [`GpuExecutor::grant`].
+    pub capacity: FrameCapacity,
 }
 
 /// 32 bits, as training needs.
@@ -100,6 +113,8 @@ pub struct GpuExecutor<P = Full> {
     pub(crate) counters: StepCounters,
     /// Capacity of training steps, once the first has counted its pairs.
     pub(crate) capacity: Option<Capacity>,
+    /// Capacity of pictures that are read later; none where each counts its pairs first.
+    picture_capacity: Option<Capacity>,
     pub(crate) replay: ReplayDivision,
     /// Losses of the current training step.
     losses: Option<Losses>,
@@ -125,6 +140,43 @@ impl GpuExecutor<Storage> {
         self.precision = storage;
     }
 
+    /// Lets pictures be read without blocking, by [`GpuExecutor::read_frame_later`] alone: their splats
+    /// are sorted with the capacity that earlier ones needed.
+    pub fn read_later(&mut self) {
+        self.picture_capacity = Some(Capacity::default());
+    }
+
+    /// Values of a frame, as [`Renderer::read_frame`] has them, once the device is done; none where
+    /// the frame has more splats than those before: it is to be rendered once more, after
+    /// [`GpuExecutor::grant`].
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub fn read_frame_later(
+        &mut self,
+        frame: &Frame,
+    ) -> Result<impl Future<Output = Result<LaterFrame, GpuError>> + use<>, GpuError> {
+        let counters = (self.counters.array(), 0..self.counters.array().len());
+        let parts: Vec<(&Array, Range<usize>)> = iter::once(counters).chain(parts(frame)).collect();
+        let bytes = self.context.read_later(&parts)?;
+        self.counters.reset_step(&mut self.context);
+        let (len, gpu) = (4 * self.counters.array().len(), self.context.gpu.clone());
+        Ok(async move {
+            let bytes = bytes.await?;
+            let (of_counters, of_frame) = bytes.split_at(len);
+            let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(of_counters));
+            let capacity = FrameCapacity(counts.required(&gpu)?);
+            let values = (!counts.exceeds_capacity).then(|| bytemuck::pod_collect_to_vec(of_frame));
+            Ok(LaterFrame { values, capacity })
+        })
+    }
+
+    /// Grants the pictures that follow what one needed, and a quarter more.
+    pub fn grant(&mut self, FrameCapacity(needed): FrameCapacity) {
+        self.picture_capacity = Some(needed.grown(self.picture_capacity, &self.context.gpu));
+    }
+
     /// Sets the order of splats in a pixel for the pictures that follow. Splats that were projected
     /// before must not be used any more.
     pub fn set_order(&mut self, order: BlendOrder) {
@@ -145,6 +197,7 @@ impl<P> GpuExecutor<P> {
             network: None,
             counters,
             capacity: None,
+            picture_capacity: None,
             replay,
             losses: None,
             exposure_sums: None,
@@ -347,7 +400,7 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
-        bin(&mut self.context, &self.counters, splats, camera, None)
+        bin(&mut self.context, &self.counters, splats, camera, self.picture_capacity)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {

@@ -42,7 +42,7 @@ pub use device::{
     gpu::Gpu,
     timer::KernelTime,
 };
-pub use executor::{Full, GpuExecutor, Precision};
+pub use executor::{FrameCapacity, Full, GpuExecutor, LaterFrame, Precision};
 pub use stages::{
     bin::Tiles,
     blend_vjp::SplatGrads,

@@ -23,6 +23,10 @@ impl Frame {
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
+    /// Planes that are read: the channels, and the transmittance.
+    pub fn planes(&self) -> usize {
+        self.channels + 1
+    }
     /// Number of pixels.
     pub(crate) fn pixel_count(&self) -> usize {
         self.size[0] * self.size[1]
