@@ -22,3 +22,4 @@ mod resume;
 mod site;
 mod tiny;
 mod view;
+mod web;

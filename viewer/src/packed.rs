@@ -1,0 +1,428 @@
+//! Scenes packed for web pages: numbers quantised, in an order that compresses.
+//!
+//! ```text
+//! "specula" 1     magic and version
+//! u32             length of the header
+//! JSON            layout, names, cameras, ranges of quantised numbers
+//! streams         numbers of Gaussians, plane by plane; of lights; of the near field
+//! ```
+//!
+//! The numbers of a stream are stored byte plane by byte plane, the highest first: neighbours are
+//! alike in their high bytes, which compresses them. Quats have length 1, logits are within
+//! ±[`LOGIT_MAX`], and the hierarchy of a near field is built anew by the reader.
+
+mod streams;
+
+use crate::{ViewedScene, ViewerError};
+use serde::{Deserialize, Serialize};
+use specula_core::{
+    antialias::LowPass,
+    camera::Camera,
+    near_field::{NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
+    scene::{
+        Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, QUAT,
+        RadianceActivation, len_of_values,
+    },
+};
+use specula_io::orientation::Orientation;
+use specula_mesh::near_field::rearranged;
+use specula_scene::{Scene, ShadingModel, light_file::MapUp};
+use std::sync::Arc;
+use streams::{Reader, Stream, Writer};
+
+/// First bytes of a packed scene; the last one is the version of the format.
+const MAGIC: [u8; 8] = *b"specula\x01";
+/// Largest size of a logit that is told apart: its sigmoid is within 6e-6 of 0 or 1.
+const LOGIT_MAX: f32 = 12.0;
+/// Largest number of Gaussians.
+const GAUSSIANS_MAX: usize = 1 << 25;
+/// Largest resolution of a light.
+const RESOLUTION_MAX: usize = 1 << 12;
+
+/// Precision of the numbers of a packed scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PackPrecision {
+    /// Every bit.
+    Exact,
+    /// 22 bits for means, 16 for vertices, 10 to 12 for the rest.
+    Quantised,
+}
+
+/// Light beside that of the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedLight {
+    /// Name of its file.
+    pub name: String,
+    /// Up direction by which the file was read.
+    pub up: MapUp,
+    /// Radiance as a cube map.
+    pub cube: Environment<Vec<f32>>,
+}
+
+/// Scene of a web page.
+#[derive(Debug)]
+pub struct PackedScene {
+    /// Scene and its cameras; without photographs.
+    pub viewed: ViewedScene,
+    /// Lights to choose from.
+    pub lights: Vec<PackedLight>,
+    /// Sentence about the scene.
+    pub caption: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    name: String,
+    caption: String,
+    count: usize,
+    layout: PackedLayout,
+    /// Comment that names the shading model.
+    shading: String,
+    background: [f32; 3],
+    orientation: Orientation,
+    held_out: usize,
+    views: Vec<PackedView>,
+    /// Streams of the planes of the Gaussians.
+    planes: Vec<Stream>,
+    light: Option<LightHeader>,
+    lights: Vec<LightHeader>,
+    near_field: Option<NearFieldHeader>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PackedLayout {
+    shaded: bool,
+    sh_degree: Option<u8>,
+    physical: bool,
+    low_pass: String,
+    smoothed: bool,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PackedView {
+    name: String,
+    size: [u32; 2],
+    position: [f32; 3],
+    /// Columns of the rotation from world to camera.
+    rotation: [f32; 9],
+    focal: [f32; 2],
+    principal: [f32; 2],
+    near: f32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct LightHeader {
+    name: String,
+    up: String,
+    resolution: usize,
+    activation: String,
+    stream: Stream,
+}
+
+#[derive(Serialize, Deserialize)]
+struct NearFieldHeader {
+    sizes: [usize; 3],
+    offset: f32,
+    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without streams of
+    /// nodes the hierarchy is built anew.
+    nodes: Option<Stream>,
+    corners: Stream,
+    vertices: Vec<Stream>,
+}
+
+impl PackedScene {
+    /// Bytes of the scene, not compressed.
+    pub fn pack(&self, precision: PackPrecision) -> Vec<u8> {
+        let mut writer = Writer::default();
+        let ViewedScene { name, scene, views, held_out, orientation, background, .. } = &self.viewed;
+        let Scene { gaussians, light, near_field, shading_model, .. } = scene;
+        let is_exact = precision == PackPrecision::Exact;
+        let planes = pack_gaussians(gaussians, is_exact, &mut writer);
+        let light = light.as_ref().map(|cube| pack_light("", MapUp::Scene, cube, is_exact, &mut writer));
+        let lights =
+            self.lights.iter().map(|light| pack_light(&light.name, light.up, &light.cube, is_exact, &mut writer));
+        let lights = lights.collect();
+        let near_field = near_field.as_ref().map(|surface| pack_near_field(surface, is_exact, &mut writer));
+        let header = Header {
+            name: name.clone(),
+            caption: self.caption.clone(),
+            count: gaussians.count,
+            layout: PackedLayout::of(gaussians.layout),
+            shading: shading_model.comment(),
+            background: *background,
+            orientation: *orientation,
+            held_out: *held_out,
+            views: views.iter().map(|(name, camera)| PackedView::of(name, camera)).collect(),
+            planes,
+            light,
+            lights,
+            near_field,
+        };
+        let header = serde_json::to_vec(&header).unwrap_or_default();
+        let len = (header.len() as u32).to_le_bytes();
+        [MAGIC.as_slice(), &len, &header, &writer.bytes].concat()
+    }
+
+    /// Scene of the bytes of [`PackedScene::pack`].
+    ///
+    /// # Errors
+    ///
+    /// A sentence on the first fault.
+    pub fn unpack(bytes: &[u8]) -> Result<Self, ViewerError> {
+        let (header, streams) = split(bytes).ok_or_else(|| damaged("it is no scene of specula, or cut short"))?;
+        let header: Header = serde_json::from_slice(header).map_err(|error| damaged(&error.to_string()))?;
+        let mut reader = Reader { bytes: streams };
+        let scene = header.scene(&mut reader)?;
+        let lights = header.lights.iter().map(|light| {
+            let up = MapUp::try_from(light.up.clone()).map_err(damaged)?;
+            Ok(PackedLight { name: light.name.clone(), up, cube: light.cube(&mut reader)? })
+        });
+        let lights = lights.collect::<Result<Vec<_>, ViewerError>>()?;
+        let near_field = header.near_field.as_ref().map(|near_field| near_field.surface(&mut reader)).transpose()?;
+        if !reader.bytes.is_empty() {
+            return Err(damaged("it is longer than its header says"));
+        }
+        if !header.orientation.is_valid() {
+            return Err(damaged("its orientation is none"));
+        }
+        let views = header.views.iter().map(PackedView::camera).collect::<Result<Vec<_>, _>>()?;
+        let viewed = ViewedScene {
+            name: header.name,
+            scene: Scene { near_field: near_field.map(Arc::new), ..scene },
+            views,
+            held_out: header.held_out,
+            orientation: header.orientation,
+            photographs: None,
+            background: header.background,
+        };
+        Ok(Self { viewed, lights, caption: header.caption })
+    }
+}
+
+fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let rest = bytes.strip_prefix(&MAGIC)?;
+    let (len, rest) = rest.split_first_chunk::<4>()?;
+    rest.split_at_checked(u32::from_le_bytes(*len) as usize)
+}
+
+fn damaged(cause: &str) -> ViewerError {
+    ViewerError::Request(format!("the packed scene cannot be read: {cause}; export it once more"))
+}
+
+impl Header {
+    /// Gaussians and light.
+    fn scene(&self, reader: &mut Reader<'_>) -> Result<Scene, ViewerError> {
+        let layout = self.layout.layout().ok_or_else(|| damaged("its layout is unknown"))?;
+        if self.planes.len() != layout.plane_count() || self.count > GAUSSIANS_MAX {
+            return Err(damaged("its planes are not those of its layout"));
+        }
+        let shading_model = ShadingModel::from_comment(&self.shading);
+        let shading_model = shading_model.ok_or_else(|| damaged("its shading model is unknown"))?;
+        // Each plane takes a byte for each number at least, so that the file bounds the memory.
+        if reader.bytes.len() < self.count * layout.plane_count() {
+            return Err(damaged("it is cut short"));
+        }
+        let mut gaussians =
+            Gaussians { count: self.count, layout, values: vec![0.0; len_of_values(self.count, layout)] };
+        for (plane, stream) in self.planes.iter().enumerate() {
+            let numbers = reader.numbers(stream, self.count).ok_or_else(|| damaged("it is cut short"))?;
+            for (gaussian, number) in numbers.into_iter().enumerate() {
+                gaussians.set(gaussian, plane, [number]);
+            }
+        }
+        let light = self.light.as_ref().map(|light| light.cube(reader)).transpose()?;
+        Ok(Scene { gaussians, light, near_field: None, lamps: None, shading_model })
+    }
+}
+
+/// Stream of a plane of Gaussians.
+fn plane_stream(plane: usize, layout: Layout) -> (u8, Option<f32>) {
+    let [albedo, ambient] = layout.physical_planes().map_or([usize::MAX; 2], |first| [first, first + 4]);
+    let is_of_material = (albedo..ambient).contains(&plane);
+    match plane {
+        MEAN..LOG_SCALE => (22, None),
+        LOG_SCALE..OPACITY => (12, None),
+        OPACITY => (10, Some(LOGIT_MAX)),
+        DIFFUSE..NORMAL_RESIDUAL_1 if layout.is_shaded() => (10, Some(LOGIT_MAX)),
+        _ if is_of_material => (10, Some(LOGIT_MAX)),
+        _ if Some(plane) == layout.filter_plane() => (16, None),
+        _ => (11, None),
+    }
+}
+
+fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> Vec<Stream> {
+    let layout = gaussians.layout;
+    if is_exact {
+        return (0..layout.plane_count()).map(|plane| writer.exact(gaussians.plane(plane))).collect();
+    }
+    let mut unit = gaussians.clone();
+    for gaussian in 0..gaussians.count {
+        let quat: [f32; 4] = gaussians.get(gaussian, QUAT);
+        let length = quat.iter().map(|x| x * x).sum::<f32>().sqrt() * if quat[0] < 0.0 { -1.0 } else { 1.0 };
+        unit.set(gaussian, QUAT, if length == 0.0 { quat } else { quat.map(|x| x / length) });
+    }
+    let pack = |plane: usize| {
+        let (bits, most) = plane_stream(plane, layout);
+        let numbers: Vec<f32> = unit.plane(plane).map(|x| most.map_or(x, |most| x.clamp(-most, most))).collect();
+        writer.quantised(&numbers, bits, plane < LOG_SCALE)
+    };
+    (0..layout.plane_count()).map(pack).collect()
+}
+
+fn pack_light(name: &str, up: MapUp, cube: &Environment<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> LightHeader {
+    let numbers = cube.values.iter().copied();
+    // Weights of a network are few.
+    let stream = if is_exact || cube.is_network() { writer.exact(numbers) } else { writer.shortened(numbers) };
+    let activation = match cube.activation {
+        RadianceActivation::Identity => "identity",
+        RadianceActivation::Exponential => "exponential",
+        RadianceActivation::Network => "network",
+    };
+    LightHeader {
+        name: name.to_owned(),
+        up: up.name().to_owned(),
+        resolution: cube.resolution,
+        activation: activation.to_owned(),
+        stream,
+    }
+}
+
+impl LightHeader {
+    fn cube(&self, reader: &mut Reader<'_>) -> Result<Environment<Vec<f32>>, ViewerError> {
+        let activation = match self.activation.as_str() {
+            "identity" => RadianceActivation::Identity,
+            "exponential" => RadianceActivation::Exponential,
+            "network" => RadianceActivation::Network,
+            _ => return Err(damaged("its light is of an unknown kind")),
+        };
+        if !self.resolution.is_power_of_two() || self.resolution > RESOLUTION_MAX {
+            return Err(damaged("its light is of no resolution that can be filtered"));
+        }
+        let empty = Environment { resolution: self.resolution, activation, values: Vec::new() };
+        let values = reader.numbers(&self.stream, empty.len_of_values()).ok_or_else(|| damaged("it is cut short"))?;
+        if !values.iter().all(|number| number.is_finite()) {
+            return Err(damaged("its light is not finite"));
+        }
+        Ok(Environment { values, ..empty })
+    }
+}
+
+fn pack_near_field(surface: &NearField<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> NearFieldHeader {
+    let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
+    let nodes = is_exact.then(|| writer.exact(surface.values[..triangles].iter().copied()));
+    let corners: Vec<f32> = surface.values[triangles..vertices]
+        .as_chunks::<TRIANGLE_LEN>()
+        .0
+        .iter()
+        .flat_map(|[a, b, c, _]| [*a, *b, *c])
+        .collect();
+    let corners = writer.whole(&corners);
+    let all = surface.values[vertices..].as_chunks::<VERTEX_LEN>().0;
+    let pack = |number: usize| {
+        let numbers: Vec<f32> = all.iter().map(|vertex| vertex[number]).collect();
+        match number {
+            _ if is_exact => writer.exact(numbers.into_iter()),
+            0..3 => writer.quantised(&numbers, 16, true),
+            3..VERTEX_BASE => writer.quantised(&numbers, 10, false),
+            _ => writer.quantised(&numbers, 8, false),
+        }
+    };
+    let vertices = (0..VERTEX_LEN).map(pack).collect();
+    NearFieldHeader { sizes: surface.sizes(), offset: surface.offset, nodes, corners, vertices }
+}
+
+impl NearFieldHeader {
+    fn surface(&self, reader: &mut Reader<'_>) -> Result<NearField<Vec<f32>>, ViewerError> {
+        let short = || damaged("it is cut short");
+        let [node_count, triangle_count, vertex_count] = self.sizes;
+        let counts = [(node_count, 8), (triangle_count, TRIANGLE_LEN), (vertex_count, VERTEX_LEN)];
+        if self.vertices.len() != VERTEX_LEN || counts.iter().any(|(count, _)| *count > GAUSSIANS_MAX) {
+            return Err(damaged("its near field has another layout"));
+        }
+        let nodes = match &self.nodes {
+            Some(stream) => Some(reader.numbers(stream, 8 * node_count).ok_or_else(short)?),
+            None => None,
+        };
+        let corners = reader.numbers(&self.corners, 3 * triangle_count).ok_or_else(short)?;
+        let corners = corners.as_chunks::<3>().0.iter().flat_map(|[a, b, c]| [*a, *b, *c, 0.0]);
+        let corners: Vec<f32> = corners.collect();
+        let columns = self.vertices.iter().map(|stream| reader.numbers(stream, vertex_count).ok_or_else(short));
+        let columns = columns.collect::<Result<Vec<_>, _>>()?;
+        let vertices: Vec<f32> =
+            (0..vertex_count).flat_map(|vertex| columns.iter().map(move |column| column[vertex])).collect();
+        let (sizes, values) = match nodes {
+            Some(nodes) => (self.sizes, [nodes, corners, vertices].concat()),
+            None => ([0, triangle_count, vertex_count], [corners, vertices].concat()),
+        };
+        let surface = NearField::of_sizes(sizes, self.offset, values);
+        let surface = if node_count > 0 && sizes[0] == 0 { rearranged(&surface) } else { Some(surface) };
+        let surface = surface.ok_or_else(|| damaged("its near field has triangles without vertices"))?;
+        surface.check().map_err(|error| damaged(&error.to_string()))?;
+        Ok(surface)
+    }
+}
+
+impl PackedLayout {
+    fn of(layout: Layout) -> Self {
+        let low_pass = match layout.low_pass {
+            LowPass::Dilated => "dilated",
+            LowPass::Compensated => "compensated",
+            LowPass::Mip => "mip",
+        };
+        Self {
+            shaded: layout.is_shaded(),
+            sh_degree: layout.sh_degree,
+            physical: layout.is_physical,
+            low_pass: low_pass.to_owned(),
+            smoothed: layout.is_smoothed,
+        }
+    }
+
+    fn layout(&self) -> Option<Layout> {
+        let low_pass = match self.low_pass.as_str() {
+            "dilated" => LowPass::Dilated,
+            "compensated" => LowPass::Compensated,
+            "mip" => LowPass::Mip,
+            _ => return None,
+        };
+        Some(Layout {
+            appearance: if self.shaded { Appearance::Shaded } else { Appearance::Radiance },
+            sh_degree: self.sh_degree.filter(|degree| *degree <= 3),
+            is_physical: self.physical,
+            low_pass,
+            is_smoothed: self.smoothed,
+        })
+    }
+}
+
+impl PackedView {
+    fn of(name: &str, camera: &Camera) -> Self {
+        Self {
+            name: name.to_owned(),
+            size: [camera.width, camera.height],
+            position: camera.position.to_array(),
+            rotation: camera.camera_from_world.to_cols_array(),
+            focal: camera.focal_px,
+            principal: camera.principal_px,
+            near: camera.near,
+        }
+    }
+
+    fn camera(&self) -> Result<(String, Camera), ViewerError> {
+        let [width, height] = self.size;
+        let numbers = [self.position.as_slice(), &self.rotation, &self.focal, &self.principal, &[self.near]].concat();
+        if width == 0 || height == 0 || !numbers.iter().all(|number| number.is_finite()) {
+            return Err(damaged("one of its cameras has no size or numbers that are not finite"));
+        }
+        let camera = Camera {
+            camera_from_world: glam::Mat3::from_cols_array(&self.rotation),
+            position: self.position.into(),
+            focal_px: self.focal,
+            principal_px: self.principal,
+            near: self.near,
+            width,
+            height,
+        };
+        Ok((self.name.clone(), camera))
+    }
+}
