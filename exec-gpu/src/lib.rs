@@ -46,7 +46,7 @@ pub use executor::{FrameCapacity, Full, GpuExecutor, LaterFrame, Precision};
 pub use stages::{
     bin::Tiles,
     blend_vjp::SplatGrads,
-    frame::{Frame, FrameGrad},
+    frame::{Frame, FrameContent, FrameGrad},
     light::LightGrad,
     loss::Target,
     prefilter::Light,

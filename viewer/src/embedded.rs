@@ -5,7 +5,7 @@ use crate::{
     http::HttpError,
     lights::Lights,
     new_light::{LIGHT_MAX, UploadParameters, refuse_large},
-    request::{FrameRequest, LightSetting, query},
+    request::{Content, FrameRequest, LightSetting, query},
     setup::LightSetup,
     viewed::{PreparedScene, ViewedScene, described},
     worker::{PlannedPicture, RenderWorker},
@@ -19,7 +19,7 @@ use specula_core::{
     scene::{Environment, Image},
 };
 use specula_io::{Input, picture::RgbImage};
-use specula_scene::{Scene, SceneError, SceneRenderer, light_file::MapUp};
+use specula_scene::{Layer, Scene, SceneError, SceneRenderer, light_file::MapUp};
 use std::sync::Arc;
 
 /// Viewer whose program renders the pictures that requests ask for, as a page in a browser does.
@@ -52,6 +52,11 @@ impl PlannedFrame {
         self.planned.slot
     }
 
+    /// Whether its colours and transmittance are enough, without other channels.
+    pub fn shows_colors(&self) -> bool {
+        self.request.content == Content::Layer(Layer::Rgb)
+    }
+
     /// Rules of the picture.
     pub const fn rules(&self) -> &RenderRules {
         &self.planned.rules
@@ -79,7 +84,8 @@ impl EmbeddedViewer {
         viewed: ViewedScene,
         load: impl FnOnce(Scene) -> Result<SceneRenderer, SceneError>,
     ) -> Result<Self, ViewerError> {
-        let PreparedScene { worker, lights, description } = viewed.prepare(Storage::F32, load)?;
+        let PreparedScene { mut worker, lights, description } = viewed.prepare(Storage::F32, load)?;
+        worker.cast_known_shadows();
         Ok(Self { worker, lights, description, setup: LightSetup::default() })
     }
 
@@ -114,7 +120,7 @@ impl EmbeddedViewer {
     }
 
     /// Picture of its channels, plane by plane, as [`specula_scene::SceneRenderer::render`] has
-    /// them.
+    /// them, or of its colours and transmittance alone.
     ///
     /// # Errors
     ///

@@ -146,6 +146,13 @@ impl RenderWorker {
         })
     }
 
+    /// Leaves a scene without a surface without shadows, where the renderer cannot fuse one.
+    pub(crate) fn cast_known_shadows(&mut self) {
+        if let ShadowSurface::Unfused(_) = self.shadow_surface {
+            self.shadow_surface = ShadowSurface::Known(None);
+        }
+    }
+
     /// Replaces the scene by a later one of the same training.
     pub(crate) fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
         let scene = scene.rounded(self.storage);

@@ -8,7 +8,7 @@ use specula_core::{
     rules::RenderRules,
     scene::{Environment, Gaussians, Image},
 };
-use specula_gpu::GpuExecutor;
+use specula_gpu::{GpuError, GpuExecutor};
 use specula_scene::{RenderBackend, SceneError, UploadedScene, lamps::SceneLamps};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -29,7 +29,7 @@ impl SharedScene {
 impl RenderBackend for SharedScene {
     /// Frames are rendered by the page's requests, which do not block.
     fn render(&mut self, _: usize, _: &Camera, _: &RenderRules) -> Result<Image<Vec<f32>>, SceneError> {
-        Err(SceneError::Immutable)
+        Err(GpuError::Refused { reason: "pictures of a page are read later".to_owned() }.into())
     }
 
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError> {

@@ -11,9 +11,9 @@ mod backend;
 use backend::SharedScene;
 use core::cell::RefCell;
 use js_sys::{Promise, Uint8Array};
-use specula_core::scene::Image;
-use specula_gpu::{Gpu, GpuExecutor, LaterFrame};
-use specula_scene::{SceneError, SceneRenderer, UploadedScene};
+use specula_core::{pack::Storage, rules::Channels, scene::Image};
+use specula_gpu::{FrameContent, Gpu, GpuError, GpuExecutor, LaterFrame};
+use specula_scene::{Scene, SceneError, SceneRenderer, UploadedScene};
 use specula_viewer::{EmbeddedViewer, PackedScene, PlannedFrame, ShownFrame, ViewerError};
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
@@ -123,13 +123,12 @@ impl WebViewer {
     fn on(gpu: Gpu, packed: PackedScene) -> Result<Self, ViewerError> {
         let PackedScene { viewed, lights, caption } = packed;
         let mut loaded = None;
-        let load = |scene: specula_scene::Scene| {
-            let mut exec = GpuExecutor::viewer(gpu, specula_core::pack::Storage::F32);
+        let load = |scene: Scene| {
+            let mut exec = GpuExecutor::viewer(gpu, Storage::F32);
             exec.read_later();
             let shared = SharedScene::new(UploadedScene::with_executor(exec, &scene)?);
             loaded = Some(shared.clone());
-            let channels = specula_core::rules::Channels::Layers;
-            Ok(SceneRenderer::with_backend(Box::new(shared), &scene, channels))
+            Ok(SceneRenderer::with_backend(Box::new(shared), &scene, Channels::Layers))
         };
         let viewer = EmbeddedViewer::new(viewed, load)?;
         for light in lights {
@@ -143,22 +142,51 @@ impl WebViewer {
 /// Channels of a picture. One with more splats than the pictures before is rendered twice.
 async fn rendered(scene: &SharedScene, planned: &PlannedFrame) -> Result<Image<Vec<f32>>, SceneError> {
     let camera = planned.camera();
+    let content = if planned.shows_colors() { FrameContent::Colors } else { FrameContent::Channels };
     loop {
-        let (planes, later) = {
+        let later = {
             let mut scene = scene.lock();
             let frame = scene.frame(planned.slot(), camera, planned.rules())?;
-            (frame.planes(), scene.executor().read_frame_later(&frame)?)
+            scene.executor().read_frame_later(&frame, content)?
         };
-        let LaterFrame { values, capacity } = later.await?;
+        let LaterFrame { values, planes: channels, capacity } = later.await?;
         scene.lock().executor().grant(capacity);
         if let Some(values) = values {
             let (width, height) = (camera.width as usize, camera.height as usize);
-            return Ok(Image { width, height, channels: planes, values });
+            return Ok(Image { width, height, channels, values });
         }
     }
 }
 
-/// Error of JavaScript with the sentence of an error.
+/// Error of JavaScript with the sentence of an error, as a reader of a page can act upon it.
 fn thrown(error: ViewerError) -> JsValue {
-    js_sys::Error::new(&error.to_string()).into()
+    let sentence = match &error {
+        ViewerError::Scene(SceneError::Gpu(error)) => sentence(error),
+        _ => error.to_string(),
+    };
+    js_sys::Error::new(&sentence).into()
+}
+
+fn sentence(error: &GpuError) -> String {
+    match error {
+        GpuError::NoAdapter { .. } => {
+            "This browser has WebGPU, but no graphics adapter for it, so the scene stands still.".to_owned()
+        }
+        GpuError::NoDevice { reason, .. } => {
+            format!("the graphics adapter gives no device ({reason}); reload the page")
+        }
+        GpuError::TooLimited { reason, .. } => {
+            format!("the graphics adapter allows less than WebGPU's defaults, so the scene stands still: {reason}")
+        }
+        GpuError::OutOfMemory => {
+            "the graphics device has no memory left; close other pages, or make the window smaller".to_owned()
+        }
+        GpuError::TooLarge { what, bytes, limit } => format!(
+            "{what} take {bytes} bytes, and the graphics adapter allows {limit} of an array; make the window smaller, or \
+             export fewer Gaussians"
+        ),
+        GpuError::Lost { reason } => format!("the browser lost the graphics device ({reason}); reload the page"),
+        GpuError::Refused { reason } => format!("the browser refused a command: {reason}"),
+        other => other.to_string(),
+    }
 }

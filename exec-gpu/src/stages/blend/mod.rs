@@ -24,7 +24,7 @@ use crate::{
         shade::{Colors, channels},
     },
 };
-use core::{iter, ops::Range};
+use core::iter;
 use formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock};
 use specula_core::{camera::Camera, cutoffs::TRANSMITTANCE_MIN};
 use wgpu::DeviceType;
@@ -127,14 +127,6 @@ fn block_of(gpu: &Gpu) -> PixelBlock {
         DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
         _ => PixelBlock { width: 1, height: 1 },
     }
-}
-
-/// Arrays of a frame in the order of its values, with the elements of each that are read.
-pub(crate) fn parts(frame: &Frame) -> Vec<(&Array, Range<usize>)> {
-    let other_color = frame.exposed.as_ref().or(frame.shaded.as_ref());
-    let shown = other_color.map_or(0, |_| 3 * frame.pixel_count());
-    let color = other_color.map(|color| (color, 0..shown));
-    color.into_iter().chain([(&frame.blended, shown..frame.len_of_values())]).collect()
 }
 
 /// Downloads a frame: its channels, with the final colour first, then the transmittance.
