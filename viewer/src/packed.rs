@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     antialias::LowPass,
     camera::Camera,
-    near_field::{NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
+    near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
     scene::{
         Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, QUAT,
         RadianceActivation, len_of_values,
@@ -335,12 +335,11 @@ impl NearFieldHeader {
     fn surface(&self, reader: &mut Reader<'_>) -> Result<NearField<Vec<f32>>, ViewerError> {
         let short = || damaged("it is cut short");
         let [node_count, triangle_count, vertex_count] = self.sizes;
-        let counts = [(node_count, 8), (triangle_count, TRIANGLE_LEN), (vertex_count, VERTEX_LEN)];
-        if self.vertices.len() != VERTEX_LEN || counts.iter().any(|(count, _)| *count > GAUSSIANS_MAX) {
+        if self.vertices.len() != VERTEX_LEN || self.sizes.iter().any(|size| *size > GAUSSIANS_MAX) {
             return Err(damaged("its near field has another layout"));
         }
         let nodes = match &self.nodes {
-            Some(stream) => Some(reader.numbers(stream, 8 * node_count).ok_or_else(short)?),
+            Some(stream) => Some(reader.numbers(stream, NODE_LEN * node_count).ok_or_else(short)?),
             None => None,
         };
         let corners = reader.numbers(&self.corners, 3 * triangle_count).ok_or_else(short)?;
@@ -355,7 +354,7 @@ impl NearFieldHeader {
             None => ([0, triangle_count, vertex_count], [corners, vertices].concat()),
         };
         let surface = NearField::of_sizes(sizes, self.offset, values);
-        let surface = if node_count > 0 && sizes[0] == 0 { rearranged(&surface) } else { Some(surface) };
+        let surface = if self.nodes.is_none() { rearranged(&surface) } else { Some(surface) };
         let surface = surface.ok_or_else(|| damaged("its near field has triangles without vertices"))?;
         surface.check().map_err(|error| damaged(&error.to_string()))?;
         Ok(surface)
@@ -424,5 +423,162 @@ impl PackedView {
             height,
         };
         Ok((self.name.clone(), camera))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use specula_core::{
+        random::uniform,
+        scene::{ALBEDO, ROUGHNESS},
+    };
+    use specula_io::orientation::UpSource;
+
+    /// Largest error of quantised means and scales in a scene of about one unit, and of unit quats.
+    const NEAR: f32 = 1e-6;
+    const NEAR_SCALE: f32 = 1e-3;
+    const NEAR_QUAT: f32 = 3e-4;
+    /// Largest error of a logit, half of a step of 24 / 1023.
+    const NEAR_LOGIT: f32 = 0.012;
+
+    fn number(stream: u64, index: usize) -> f32 {
+        uniform(5, stream, index as u64) - 0.5
+    }
+
+    fn gaussians() -> Gaussians<Vec<f32>> {
+        let layout = Layout::shaded(Some(1)).physical().antialiased();
+        let count = 37;
+        let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+        for index in 0..count {
+            for plane in 0..layout.plane_count() {
+                gaussians.set(index, plane, [number(plane as u64, index)]);
+            }
+        }
+        gaussians.set(3, ROUGHNESS, [80.0]);
+        gaussians
+    }
+
+    /// Two triangles in a plane.
+    fn surface() -> NearField<Vec<f32>> {
+        let triangles = [[0.0, 1.0, 2.0, 0.0], [1.0, 3.0, 2.0, 0.0]];
+        let vertex = |index: usize| {
+            let [x, y] = [index % 2, index / 2].map(|k| k as f32);
+            let others = (6..VERTEX_LEN).map(move |k| 0.5 + number(90 + k as u64, index));
+            [x, y, 0.0, 0.0, 0.0, 1.0].into_iter().chain(others)
+        };
+        let values = triangles.as_flattened().iter().copied().chain((0..4).flat_map(vertex)).collect();
+        rearranged(&NearField::of_sizes([0, 2, 4], 0.01, values)).expect("all corners are there")
+    }
+
+    fn scene() -> PackedScene {
+        let cube = |activation| {
+            let values = (0..18 * 8 * 8).map(|index| number(70, index) + 1.0).collect();
+            Environment { resolution: 8, activation, values }
+        };
+        let scene = Scene {
+            gaussians: gaussians(),
+            light: Some(cube(RadianceActivation::Exponential)),
+            near_field: Some(Arc::new(surface())),
+            lamps: None,
+            shading_model: ShadingModel::DEFERRED,
+        };
+        let orientation = Orientation {
+            up: [0.0, 0.0, 1.0],
+            centre: [0.0; 3],
+            distance: 4.0,
+            up_source: UpSource::Upright,
+            cameras: 1,
+            rolled: 0,
+            error_degrees: None,
+        };
+        let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, 40, 30);
+        let viewed = ViewedScene {
+            name: "vase".to_owned(),
+            scene,
+            views: vec![("a view".to_owned(), camera)],
+            held_out: 1,
+            orientation,
+            photographs: None,
+            background: [0.25, 0.5, 1.0],
+        };
+        let light = PackedLight { name: "sky.hdr".to_owned(), up: MapUp::Y, cube: cube(RadianceActivation::Identity) };
+        PackedScene { viewed, lights: vec![light], caption: "a vase".to_owned() }
+    }
+
+    #[test]
+    fn an_exact_scene_comes_back_as_it_was() {
+        let packed = scene();
+        let read = PackedScene::unpack(&packed.pack(PackPrecision::Exact)).unwrap();
+        let (a, b) = (&packed.viewed, &read.viewed);
+        assert_eq!((&a.name, &a.views, a.held_out), (&b.name, &b.views, b.held_out));
+        assert_eq!((a.background, a.orientation), (b.background, b.orientation));
+        let (one, other) = (&a.scene, &b.scene);
+        assert_eq!(one.gaussians.layout, other.gaussians.layout);
+        let planes = 0..one.gaussians.layout.plane_count();
+        assert!(planes.into_iter().all(|plane| one.gaussians.plane(plane).eq(other.gaussians.plane(plane))));
+        assert_eq!((&one.light, &one.near_field), (&other.light, &other.near_field));
+        assert_eq!(one.shading_model, other.shading_model);
+        assert_eq!((&packed.lights, &packed.caption), (&read.lights, &read.caption));
+    }
+
+    #[test]
+    fn a_quantised_scene_is_near_and_small() {
+        let packed = scene();
+        let bytes = packed.pack(PackPrecision::Quantised);
+        assert!(bytes.len() < packed.pack(PackPrecision::Exact).len() * 2 / 3);
+        let read = PackedScene::unpack(&bytes).unwrap().viewed.scene;
+        let (one, other) = (&packed.viewed.scene.gaussians, &read.gaussians);
+        let albedo = one.layout.physical_planes().unwrap() + ALBEDO;
+        for (plane, least) in
+            [(MEAN, NEAR), (LOG_SCALE, NEAR_SCALE), (OPACITY, NEAR_LOGIT), (DIFFUSE, NEAR_LOGIT), (albedo, NEAR_LOGIT)]
+        {
+            let apart = one.plane(plane).zip(other.plane(plane)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart <= least, "plane {plane}: {apart} apart");
+        }
+        assert_eq!(other.get::<1>(3, ROUGHNESS), [LOGIT_MAX], "logits are bounded");
+        for index in 0..one.count {
+            let [a, b]: [[f32; 4]; 2] = [one.get(index, QUAT), other.get(index, QUAT)];
+            let length = a.iter().map(|x| x * x).sum::<f32>().sqrt() * a[0].signum();
+            assert!(a.iter().zip(b).all(|(a, b)| (a / length - b).abs() <= NEAR_QUAT), "{a:?} became {b:?}");
+        }
+        let near_field = read.near_field.unwrap();
+        assert_eq!(near_field.sizes(), surface().sizes());
+    }
+
+    #[test]
+    fn damaged_scenes_end_in_a_sentence() {
+        let bytes = scene().pack(PackPrecision::Quantised);
+        let refused = |bytes: &[u8]| PackedScene::unpack(bytes).unwrap_err().to_string();
+        for len in (0..bytes.len()).step_by(61) {
+            assert!(refused(&bytes[..len]).contains("export it once more"));
+        }
+        assert!(refused(&[bytes.as_slice(), &[0]].concat()).contains("longer"));
+        let header = 12..12 + u32::from_le_bytes(bytes[8..12].try_into().unwrap()) as usize;
+        for (index, step) in header.clone().zip([1, 7, 64, 128].into_iter().cycle()) {
+            let mut damaged = bytes.clone();
+            damaged[index] ^= step;
+            // Some changes are of names alone; none may panic.
+            let _ = PackedScene::unpack(&damaged);
+        }
+        let text = String::from_utf8_lossy(&bytes[header]).into_owned();
+        let [nodes, triangles, vertices] = surface().sizes();
+        let sizes = format!("\"sizes\":[{nodes},{triangles},{vertices}]");
+        for (from, to) in [
+            (sizes.as_str(), "\"sizes\":[1,2,99999999999]"),
+            ("\"count\":37", "\"count\":99999999999"),
+            ("\"count\":37", "\"count\":36"),
+            ("\"resolution\":8", "\"resolution\":4096"),
+            ("\"bits\":22", "\"bits\":0"),
+            ("\"bits\":22", "\"bits\":40"),
+            ("\"size\":[40,30]", "\"size\":[0,30]"),
+        ] {
+            assert!(text.contains(from), "{from} is not in {text}");
+            let header = text.replacen(from, to, 1);
+            let len = (header.len() as u32).to_le_bytes();
+            let rest = &bytes[12 + text.len()..];
+            assert!(!refused(&[MAGIC.as_slice(), &len, header.as_bytes(), rest].concat()).is_empty(), "{to}");
+        }
     }
 }
