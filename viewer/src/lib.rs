@@ -24,6 +24,14 @@
 //! ```
 //!
 //! A training is watched by way of a [`LiveTraining`], which both sides share.
+//!
+//! Without the feature `server`, which is on by default, an [`EmbeddedViewer`] answers the same requests
+//! within a program, and a [`WebPage`] is the page in one file, with a scene and a renderer.
+
+#![cfg_attr(
+    not(feature = "server"),
+    expect(dead_code, reason = "requests have parameters, and errors have statuses, that only a server uses")
+)]
 
 #[cfg(feature = "server")]
 mod connections;

@@ -20,8 +20,8 @@ use specula_core::{
     camera::Camera,
     near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
     scene::{
-        Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, QUAT,
-        RadianceActivation, len_of_values,
+        AMBIENT, Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY,
+        QUAT, RadianceActivation, len_of_values,
     },
 };
 use specula_io::orientation::Orientation;
@@ -34,6 +34,25 @@ use streams::{Reader, Stream, Writer};
 const MAGIC: [u8; 8] = *b"specula\x01";
 /// Largest size of a logit that is told apart: its sigmoid is within 6e-6 of 0 or 1.
 const LOGIT_MAX: f32 = 12.0;
+/// Steps of means in the median size of a Gaussian, and of deviations of filters in their range.
+const MEAN_STEPS: f64 = 64.0;
+const FILTER_STEPS: f64 = ((1 << 16) - 1) as f64;
+/// Steps of log scales, of components of unit quats, of logits, and of ambient transfer.
+const SCALE_STEP: f64 = 1.0 / 256.0;
+const QUAT_STEP: f64 = 1.0 / 2048.0;
+const LOGIT_STEP: f64 = 1.0 / 32.0;
+const AMBIENT_STEP: f64 = 1.0 / 256.0;
+/// Steps of normal residuals, of constant harmonics, and of others: errors of many of these average
+/// out in a pixel.
+const RESIDUAL_STEP: f64 = 1.0 / 256.0;
+const CONSTANT_STEP: f64 = 1.0 / 256.0;
+const HARMONICS_STEP: f64 = 1.0 / 32.0;
+/// Steps of a near field: of its vertices, in offsets at which rays start; of normals; of the rest.
+const VERTEX_STEP: f64 = 1.0 / 8.0;
+const NORMAL_STEP: f64 = 1.0 / 128.0;
+const ATTRIBUTE_STEP: f64 = 1.0 / 64.0;
+/// First plane of harmonics of shaded Gaussians.
+const SH_START: usize = Layout::shaded(None).sh_start();
 /// Largest number of Gaussians.
 const GAUSSIANS_MAX: usize = 1 << 25;
 /// Largest resolution of a light.
@@ -44,7 +63,8 @@ const RESOLUTION_MAX: usize = 1 << 12;
 pub enum PackPrecision {
     /// Every bit.
     Exact,
-    /// 22 bits for means, 16 for vertices, 10 to 12 for the rest.
+    /// Steps that are small against what is seen: a 64th of a Gaussian's size for means, about a percent
+    /// for the rest.
     Quantised,
 }
 
@@ -235,19 +255,25 @@ impl Header {
     }
 }
 
-/// Stream of a plane of Gaussians.
-fn plane_stream(plane: usize, layout: Layout) -> (u8, Option<f32>) {
-    let [albedo, ambient] = layout.physical_planes().map_or([usize::MAX; 2], |first| [first, first + 4]);
-    let is_of_material = (albedo..ambient).contains(&plane);
+/// Step of a plane of Gaussians.
+fn step_of(plane: usize, layout: Layout) -> f64 {
+    let sh_start = layout.sh_start();
     match plane {
-        MEAN..LOG_SCALE => (22, None),
-        LOG_SCALE..OPACITY => (12, None),
-        OPACITY => (10, Some(LOGIT_MAX)),
-        DIFFUSE..NORMAL_RESIDUAL_1 if layout.is_shaded() => (10, Some(LOGIT_MAX)),
-        _ if is_of_material => (10, Some(LOGIT_MAX)),
-        _ if Some(plane) == layout.filter_plane() => (16, None),
-        _ => (11, None),
+        LOG_SCALE..QUAT => SCALE_STEP,
+        QUAT..OPACITY => QUAT_STEP,
+        NORMAL_RESIDUAL_1..SH_START if layout.is_shaded() => RESIDUAL_STEP,
+        _ if (sh_start..sh_start + 3).contains(&plane) && plane < layout.sh_end() => CONSTANT_STEP,
+        _ if (sh_start..layout.sh_end()).contains(&plane) => HARMONICS_STEP,
+        _ if layout.physical_planes().is_some_and(|first| plane >= first + AMBIENT) => AMBIENT_STEP,
+        _ => LOGIT_STEP,
     }
+}
+
+/// Whether a plane holds logits.
+fn is_logit(plane: usize, layout: Layout) -> bool {
+    let is_of_material = |first: usize| (first..first + AMBIENT).contains(&plane);
+    let is_of_shading = (DIFFUSE..NORMAL_RESIDUAL_1).contains(&plane) && layout.is_shaded();
+    plane == OPACITY || is_of_shading || layout.physical_planes().is_some_and(is_of_material)
 }
 
 fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> Vec<Stream> {
@@ -261,12 +287,27 @@ fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut 
         let length = quat.iter().map(|x| x * x).sum::<f32>().sqrt() * if quat[0] < 0.0 { -1.0 } else { 1.0 };
         unit.set(gaussian, QUAT, if length == 0.0 { quat } else { quat.map(|x| x / length) });
     }
+    let mean_step = median_size(gaussians) / MEAN_STEPS;
     let pack = |plane: usize| {
-        let (bits, most) = plane_stream(plane, layout);
-        let numbers: Vec<f32> = unit.plane(plane).map(|x| most.map_or(x, |most| x.clamp(-most, most))).collect();
-        writer.quantised(&numbers, bits, plane < LOG_SCALE)
+        let bound = if is_logit(plane, layout) { LOGIT_MAX } else { f32::MAX };
+        let numbers: Vec<f32> = unit.plane(plane).map(|x| x.clamp(-bound, bound)).collect();
+        let [least, most] = streams::range(&numbers);
+        let step = match plane {
+            MEAN..LOG_SCALE => mean_step,
+            _ if Some(plane) == layout.filter_plane() => f64::from(most - least) / FILTER_STEPS,
+            _ => step_of(plane, layout),
+        };
+        writer.stepped(&numbers, step, plane < LOG_SCALE)
     };
     (0..layout.plane_count()).map(pack).collect()
+}
+
+/// Median of the largest scales of Gaussians, in world units; 0 without any.
+fn median_size(gaussians: &Gaussians<Vec<f32>>) -> f64 {
+    let largest = |index: usize| gaussians.get::<3>(index, LOG_SCALE).into_iter().fold(f32::MIN, f32::max);
+    let mut sizes: Vec<f32> = (0..gaussians.count).map(largest).collect();
+    let middle = sizes.len() / 2;
+    if sizes.is_empty() { 0.0 } else { f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1).exp() }
 }
 
 fn pack_light(name: &str, up: MapUp, cube: &Environment<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> LightHeader {
@@ -322,9 +363,9 @@ fn pack_near_field(surface: &NearField<Vec<f32>>, is_exact: bool, writer: &mut W
         let numbers: Vec<f32> = all.iter().map(|vertex| vertex[number]).collect();
         match number {
             _ if is_exact => writer.exact(numbers.into_iter()),
-            0..3 => writer.quantised(&numbers, 16, true),
-            3..VERTEX_BASE => writer.quantised(&numbers, 10, false),
-            _ => writer.quantised(&numbers, 8, false),
+            0..3 => writer.stepped(&numbers, f64::from(surface.offset) * VERTEX_STEP, true),
+            3..VERTEX_BASE => writer.stepped(&numbers, NORMAL_STEP, true),
+            _ => writer.stepped(&numbers, ATTRIBUTE_STEP, true),
         }
     };
     let vertices = (0..VERTEX_LEN).map(pack).collect();
@@ -436,12 +477,12 @@ mod tests {
     };
     use specula_io::orientation::UpSource;
 
-    /// Largest error of quantised means and scales in a scene of about one unit, and of unit quats.
-    const NEAR: f32 = 1e-6;
-    const NEAR_SCALE: f32 = 1e-3;
+    /// Largest error of quantised means of Gaussians of about one unit, of log scales, and of unit quats.
+    const NEAR: f32 = 0.02;
+    const NEAR_SCALE: f32 = 2e-3;
     const NEAR_QUAT: f32 = 3e-4;
-    /// Largest error of a logit, half of a step of 24 / 1023.
-    const NEAR_LOGIT: f32 = 0.012;
+    /// Largest error of a logit, half of a step.
+    const NEAR_LOGIT: f32 = 0.0157;
 
     fn number(stream: u64, index: usize) -> f32 {
         uniform(5, stream, index as u64) - 0.5
@@ -570,8 +611,7 @@ mod tests {
             ("\"count\":37", "\"count\":99999999999"),
             ("\"count\":37", "\"count\":36"),
             ("\"resolution\":8", "\"resolution\":4096"),
-            ("\"bits\":22", "\"bits\":0"),
-            ("\"bits\":22", "\"bits\":40"),
+            ("\"bits\":", "\"bits\":7"),
             ("\"size\":[40,30]", "\"size\":[0,30]"),
         ] {
             assert!(text.contains(from), "{from} is not in {text}");

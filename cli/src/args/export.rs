@@ -64,7 +64,7 @@ pub(crate) struct Export {
     /// Environment maps that a page offers beside the light of the scene: lat-long, .hdr or .exr.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub(crate) page_env: Vec<PathBuf>,
-    /// Store the numbers of a page in full, in three times the space, instead of in 10 to 22 bits.
+    /// Store the numbers of a page in full, in five times the space, instead of rounded.
     #[arg(long)]
     pub(crate) page_exact: bool,
     /// Write .ply files as meshes.

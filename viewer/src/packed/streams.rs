@@ -17,10 +17,10 @@ pub(super) enum Stream {
     Shortened,
     /// Differences of whole numbers, from the number three places before.
     Whole,
-    /// Steps from the least to the largest number.
+    /// Whole steps from the least number on.
     Steps {
         least: f32,
-        most: f32,
+        step: f64,
         bits: u8,
         /// Whether steps are stored as differences from the number before.
         differs: bool,
@@ -78,20 +78,18 @@ impl Writer {
         self.put(Stream::Whole, &differences)
     }
 
-    /// Rounds to steps between the least and the largest number; those that are not finite become
-    /// the least.
-    pub(super) fn quantised(&mut self, numbers: &[f32], bits: u8, differs: bool) -> Stream {
-        let finite = || numbers.iter().copied().filter(|number| number.is_finite());
-        let (least, most) = (finite().fold(f32::MAX, f32::min), finite().fold(f32::MIN, f32::max));
-        let (least, most) = if least <= most { (least, most) } else { (0.0, 0.0) };
-        let stream = Stream::Steps { least, most, bits, differs };
-        let last = f64::from(stream.mask());
+    /// Rounds to steps of a size, or of a larger one where the range has more of them than
+    /// [`WHOLE_BITS`] count. Numbers that are not finite become the least.
+    pub(super) fn stepped(&mut self, numbers: &[f32], step: f64, differs: bool) -> Stream {
+        let [least, most] = range(numbers);
         let span = f64::from(most) - f64::from(least);
-        let step = |number: f32| {
-            let share = if span > 0.0 { (f64::from(number) - f64::from(least)) / span } else { 0.0 };
-            (share * last).round().clamp(0.0, last) as u32
-        };
-        let steps: Vec<u32> = numbers.iter().map(|number| step(*number)).collect();
+        let step = step.max(span / f64::from((1_u32 << WHOLE_BITS) - 1));
+        let last = (span / step).round() as u32;
+        let bits = (u32::BITS - last.leading_zeros()).max(1) as u8;
+        let stream = Stream::Steps { least, step, bits, differs };
+        let index =
+            |number: f32| ((f64::from(number) - f64::from(least)) / step).round().clamp(0.0, last.into()) as u32;
+        let steps: Vec<u32> = numbers.iter().map(|number| index(*number)).collect();
         if !differs {
             return self.put(stream, &steps);
         }
@@ -113,6 +111,13 @@ impl Writer {
         }
         stream
     }
+}
+
+/// Least and largest of the finite numbers; zeros where there are none.
+pub(super) fn range(numbers: &[f32]) -> [f32; 2] {
+    let finite = || numbers.iter().copied().filter(|number| number.is_finite());
+    let (least, most) = (finite().fold(f32::MAX, f32::min), finite().fold(f32::MIN, f32::max));
+    if least <= most { [least, most] } else { [0.0; 2] }
 }
 
 /// Signed numbers as unsigned ones, small for small sizes.
@@ -160,7 +165,7 @@ fn decoded(stream: &Stream, mut stored: Vec<u32>) -> Vec<f32> {
             };
             stored.into_iter().enumerate().map(add).collect()
         }
-        Stream::Steps { least, most, differs, .. } => {
+        Stream::Steps { least, step, differs, .. } => {
             let mask = stream.mask();
             if differs {
                 let mut last = 0_u32;
@@ -169,7 +174,6 @@ fn decoded(stream: &Stream, mut stored: Vec<u32>) -> Vec<f32> {
                     *number = last;
                 }
             }
-            let step = (f64::from(most) - f64::from(least)) / f64::from(mask);
             stored.into_iter().map(|number| (f64::from(least) + step * f64::from(number)) as f32).collect()
         }
     }
@@ -213,19 +217,21 @@ mod tests {
     }
 
     #[test]
-    fn quantised_numbers_are_within_half_a_step() {
+    fn stepped_numbers_are_within_half_a_step() {
+        /// Rounding of the result to `f32`, in a range of about 20.
+        const ROUNDING: f32 = 2e-6;
         let all = numbers(1000);
         for differs in [false, true] {
-            for bits in [8, 10, 12, 16, 22] {
-                let read = there_and_back(|writer| writer.quantised(&all, bits, differs), all.len());
-                let span = 21.0;
-                let step = span / (1_u32 << bits) as f32;
+            for step in [0.1, 0.01, 1e-3, 1e-5] {
+                let read = there_and_back(|writer| writer.stepped(&all, step, differs), all.len());
                 let apart = all.iter().zip(&read).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-                assert!(apart <= 0.51 * step + 1e-6, "{apart} apart with {bits} bits");
+                assert!(apart <= 0.5 * step as f32 + ROUNDING, "{apart} apart with steps of {step}");
             }
         }
-        let one = there_and_back(|writer| writer.quantised(&[2.5; 3], 8, true), 3);
+        let one = there_and_back(|writer| writer.stepped(&[2.5, 2.5, f32::NAN], 0.1, true), 3);
         assert_eq!(one, [2.5; 3]);
+        let far = there_and_back(|writer| writer.stepped(&[-1e9, 0.25, 1e9], 1e-6, true), 3);
+        assert!((far[1] - 0.25).abs() < 100.0, "steps are as many as can be counted");
     }
 
     #[test]

@@ -100,7 +100,7 @@ impl Exporter<'_> {
         if precision == PackPrecision::Exact {
             return Ok("nothing is lost".to_owned());
         }
-        let rounded = "numbers are rounded to 10 to 22 bits";
+        let rounded = "numbers are rounded";
         if self.args.no_error {
             return Ok(rounded.to_owned());
         }

@@ -96,7 +96,7 @@ export const server = {
     const start = performance.now();
     const shown = await this.viewer.frame(query);
     const { width, height, view } = shown;
-    const pixels = new ImageData(new Uint8ClampedArray(shown.rgba), width, height);
+    const pixels = new ImageData(new Uint8ClampedArray(shown.rgba.buffer), width, height);
     shown.free();
     const headers = { get: (name) => (name === "x-view" ? view ?? null : null) };
     const picture = await createImageBitmap(pixels);
