@@ -142,8 +142,8 @@ impl GpuExecutor<Storage> {
         self.precision = storage;
     }
 
-    /// Lets pictures be read without blocking, by [`GpuExecutor::read_frame_later`] alone: their splats
-    /// are sorted with the capacity that earlier ones needed.
+    /// Lets pictures be read without blocking, by [`GpuExecutor::read_frame_later`] alone: their
+    /// splats are sorted with the capacity that earlier ones needed.
     pub fn read_later(&mut self) {
         self.picture_capacity = Some(Capacity::default());
     }

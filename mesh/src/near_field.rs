@@ -113,8 +113,8 @@ impl SurfaceMeans {
     }
 }
 
-/// Near field of triangles and vertices, in a hierarchy; none without triangles, or with more than can
-/// be traced.
+/// Near field of triangles and vertices, in a hierarchy; none without triangles, or with more than
+/// can be traced.
 fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -> Option<NearField<Vec<f32>>> {
     if corners.is_empty() || vertices.len().max(2 * corners.len()) >= INDEX_MAX {
         return None;

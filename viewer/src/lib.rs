@@ -25,8 +25,9 @@
 //!
 //! A training is watched by way of a [`LiveTraining`], which both sides share.
 //!
-//! Without the feature `server`, which is on by default, an [`EmbeddedViewer`] answers the same requests
-//! within a program, and a [`WebPage`] is the page in one file, with a scene and a renderer.
+//! Without the feature `server`, which is on by default, an [`EmbeddedViewer`] answers the same
+//! requests within a program, and a [`WebPage`] is the page in one file, with a scene and a
+//! renderer.
 
 #![cfg_attr(
     not(feature = "server"),

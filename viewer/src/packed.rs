@@ -63,8 +63,8 @@ const RESOLUTION_MAX: usize = 1 << 12;
 pub enum PackPrecision {
     /// Every bit.
     Exact,
-    /// Steps that are small against what is seen: a 64th of a Gaussian's size for means, about a percent
-    /// for the rest.
+    /// Steps that are small against what is seen: a 64th of a Gaussian's size for means, about a
+    /// percent for the rest.
     Quantised,
 }
 
@@ -143,8 +143,8 @@ struct LightHeader {
 struct NearFieldHeader {
     sizes: [usize; 3],
     offset: f32,
-    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without streams of
-    /// nodes the hierarchy is built anew.
+    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without streams
+    /// of nodes the hierarchy is built anew.
     nodes: Option<Stream>,
     corners: Stream,
     vertices: Vec<Stream>,
@@ -477,7 +477,8 @@ mod tests {
     };
     use specula_io::orientation::UpSource;
 
-    /// Largest error of quantised means of Gaussians of about one unit, of log scales, and of unit quats.
+    /// Largest error of quantised means of Gaussians of about one unit, of log scales, and of unit
+    /// quats.
     const NEAR: f32 = 0.02;
     const NEAR_SCALE: f32 = 2e-3;
     const NEAR_QUAT: f32 = 3e-4;

@@ -14,9 +14,9 @@ use std::path::PathBuf;
 /// of Gaussians open; .splat with 32 bytes per Gaussian and a view-independent colour; .spz,
 /// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes.
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter. Mesh: .obj, or .ply
-/// with --mesh, fused from rendered depth maps. Page: .html, one file with the scene and a renderer that
-/// any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose name ends
-/// in a slash.
+/// with --mesh, fused from rendered depth maps. Page: .html, one file with the scene and a renderer
+/// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
+/// name ends in a slash.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the

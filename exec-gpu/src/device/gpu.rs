@@ -72,8 +72,8 @@ impl Gpu {
         Self::of(&adapter)
     }
 
-    /// Opens the adapter that the system prefers, without blocking: in a browser only the event loop
-    /// can wait.
+    /// Opens the adapter that the system prefers, without blocking: in a browser only the event
+    /// loop can wait.
     ///
     /// # Errors
     ///

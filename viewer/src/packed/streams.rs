@@ -83,7 +83,7 @@ impl Writer {
     pub(super) fn stepped(&mut self, numbers: &[f32], step: f64, differs: bool) -> Stream {
         let [least, most] = range(numbers);
         let span = f64::from(most) - f64::from(least);
-        let step = step.max(span / f64::from((1_u32 << WHOLE_BITS) - 1));
+        let step = step.min(span).max(span / f64::from((1_u32 << WHOLE_BITS) - 1));
         let last = (span / step).round() as u32;
         let bits = (u32::BITS - last.leading_zeros()).max(1) as u8;
         let stream = Stream::Steps { least, step, bits, differs };
