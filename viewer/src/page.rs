@@ -103,7 +103,6 @@ impl WebPage {
         };
         let still = format!("<img id=\"still\" alt=\"\" src=\"data:image/jpeg;base64,{}\">\n", base64(&self.still));
         let scripts = [
-            still,
             packed("renderer", &module),
             packed("scene", &scene),
             format!("<script>\n{}</script>\n", self.script),
@@ -116,12 +115,15 @@ impl WebPage {
         .replace("<title>specula</title>", &format!("<title>{} · specula</title>", escaped(&self.title)))
         .replace(STYLE_LINK, &format!("<style>\n{style}</style>"))
         .replace(SCRIPT_LINK, "")
+        .replace(HANDLES, &format!("{still}{HANDLES}"))
         .replace("</body>", &format!("{}</body>", scripts.concat()))
     }
 }
 
 /// Elements of the page that name its files.
 const STYLE_LINK: &str = "<link rel=\"stylesheet\" href=\"style.css\">";
+/// Element before which the still picture lies, above the canvas and below all controls.
+const HANDLES: &str = "<div id=\"handles\"></div>";
 const SCRIPT_LINK: &str = "<script type=\"module\" src=\"main.js\"></script>\n";
 
 /// Bytes compressed with gzip, which browsers can decompress.

@@ -113,11 +113,8 @@ async function start() {
   const training = new Training(server, stream, light, notify);
   const turntable = new Turntable(canvas, camera, moved);
 
-  const panel = element("panel");
   const togglePanel = () => {
-    panel.hidden = !panel.hidden;
-    document.body.classList.toggle("with-panel", !panel.hidden);
-    element("show-panel").setAttribute("aria-expanded", !panel.hidden);
+    showPanel(element("panel").hidden);
     light.alignPanorama();
     handles.update();
   };
@@ -162,11 +159,15 @@ async function start() {
   };
   new Controls(canvas, camera, moved, keys, focus);
 
-  // Small screens start without the panel.
-  if (window.matchMedia("(max-width: 640px), (max-height: 480px)").matches) togglePanel();
   new ResizeObserver(() => changed(false)).observe(canvas);
   showLayer(scene.layers.includes(initial.layer) ? initial.layer : "rgb");
   showCamera(camera);
+}
+
+function showPanel(isShown) {
+  element("panel").hidden = !isShown;
+  document.body.classList.toggle("with-panel", isShown);
+  element("show-panel").setAttribute("aria-expanded", isShown);
 }
 
 function toggleFullScreen() {
@@ -229,4 +230,9 @@ function showStatus({ time, render, size, rate, view, psnr, iteration }, layer) 
   element("status").textContent = parts.join(", ");
 }
 
-start().catch((error) => notify(error.message, "fatal"));
+// Small screens start without the panel.
+showPanel(!window.matchMedia("(max-width: 640px), (max-height: 480px)").matches);
+start().catch((error) => {
+  showPanel(false);
+  notify(error.message, "fatal");
+});
