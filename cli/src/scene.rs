@@ -8,7 +8,7 @@ use crate::{
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
-    Error,
+    Error, Input,
     latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
@@ -188,7 +188,7 @@ pub(crate) fn measure_views(
 /// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance
 /// are replaced, and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
-    let (mut map, warnings) = light_file::read(path)?;
+    let (mut map, warnings) = light_file::read(Input::file(path))?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     Ok(map)

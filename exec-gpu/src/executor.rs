@@ -18,7 +18,7 @@ use crate::{
         densify::densify,
         expose::expose,
         expose_vjp::{ExposureSums, expose_vjp},
-        frame::{Frame, FrameGrad},
+        frame::{Frame, FrameContent, FrameGrad},
         gaussians_vjp::{BackwardInputs, gaussians_vjp},
         illuminate::{Lamps, illuminate},
         light::LightGrad,
@@ -38,7 +38,7 @@ use crate::{
         trace::{trace, upload_near_field},
     },
 };
-use core::{fmt::Debug, mem, ops::Range};
+use core::{fmt::Debug, iter, mem, ops::Range};
 use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
@@ -62,6 +62,21 @@ use std::sync::Arc;
 pub trait Precision: Debug {
     /// The format.
     fn storage(&self) -> Storage;
+}
+
+/// Capacity that a frame needs.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameCapacity(Capacity);
+
+/// Result of [`GpuExecutor::read_frame_later`].
+#[derive(Clone, Debug)]
+pub struct LaterFrame {
+    /// Values of the frame; none where its splats exceeded the capacity.
+    pub values: Option<Vec<f32>>,
+    /// Number of its planes.
+    pub planes: usize,
+    /// Capacity that the frame needs, for [`GpuExecutor::grant`].
+    pub capacity: FrameCapacity,
 }
 
 /// 32 bits, as training needs.
@@ -100,6 +115,8 @@ pub struct GpuExecutor<P = Full> {
     pub(crate) counters: StepCounters,
     /// Capacity of training steps, once the first has counted its pairs.
     pub(crate) capacity: Option<Capacity>,
+    /// Capacity of pictures that are read later; none where each counts its pairs first.
+    picture_capacity: Option<Capacity>,
     pub(crate) replay: ReplayDivision,
     /// Losses of the current training step.
     losses: Option<Losses>,
@@ -125,6 +142,44 @@ impl GpuExecutor<Storage> {
         self.precision = storage;
     }
 
+    /// Lets pictures be read without blocking, by [`GpuExecutor::read_frame_later`] alone: their
+    /// splats are sorted with the capacity that earlier ones needed.
+    pub fn read_later(&mut self) {
+        self.picture_capacity = Some(Capacity::default());
+    }
+
+    /// Planes of a frame, as [`Renderer::read_frame`] has them, once the device is done; none where
+    /// the frame has more splats than those before: it is to be rendered once more, after
+    /// [`GpuExecutor::grant`].
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub fn read_frame_later(
+        &mut self,
+        frame: &Frame,
+        content: FrameContent,
+    ) -> Result<impl Future<Output = Result<LaterFrame, GpuError>> + use<>, GpuError> {
+        let counters = (self.counters.array(), 0..self.counters.array().len());
+        let parts: Vec<(&Array, Range<usize>)> = iter::once(counters).chain(frame.parts(content)).collect();
+        let bytes = self.context.read_later(&parts)?;
+        self.counters.reset_step(&mut self.context);
+        let (len, planes, gpu) = (4 * self.counters.array().len(), content.planes(frame), self.context.gpu.clone());
+        Ok(async move {
+            let bytes = bytes.await?;
+            let (of_counters, of_frame) = bytes.split_at(len);
+            let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(of_counters));
+            let capacity = FrameCapacity(counts.required(&gpu)?);
+            let values = (!counts.exceeds_capacity).then(|| bytemuck::pod_collect_to_vec(of_frame));
+            Ok(LaterFrame { values, planes, capacity })
+        })
+    }
+
+    /// Grants the pictures that follow what one needed, and a quarter more.
+    pub fn grant(&mut self, FrameCapacity(needed): FrameCapacity) {
+        self.picture_capacity = Some(needed.grown(self.picture_capacity, &self.context.gpu));
+    }
+
     /// Sets the order of splats in a pixel for the pictures that follow. Splats that were projected
     /// before must not be used any more.
     pub fn set_order(&mut self, order: BlendOrder) {
@@ -145,6 +200,7 @@ impl<P> GpuExecutor<P> {
             network: None,
             counters,
             capacity: None,
+            picture_capacity: None,
             replay,
             losses: None,
             exposure_sums: None,
@@ -347,7 +403,7 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn bin(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {
-        bin(&mut self.context, &self.counters, splats, camera, None)
+        bin(&mut self.context, &self.counters, splats, camera, self.picture_capacity)
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {
@@ -547,5 +603,80 @@ impl Executor for GpuExecutor {
         outside: Option<Ball>,
     ) -> Result<(), GpuError> {
         limit_plane(&mut self.context, gaussians, moments, plane, ceiling, outside)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::{
+        pin::pin,
+        task::{Context as TaskContext, Poll, Waker},
+    };
+    use specula_core::{
+        pipeline::render,
+        prefilter::PrefilterScheme,
+        rules::Channels,
+        scene::{Layout, MEAN, OPACITY, QUAT, len_of_values},
+        shade::ShadingRules,
+    };
+
+    const SIZE: u32 = 40;
+
+    /// Balls in a row, all of them seen.
+    fn gaussians() -> Gaussians<Vec<f32>> {
+        let (count, layout) = (64, Layout::radiance(0));
+        let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+        for index in 0..count {
+            let across = index as f32 / count as f32 - 0.5;
+            gaussians.set(index, MEAN, [across, 0.3 * across, 4.0 + across]);
+            gaussians.set(index, 3, [-3.0; 3]);
+            gaussians.set(index, QUAT, [1.0, 0.0, 0.0, 0.0]);
+            gaussians.set(index, OPACITY, [2.0]);
+        }
+        gaussians
+    }
+
+    /// Result of a future that is ready once the device is done.
+    fn waited<T>(exec: &GpuExecutor<Storage>, later: impl Future<Output = T>) -> T {
+        exec.gpu().wait().expect("the device is there");
+        let mut later = pin!(later);
+        let mut context = TaskContext::from_waker(Waker::noop());
+        match later.as_mut().poll(&mut context) {
+            Poll::Ready(result) => result,
+            Poll::Pending => panic!("the device is done"),
+        }
+    }
+
+    #[test]
+    fn a_frame_that_is_read_later_is_that_which_is_read_at_once() {
+        let Some(context) = Context::for_tests() else { return };
+        let camera = Camera::look_at([0.0; 3].into(), [0.0, 0.0, 1.0].into(), [0.0, -1.0, 0.0].into(), 0.6, SIZE, SIZE);
+        let full = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+        let rules = RenderRules { sh_degree: Some(0), ..full };
+        let mut exec = GpuExecutor::viewer(context.gpu, Storage::F32);
+        let scene = exec.upload_gaussians(&gaussians()).expect("it fits");
+        let frame = render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
+        let mut expected = vec![0.0; frame.len_of_values()];
+        exec.read_frame(&frame, &mut expected).expect("the length is that of the frame");
+        assert!(expected.iter().any(|number| *number > 0.1), "something is seen");
+
+        exec.read_later();
+        let frame = render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
+        let later = exec.read_frame_later(&frame, FrameContent::Channels).expect("it is recorded");
+        let LaterFrame { values, capacity, .. } = waited(&exec, later).expect("the device is there");
+        assert_eq!(values, None, "nothing is known of its splats before");
+        exec.grant(capacity);
+        let frame = render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
+        for (content, planes) in [(FrameContent::Channels, frame.channels + 1), (FrameContent::Colors, 4)] {
+            let later = exec.read_frame_later(&frame, content).expect("it is recorded");
+            let later = waited(&exec, later).expect("the device is there");
+            let values = later.values.expect("the capacity is enough");
+            assert_eq!((later.planes, values.len()), (planes, planes * frame.pixel_count()));
+            let shown = 3 * frame.pixel_count();
+            assert_eq!(values[..shown], expected[..shown]);
+            let passed = frame.pixel_count();
+            assert_eq!(values[values.len() - passed..], expected[expected.len() - passed..]);
+        }
     }
 }

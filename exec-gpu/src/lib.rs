@@ -42,11 +42,11 @@ pub use device::{
     gpu::Gpu,
     timer::KernelTime,
 };
-pub use executor::{Full, GpuExecutor, Precision};
+pub use executor::{FrameCapacity, Full, GpuExecutor, LaterFrame, Precision};
 pub use stages::{
     bin::Tiles,
     blend_vjp::SplatGrads,
-    frame::{Frame, FrameGrad},
+    frame::{Frame, FrameContent, FrameGrad},
     light::LightGrad,
     loss::Target,
     prefilter::Light,

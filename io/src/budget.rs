@@ -6,11 +6,7 @@
 
 use crate::error::{Error, Result};
 use core::fmt::Display;
-use std::{
-    fs::{self, File},
-    io::Read,
-    path::Path,
-};
+use std::{fs::File, io::Read, path::Path};
 
 /// Largest edge of a camera's picture in pixels; COLMAP's files are held to it as well.
 pub const EDGE_MAX: u32 = 1 << 16;
@@ -97,15 +93,6 @@ impl Budget {
         self.ask(path, 0, "it", bytes.len() as u64)?;
         Ok(bytes)
     }
-}
-
-/// Length of a file in bytes.
-///
-/// # Errors
-///
-/// [`Error::Read`], where the file cannot be read.
-pub(crate) fn len_of(path: &Path) -> Result<u64> {
-    Ok(fs::metadata(path).map_err(Error::reading(path))?.len())
 }
 
 /// Checks the size of a picture to render.

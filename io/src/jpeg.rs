@@ -10,16 +10,13 @@
 //! by averages at least 49 dB. Masks and rotations need the whole picture.
 
 use crate::{
-    budget::{JPEG_SCANS_MAX, PICTURE, len_of},
+    budget::{JPEG_SCANS_MAX, PICTURE},
     error::{Error, Result},
+    input::Input,
 };
 use image::{DynamicImage, GrayImage, RgbImage, metadata::Orientation};
 use jpeg_decoder::{Decoder, PixelFormat};
-use std::{
-    fs::File,
-    io::{BufReader, Read},
-    path::Path,
-};
+use std::{io::Read, path::Path};
 
 /// Most bytes per pixel during decoding: a coefficient of two bytes for each of four channels.
 const BYTES: u64 = 8;
@@ -34,7 +31,8 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
     if side < 2 {
         return None;
     }
-    let mut decoder = Decoder::new(BufReader::new(File::open(path).ok()?));
+    let input = Input::file(path);
+    let mut decoder = Decoder::new(input.open().ok()?);
     decoder.read_info().ok()?;
     let info = decoder.info()?;
     let size = [info.width, info.height].map(u32::from);
@@ -42,7 +40,7 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
         decoder.exif_data().and_then(Orientation::from_exif_chunk).is_none_or(|turn| turn == Orientation::NoTransforms);
     let is_thin = size.iter().any(|size| *size < BLOCK * downscale);
     let bytes = BYTES * u64::from(size[0]) * u64::from(size[1]);
-    if !is_upright || is_thin || refuse_many_scans(path).is_err() || bytes > PICTURE.of(len_of(path).ok()?) {
+    if !is_upright || is_thin || refuse_many_scans(input).is_err() || bytes > PICTURE.of(input.len().ok()?) {
         return None;
     }
     let smaller = size.map(|size| size.div_ceil(side));
@@ -62,12 +60,12 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
 /// # Errors
 ///
 /// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] scans.
-pub(crate) fn refuse_many_scans(path: &Path) -> Result<()> {
+pub(crate) fn refuse_many_scans(input: Input<'_>) -> Result<()> {
     /// Marker of a scan. In scan data a byte 0xff is followed by zero.
     const START: [u8; 2] = [0xff, 0xda];
     let (mut scans, mut last) = (0, 0);
-    for byte in BufReader::new(File::open(path).map_err(Error::reading(path))?).bytes() {
-        let byte = byte.map_err(Error::reading(path))?;
+    for byte in input.open()?.bytes() {
+        let byte = byte.map_err(Error::reading(input.path()))?;
         scans += usize::from([last, byte] == START);
         last = byte;
     }
@@ -75,7 +73,7 @@ pub(crate) fn refuse_many_scans(path: &Path) -> Result<()> {
         return Ok(());
     }
     let cause = format!("it has {scans} scans, and {JPEG_SCANS_MAX} is the most that is decoded");
-    Err(Error::Image { path: path.to_owned(), cause })
+    Err(Error::Image { path: input.path().to_owned(), cause })
 }
 
 #[cfg(test)]

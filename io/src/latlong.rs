@@ -4,6 +4,7 @@
 use crate::{
     cube::{Cube, floor_and_rest, mix},
     error::{Error, Result},
+    input::Input,
     pixels::{Future, ask_for, decode, refuse_many_attributes, with_pixels},
     whole_file,
 };
@@ -13,8 +14,7 @@ use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFo
 use rayon::prelude::*;
 use specula_core::cubemap;
 use std::{
-    fs::File,
-    io::{self, BufReader, Cursor, Read},
+    io::{self, Cursor, Read},
     path::Path,
 };
 
@@ -180,7 +180,16 @@ impl LatLong {
 ///
 /// An error of [`Error`] for files that cannot be read or decoded, or exceed their memory budget.
 pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
-    let (width, height, mut rgb) = read_linear(path)?;
+    read_from(Input::file(path))
+}
+
+/// [`read`], of a file or of its contents.
+///
+/// # Errors
+///
+/// Those of [`read`].
+pub fn read_from(input: Input<'_>) -> Result<(LatLong, Cleaned)> {
+    let (width, height, mut rgb) = read_linear(input)?;
     let cleaned = clean(&mut rgb);
     Ok((LatLong { width, height, rgb }, cleaned))
 }
@@ -189,9 +198,9 @@ pub fn read(path: &Path) -> Result<(LatLong, Cleaned)> {
 ///
 /// # Errors
 /// [`Error::Read`], where the file cannot be read.
-pub fn holds_radiance(path: &Path) -> Result<bool> {
+pub fn holds_radiance(input: Input<'_>) -> Result<bool> {
     const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-    let start = start_of(path)?;
+    let start = start_of(input)?;
     Ok(is_radiance(&start) || start == OPENEXR)
 }
 
@@ -201,13 +210,13 @@ pub fn holds_radiance(path: &Path) -> Result<bool> {
 ///
 /// [`Error::Read`] or [`Error::Image`] for a file that cannot be read or is of no format of
 /// [`read`].
-pub fn size(path: &Path) -> Result<[u32; 2]> {
-    let reader = || Ok(BufReader::new(File::open(path).map_err(Error::reading(path))?));
-    let (width, height) = if is_radiance(&start_of(path)?) {
-        codecs::hdr::HdrDecoder::new_nonstrict(reader()?).map_err(Error::decoding(path))?.dimensions()
+pub fn size(input: Input<'_>) -> Result<[u32; 2]> {
+    let path = input.path();
+    let (width, height) = if is_radiance(&start_of(input)?) {
+        codecs::hdr::HdrDecoder::new_nonstrict(input.open()?).map_err(Error::decoding(path))?.dimensions()
     } else {
-        let format = ImageReader::new(reader()?).with_guessed_format().map_err(Error::reading(path))?;
-        refuse_many_attributes(path, format.format())?;
+        let format = ImageReader::new(input.open()?).with_guessed_format().map_err(Error::reading(path))?;
+        refuse_many_attributes(input, format.format())?;
         format.into_dimensions().map_err(Error::decoding(path))?
     };
     Ok([width, height])
@@ -243,7 +252,7 @@ pub fn write_cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<
 ///
 /// [`Error::NotACube`] for other shapes; the errors of [`read`].
 pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
-    let (width, height, values) = read_linear(path)?;
+    let (width, height, values) = read_linear(Input::file(path))?;
     if height != 6 * width {
         return Err(Error::NotACube { path: path.to_owned(), width, height });
     }
@@ -364,8 +373,8 @@ fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f
     sum.map(|channel| (channel / total) as f32)
 }
 
-fn read_linear(path: &Path) -> Result<(usize, usize, Vec<f32>)> {
-    let image = if is_radiance(&start_of(path)?) { decode_radiance(path)? } else { decode(path, RADIANCE)? };
+fn read_linear(input: Input<'_>) -> Result<(usize, usize, Vec<f32>)> {
+    let image = if is_radiance(&start_of(input)?) { decode_radiance(input)? } else { decode(input, RADIANCE)? };
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut rgb = floats(image);
@@ -382,17 +391,16 @@ fn is_radiance(start: &[u8]) -> bool {
 }
 
 /// First four bytes of a file, or all of a shorter one.
-fn start_of(path: &Path) -> Result<Vec<u8>> {
+fn start_of(input: Input<'_>) -> Result<Vec<u8>> {
     let mut start = Vec::new();
-    let file = File::open(path).map_err(Error::reading(path))?;
-    file.take(4).read_to_end(&mut start).map_err(Error::reading(path))?;
+    input.open()?.take(4).read_to_end(&mut start).map_err(Error::reading(input.path()))?;
     Ok(start)
 }
 
-fn decode_radiance(path: &Path) -> Result<DynamicImage> {
-    let file = File::open(path).map_err(Error::reading(path))?;
-    let decoder = codecs::hdr::HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(Error::decoding(path))?;
-    ask_for(path, &decoder, Some(ImageFormat::Hdr), RADIANCE)?;
+fn decode_radiance(input: Input<'_>) -> Result<DynamicImage> {
+    let path = input.path();
+    let decoder = codecs::hdr::HdrDecoder::new_nonstrict(input.open()?).map_err(Error::decoding(path))?;
+    ask_for(input, &decoder, Some(ImageFormat::Hdr), RADIANCE)?;
     with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 

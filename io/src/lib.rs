@@ -46,6 +46,7 @@ mod error;
 pub mod exposure;
 pub mod gaussian_ply;
 pub mod glb;
+mod input;
 mod jpeg;
 mod json;
 pub mod ktx;
@@ -71,3 +72,4 @@ mod transforms;
 mod whole_file;
 
 pub use error::{Error, Result};
+pub use input::Input;

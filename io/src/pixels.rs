@@ -1,8 +1,9 @@
 //! Photographs, masks and normal maps in memory, and downscaling by area averages.
 
 use crate::{
-    budget::{PICTURE, PICTURE_NOTES_MAX, len_of},
+    budget::{PICTURE, PICTURE_NOTES_MAX},
     error::{Error, Result},
+    input::Input,
     jpeg,
 };
 use exr::meta::BlockDescription;
@@ -10,8 +11,7 @@ use glam::Vec3;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
 use specula_core::color::{UNKNOWN, is_unknown};
 use std::{
-    fs::File,
-    io::{BufRead, BufReader, Read, Seek},
+    io::{BufRead, Read, Seek},
     path::Path,
 };
 
@@ -76,7 +76,7 @@ impl Pixels {
     /// An error of [`crate::Error`] for files that cannot be read or decoded, or exceed their
     /// memory budget.
     pub fn read(path: &Path) -> Result<Self> {
-        Ok(Self::of(decode(path, PHOTOGRAPH)?))
+        Ok(Self::of(decode(Input::file(path), PHOTOGRAPH)?))
     }
 
     /// Decodes an image with the orientation of its camera. `fits` returns whether a size has the
@@ -90,7 +90,7 @@ impl Pixels {
         if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
             return Ok(OpenedPixels { pixels: Self::of(image), size, is_turned: false });
         }
-        let (mut image, orientation) = decode_with_orientation(path, PHOTOGRAPH)?;
+        let (mut image, orientation) = decode_with_orientation(Input::file(path), PHOTOGRAPH)?;
         let size = [image.width(), image.height()];
         let turned = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
         let is_turned = orientation != Orientation::NoTransforms
@@ -199,7 +199,7 @@ impl Mask {
     /// threshold is one half.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         const HALF: u32 = 128 * 255;
-        let image = decode(path, MASK)?.into_luma_alpha8();
+        let image = decode(Input::file(path), MASK)?.into_luma_alpha8();
         let (width, height) = image.dimensions();
         let counts = image.as_raw().chunks_exact(2).map(|pixel| u32::from(pixel[0]) * u32::from(pixel[1]) >= HALF);
         Ok(Self { width, height, counts: counts.collect() })
@@ -254,7 +254,7 @@ impl Normals {
     /// An error of [`crate::Error`] for files that cannot be read or decoded, or exceed their
     /// memory budget.
     pub fn read(path: &Path) -> Result<Self> {
-        let image = decode(path, NORMALS)?.into_rgba8();
+        let image = decode(Input::file(path), NORMALS)?.into_rgba8();
         let (width, height) = image.dimensions();
         let sums = image.as_raw().chunks_exact(4).map(|pixel| {
             let normal = Vec3::new(pixel[0].into(), pixel[1].into(), pixel[2].into()) * (2.0 / 255.0) - Vec3::ONE;
@@ -287,22 +287,26 @@ impl Normals {
 }
 
 /// Decodes an image by its content, or else by its extension.
-pub(crate) fn decode(path: &Path, future: Future) -> Result<DynamicImage> {
-    decode_with_orientation(path, future).map(|(image, _)| image)
+pub(crate) fn decode(input: Input<'_>, future: Future) -> Result<DynamicImage> {
+    decode_with_orientation(input, future).map(|(image, _)| image)
 }
 
 /// Decodes an image and its EXIF orientation.
-fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage, Orientation)> {
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let mut reader = reader.map_err(Error::reading(path))?;
+fn decode_with_orientation(input: Input<'_>, future: Future) -> Result<(DynamicImage, Orientation)> {
+    let path = input.path();
+    let mut reader = ImageReader::new(input.open()?);
+    if let Ok(format) = ImageFormat::from_path(path) {
+        reader.set_format(format);
+    }
+    let mut reader = reader.with_guessed_format().map_err(Error::reading(path))?;
     let format = reader.format();
-    refuse_many_attributes(path, format)?;
+    refuse_many_attributes(input, format)?;
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
     let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
-    limits.max_alloc = Some(PICTURE.of(len_of(path)?));
-    let taken = ask_for(path, &decoder, format, future)?;
+    limits.max_alloc = Some(PICTURE.of(input.len()?));
+    let taken = ask_for(input, &decoder, format, future)?;
     limits.reserve(taken).map_err(Error::decoding(path))?;
     decoder.set_limits(limits).map_err(Error::decoding(path))?;
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
@@ -313,7 +317,7 @@ fn decode_with_orientation(path: &Path, future: Future) -> Result<(DynamicImage,
 /// Checks the memory of decoding, conversion and downscaling against the budget. Returns the
 /// decoded bytes.
 pub(crate) fn ask_for(
-    path: &Path,
+    input: Input<'_>,
     decoder: &impl ImageDecoder,
     format: Option<ImageFormat>,
     future: Future,
@@ -324,11 +328,11 @@ pub(crate) fn ask_for(
     // Rotation holds two copies.
     let beside = working_bytes(format, stored).max(future.converted).max(stored);
     let most = (stored + beside).max(future.later);
-    let blocks = if format == Some(ImageFormat::OpenExr) { blocks_of(path)? } else { 0 };
+    let blocks = if format == Some(ImageFormat::OpenExr) { blocks_of(input)? } else { 0 };
     let wanted = pixels.saturating_mul(most).saturating_add(blocks);
-    PICTURE.ask(path, len_of(path)?, format!("a picture of {width} by {height} pixels"), wanted)?;
+    PICTURE.ask(input.path(), input.len()?, format!("a picture of {width} by {height} pixels"), wanted)?;
     if format == Some(ImageFormat::Jpeg) {
-        jpeg::refuse_many_scans(path)?;
+        jpeg::refuse_many_scans(input)?;
     }
     Ok(decoder.total_bytes())
 }
@@ -348,17 +352,18 @@ fn working_bytes(format: Option<ImageFormat>, stored: u64) -> u64 {
 
 /// Memory of the blocks of an OpenEXR file that are decoded at once, and of all block offsets.
 /// Blocks may be far larger than the picture. Invalid headers are left to the decoder.
-fn blocks_of(path: &Path) -> Result<u64> {
+fn blocks_of(input: Input<'_>) -> Result<u64> {
     /// Compressed and decompressed, on two threads.
     const AT_ONCE: u64 = 4;
     /// Bytes of an offset, in the file and sorted.
     const PLACE: u64 = 16;
-    let headers = exr::meta::MetaData::read_from_file(path, false).map(|file| file.headers).unwrap_or_default();
+    let headers =
+        exr::meta::MetaData::read_from_buffered(input.open()?, false).map(|file| file.headers).unwrap_or_default();
     let mut most = 0;
     for header in &headers {
         let size = header.layer_size;
         let bytes = (size.area() as u64).saturating_mul(header.channels.bytes_per_pixel as u64);
-        PICTURE.ask(path, len_of(path)?, format!("a layer of {} by {} pixels", size.0, size.1), bytes)?;
+        PICTURE.ask(input.path(), input.len()?, format!("a layer of {} by {} pixels", size.0, size.1), bytes)?;
         let places = (header.chunk_count as u64).saturating_mul(PLACE);
         most = most.max(bytes_of_block(header).saturating_mul(AT_ONCE).saturating_add(places));
     }
@@ -367,15 +372,14 @@ fn blocks_of(path: &Path) -> Result<u64> {
 
 /// Refuses an OpenEXR file with more attributes than any program writes: each takes some hundred
 /// bytes of memory, several times. Truncated headers are left to the decoder.
-pub(crate) fn refuse_many_attributes(path: &Path, format: Option<ImageFormat>) -> Result<()> {
+pub(crate) fn refuse_many_attributes(input: Input<'_>, format: Option<ImageFormat>) -> Result<()> {
     const MOST: usize = 4096;
     if format != Some(ImageFormat::OpenExr) {
         return Ok(());
     }
-    let mut reader = BufReader::new(File::open(path).map_err(Error::reading(path))?);
-    match attributes(&mut reader, MOST) {
+    match attributes(&mut input.open()?, MOST) {
         Ok(count) if count > MOST => {
-            Err(Error::Image { path: path.to_owned(), cause: format!("it has more than {MOST} attributes") })
+            Err(Error::Image { path: input.path().to_owned(), cause: format!("it has more than {MOST} attributes") })
         }
         _ => Ok(()),
     }

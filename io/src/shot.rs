@@ -1,8 +1,9 @@
 //! A photograph before it is decoded: its files, pose and lens.
 
 use crate::{
-    budget::{PICTURE, len_of},
+    budget::PICTURE,
     error::{Error, Result},
+    input::Input,
     lens::{Distortion, Lens},
     materials::{MaterialFiles, Materials},
     pixels::{Mask, NORMALS_RESIZED, Normals, Pixels},
@@ -152,7 +153,7 @@ fn normals_at(files: &NormalFiles, [width, height]: [u32; 2]) -> Result<Normals>
         return Ok(normals);
     }
     let wanted = u64::from(width) * u64::from(height) * NORMALS_RESIZED;
-    PICTURE.ask(path, len_of(path)?, format!("its normals at {width} by {height} pixels"), wanted)?;
+    PICTURE.ask(path, Input::file(path).len()?, format!("its normals at {width} by {height} pixels"), wanted)?;
     Ok(normals.resized(width, height))
 }
 

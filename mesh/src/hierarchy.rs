@@ -1,10 +1,10 @@
 //! Bounding volume hierarchy in depth-first order, as [`specula_core::near_field`] traverses it.
 
-use core::time::Duration;
 use glam::Vec3A;
 use obvhs::{
     BvhBuildParams,
-    bvh2::{Bvh2, builder::build_bvh2_from_tris},
+    bvh2::{Bvh2, leaf_collapser::collapse, reinsertion::ReinsertionOptimizer},
+    ploc::PlocBuilder,
     triangle::Triangle,
 };
 use specula_core::near_field::NODE_LEN;
@@ -18,6 +18,25 @@ pub struct Hierarchy {
     pub order: Vec<u32>,
 }
 
+/// Builds a hierarchy with the settings of `medium_build`, without its clock, which browsers lack.
+fn build(triangles: &[Triangle]) -> Bvh2 {
+    let settings = BvhBuildParams::medium_build();
+    let indices: Vec<u32> = (0..triangles.len() as u32).collect();
+    let mut built = PlocBuilder::with_capacity(triangles.len()).build(
+        settings.ploc_search_distance,
+        triangles,
+        indices,
+        settings.sort_precision,
+        settings.search_depth_threshold,
+    );
+    let mut optimiser = ReinsertionOptimizer::default();
+    let ratio = settings.reinsertion_batch_ratio;
+    optimiser.run(&mut built, ratio, None);
+    collapse(&mut built, settings.max_prims_per_leaf.clamp(1, 255), settings.collapse_traversal_cost);
+    optimiser.run(&mut built, ratio * settings.post_collapse_reinsertion_batch_ratio_multiplier, None);
+    built
+}
+
 impl Hierarchy {
     /// Hierarchy of triangles with these corners; the same for the same triangles on every machine.
     ///
@@ -28,7 +47,7 @@ impl Hierarchy {
         assert!(!triangles.is_empty(), "rays need a surface");
         let corners = |[a, b, c]: [[f32; 3]; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
         let triangles: Vec<Triangle> = triangles.iter().map(|triangle| corners(*triangle)).collect();
-        let built = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let built = build(&triangles);
         let mut hierarchy = Self { nodes: Vec::with_capacity(built.nodes.len()), order: Vec::new() };
         hierarchy.append(&built);
         hierarchy

@@ -94,28 +94,8 @@ impl SurfaceMeans {
     /// that no view sees reflect nothing and have the normal and the colour of the mesh.
     pub fn near_field(&self) -> Option<NearField<Vec<f32>>> {
         let Self { mesh, voxel_size, .. } = self;
-        let triangle = |corners: &[u32; 3]| corners.map(|corner| mesh.positions[corner as usize]);
-        let corners: Vec<[[f32; 3]; 3]> = mesh.triangles.iter().map(triangle).collect();
-        if corners.is_empty() || mesh.positions.len().max(2 * corners.len()) >= INDEX_MAX {
-            return None;
-        }
-        let Hierarchy { nodes, order } = Hierarchy::new(&corners);
-        let mut near_field = NearField {
-            node_count: nodes.len(),
-            triangle_count: order.len(),
-            vertex_count: mesh.positions.len(),
-            offset: OFFSET_VOXELS * voxel_size,
-            values: Vec::new(),
-        };
-        let triangles = order.iter().map(|triangle| {
-            let [a, b, c] = mesh.triangles[*triangle as usize].map(|vertex| vertex as f32);
-            [a, b, c, 0.0]
-        });
-        let triangles: Vec<[f32; TRIANGLE_LEN]> = triangles.collect();
         let vertices: Vec<[f32; VERTEX_LEN]> = (0..mesh.positions.len()).map(|vertex| self.vertex(vertex)).collect();
-        const { assert!(NODE_LEN == 8 && TRIANGLE_LEN == 4, "the arrays above") };
-        near_field.values = [nodes.as_flattened(), triangles.as_flattened(), vertices.as_flattened()].concat();
-        Some(near_field)
+        arranged(&mesh.triangles, &vertices, OFFSET_VOXELS * voxel_size)
     }
 
     /// Numbers of a vertex.
@@ -131,6 +111,40 @@ impl SurfaceMeans {
         numbers[VERTEX_ALBEDO..].copy_from_slice(&self.albedos[vertex].mean().unwrap_or_default());
         numbers
     }
+}
+
+/// Near field of triangles and vertices, in a hierarchy; none without triangles, or with more than
+/// can be traced.
+fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -> Option<NearField<Vec<f32>>> {
+    if corners.is_empty() || vertices.len().max(2 * corners.len()) >= INDEX_MAX {
+        return None;
+    }
+    let position = |corner: u32| core::array::from_fn(|axis| vertices[corner as usize][axis]);
+    let triangles: Vec<[[f32; 3]; 3]> = corners.iter().map(|corners| corners.map(position)).collect();
+    let Hierarchy { nodes, order } = Hierarchy::new(&triangles);
+    let triangles = order.iter().map(|triangle| {
+        let [a, b, c] = corners[*triangle as usize].map(|vertex| vertex as f32);
+        [a, b, c, 0.0]
+    });
+    let triangles: Vec<[f32; TRIANGLE_LEN]> = triangles.collect();
+    const { assert!(NODE_LEN == 8 && TRIANGLE_LEN == 4, "the arrays above") };
+    let sizes = [nodes.len(), triangles.len(), vertices.len()];
+    let values = [nodes.as_flattened(), triangles.as_flattened(), vertices.as_flattened()].concat();
+    Some(NearField::of_sizes(sizes, offset, values))
+}
+
+/// The same triangles and vertices in a hierarchy that is built anew; none where there are no
+/// triangles, or one has a vertex that is not there.
+pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> {
+    let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
+    let vertex_count = surface.vertex_count as f32;
+    let is_there = |corner: &f32| *corner >= 0.0 && *corner < vertex_count;
+    let corners = surface.values.get(triangles..vertices)?.as_chunks::<TRIANGLE_LEN>().0;
+    let corners: Option<Vec<[u32; 3]>> = corners
+        .iter()
+        .map(|[a, b, c, _]| [a, b, c].into_iter().all(is_there).then(|| [*a, *b, *c].map(|corner| corner as u32)))
+        .collect();
+    arranged(&corners?, surface.values[vertices..].as_chunks::<VERTEX_LEN>().0, surface.offset)
 }
 
 /// Returns whether reflected rays of a scene meet it: a hundredth of its reflections or more, as

@@ -15,6 +15,7 @@ use crate::error::Result;
 use serde_json::{Map, Value, json};
 use specula_core::{cubemap, scene::Environment};
 use specula_io::{
+    Input,
     latlong::{self, LatLong, MapOrientation},
     picture::{self, Panel, RgbImage},
 };
@@ -228,7 +229,7 @@ pub fn compare_with_truth(
     orientation: MapOrientation,
 ) -> Result<(Option<(LightPair, LightQuality)>, Vec<String>)> {
     let (Some(learned), Some(path)) = (learned, true_light(dataset)) else { return Ok((None, Vec::new())) };
-    let (truth, warnings) = light_file::read(&path)?;
+    let (truth, warnings) = light_file::read(Input::file(&path))?;
     let pair = LightPair::new(learned, &truth, orientation);
     let quality = pair.quality();
     Ok((quality.map(|quality| (pair, quality)), warnings))

@@ -109,6 +109,10 @@ pub enum ExportFormat {
     PrefilteredLight,
     /// Mesh of triangles.
     Mesh,
+    /// Page of a browser, with its renderer, in one file.
+    Page,
+    /// The same as files of a folder.
+    PageFolder,
 }
 
 impl ExportFormat {
@@ -118,6 +122,7 @@ impl ExportFormat {
             ("obj", _) | ("ply", true) => Some(Self::Mesh),
             ("hdr" | "exr", _) => Some(Self::LatLong),
             ("ktx2", _) => Some(Self::PrefilteredLight),
+            ("html", _) => Some(Self::Page),
             _ => GaussianFormat::from_extension(extension).map(Self::Gaussians),
         }
     }

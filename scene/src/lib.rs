@@ -70,6 +70,6 @@ pub use error::SceneError;
 pub use layer::Layer;
 pub use opened::OpenedModel;
 pub use overlap::overlap;
-pub use renderer::{RenderBackend, SceneRenderer};
+pub use renderer::{RenderBackend, SceneRenderer, UploadedScene};
 pub use scene::Scene;
 pub use shading_model::{Shading, ShadingModel};

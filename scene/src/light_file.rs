@@ -5,6 +5,7 @@ use glam::Vec3;
 use serde::Deserialize;
 use specula_core::scene::Environment;
 use specula_io::{
+    Input,
     latlong::{self, LatLong, MapOrientation, UpAxis},
     picture,
 };
@@ -74,8 +75,9 @@ pub struct LightOptions {
 /// # Errors
 ///
 /// A file that cannot be read, or one with the faces of a cube.
-pub fn read(path: &Path) -> Result<(LatLong, Vec<String>), SceneError> {
-    let (map, replaced) = latlong::read(path)?;
+pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
+    let path = input.path();
+    let (map, replaced) = latlong::read_from(input)?;
     if map.height == 6 * map.width {
         return Err(SceneError::CubeMap(path.to_owned()));
     }
@@ -89,7 +91,7 @@ pub fn read(path: &Path) -> Result<(LatLong, Vec<String>), SceneError> {
             replaced.negative
         ));
     }
-    if !latlong::holds_radiance(path)? {
+    if !latlong::holds_radiance(input)? {
         warnings.push(format!(
             "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
         ));

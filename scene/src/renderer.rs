@@ -16,6 +16,7 @@ use specula_core::{
     light_network::LightNetworkError,
     near_field::NearField,
     pack::Storage,
+    pipeline,
     plan::Plan,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
@@ -87,8 +88,8 @@ impl fmt::Debug for dyn RenderBackend {
     }
 }
 
-/// Arrays of an executor.
-struct Uploaded<E: Renderer> {
+/// Gaussians and filtered lights on an executor.
+pub struct UploadedScene<E: Renderer> {
     exec: E,
     gaussians: Gaussians<E::Array>,
     near_field: Option<E::NearField>,
@@ -152,7 +153,7 @@ impl<N: Clone> Occluders<N> {
     }
 }
 
-impl<E: Renderer> Uploaded<E>
+impl<E: Renderer> UploadedScene<E>
 where
     E::Error: Into<SceneError>,
 {
@@ -175,9 +176,39 @@ where
         };
         Ok(Self { exec, gaussians, near_field: uploaded, lamps, occluders, lights: Vec::new(), store, storage })
     }
+
+    /// Scene on an executor that rounds what it stores.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor: a scene larger than its arrays may be.
+    pub fn with_executor(exec: E, scene: &Scene) -> Result<Self, SceneError> {
+        Self::new(exec, scene, |light, _| light, Storage::F32)
+    }
+
+    /// Renders a view under the light of a slot, and leaves it on the executor.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor.
+    pub fn frame(&mut self, slot: usize, camera: &Camera, rules: &RenderRules) -> Result<E::Frame, E::Error> {
+        let light = self.lights.get(slot).and_then(Option::as_ref);
+        pipeline::render(&mut self.exec, &self.gaussians, light, camera, rules)
+    }
+
+    /// Executor, to read frames from.
+    pub fn executor(&mut self) -> &mut E {
+        &mut self.exec
+    }
 }
 
-impl<E> RenderBackend for Uploaded<E>
+impl<E: Renderer> fmt::Debug for UploadedScene<E> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("UploadedScene")
+    }
+}
+
+impl<E> RenderBackend for UploadedScene<E>
 where
     E: Renderer + Send,
     E::Array: Send,
@@ -252,13 +283,13 @@ fn upload(
     storage: Storage,
 ) -> Result<Box<dyn RenderBackend>, SceneError> {
     Ok(match device {
-        Device::Cpu => Box::new(Uploaded::new(CpuViewer::with_cutoffs(cutoffs), scene, rounded, storage)?),
+        Device::Cpu => Box::new(UploadedScene::new(CpuViewer::with_cutoffs(cutoffs), scene, rounded, storage)?),
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
             let mut exec = GpuExecutor::viewer(*gpu, storage);
             exec.set_order(cutoffs.order());
-            Box::new(Uploaded::new(exec, scene, |light, _| light, storage)?)
+            Box::new(UploadedScene::new(exec, scene, |light, _| light, storage)?)
         }
     })
 }
@@ -364,7 +395,7 @@ impl SceneRenderer {
         E::Error: Into<SceneError>,
     {
         let Plan { rules, .. } = scene.plan(channels);
-        let backend = Box::new(Uploaded::new(exec, scene, |light, _| light, Storage::F32)?);
+        let backend = Box::new(UploadedScene::new(exec, scene, |light, _| light, Storage::F32)?);
         Self { backend, rules }.lit_by(scene.light_for(&rules))
     }
 

@@ -4,6 +4,7 @@ use crate::{
     SceneError, Shading, ShadingModel,
     environment::{fitting, levels_of},
     lamps::{SceneLamps, shine_on},
+    plain::subset,
 };
 use specula_core::{
     activation::{logit, sigmoid},
@@ -67,6 +68,11 @@ impl Scene {
     pub fn rounded(mut self, storage: Storage) -> Self {
         storage.round(&mut self.gaussians);
         self
+    }
+
+    /// The same scene with some of its Gaussians.
+    pub fn kept(&self, kept: &[usize]) -> Self {
+        Self { gaussians: subset(&self.gaussians, kept, self.gaussians.layout), ..self.clone() }
     }
 
     /// Levels that the light is filtered into; none without a light, or where nothing looks it up.

@@ -133,7 +133,8 @@ impl ShadingModel {
         Some(model)
     }
 
-    fn from_comment(comment: &str) -> Option<Self> {
+    /// Shading model that a comment names; none of other comments.
+    pub fn from_comment(comment: &str) -> Option<Self> {
         let mut words = comment.split_whitespace();
         if words.next() != Some(COMMENT) {
             return None;

@@ -1,13 +1,16 @@
 //! Errors of a viewer.
 
+#[cfg(feature = "server")]
 use core::net::SocketAddr;
 use specula_scene::SceneError;
+#[cfg(feature = "server")]
 use std::io;
 
 /// Error of a viewer that is started, or of a light that is added to it.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// The address cannot be bound.
+    #[cfg(feature = "server")]
     #[error("cannot listen at {address}: {cause}; choose another address or port, or port 0 for any")]
     Listen {
         /// Requested address.
@@ -16,15 +19,19 @@ pub enum ViewerError {
         cause: io::Error,
     },
     /// The system gives no random numbers for an access token.
+    #[cfg(feature = "server")]
     #[error("the system gives no random numbers for an access token ({0})")]
     Random(getrandom::Error),
     /// The runtime of the server cannot be started.
+    #[cfg(feature = "server")]
     #[error("cannot serve: {0}")]
     Runtime(io::Error),
     /// The folder of uploads cannot be created.
+    #[cfg(feature = "server")]
     #[error("cannot create a folder for uploaded lights: {0}")]
     UploadFolder(io::Error),
     /// The server ended before it was stopped.
+    #[cfg(feature = "server")]
     #[error("the server ended: {0}")]
     Ended(tokio::task::JoinError),
     /// The scene cannot be rendered, or a file cannot be read.

@@ -24,28 +24,60 @@
 //! ```
 //!
 //! A training is watched by way of a [`LiveTraining`], which both sides share.
+//!
+//! Without the feature `server`, which is on by default, an [`EmbeddedViewer`] answers the same
+//! requests within a program, and a [`WebPage`] is the page in one file, with a scene and a
+//! renderer.
 
+#![cfg_attr(
+    not(feature = "server"),
+    expect(dead_code, reason = "requests have parameters, and errors have statuses, that only a server uses")
+)]
+
+#[cfg(feature = "server")]
 mod connections;
+mod embedded;
 mod error;
+#[cfg(feature = "server")]
 mod guard;
 mod http;
 mod lights;
+#[cfg(feature = "server")]
 mod live;
+mod new_light;
+mod packed;
+mod page;
+#[cfg(feature = "server")]
 mod queue;
+#[cfg(feature = "server")]
+mod render_thread;
 mod request;
+#[cfg(feature = "server")]
 mod routes;
+#[cfg(feature = "server")]
 mod server;
 mod setup;
+#[cfg(feature = "server")]
 mod state;
+#[cfg(feature = "server")]
 mod upload;
+#[cfg(feature = "server")]
 mod url;
+mod viewed;
+#[cfg(feature = "server")]
 mod viewer;
 mod views;
 mod worker;
 
+pub use embedded::{EmbeddedViewer, PlannedFrame, ShownFrame};
 pub use error::ViewerError;
+#[cfg(feature = "server")]
 pub use live::{LiveTraining, Request};
+pub use packed::{PackPrecision, PackedLight, PackedScene};
+pub use page::{WebPage, WebRenderer};
 pub use setup::{LightSetup, SetupEnvironment};
 pub use specula_scene::light_file::MapUp;
-pub use viewer::{AddedLight, ViewedScene, Viewer, ViewerOptions, ViewerThread};
+pub use viewed::ViewedScene;
+#[cfg(feature = "server")]
+pub use viewer::{AddedLight, Viewer, ViewerOptions, ViewerThread};
 pub use views::PhotographSource;

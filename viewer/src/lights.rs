@@ -11,7 +11,11 @@ use specula_core::{
     light_network::CHANNELS,
     scene::{Environment, RadianceActivation},
 };
-use specula_io::latlong::{self, LatLong};
+use specula_io::{
+    Input,
+    latlong::{self, LatLong},
+    picture,
+};
 use specula_scene::{
     environment::radiance,
     light_file::{self, MapUp},
@@ -31,6 +35,8 @@ const LIGHTS_MAX: usize = 16;
 const NAME_MAX: usize = 64;
 /// Width and height of a preview, in pixels.
 const PREVIEW_SIZE: [usize; 2] = [256, 128];
+/// JPEG quality of a preview.
+const PREVIEW_QUALITY: u8 = 85;
 
 const NO_POISON: &str = "nothing panics under the lock of the lights";
 
@@ -109,10 +115,15 @@ impl Lights {
 
     /// Reads and adds a lat-long map that has the file name `name`. Returns its label, and warnings
     /// about its contents.
-    pub(crate) fn add(&self, file: &Path, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
+    pub(crate) fn add(&self, file: Input<'_>, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
         let (map, warnings) = light_file::read(file)?;
         let values = latlong::to_cube(&map, self.resolution, up.orientation(self.up));
         let cube = Cube { resolution: self.resolution, activation: RadianceActivation::Identity, values };
+        Ok((self.add_cube(cube, name, up), warnings))
+    }
+
+    /// Adds a cube of a lat-long map that had the file name `name`. Returns its label.
+    pub(crate) fn add_cube(&self, cube: Cube, name: &str, up: MapUp) -> Label {
         let mut table = self.lock();
         table.count += 1;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
@@ -123,7 +134,7 @@ impl Lights {
             table.added.remove(0);
         }
         table.added.push((label.clone(), Arc::new(cube)));
-        Ok((label, warnings))
+        label
     }
 
     /// Labels of all lights, the scene's own first.
@@ -154,8 +165,14 @@ impl Lights {
         is_network && setting.id == SCENE_LIGHT && setting.turn != 0.0
     }
 
+    /// Preview of a light with its rotation and exposure, as a JPEG.
+    pub(crate) fn preview(&self, setting: LightSetting) -> Option<Vec<u8>> {
+        let map = self.preview_map(setting)?;
+        Some(picture::to_jpeg(&picture::tone_map_latlong(&map), PREVIEW_QUALITY))
+    }
+
     /// Lat-long preview of a light with its rotation and exposure.
-    pub(crate) fn preview(&self, setting: LightSetting) -> Option<LatLong> {
+    fn preview_map(&self, setting: LightSetting) -> Option<LatLong> {
         let cube = self.get(setting)??;
         let values = radiance(&cube);
         let [width, height] = PREVIEW_SIZE;
@@ -218,7 +235,7 @@ mod tests {
         }
         let turned = LightSetting { turn: 30.0, ..OF_SCENE };
         assert!(lights.turns_network(turned) && !lights.turns_network(LightSetting { id: 1, ..turned }));
-        assert!(!lights.turns_network(OF_SCENE) && lights.preview(turned).is_some());
+        assert!(!lights.turns_network(OF_SCENE) && lights.preview_map(turned).is_some());
         lights.set_scene_light(Some(grey()));
         assert!(!lights.turns_network(turned), "a map can be turned");
     }
@@ -232,7 +249,7 @@ mod tests {
         latlong::write(&file, &LatLong { width, height, rgb }).unwrap();
         for above in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::new(0.6, -0.48, -0.64)] {
             let lights = Lights::new(None, 16, above, false);
-            let id = lights.add(&file, "sky", MapUp::Scene).unwrap().0.id;
+            let id = lights.add(Input::file(&file), "sky", MapUp::Scene).unwrap().0.id;
             let setting = LightSetting { id, ..OF_SCENE };
             let cube = lights.get(setting).unwrap().unwrap();
             let sees = |direction: Vec3| {
@@ -241,7 +258,7 @@ mod tests {
                 map.rgb[3 * ((v * 31.99) as usize * 64 + (u * 63.99) as usize)]
             };
             assert!(sees(above) > 0.99 && sees(-above) < 0.01, "the sky is above where {above} is");
-            let preview = lights.preview(setting).unwrap();
+            let preview = lights.preview_map(setting).unwrap();
             let rows = preview.rgb.chunks_exact(3 * preview.width);
             let means: Vec<f32> = rows.map(|row| row.iter().sum::<f32>() / row.len() as f32).collect();
             let half = means.len() / 2;
@@ -268,7 +285,7 @@ mod tests {
         latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
         let lights = Lights::new(Some(grey()), 16, Vec3::Z, false);
         for _ in 0..=LIGHTS_MAX {
-            lights.add(&file, "sky", MapUp::Z).unwrap();
+            lights.add(Input::file(&file), "sky", MapUp::Z).unwrap();
         }
         let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
         assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, SCENE_LIGHT, 2));

@@ -3,11 +3,12 @@
 use crate::{
     guard::Denied,
     http::{HttpError, json_response},
-    lights::Label,
     live::LiveTraining,
+    page::FILES,
     request::{Action, ClientParameter, Encoding, FrameRequest, SteeringParameters, query},
     state::ServerState,
     upload,
+    viewed::described,
     worker::Frame,
 };
 use axum::{
@@ -18,33 +19,14 @@ use axum::{
     response::{IntoResponse, Response},
     routing::get,
 };
+use core::time::Duration;
 use serde_json::json;
 use specula_io::picture;
 use std::{sync::Arc, time::Instant};
 use tokio::task::spawn_blocking;
 
-/// JPEG quality of the preview of a light.
-const PREVIEW_QUALITY: u8 = 85;
 /// Content security policy: the page loads nothing from other origins and cannot be framed.
 const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'";
-
-/// Files of the page: path, content type, text.
-const FILES: [(&str, &str, &str); 13] = [
-    ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
-    ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
-    ("/address.js", SCRIPT, include_str!("page/address.js")),
-    ("/main.js", SCRIPT, include_str!("page/main.js")),
-    ("/camera.js", SCRIPT, include_str!("page/camera.js")),
-    ("/controls.js", SCRIPT, include_str!("page/controls.js")),
-    ("/stream.js", SCRIPT, include_str!("page/stream.js")),
-    ("/light.js", SCRIPT, include_str!("page/light.js")),
-    ("/lamps.js", SCRIPT, include_str!("page/lamps.js")),
-    ("/handles.js", SCRIPT, include_str!("page/handles.js")),
-    ("/materials.js", SCRIPT, include_str!("page/materials.js")),
-    ("/path.js", SCRIPT, include_str!("page/path.js")),
-    ("/training.js", SCRIPT, include_str!("page/training.js")),
-];
-const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Extension of responses to authorised requests.
 #[derive(Clone, Copy, Debug)]
@@ -90,9 +72,7 @@ fn authorised(mut response: Response, is_page: bool) -> Response {
 
 /// Description of the scene, its lights, and whether a light is being read.
 async fn scene(State(state): State<Arc<ServerState>>) -> Response {
-    let mut description = state.description.clone();
-    description["lights"] = state.lights.labels().iter().map(Label::json).collect();
-    description["setup"] = state.setup().json();
+    let mut description = described(&state.description, &state.lights, &state.setup());
     description["live"] = state.live.is_some().into();
     description["reading"] = state.is_reading().into();
     json_response(&description)
@@ -102,9 +82,9 @@ async fn scene(State(state): State<Arc<ServerState>>) -> Response {
 async fn frame(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Response, HttpError> {
     let (request, encoding) = (FrameRequest::of_frame(&uri)?, Encoding::of(&uri)?);
     let ClientParameter { client } = query(&uri)?;
-    let frame = state.render(client, request).await?;
+    let (frame, time) = state.render(client, request).await?;
     let iteration = state.live.as_ref().map(|live| live.iteration_shown());
-    let encoded = spawn_blocking(move || encoded(&frame, encoding, iteration)).await;
+    let encoded = spawn_blocking(move || encoded(&frame, time, encoding, iteration)).await;
     let (headers, bytes) = encoded.map_err(HttpError::internal)?;
     Ok((headers, state.sent(bytes)?).into_response())
 }
@@ -113,17 +93,17 @@ async fn frame(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Respon
 async fn point(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Response, HttpError> {
     let request = FrameRequest::of_point(&uri)?;
     let ClientParameter { client } = query(&uri)?;
-    Ok(json_response(&json!({"point": state.render(client, request).await?.point})))
+    Ok(json_response(&json!({"point": state.render(client, request).await?.0.point})))
 }
 
 /// Encodes a picture; its headers hold times and what it shows.
-fn encoded(frame: &Frame, encoding: Encoding, iteration: Option<u32>) -> (HeaderMap, Vec<u8>) {
+fn encoded(frame: &Frame, time: Duration, encoding: Encoding, iteration: Option<u32>) -> (HeaderMap, Vec<u8>) {
     let start = Instant::now();
     let (content_type, bytes) = match encoding {
         Encoding::Png => ("image/png", picture::to_png(&frame.picture)),
         Encoding::Jpeg(quality) => ("image/jpeg", picture::to_jpeg(&frame.picture, quality)),
     };
-    let [render, pack] = [frame.time, start.elapsed()].map(|time| time.as_secs_f64() * 1e3);
+    let [render, pack] = [time, start.elapsed()].map(|time| time.as_secs_f64() * 1e3);
     let mut headers = HeaderMap::new();
     let mut insert = |name: &'static str, value: String| {
         if let Ok(value) = HeaderValue::from_str(&value) {
@@ -147,9 +127,8 @@ fn encoded(frame: &Frame, encoding: Encoding, iteration: Option<u32>) -> (Header
 /// Preview of a light.
 async fn preview(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Response, HttpError> {
     let setting = query(&uri)?;
-    let map = spawn_blocking(move || state.lights.preview(setting)).await.map_err(HttpError::internal)?;
-    let map = map.ok_or_else(|| HttpError::new(StatusCode::NOT_FOUND, "there is no such light"))?;
-    let bytes = picture::to_jpeg(&picture::tone_map_latlong(&map), PREVIEW_QUALITY);
+    let bytes = spawn_blocking(move || state.lights.preview(setting)).await.map_err(HttpError::internal)?;
+    let bytes = bytes.ok_or_else(|| HttpError::new(StatusCode::NOT_FOUND, "there is no such light"))?;
     Ok(([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response())
 }
 

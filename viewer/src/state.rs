@@ -6,11 +6,13 @@ use crate::{
     lights::Lights,
     live::LiveTraining,
     queue::{Queue, QueueError},
+    render_thread::Job,
     request::FrameRequest,
     setup::LightSetup,
-    worker::{Frame, Job},
+    worker::Frame,
 };
 use axum::{body::Bytes, http::StatusCode};
+use core::time::Duration;
 use serde_json::Value;
 use std::{
     path::PathBuf,
@@ -76,7 +78,7 @@ impl ServerState {
     }
 
     /// Queues a picture and waits for it.
-    pub(crate) async fn render(&self, client: u64, request: FrameRequest) -> Result<Frame, HttpError> {
+    pub(crate) async fn render(&self, client: u64, request: FrameRequest) -> Result<(Frame, Duration), HttpError> {
         let (reply, frame) = oneshot::channel();
         self.queue.push(client, Job { request, reply }).map_err(rejected)?;
         // The queue drops a job when the same client requests another picture.

@@ -3,6 +3,7 @@
 use crate::{
     ViewerError,
     http::{HttpError, json_response},
+    new_light::{LIGHT_MAX, UploadParameters, refuse_large},
     request::query,
     state::ServerState,
 };
@@ -14,9 +15,7 @@ use axum::{
 };
 use core::time::Duration;
 use http_body_util::BodyExt;
-use serde::Deserialize;
-use specula_io::latlong;
-use specula_scene::light_file::MapUp;
+use specula_io::Input;
 use std::{io::Write, path::Path, sync::Arc};
 use tempfile::NamedTempFile;
 use tokio::{
@@ -24,39 +23,11 @@ use tokio::{
     time::{Instant, timeout, timeout_at},
 };
 
-/// Largest size of a light, in bytes.
-const LIGHT_MAX: usize = 64 << 20;
-/// Largest number of pixels of a light, which take 400 MB decoded.
-const PIXELS_MAX: u64 = 1 << 25;
 /// Longest time between two parts of a light.
 const PART_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest time for a light, beside that of its bytes at the least rate.
 const BASE_TIMEOUT: Duration = Duration::from_secs(20);
 const BYTES_PER_SECOND_MIN: f64 = 262_144.0;
-
-/// Light that is to be received.
-#[derive(Debug, Deserialize)]
-struct UploadParameters {
-    /// File name.
-    #[serde(default)]
-    name: String,
-    /// Up direction of the map.
-    #[serde(default)]
-    up: MapUp,
-}
-
-impl UploadParameters {
-    /// Extension of the file in lower case, if it is one of a lat-long map.
-    fn extension(&self) -> Result<String, HttpError> {
-        let extension = Path::new(&self.name).extension().and_then(|extension| extension.to_str());
-        let extension = extension.map(str::to_ascii_lowercase).unwrap_or_default();
-        if ["hdr", "exr"].contains(&extension.as_str()) {
-            return Ok(extension);
-        }
-        let name = &self.name;
-        Err(HttpError::bad_request(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")))
-    }
-}
 
 /// Adds a light from the body of a request.
 pub(crate) async fn add_light(
@@ -71,7 +42,7 @@ pub(crate) async fn add_light(
     let parameters: UploadParameters = query(&uri)?;
     let extension = parameters.extension()?;
     if content_length(request.headers()).is_some_and(|length| length > LIGHT_MAX) {
-        return Err(too_large());
+        return Err(HttpError::too_large());
     }
     let permit = state.uploads.clone().try_acquire_owned();
     let permit = permit.map_err(|_| HttpError::busy("another light is being read; send this one in a moment"))?;
@@ -86,11 +57,6 @@ pub(crate) async fn add_light(
 
 fn content_length(headers: &HeaderMap) -> Option<usize> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
-}
-
-fn too_large() -> HttpError {
-    let message = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
-    HttpError::new(StatusCode::PAYLOAD_TOO_LARGE, message)
 }
 
 /// Longest time to receive a number of bytes.
@@ -112,7 +78,7 @@ async fn received(mut body: Body, extension: &str, folder: &Path) -> Result<Name
         let Ok(bytes) = frame.into_data() else { continue };
         length += bytes.len();
         if length > LIGHT_MAX {
-            return Err(too_large());
+            return Err(HttpError::too_large());
         }
         file.write_all(&bytes).map_err(no_room)?;
     }
@@ -127,13 +93,9 @@ fn add(
     // Messages name the file of the client instead of the temporary one.
     let renamed = |message: &str| message.replace(&format!("{:?}", file.path()), &format!("{name:?}"));
     let bad_request = |error: ViewerError| HttpError::bad_request(renamed(&error.to_string()));
-    let size = latlong::size(file.path()).map_err(|error| bad_request(error.into()))?;
-    if size.into_iter().map(u64::from).product::<u64>() > PIXELS_MAX {
-        let [width, height] = size;
-        let message = format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most");
-        return Err(HttpError::bad_request(message));
-    }
-    let (label, warnings) = state.lights.add(file.path(), name, *up).map_err(bad_request)?;
+    refuse_large(Input::file(file.path()), name)
+        .map_err(|error| HttpError::bad_request(renamed(&error.to_string())))?;
+    let (label, warnings) = state.lights.add(Input::file(file.path()), name, *up).map_err(bad_request)?;
     let warnings: Vec<String> = warnings.iter().map(|warning| renamed(warning)).collect();
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let mut answer = label.json();

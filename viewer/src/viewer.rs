@@ -3,25 +3,19 @@
 use crate::{
     ViewerError,
     guard::Guard,
-    lights::Lights,
     live::LiveTraining,
     queue::Queue,
-    request::{self, LampSetting},
+    render_thread::spawn,
     server::{listen, serve},
     setup::LightSetup,
     state::ServerState,
     url,
-    views::{PhotographSource, Views, camera_json},
-    worker::RenderWorker,
+    viewed::{PreparedScene, ViewedScene},
 };
 use core::net::{Ipv4Addr, SocketAddr};
-use serde_json::{Value, json};
-use specula_core::{rules::Channels, shade::ShadingForm};
-use specula_io::{cameras::NamedCamera, orientation::Orientation};
-use specula_scene::{
-    Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, lamps::direction, light_file::MapUp,
-    orbit::StartView,
-};
+use specula_core::rules::Channels;
+use specula_io::Input;
+use specula_scene::{RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp};
 use std::{
     path::Path,
     sync::Arc,
@@ -57,45 +51,6 @@ impl Default for ViewerOptions {
     /// Viewer on the loopback interface, without a token.
     fn default() -> Self {
         Self { address: Self::DEFAULT_ADDRESS, token: None, render: RenderOptions::default() }
-    }
-}
-
-/// Scene to view, with its cameras and photographs.
-#[derive(Debug)]
-pub struct ViewedScene {
-    /// Name in the title of the page.
-    pub name: String,
-    /// Gaussians, light and shading model.
-    pub scene: Scene,
-    /// Cameras of the data set, held-out views first; may be empty.
-    pub views: Vec<NamedCamera>,
-    /// Number of held-out views.
-    pub held_out: usize,
-    /// Up direction and centre, which the camera orbits.
-    pub orientation: Orientation,
-    /// Data set of the photographs, for error maps.
-    pub photographs: Option<PhotographSource>,
-    /// Background in sRGB, from 0 to 1.
-    pub background: [f32; 3],
-}
-
-impl ViewedScene {
-    /// Scene of a model, with its cameras, its orientation and the background of its training;
-    /// without photographs.
-    ///
-    /// # Errors
-    ///
-    /// A `cameras.json` that cannot be read.
-    pub fn of_model(name: impl Into<String>, model: OpenedModel) -> Result<Self, ViewerError> {
-        Ok(Self {
-            name: name.into(),
-            views: model.cameras()?,
-            held_out: model.test_views().unwrap_or(0),
-            orientation: model.orientation(None)?,
-            photographs: None,
-            background: model.background(),
-            scene: model.scene,
-        })
     }
 }
 
@@ -155,32 +110,10 @@ impl Viewer {
         let guard = Guard::new(options.address.ip(), options.token.as_deref())?;
         let upload_folder = tempfile::tempdir().map_err(ViewerError::UploadFolder)?;
 
-        let ViewedScene { name, scene, views, held_out, orientation, photographs, background } = viewed;
-        let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
-        let views = Views::new(views, held_out, photographs);
-        let is_physical = scene.gaussians.layout.is_physical;
-        let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up, is_physical));
-        let is_shaded = scene.gaussians.layout.is_shaded();
-        let description = json!({
-            "name": name,
-            "gaussians": scene.gaussians.count,
-            "shaded": is_shaded,
-            "physical": is_physical,
-            "layers": layers(&scene, &views),
-            "views": views.json(),
-            "first": first,
-            "start": camera_json(&start),
-            "centre": centre.to_array(),
-            "up": up.to_array(),
-            "azimuth_zero": direction(0.0, 0.0, up).as_vec3().to_array(),
-            "lamps_max": LampSetting::COUNT_MAX,
-            "background": background,
-            "pixels_max": request::PIXELS_MAX,
-        });
-        let (storage, near) = (options.render.storage, start.near);
-        let worker = RenderWorker::new(scene, storage, load, lights.clone(), views, background, near)?;
+        let PreparedScene { worker, lights, description } = viewed.prepare(options.render.storage, load)?;
+        let is_shaded = description["shaded"] == true;
         let queue = Arc::new(Queue::new());
-        worker.spawn(queue.clone(), live.clone());
+        spawn(worker, queue.clone(), live.clone());
         let folder = upload_folder.path().to_owned();
         let state = Arc::new(ServerState::new(guard, queue, lights, description, is_shaded, live, folder));
         Ok(Self { state, runtime, listener, address, upload_folder })
@@ -193,7 +126,7 @@ impl Viewer {
     /// A file that cannot be read as a light.
     pub fn add_light(&self, file: &Path, up: MapUp) -> Result<AddedLight, ViewerError> {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
-        let (label, warnings) = self.state.lights.add(file, &name, up)?;
+        let (label, warnings) = self.state.lights.add(Input::file(file), &name, up)?;
         Ok(AddedLight { id: label.id, warnings })
     }
 
@@ -264,14 +197,4 @@ impl ViewerThread {
         // A panic was reported by its thread.
         let _ = self.thread.join();
     }
-}
-
-/// Names of the layers that the scene has, as the page lists them.
-fn layers(scene: &Scene, views: &Views) -> Vec<Value> {
-    let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
-    let forms = [Some(form), layout.is_physical.then_some(ShadingForm::Physical)];
-    let exists = |layer: &Layer| forms.iter().flatten().any(|form| layer.exists(layout, *form));
-    let layers = Layer::EACH.into_iter().filter(exists);
-    let error = views.has_photographs().then(|| request::ERROR.into());
-    layers.map(|layer| layer.name().into()).chain(error).collect()
 }

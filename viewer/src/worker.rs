@@ -1,21 +1,18 @@
-//! Render worker: a thread that owns the scene on its executor and renders one picture at a time.
+//! Render worker: owns the scene on its executor and renders one picture at a time.
 
 use crate::{
     ViewerError,
     lights::{Cube, Lights, OF_SCENE},
-    live::LiveTraining,
-    queue::Queue,
     request::{Content, FrameRequest, LampSetting, LightSetting, Pose, Viewpoint},
     views::Views,
 };
-use core::time::Duration;
 use specula_core::{
     camera::Camera,
     metrics::psnr,
     near_field::NearField,
     pack::Storage,
     plan::{Needs, Plan},
-    rules::{Channels, channel},
+    rules::{Channels, RenderRules, channel},
     scene::{Gaussians, Image, Layout},
     shade::ShadingForm,
 };
@@ -27,19 +24,23 @@ use specula_scene::{
     lamps::{SceneLamps, fused_surface},
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
-use std::{sync::Arc, thread, time::Instant};
-use tokio::sync::oneshot;
+use std::sync::Arc;
 
 /// Filtered lights in memory: several clients may each use another.
 const SLOTS: usize = 6;
 /// Error that is shown in the brightest colour, of a range of 1.
 const ERROR_SHOWN_MAX: f32 = 0.25;
 
-/// Requested picture, and the channel of its reply.
+/// Picture that a request describes, before it is rendered.
 #[derive(Debug)]
-pub(crate) struct Job {
-    pub(crate) request: FrameRequest,
-    pub(crate) reply: oneshot::Sender<Result<Frame, ViewerError>>,
+pub(crate) struct PlannedPicture {
+    pub(crate) camera: Camera,
+    /// Slot of its light in the renderer.
+    pub(crate) slot: usize,
+    pub(crate) rules: RenderRules,
+    /// Index of the view of the data set that it shows.
+    view: Option<usize>,
+    layer: Layer,
 }
 
 /// Rendered picture.
@@ -52,8 +53,6 @@ pub(crate) struct Frame {
     pub(crate) psnr: Option<f64>,
     /// Point of the scene at the requested position.
     pub(crate) point: Option<[f32; 3]>,
-    /// Time of rendering.
-    pub(crate) time: Duration,
 }
 
 /// Light in a slot of the renderer, and the plans of pictures under it by their channels.
@@ -147,33 +146,15 @@ impl RenderWorker {
         })
     }
 
-    /// Renders the jobs of a queue on a new thread, until the queue is closed.
-    pub(crate) fn spawn(mut self, queue: Arc<Queue<Job>>, live: Option<Arc<LiveTraining>>) {
-        /// Closes the queue when the thread ends, even by a panic, so that no client waits for it.
-        struct CloseOnDrop(Arc<Queue<Job>>);
-        impl Drop for CloseOnDrop {
-            fn drop(&mut self) {
-                self.0.close();
-            }
+    /// Leaves a scene without a surface without shadows, where the renderer cannot fuse one.
+    pub(crate) fn cast_known_shadows(&mut self) {
+        if let ShadowSurface::Unfused(_) = self.shadow_surface {
+            self.shadow_surface = ShadowSurface::Known(None);
         }
-        thread::spawn(move || {
-            let queue = CloseOnDrop(queue);
-            self.warm_up();
-            while let Some(Job { request, reply }) = queue.0.next() {
-                // The client closed its connection while it waited.
-                if reply.is_closed() {
-                    continue;
-                }
-                let latest = live.as_ref().and_then(|live| live.take());
-                let updated = latest.map_or(Ok(()), |scene| self.set_scene(scene));
-                // The receiver is gone where the client closed its connection meanwhile.
-                let _ = reply.send(updated.and_then(|()| self.render(&request)));
-            }
-        });
     }
 
     /// Replaces the scene by a later one of the same training.
-    fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
+    pub(crate) fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
         self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
@@ -186,30 +167,47 @@ impl RenderWorker {
 
     /// Filters the scene's own light before the first request, since the first filter takes
     /// longest.
-    fn warm_up(&mut self) {
+    pub(crate) fn warm_up(&mut self) {
         // Errors are repeated in the response to the first request.
         let _ = self.filtered(OF_SCENE);
     }
 
     /// Renders a picture.
-    fn render(&mut self, request: &FrameRequest) -> Result<Frame, ViewerError> {
-        let start = Instant::now();
+    pub(crate) fn render(&mut self, request: &FrameRequest) -> Result<Frame, ViewerError> {
+        let planned = self.plan(request)?;
+        let image = self.renderer.render_lit(planned.slot, &planned.camera, &planned.rules)?;
+        self.finish(request, &planned, &image)
+    }
+
+    /// Prepares the light of a picture, and describes its rendering.
+    pub(crate) fn plan(&mut self, request: &FrameRequest) -> Result<PlannedPicture, ViewerError> {
         let (camera, view) = self.camera(request)?;
         let layer = self.layer(request.content)?;
-        let image = self.image(&camera, layer, request)?;
+        let (slot, rules) = self.lit(layer, request)?;
+        Ok(PlannedPicture { camera, slot, rules, view, layer })
+    }
+
+    /// Picture of a request from its channels.
+    pub(crate) fn finish(
+        &mut self,
+        request: &FrameRequest,
+        planned: &PlannedPicture,
+        image: &Image<Vec<f32>>,
+    ) -> Result<Frame, ViewerError> {
+        let PlannedPicture { camera, view, layer, .. } = planned;
         let name = view.map(|index| self.views.name(index).to_owned());
         let (picture, psnr) = match (request.content, view) {
-            (Content::Error, Some(index)) => self.compare(&image, index, &camera)?,
+            (Content::Error, Some(index)) => self.compare(image, *index, camera)?,
             (Content::Layer(Layer::Rgb), _) if request.has_backdrop => {
-                (self.over_light(&image, &camera, request.light)?, None)
+                (self.over_light(image, camera, request.light)?, None)
             }
-            _ => (layer.picture(&image, self.shading_model.shading.form, self.background), None),
+            _ => (layer.picture(image, self.shading_model.shading.form, self.background), None),
         };
         let point = match request.content {
-            Content::Point(at) => point_at(&image, &camera, at),
+            Content::Point(at) => point_at(image, camera, at),
             _ => None,
         };
-        Ok(Frame { picture, view: name, psnr, point, time: start.elapsed() })
+        Ok(Frame { picture, view: name, psnr, point })
     }
 
     /// Colours over the light; over the background colour for a scene without a light.
@@ -278,7 +276,8 @@ impl RenderWorker {
         }
     }
 
-    fn image(&mut self, camera: &Camera, layer: Layer, request: &FrameRequest) -> Result<Image<Vec<f32>>, ViewerError> {
+    /// Slot of a request's light, lamps included, and the rules of a layer under it.
+    fn lit(&mut self, layer: Layer, request: &FrameRequest) -> Result<(usize, RenderRules), ViewerError> {
         let channels = Layer::channels(&[layer]);
         let index = CHANNELS.iter().position(|other| *other == channels).expect("layers have one of these channels");
         let shows_materials = self.shows_materials(layer, request)?;
@@ -294,7 +293,7 @@ impl RenderWorker {
             filtered.lamps = Some(lamps);
             self.filtered.push(filtered);
         }
-        Ok(self.renderer.render_lit(slot, camera, &rules)?)
+        Ok((slot, rules))
     }
 
     /// Lamps of a request, with the surface that casts their shadows; none where no lamps shine.

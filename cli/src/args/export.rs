@@ -14,7 +14,9 @@ use std::path::PathBuf;
 /// of Gaussians open; .splat with 32 bytes per Gaussian and a view-independent colour; .spz,
 /// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes.
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter. Mesh: .obj, or .ply
-/// with --mesh, fused from rendered depth maps.
+/// with --mesh, fused from rendered depth maps. Page: .html, one file with the scene and a renderer
+/// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
+/// name ends in a slash.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
@@ -32,13 +34,15 @@ Examples:
   specula export out/chair --env sunset.hdr -o sunset.ply         under another light
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright             photographs, upright
-  specula export out/chair -o chair.obj --voxels 384")]
+  specula export out/chair -o chair.obj --voxels 384
+  specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
+  specula export out/chair -o site/                               for a web server")]
 pub(crate) struct Export {
     /// Model folder or PLY file.
     #[arg(value_name = "MODEL")]
     pub(crate) model: PathBuf,
     /// Output files; the format is that of the extension: .ply, .splat, .spz, .glb, .hdr, .exr,
-    /// .ktx2, .obj.
+    /// .ktx2, .obj, .html; a folder, with a slash at the end, holds a page for a web server.
     #[arg(long, short, value_name = "FILE", num_args = 1.., required = true)]
     pub(crate) output: Vec<PathBuf>,
     /// Colours of a shaded scene in other programs: spherical harmonics, or the diffuse colour.
@@ -57,6 +61,12 @@ pub(crate) struct Export {
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
+    /// Environment maps that a page offers beside the light of the scene: lat-long, .hdr or .exr.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub(crate) page_env: Vec<PathBuf>,
+    /// Store the numbers of a page in full, in five times the space, instead of rounded.
+    #[arg(long)]
+    pub(crate) page_exact: bool,
     /// Write .ply files as meshes.
     #[arg(long)]
     pub(crate) mesh: bool,

@@ -1,5 +1,7 @@
 //! `specula export`: a scene for other programs.
 
+mod page;
+
 use crate::{
     args::{BakeName, Export, MipName, Prefilter, SchemeName, Up},
     commands::prefilter,
@@ -25,7 +27,7 @@ use specula_scene::{
 use std::{
     collections::{BTreeMap, btree_map::Entry},
     fs,
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 /// Largest number of cameras whose pictures are compared.
@@ -42,7 +44,16 @@ const DEGREE: u8 = 3;
 /// Writes the requested files.
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| format_of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
-    refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
+    let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
+    if formats.iter().any(is_page) {
+        page::renderer()?;
+    } else if args.page_exact || !args.page_env.is_empty() {
+        return Err(Failure::Input("--page-env and --page-exact are of pages; write one with -o FILE.html".to_owned()));
+    }
+    refuse_options_without_light(
+        args.env.as_ref().or(args.page_env.first()).map(PathBuf::as_path),
+        (&args.env_options).into(),
+    )?;
     let mut opened = scene::open(&args.model, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
     if let Some(path) = args.output.iter().find(|path| is_of_model(path, &args.model, opened.folder.as_deref())) {
         let path = path.canonicalize().unwrap_or_else(|_| path.clone());
@@ -67,6 +78,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
             ExportFormat::LatLong => exporter.write_map(path)?,
             ExportFormat::PrefilteredLight => exporter.write_prefiltered(path)?,
             ExportFormat::Mesh => exporter.write_mesh(path)?,
+            ExportFormat::Page => exporter.write_page(path, false)?,
+            ExportFormat::PageFolder => exporter.write_page(path, true)?,
             ExportFormat::Gaussians(format) => {
                 let degree = format.degree_max().min(args.sh_degree.unwrap_or(DEGREE));
                 if let Entry::Vacant(entry) = plains.entry(degree) {
@@ -83,7 +96,11 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
-    let expected = ".ply, .splat, .spz or .glb (Gaussians), .hdr, .exr or .ktx2 (light), or .obj (mesh)";
+    let expected = ".ply, .splat, .spz or .glb (Gaussians), .hdr, .exr or .ktx2 (light), .obj (mesh), .html or a \
+                    slash (page)";
+    if path.is_dir() || path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
+        return Ok(ExportFormat::PageFolder);
+    }
     let format = ExportFormat::from_extension(&output::ending(path).unwrap_or_default(), is_mesh);
     Ok(format.ok_or_else(|| Error::Ending { path: path.to_owned(), expected })?)
 }

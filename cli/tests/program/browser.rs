@@ -28,6 +28,15 @@ impl Browser {
     /// The one that `SPECULA_BROWSER` names, or whichever is on the path; none if there is none, or
     /// "none" is named.
     pub(crate) fn start() -> Option<Self> {
+        Self::with(&["--disable-gpu"])
+    }
+
+    /// The same with WebGPU on a software adapter, which not every browser has.
+    pub(crate) fn with_webgpu() -> Option<Self> {
+        Self::with(&["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"])
+    }
+
+    fn with(words: &[&str]) -> Option<Self> {
         let named = std::env::var("SPECULA_BROWSER").ok();
         if named.as_deref() == Some("none") {
             return None;
@@ -35,7 +44,7 @@ impl Browser {
         let name = named.or_else(|| NAMES.into_iter().find(|name| is_there(name)).map(str::to_owned))?;
         let profile = tempfile::tempdir().unwrap();
         let mut command = Command::new(name);
-        command.args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]);
+        command.args(["--headless", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run"]).args(words);
         command.args(["--force-color-profile=srgb", "--remote-debugging-port=0", "about:blank"]);
         command.arg(format!("--user-data-dir={}", profile.path().display()));
         command.env("XDG_RUNTIME_DIR", profile.path()).stdout(Stdio::null()).stderr(Stdio::piped());
@@ -121,6 +130,11 @@ impl Page<'_> {
     /// Shows another address.
     pub(crate) fn go(&self, url: &str) {
         self.call("Page.navigate", json!({"url": url}));
+    }
+
+    /// Runs a script before those of the pages that are shown from now on.
+    pub(crate) fn before_scripts(&self, script: &str) {
+        self.call("Page.addScriptToEvaluateOnNewDocument", json!({"source": script}));
     }
 
     /// Sets the window's size, with a phone's touch screen where `phone` asks for one.

@@ -23,3 +23,4 @@ mod resume;
 mod site;
 mod tiny;
 mod view;
+mod web;

@@ -45,7 +45,7 @@ fn rendered(tiny: &Tiny, model: &Path, words: &[&str], name: &str) -> RgbImage {
 }
 
 /// A light that is bright on one side.
-fn sky(tiny: &Tiny) -> Vec<u8> {
+pub(crate) fn sky(tiny: &Tiny) -> Vec<u8> {
     let path = tiny.path("sky.hdr");
     let rgb = (0..32 * 16).flat_map(|k| if k % 32 < 8 { [8.0, 4.0, 1.0] } else { [0.02; 3] }).collect();
     latlong::write(&path, &LatLong { width: 32, height: 16, rgb }).unwrap();
@@ -553,7 +553,7 @@ const PIXELS: &str = "(() => {
 })()";
 
 /// State of a page that no longer changes.
-fn shown(page: &Page<'_>) -> RgbImage {
+pub(crate) fn shown(page: &Page<'_>) -> RgbImage {
     page.wait(STILL);
     let text = page.eval(PIXELS);
     let (width, height, bytes) = serde_json::from_str(text.as_str().unwrap()).unwrap();
@@ -561,7 +561,7 @@ fn shown(page: &Page<'_>) -> RgbImage {
 }
 
 /// The share of the numbers of two pictures that differ by more than a few steps.
-fn share_that_differs(one: &RgbImage, other: &RgbImage) -> f64 {
+pub(crate) fn share_that_differs(one: &RgbImage, other: &RgbImage) -> f64 {
     assert_eq!(one.dimensions(), other.dimensions(), "the window is the same");
     let differing = one.as_raw().iter().zip(other.as_raw()).filter(|(a, b)| a.abs_diff(**b) > 4).count();
     differing as f64 / one.as_raw().len() as f64
@@ -667,7 +667,7 @@ fn a_light_with_odd_numbers_is_told_of(page: &Page<'_>, odd: &[u8]) {
 }
 
 /// A script that drops a file onto the page.
-fn dropped(file: &[u8], name: &str) -> String {
+pub(crate) fn dropped(file: &[u8], name: &str) -> String {
     format!(
         "(() => {{
           const files = new DataTransfer();

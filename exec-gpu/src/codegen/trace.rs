@@ -163,7 +163,8 @@ fn operand(index: u32, record: &Record) -> String {
 /// Literal of a finite number, which parses to the same bits.
 pub(crate) fn literal(value: f32) -> String {
     debug_assert!(value.is_finite(), "WGSL has no constant for {value}");
-    format!("{value:?}f")
+    // The shortest text of the largest number is beyond it, which browsers refuse.
+    if value.abs() == f32::MAX { format!("{value:.1}f") } else { format!("{value:?}f") }
 }
 
 fn constant(value: f32) -> u32 {

@@ -4,7 +4,7 @@ use crate::device::{
     error::GpuError,
     gpu::Gpu,
     kernels::{Binding, Dispatch, Recorder},
-    memory::{Array, Pool, read, staged, write},
+    memory::{Array, Pool, read, read_later, staged, write},
     timer::{KernelTime, KernelTimer},
 };
 use bytemuck::Pod;
@@ -98,6 +98,21 @@ impl Context {
         let staging = staged(&self.gpu, self.recorder.encoder(&self.gpu), parts);
         self.submit()?;
         read(&self.gpu, &staging, consume)
+    }
+
+    /// Bytes of several ranges, one after the other, once the device has done what is recorded. At
+    /// least one of them is not empty.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::download`].
+    pub(crate) fn read_later(
+        &mut self,
+        parts: &[(&Array, Range<usize>)],
+    ) -> Result<impl Future<Output = Result<Vec<u8>, GpuError>> + use<>, GpuError> {
+        let staging = staged(&self.gpu, self.recorder.encoder(&self.gpu), parts);
+        self.submit()?;
+        Ok(read_later(&self.gpu, staging))
     }
 
     /// Submits the recorded commands.

@@ -20,8 +20,9 @@ use std::{
     sync::{Arc, Mutex},
 };
 use wgpu::{
-    Adapter, AdapterInfo, Device, DeviceDescriptor, DeviceLostReason, DeviceType, ExperimentalFeatures, Features,
-    Limits, MemoryHints, PollType, Queue, Trace,
+    Adapter, AdapterInfo, Backends, Device, DeviceDescriptor, DeviceLostReason, DeviceType, ExperimentalFeatures,
+    Features, Instance, InstanceDescriptor, Limits, MemoryHints, PollType, PowerPreference, Queue,
+    RequestAdapterOptions, Trace,
 };
 
 /// Device of wgpu. A clone is the same device for another executor, with the same compiled kernels.
@@ -71,7 +72,31 @@ impl Gpu {
         Self::of(&adapter)
     }
 
+    /// Opens the adapter that the system prefers, without blocking: in a browser only the event
+    /// loop can wait.
+    ///
+    /// # Errors
+    ///
+    /// [`GpuError::NoAdapter`] if there is none, [`GpuError::TooLimited`] if its limits are below
+    /// WebGPU's defaults, [`GpuError::NoDevice`] if it gives no device.
+    pub async fn request() -> Result<Self, GpuError> {
+        let instance = Instance::new(InstanceDescriptor {
+            backends: Backends::PRIMARY,
+            ..InstanceDescriptor::new_without_display_handle()
+        });
+        let options =
+            RequestAdapterOptions { power_preference: PowerPreference::HighPerformance, ..Default::default() };
+        let adapter = instance.request_adapter(&options).await;
+        let adapter = adapter.map_err(|_| GpuError::NoAdapter { wanted: String::new() })?;
+        refuse_low_limits(&adapter.get_info(), &adapter.limits())?;
+        Self::requested(&adapter).await
+    }
+
     fn of(adapter: &Adapter) -> Result<Self, GpuError> {
+        pollster::block_on(Self::requested(adapter))
+    }
+
+    async fn requested(adapter: &Adapter) -> Result<Self, GpuError> {
         let info = adapter.get_info();
         let limits = wanted_limits(&adapter.limits());
         let descriptor = DeviceDescriptor {
@@ -83,7 +108,7 @@ impl Gpu {
             memory_hints: MemoryHints::Performance,
             trace: Trace::Off,
         };
-        let opened = pollster::block_on(adapter.request_device(&descriptor));
+        let opened = adapter.request_device(&descriptor).await;
         let (device, queue) =
             opened.map_err(|error| GpuError::NoDevice { adapter: info.name.clone(), reason: error.to_string() })?;
         let fault = Arc::new(Mutex::new(None));
@@ -115,13 +140,7 @@ impl Gpu {
     /// [`GpuError::TooLimited`] if its limits are below WebGPU's defaults.
     pub fn shared(device: Device, queue: Queue) -> Result<Self, GpuError> {
         let (info, limits) = (device.adapter_info(), device.limits());
-        let mut lacks = Vec::new();
-        Limits::default().check_limits_with_fail_fn(&limits, false, |name, needed, allowed| {
-            lacks.push(format!("{name}: {allowed} of {needed}"));
-        });
-        if !lacks.is_empty() {
-            return Err(GpuError::TooLimited { adapter: info.name, reason: lacks.join(", ") });
-        }
+        refuse_low_limits(&info, &limits)?;
         Ok(Self::with_fault(device, queue, info, limits, Arc::default()))
     }
 
@@ -166,7 +185,7 @@ impl Gpu {
         self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
-    /// Blocks until all submissions are done.
+    /// Blocks until all submissions are done. In a browser nothing can block, and the work goes on.
     ///
     /// # Errors
     ///
@@ -213,6 +232,22 @@ impl Gpu {
         let device = self.device.clone();
         move || device.destroy()
     }
+}
+
+/// Refuses limits below WebGPU's defaults.
+///
+/// # Errors
+///
+/// [`GpuError::TooLimited`], with every limit that is too low.
+fn refuse_low_limits(info: &AdapterInfo, limits: &Limits) -> Result<(), GpuError> {
+    let mut lacks = Vec::new();
+    Limits::default().check_limits_with_fail_fn(limits, false, |name, needed, allowed| {
+        lacks.push(format!("{name}: {allowed} of {needed}"));
+    });
+    if lacks.is_empty() {
+        return Ok(());
+    }
+    Err(GpuError::TooLimited { adapter: info.name.clone(), reason: lacks.join(", ") })
 }
 
 /// WebGPU's limits, with the adapter's largest arrays.

@@ -2,9 +2,13 @@
 //! device.
 
 use crate::device::{error::GpuError, gpu::Gpu};
-use core::ops::Range;
+use core::{
+    future::poll_fn,
+    ops::Range,
+    task::{Context as TaskContext, Poll, Waker},
+};
 use std::sync::{Arc, Mutex, MutexGuard};
-use wgpu::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
+use wgpu::{Buffer, BufferAsyncError, BufferDescriptor, BufferUsages, CommandEncoder, MapMode};
 
 /// Size classes of buffers in each power of two: arrays of a growing scene reuse buffers.
 const STEPS: u64 = 4;
@@ -159,6 +163,49 @@ pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, parts: &[(&Array, 
         offset += size_of(part);
     }
     staging
+}
+
+/// Bytes of a staging buffer, once the device is done.
+///
+/// # Errors
+///
+/// The error that the device reported, or its loss.
+pub(crate) fn read_later(gpu: &Gpu, staging: Buffer) -> impl Future<Output = Result<Vec<u8>, GpuError>> + use<> {
+    let (gpu, mapped) = (gpu.clone(), Arc::new(Mutex::new(Mapped::default())));
+    let told = mapped.clone();
+    staging.map_async(MapMode::Read, .., move |result| {
+        let waker = told.lock().ok().and_then(|mut mapped| {
+            mapped.result = Some(result);
+            mapped.waker.take()
+        });
+        waker.into_iter().for_each(Waker::wake);
+    });
+    async move {
+        let result = poll_fn(|context| mapped.lock().map_or(Poll::Pending, |mut mapped| mapped.poll(context))).await;
+        gpu.check()?;
+        result.map_err(|error| gpu.cause_of(&error))?;
+        let view = staging.get_mapped_range(..).map_err(|error| gpu.cause_of(&error))?;
+        Ok(view.to_vec())
+    }
+}
+
+/// State of a buffer that is being mapped.
+#[derive(Default)]
+struct Mapped {
+    result: Option<Result<(), BufferAsyncError>>,
+    waker: Option<Waker>,
+}
+
+impl Mapped {
+    fn poll(&mut self, context: &TaskContext<'_>) -> Poll<Result<(), BufferAsyncError>> {
+        match self.result.take() {
+            Some(result) => Poll::Ready(result),
+            None => {
+                self.waker = Some(context.waker().clone());
+                Poll::Pending
+            }
+        }
+    }
 }
 
 /// Passes the bytes of a staging buffer to `consume`. Blocks until the device is done.

@@ -1,6 +1,7 @@
 //! Rendered images and their gradients on the device.
 
 use crate::device::memory::Array;
+use core::ops::Range;
 
 /// Image on the device, plane by plane: the blended channels, then the transmittance.
 #[derive(Debug)]
@@ -18,6 +19,25 @@ pub struct Frame {
     pub(crate) exposed: Option<Array>,
 }
 
+/// Planes of a frame that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameContent {
+    /// Final colours and transmittance.
+    Colors,
+    /// All channels, with the final colours first, and transmittance.
+    Channels,
+}
+
+impl FrameContent {
+    /// Number of planes.
+    pub(crate) fn planes(self, frame: &Frame) -> usize {
+        match self {
+            Self::Colors => 4,
+            Self::Channels => frame.channels + 1,
+        }
+    }
+}
+
 impl Frame {
     /// Width and height, in pixels.
     pub fn size(&self) -> [usize; 2] {
@@ -30,6 +50,15 @@ impl Frame {
     /// Numbers of the frame: those of each channel, and transmittance.
     pub(crate) fn len_of_values(&self) -> usize {
         (self.channels + 1) * self.pixel_count()
+    }
+    /// Arrays that hold the read planes, in their order, with the elements of each.
+    pub(crate) fn parts(&self, content: FrameContent) -> [(&Array, Range<usize>); 2] {
+        let (shown, len) = (3 * self.pixel_count(), self.len_of_values());
+        let first = match content {
+            FrameContent::Colors => len - self.pixel_count(),
+            FrameContent::Channels => shown,
+        };
+        [(self.color(), 0..shown), (&self.blended, first..len)]
     }
     /// Final colour in three planes; other planes may follow.
     pub(crate) fn color(&self) -> &Array {

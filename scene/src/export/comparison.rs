@@ -56,7 +56,25 @@ impl ReferencePictures {
         let camera = |camera: &Camera| placed.map_or(*camera, |upright| upright.camera(camera));
         let cameras: Vec<Camera> = self.cameras.iter().map(camera).collect();
         let scene = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER };
-        let pictures = pictures(scene, &cameras, self.background, &self.options, progress)?;
+        self.compare_from(scene, &cameras, progress)
+    }
+
+    /// Compares the pictures of another scene in the same world.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`ReferencePictures::render`].
+    pub fn compare_scene(&self, scene: Scene, progress: impl FnMut(usize)) -> Result<PictureError, SceneError> {
+        self.compare_from(scene, &self.cameras, progress)
+    }
+
+    fn compare_from(
+        &self,
+        scene: Scene,
+        cameras: &[Camera],
+        progress: impl FnMut(usize),
+    ) -> Result<PictureError, SceneError> {
+        let pictures = pictures(scene, cameras, self.background, &self.options, progress)?;
         let pairs = self.pictures.iter().zip(&pictures);
         let errors: Vec<f64> = pairs.map(|(reference, exported)| mean_squared_error(reference, exported)).collect();
         let views = errors.len();

@@ -1,6 +1,6 @@
 // Entry point: connects camera, controls, stream, light, path and training.
 
-import { Address, initial, token } from "./address.js";
+import { Address, initial } from "./address.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { Handles } from "./handles.js";
@@ -8,39 +8,12 @@ import { Lamps } from "./lamps.js";
 import { Light } from "./light.js";
 import { Materials } from "./materials.js";
 import { Path, save } from "./path.js";
+import { server } from "./server.js";
 import { Stream } from "./stream.js";
 import { Training } from "./training.js";
+import { Turntable } from "./turntable.js";
 
 const element = (id) => document.getElementById(id);
-
-/** HTTP client; a refused request throws an error with the server's message. */
-const server = {
-  token,
-  client: crypto.getRandomValues(new Uint32Array(1))[0] + 1,
-  scene: null,
-
-  async send(path, parameters, options = {}) {
-    const query = new URLSearchParams({ client: this.client, ...parameters });
-    const headers = this.token ? { "x-specula-token": this.token } : {};
-    let response;
-    try {
-      response = await fetch(`${path}?${query}`, { ...options, headers });
-    } catch (error) {
-      if (error.name === "AbortError") throw error;
-      throw new Error("specula does not answer; is it still running?");
-    }
-    if (response.ok) return response;
-    const error = new Error(await response.text());
-    error.isFinal = response.status < 500 && response.status !== 409;
-    throw error;
-  },
-  get(path, parameters, options) {
-    return this.send(path, parameters, options);
-  },
-  post(path, parameters, body) {
-    return this.send(path, parameters, { method: "POST", body });
-  },
-};
 
 /** Longer edge of the picture in which the depth under the pointer is looked up, in pixels. */
 const FOCUS_EDGE = 640;
@@ -55,7 +28,7 @@ const HINTS = {
 /** Duration of an error message, in milliseconds. */
 const MESSAGE_TIME = 8000;
 
-/** Shows a message: errors for a while, those of the stream until the next picture. */
+/** Shows a message: errors for a while, those of the stream until the next picture, fatal ones for good. */
 function notify(text, kind = "error") {
   const message = element("message");
   clearTimeout(notify.timer);
@@ -69,6 +42,8 @@ async function start() {
   server.scene = await (await server.get("scene", {})).json();
   const { scene } = server;
   document.title = `${scene.name} · specula`;
+  element("caption").textContent = scene.caption ?? "";
+  element("about").hidden = !scene.caption;
   element("name").textContent = scene.name;
 
   const canvas = element("picture");
@@ -81,6 +56,7 @@ async function start() {
   const pictureQuery = (size, isStill) => ({ ...query(), ...(isStill ? {} : preview()), ...camera.query(size) });
   const stream = new Stream(canvas, pictureQuery, server);
   stream.onshown = (frame) => {
+    element("still")?.remove();
     handles?.update();
     if (element("message").className === "stream") notify("");
     showStatus(frame, layer);
@@ -135,12 +111,10 @@ async function start() {
   lamps.onselect = () => handles.update();
   const path = new Path(camera, server, query, moved, notify);
   const training = new Training(server, stream, light, notify);
+  const turntable = new Turntable(canvas, camera, moved);
 
-  const panel = element("panel");
   const togglePanel = () => {
-    panel.hidden = !panel.hidden;
-    document.body.classList.toggle("with-panel", !panel.hidden);
-    element("show-panel").setAttribute("aria-expanded", !panel.hidden);
+    showPanel(element("panel").hidden);
     light.alignPanorama();
     handles.update();
   };
@@ -164,7 +138,7 @@ async function start() {
   element("angle").addEventListener("pointerdown", () => camera.remember());
   element("angle").addEventListener("input", () => moved(camera.setAngle(Number(element("angle").value))));
 
-  const keys = { f: toggleMode, r: home, u: undo, n: actions.next, p: actions.previous, h: togglePanel, "?": help };
+  const keys = { f: toggleMode, o: () => turntable.toggle(), r: home, u: undo, n: actions.next, p: actions.previous, h: togglePanel, "?": help };
   Object.assign(keys, { k: () => path.add(), " ": () => path.play(), t: () => training.toggle() });
   Object.assign(keys, { x: () => showLayer("error"), v: toggleFullScreen, i: savePicture, b: () => light.toggleBackdrop() });
   Object.assign(keys, { "[": () => light.set({ turn: light.turn - 5 }), "]": () => light.set({ turn: light.turn + 5 }) });
@@ -185,11 +159,15 @@ async function start() {
   };
   new Controls(canvas, camera, moved, keys, focus);
 
-  // Small screens start without the panel.
-  if (window.matchMedia("(max-width: 640px), (max-height: 480px)").matches) togglePanel();
   new ResizeObserver(() => changed(false)).observe(canvas);
   showLayer(scene.layers.includes(initial.layer) ? initial.layer : "rgb");
   showCamera(camera);
+}
+
+function showPanel(isShown) {
+  element("panel").hidden = !isShown;
+  document.body.classList.toggle("with-panel", isShown);
+  element("show-panel").setAttribute("aria-expanded", isShown);
 }
 
 function toggleFullScreen() {
@@ -252,4 +230,9 @@ function showStatus({ time, render, size, rate, view, psnr, iteration }, layer) 
   element("status").textContent = parts.join(", ");
 }
 
-start().catch((error) => notify(error.message));
+// Small screens start without the panel.
+showPanel(!window.matchMedia("(max-width: 640px), (max-height: 480px)").matches);
+start().catch((error) => {
+  showPanel(false);
+  notify(error.message, "fatal");
+});

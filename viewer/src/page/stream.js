@@ -94,20 +94,16 @@ export class Stream {
       : { format: "jpeg", quality: isDraft ? 92 : this.isSlow ? 45 : 75 };
     const start = performance.now();
     const query = { ...this.query(size, isStill), size: size.join(","), ...encoding };
-    const response = await this.server.get("frame", query, { signal: abort.signal });
-    const blob = await response.blob();
-    const picture = await createImageBitmap(blob);
+    const { picture, bytes, headers, render } = await this.server.picture(query, { signal: abort.signal });
     const time = performance.now() - start;
-    const timing = response.headers.get("server-timing") ?? "";
-    const render = [...timing.matchAll(/dur=([\d.]+)/g)].reduce((sum, [, time]) => sum + Number(time), 0);
-    this.isSlow = blob.size / Math.max(time - render, 1) < FAST_LINK && time - render > FRAME_TIME;
+    this.isSlow = bytes / Math.max(time - render, 1) < FAST_LINK && time - render > FRAME_TIME;
     if (!isStill) this.adapt(time);
     // A change during decoding comes too late to abort the request.
     this.hasDraft = isDraft && !abort.signal.aborted;
     const frame = { isStill, isFinal: isStill && !isDraft, time, render, size: [picture.width, picture.height] };
     this.draw(picture, full);
     picture.close();
-    this.report(response, frame);
+    this.report(headers, frame);
   }
 
   /** Adapts the resolution during movement to the time that the last picture took. */
@@ -142,13 +138,13 @@ export class Stream {
   }
 
   /** Publishes the statistics of a picture that is shown. */
-  report(response, frame) {
+  report(headers, frame) {
     const now = performance.now();
     if (frame.isStill) this.burst = null;
     else this.burst = { since: this.burst?.since ?? now, count: (this.burst?.count ?? -1) + 1, now };
     const span = this.burst ? this.burst.now - this.burst.since : 0;
     frame.rate = span > 300 ? (1000 * this.burst.count) / span : null;
-    for (const name of ["view", "psnr", "iteration"]) frame[name] = response.headers.get(`x-${name}`);
+    for (const name of ["view", "psnr", "iteration"]) frame[name] = headers.get(`x-${name}`);
     this.iteration = frame.iteration;
     this.shown += 1;
     // A change during decoding makes the picture outdated.

@@ -1,0 +1,50 @@
+//! Lights that are opened or dropped: their parameters and bounds.
+
+use crate::{ViewerError, http::HttpError};
+use serde::Deserialize;
+use specula_io::{Input, latlong};
+use specula_scene::light_file::MapUp;
+use std::path::Path;
+
+/// Largest size of a light, in bytes.
+pub(crate) const LIGHT_MAX: usize = 64 << 20;
+/// Largest number of pixels of a light, which take 400 MB decoded.
+const PIXELS_MAX: u64 = 1 << 25;
+
+/// Light that is to be received.
+#[derive(Debug, Deserialize)]
+pub(crate) struct UploadParameters {
+    /// File name.
+    #[serde(default)]
+    pub(crate) name: String,
+    /// Up direction of the map.
+    #[serde(default)]
+    pub(crate) up: MapUp,
+}
+
+impl UploadParameters {
+    /// Extension of the file in lower case, if it is one of a lat-long map.
+    pub(crate) fn extension(&self) -> Result<String, HttpError> {
+        let extension = Path::new(&self.name).extension().and_then(|extension| extension.to_str());
+        let extension = extension.map(str::to_ascii_lowercase).unwrap_or_default();
+        if ["hdr", "exr"].contains(&extension.as_str()) {
+            return Ok(extension);
+        }
+        let name = &self.name;
+        Err(HttpError::bad_request(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")))
+    }
+}
+
+/// Refuses a light, called `name`, with more pixels than are read.
+///
+/// # Errors
+///
+/// A sentence with its size, or the error of its reader.
+pub(crate) fn refuse_large(input: Input<'_>, name: &str) -> Result<(), ViewerError> {
+    let [width, height] = latlong::size(input)?;
+    if u64::from(width) * u64::from(height) <= PIXELS_MAX {
+        return Ok(());
+    }
+    let message = format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most");
+    Err(ViewerError::Request(message))
+}

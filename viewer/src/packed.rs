@@ -1,0 +1,625 @@
+//! Scenes packed for web pages: numbers quantised, in an order that compresses.
+//!
+//! ```text
+//! "specula" 1     magic and version
+//! u32             length of the header
+//! JSON            layout, names, cameras, ranges of quantised numbers
+//! streams         numbers of Gaussians, plane by plane; of lights; of the near field
+//! ```
+//!
+//! The numbers of a stream are stored byte plane by byte plane, the highest first: neighbours are
+//! alike in their high bytes, which compresses them. Quats have length 1, logits are within
+//! ±[`LOGIT_MAX`], and the hierarchy of a near field is built anew by the reader.
+
+mod streams;
+
+use crate::{ViewedScene, ViewerError};
+use serde::{Deserialize, Serialize};
+use specula_core::{
+    antialias::LowPass,
+    camera::Camera,
+    near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
+    scene::{
+        AMBIENT, Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY,
+        QUAT, RadianceActivation, len_of_values,
+    },
+};
+use specula_io::orientation::Orientation;
+use specula_mesh::near_field::rearranged;
+use specula_scene::{Scene, ShadingModel, light_file::MapUp};
+use std::sync::Arc;
+use streams::{Reader, Stream, Writer};
+
+/// First bytes of a packed scene; the last one is the version of the format.
+const MAGIC: [u8; 8] = *b"specula\x01";
+/// Largest size of a logit that is told apart: its sigmoid is within 6e-6 of 0 or 1.
+const LOGIT_MAX: f32 = 12.0;
+/// Steps of means in the median size of a Gaussian, and of deviations of filters in their range.
+const MEAN_STEPS: f64 = 64.0;
+const FILTER_STEPS: f64 = ((1 << 16) - 1) as f64;
+/// Steps of log scales, of components of unit quats, of logits, and of ambient transfer.
+const SCALE_STEP: f64 = 1.0 / 256.0;
+const QUAT_STEP: f64 = 1.0 / 2048.0;
+const LOGIT_STEP: f64 = 1.0 / 32.0;
+const AMBIENT_STEP: f64 = 1.0 / 256.0;
+/// Steps of normal residuals, of constant harmonics, and of others: errors of many of these average
+/// out in a pixel.
+const RESIDUAL_STEP: f64 = 1.0 / 256.0;
+const CONSTANT_STEP: f64 = 1.0 / 256.0;
+const HARMONICS_STEP: f64 = 1.0 / 32.0;
+/// Steps of a near field: of its vertices, in offsets at which rays start; of normals; of the rest.
+const VERTEX_STEP: f64 = 1.0 / 8.0;
+const NORMAL_STEP: f64 = 1.0 / 128.0;
+const ATTRIBUTE_STEP: f64 = 1.0 / 64.0;
+/// First plane of harmonics of shaded Gaussians.
+const SH_START: usize = Layout::shaded(None).sh_start();
+/// Largest number of Gaussians.
+const GAUSSIANS_MAX: usize = 1 << 25;
+/// Largest resolution of a light.
+const RESOLUTION_MAX: usize = 1 << 12;
+
+/// Precision of the numbers of a packed scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PackPrecision {
+    /// Every bit.
+    Exact,
+    /// Steps that are small against what is seen: a 64th of a Gaussian's size for means, about a
+    /// percent for the rest.
+    Quantised,
+}
+
+/// Light beside that of the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedLight {
+    /// Name of its file.
+    pub name: String,
+    /// Up direction by which the file was read.
+    pub up: MapUp,
+    /// Radiance as a cube map.
+    pub cube: Environment<Vec<f32>>,
+}
+
+/// Scene of a web page.
+#[derive(Debug)]
+pub struct PackedScene {
+    /// Scene and its cameras; without photographs.
+    pub viewed: ViewedScene,
+    /// Lights to choose from.
+    pub lights: Vec<PackedLight>,
+    /// Sentence about the scene.
+    pub caption: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    name: String,
+    caption: String,
+    count: usize,
+    layout: PackedLayout,
+    /// Comment that names the shading model.
+    shading: String,
+    background: [f32; 3],
+    orientation: Orientation,
+    held_out: usize,
+    views: Vec<PackedView>,
+    /// Streams of the planes of the Gaussians.
+    planes: Vec<Stream>,
+    light: Option<LightHeader>,
+    lights: Vec<LightHeader>,
+    near_field: Option<NearFieldHeader>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PackedLayout {
+    shaded: bool,
+    sh_degree: Option<u8>,
+    physical: bool,
+    low_pass: String,
+    smoothed: bool,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PackedView {
+    name: String,
+    size: [u32; 2],
+    position: [f32; 3],
+    /// Columns of the rotation from world to camera.
+    rotation: [f32; 9],
+    focal: [f32; 2],
+    principal: [f32; 2],
+    near: f32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct LightHeader {
+    name: String,
+    up: String,
+    resolution: usize,
+    activation: String,
+    stream: Stream,
+}
+
+#[derive(Serialize, Deserialize)]
+struct NearFieldHeader {
+    sizes: [usize; 3],
+    offset: f32,
+    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without streams
+    /// of nodes the hierarchy is built anew.
+    nodes: Option<Stream>,
+    corners: Stream,
+    vertices: Vec<Stream>,
+}
+
+impl PackedScene {
+    /// Bytes of the scene, not compressed.
+    pub fn pack(&self, precision: PackPrecision) -> Vec<u8> {
+        let mut writer = Writer::default();
+        let ViewedScene { name, scene, views, held_out, orientation, background, .. } = &self.viewed;
+        let Scene { gaussians, light, near_field, shading_model, .. } = scene;
+        let is_exact = precision == PackPrecision::Exact;
+        let planes = pack_gaussians(gaussians, is_exact, &mut writer);
+        let light = light.as_ref().map(|cube| pack_light("", MapUp::Scene, cube, is_exact, &mut writer));
+        let lights =
+            self.lights.iter().map(|light| pack_light(&light.name, light.up, &light.cube, is_exact, &mut writer));
+        let lights = lights.collect();
+        let near_field = near_field.as_ref().map(|surface| pack_near_field(surface, is_exact, &mut writer));
+        let header = Header {
+            name: name.clone(),
+            caption: self.caption.clone(),
+            count: gaussians.count,
+            layout: PackedLayout::of(gaussians.layout),
+            shading: shading_model.comment(),
+            background: *background,
+            orientation: *orientation,
+            held_out: *held_out,
+            views: views.iter().map(|(name, camera)| PackedView::of(name, camera)).collect(),
+            planes,
+            light,
+            lights,
+            near_field,
+        };
+        let header = serde_json::to_vec(&header).unwrap_or_default();
+        let len = (header.len() as u32).to_le_bytes();
+        [MAGIC.as_slice(), &len, &header, &writer.bytes].concat()
+    }
+
+    /// Scene of the bytes of [`PackedScene::pack`].
+    ///
+    /// # Errors
+    ///
+    /// A sentence on the first fault.
+    pub fn unpack(bytes: &[u8]) -> Result<Self, ViewerError> {
+        let (header, streams) = split(bytes).ok_or_else(|| damaged("it is no scene of specula, or cut short"))?;
+        let header: Header = serde_json::from_slice(header).map_err(|error| damaged(&error.to_string()))?;
+        let mut reader = Reader { bytes: streams };
+        let scene = header.scene(&mut reader)?;
+        let lights = header.lights.iter().map(|light| {
+            let up = MapUp::try_from(light.up.clone()).map_err(damaged)?;
+            Ok(PackedLight { name: light.name.clone(), up, cube: light.cube(&mut reader)? })
+        });
+        let lights = lights.collect::<Result<Vec<_>, ViewerError>>()?;
+        let near_field = header.near_field.as_ref().map(|near_field| near_field.surface(&mut reader)).transpose()?;
+        if !reader.bytes.is_empty() {
+            return Err(damaged("it is longer than its header says"));
+        }
+        if !header.orientation.is_valid() {
+            return Err(damaged("its orientation is none"));
+        }
+        let views = header.views.iter().map(PackedView::camera).collect::<Result<Vec<_>, _>>()?;
+        let viewed = ViewedScene {
+            name: header.name,
+            scene: Scene { near_field: near_field.map(Arc::new), ..scene },
+            views,
+            held_out: header.held_out,
+            orientation: header.orientation,
+            photographs: None,
+            background: header.background,
+        };
+        Ok(Self { viewed, lights, caption: header.caption })
+    }
+}
+
+fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let rest = bytes.strip_prefix(&MAGIC)?;
+    let (len, rest) = rest.split_first_chunk::<4>()?;
+    rest.split_at_checked(u32::from_le_bytes(*len) as usize)
+}
+
+fn damaged(cause: &str) -> ViewerError {
+    ViewerError::Request(format!("the packed scene cannot be read: {cause}; export it once more"))
+}
+
+impl Header {
+    /// Gaussians and light.
+    fn scene(&self, reader: &mut Reader<'_>) -> Result<Scene, ViewerError> {
+        let layout = self.layout.layout().ok_or_else(|| damaged("its layout is unknown"))?;
+        if self.planes.len() != layout.plane_count() || self.count > GAUSSIANS_MAX {
+            return Err(damaged("its planes are not those of its layout"));
+        }
+        let shading_model = ShadingModel::from_comment(&self.shading);
+        let shading_model = shading_model.ok_or_else(|| damaged("its shading model is unknown"))?;
+        // Each plane takes a byte for each number at least, so that the file bounds the memory.
+        if reader.bytes.len() < self.count * layout.plane_count() {
+            return Err(damaged("it is cut short"));
+        }
+        let mut gaussians =
+            Gaussians { count: self.count, layout, values: vec![0.0; len_of_values(self.count, layout)] };
+        for (plane, stream) in self.planes.iter().enumerate() {
+            let numbers = reader.numbers(stream, self.count).ok_or_else(|| damaged("it is cut short"))?;
+            for (gaussian, number) in numbers.into_iter().enumerate() {
+                gaussians.set(gaussian, plane, [number]);
+            }
+        }
+        let light = self.light.as_ref().map(|light| light.cube(reader)).transpose()?;
+        Ok(Scene { gaussians, light, near_field: None, lamps: None, shading_model })
+    }
+}
+
+/// Step of a plane of Gaussians.
+fn step_of(plane: usize, layout: Layout) -> f64 {
+    let sh_start = layout.sh_start();
+    match plane {
+        LOG_SCALE..QUAT => SCALE_STEP,
+        QUAT..OPACITY => QUAT_STEP,
+        NORMAL_RESIDUAL_1..SH_START if layout.is_shaded() => RESIDUAL_STEP,
+        _ if (sh_start..sh_start + 3).contains(&plane) && plane < layout.sh_end() => CONSTANT_STEP,
+        _ if (sh_start..layout.sh_end()).contains(&plane) => HARMONICS_STEP,
+        _ if layout.physical_planes().is_some_and(|first| plane >= first + AMBIENT) => AMBIENT_STEP,
+        _ => LOGIT_STEP,
+    }
+}
+
+/// Whether a plane holds logits.
+fn is_logit(plane: usize, layout: Layout) -> bool {
+    let is_of_material = |first: usize| (first..first + AMBIENT).contains(&plane);
+    let is_of_shading = (DIFFUSE..NORMAL_RESIDUAL_1).contains(&plane) && layout.is_shaded();
+    plane == OPACITY || is_of_shading || layout.physical_planes().is_some_and(is_of_material)
+}
+
+fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> Vec<Stream> {
+    let layout = gaussians.layout;
+    if is_exact {
+        return (0..layout.plane_count()).map(|plane| writer.exact(gaussians.plane(plane))).collect();
+    }
+    let mut unit = gaussians.clone();
+    for gaussian in 0..gaussians.count {
+        let quat: [f32; 4] = gaussians.get(gaussian, QUAT);
+        let length = quat.iter().map(|x| x * x).sum::<f32>().sqrt() * if quat[0] < 0.0 { -1.0 } else { 1.0 };
+        unit.set(gaussian, QUAT, if length == 0.0 { quat } else { quat.map(|x| x / length) });
+    }
+    let mean_step = median_size(gaussians) / MEAN_STEPS;
+    let pack = |plane: usize| {
+        let bound = if is_logit(plane, layout) { LOGIT_MAX } else { f32::MAX };
+        let numbers: Vec<f32> = unit.plane(plane).map(|x| x.clamp(-bound, bound)).collect();
+        let [least, most] = streams::range(&numbers);
+        let step = match plane {
+            MEAN..LOG_SCALE => mean_step,
+            _ if Some(plane) == layout.filter_plane() => f64::from(most - least) / FILTER_STEPS,
+            _ => step_of(plane, layout),
+        };
+        writer.stepped(&numbers, step, plane < LOG_SCALE)
+    };
+    (0..layout.plane_count()).map(pack).collect()
+}
+
+/// Median of the largest scales of Gaussians, in world units; 0 without any.
+fn median_size(gaussians: &Gaussians<Vec<f32>>) -> f64 {
+    let largest = |index: usize| gaussians.get::<3>(index, LOG_SCALE).into_iter().fold(f32::MIN, f32::max);
+    let mut sizes: Vec<f32> = (0..gaussians.count).map(largest).collect();
+    let middle = sizes.len() / 2;
+    if sizes.is_empty() { 0.0 } else { f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1).exp() }
+}
+
+fn pack_light(name: &str, up: MapUp, cube: &Environment<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> LightHeader {
+    let numbers = cube.values.iter().copied();
+    // Weights of a network are few.
+    let stream = if is_exact || cube.is_network() { writer.exact(numbers) } else { writer.shortened(numbers) };
+    let activation = match cube.activation {
+        RadianceActivation::Identity => "identity",
+        RadianceActivation::Exponential => "exponential",
+        RadianceActivation::Network => "network",
+    };
+    LightHeader {
+        name: name.to_owned(),
+        up: up.name().to_owned(),
+        resolution: cube.resolution,
+        activation: activation.to_owned(),
+        stream,
+    }
+}
+
+impl LightHeader {
+    fn cube(&self, reader: &mut Reader<'_>) -> Result<Environment<Vec<f32>>, ViewerError> {
+        let activation = match self.activation.as_str() {
+            "identity" => RadianceActivation::Identity,
+            "exponential" => RadianceActivation::Exponential,
+            "network" => RadianceActivation::Network,
+            _ => return Err(damaged("its light is of an unknown kind")),
+        };
+        if !self.resolution.is_power_of_two() || self.resolution > RESOLUTION_MAX {
+            return Err(damaged("its light is of no resolution that can be filtered"));
+        }
+        let empty = Environment { resolution: self.resolution, activation, values: Vec::new() };
+        let values = reader.numbers(&self.stream, empty.len_of_values()).ok_or_else(|| damaged("it is cut short"))?;
+        if !values.iter().all(|number| number.is_finite()) {
+            return Err(damaged("its light is not finite"));
+        }
+        Ok(Environment { values, ..empty })
+    }
+}
+
+fn pack_near_field(surface: &NearField<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> NearFieldHeader {
+    let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
+    let nodes = is_exact.then(|| writer.exact(surface.values[..triangles].iter().copied()));
+    let corners: Vec<f32> = surface.values[triangles..vertices]
+        .as_chunks::<TRIANGLE_LEN>()
+        .0
+        .iter()
+        .flat_map(|[a, b, c, _]| [*a, *b, *c])
+        .collect();
+    let corners = writer.whole(&corners);
+    let all = surface.values[vertices..].as_chunks::<VERTEX_LEN>().0;
+    let pack = |number: usize| {
+        let numbers: Vec<f32> = all.iter().map(|vertex| vertex[number]).collect();
+        match number {
+            _ if is_exact => writer.exact(numbers.into_iter()),
+            0..3 => writer.stepped(&numbers, f64::from(surface.offset) * VERTEX_STEP, true),
+            3..VERTEX_BASE => writer.stepped(&numbers, NORMAL_STEP, true),
+            _ => writer.stepped(&numbers, ATTRIBUTE_STEP, true),
+        }
+    };
+    let vertices = (0..VERTEX_LEN).map(pack).collect();
+    NearFieldHeader { sizes: surface.sizes(), offset: surface.offset, nodes, corners, vertices }
+}
+
+impl NearFieldHeader {
+    fn surface(&self, reader: &mut Reader<'_>) -> Result<NearField<Vec<f32>>, ViewerError> {
+        let short = || damaged("it is cut short");
+        let [node_count, triangle_count, vertex_count] = self.sizes;
+        if self.vertices.len() != VERTEX_LEN || self.sizes.iter().any(|size| *size > GAUSSIANS_MAX) {
+            return Err(damaged("its near field has another layout"));
+        }
+        let nodes = match &self.nodes {
+            Some(stream) => Some(reader.numbers(stream, NODE_LEN * node_count).ok_or_else(short)?),
+            None => None,
+        };
+        let corners = reader.numbers(&self.corners, 3 * triangle_count).ok_or_else(short)?;
+        let corners = corners.as_chunks::<3>().0.iter().flat_map(|[a, b, c]| [*a, *b, *c, 0.0]);
+        let corners: Vec<f32> = corners.collect();
+        let columns = self.vertices.iter().map(|stream| reader.numbers(stream, vertex_count).ok_or_else(short));
+        let columns = columns.collect::<Result<Vec<_>, _>>()?;
+        let vertices: Vec<f32> =
+            (0..vertex_count).flat_map(|vertex| columns.iter().map(move |column| column[vertex])).collect();
+        let (sizes, values) = match nodes {
+            Some(nodes) => (self.sizes, [nodes, corners, vertices].concat()),
+            None => ([0, triangle_count, vertex_count], [corners, vertices].concat()),
+        };
+        let surface = NearField::of_sizes(sizes, self.offset, values);
+        let surface = if self.nodes.is_none() { rearranged(&surface) } else { Some(surface) };
+        let surface = surface.ok_or_else(|| damaged("its near field has triangles without vertices"))?;
+        surface.check().map_err(|error| damaged(&error.to_string()))?;
+        Ok(surface)
+    }
+}
+
+impl PackedLayout {
+    fn of(layout: Layout) -> Self {
+        let low_pass = match layout.low_pass {
+            LowPass::Dilated => "dilated",
+            LowPass::Compensated => "compensated",
+            LowPass::Mip => "mip",
+        };
+        Self {
+            shaded: layout.is_shaded(),
+            sh_degree: layout.sh_degree,
+            physical: layout.is_physical,
+            low_pass: low_pass.to_owned(),
+            smoothed: layout.is_smoothed,
+        }
+    }
+
+    fn layout(&self) -> Option<Layout> {
+        let low_pass = match self.low_pass.as_str() {
+            "dilated" => LowPass::Dilated,
+            "compensated" => LowPass::Compensated,
+            "mip" => LowPass::Mip,
+            _ => return None,
+        };
+        Some(Layout {
+            appearance: if self.shaded { Appearance::Shaded } else { Appearance::Radiance },
+            sh_degree: self.sh_degree.filter(|degree| *degree <= 3),
+            is_physical: self.physical,
+            low_pass,
+            is_smoothed: self.smoothed,
+        })
+    }
+}
+
+impl PackedView {
+    fn of(name: &str, camera: &Camera) -> Self {
+        Self {
+            name: name.to_owned(),
+            size: [camera.width, camera.height],
+            position: camera.position.to_array(),
+            rotation: camera.camera_from_world.to_cols_array(),
+            focal: camera.focal_px,
+            principal: camera.principal_px,
+            near: camera.near,
+        }
+    }
+
+    fn camera(&self) -> Result<(String, Camera), ViewerError> {
+        let [width, height] = self.size;
+        let numbers = [self.position.as_slice(), &self.rotation, &self.focal, &self.principal, &[self.near]].concat();
+        if width == 0 || height == 0 || !numbers.iter().all(|number| number.is_finite()) {
+            return Err(damaged("one of its cameras has no size or numbers that are not finite"));
+        }
+        let camera = Camera {
+            camera_from_world: glam::Mat3::from_cols_array(&self.rotation),
+            position: self.position.into(),
+            focal_px: self.focal,
+            principal_px: self.principal,
+            near: self.near,
+            width,
+            height,
+        };
+        Ok((self.name.clone(), camera))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use specula_core::{
+        random::uniform,
+        scene::{ALBEDO, ROUGHNESS},
+    };
+    use specula_io::orientation::UpSource;
+
+    /// Largest error of quantised means of Gaussians of about one unit, of log scales, and of unit
+    /// quats.
+    const NEAR: f32 = 0.02;
+    const NEAR_SCALE: f32 = 2e-3;
+    const NEAR_QUAT: f32 = 3e-4;
+    /// Largest error of a logit, half of a step.
+    const NEAR_LOGIT: f32 = 0.0157;
+
+    fn number(stream: u64, index: usize) -> f32 {
+        uniform(5, stream, index as u64) - 0.5
+    }
+
+    fn gaussians() -> Gaussians<Vec<f32>> {
+        let layout = Layout::shaded(Some(1)).physical().antialiased();
+        let count = 37;
+        let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+        for index in 0..count {
+            for plane in 0..layout.plane_count() {
+                gaussians.set(index, plane, [number(plane as u64, index)]);
+            }
+        }
+        gaussians.set(3, ROUGHNESS, [80.0]);
+        gaussians
+    }
+
+    /// Two triangles in a plane.
+    fn surface() -> NearField<Vec<f32>> {
+        let triangles = [[0.0, 1.0, 2.0, 0.0], [1.0, 3.0, 2.0, 0.0]];
+        let vertex = |index: usize| {
+            let [x, y] = [index % 2, index / 2].map(|k| k as f32);
+            let others = (6..VERTEX_LEN).map(move |k| 0.5 + number(90 + k as u64, index));
+            [x, y, 0.0, 0.0, 0.0, 1.0].into_iter().chain(others)
+        };
+        let values = triangles.as_flattened().iter().copied().chain((0..4).flat_map(vertex)).collect();
+        rearranged(&NearField::of_sizes([0, 2, 4], 0.01, values)).expect("all corners are there")
+    }
+
+    fn scene() -> PackedScene {
+        let cube = |activation| {
+            let values = (0..18 * 8 * 8).map(|index| number(70, index) + 1.0).collect();
+            Environment { resolution: 8, activation, values }
+        };
+        let scene = Scene {
+            gaussians: gaussians(),
+            light: Some(cube(RadianceActivation::Exponential)),
+            near_field: Some(Arc::new(surface())),
+            lamps: None,
+            shading_model: ShadingModel::DEFERRED,
+        };
+        let orientation = Orientation {
+            up: [0.0, 0.0, 1.0],
+            centre: [0.0; 3],
+            distance: 4.0,
+            up_source: UpSource::Upright,
+            cameras: 1,
+            rolled: 0,
+            error_degrees: None,
+        };
+        let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, 40, 30);
+        let viewed = ViewedScene {
+            name: "vase".to_owned(),
+            scene,
+            views: vec![("a view".to_owned(), camera)],
+            held_out: 1,
+            orientation,
+            photographs: None,
+            background: [0.25, 0.5, 1.0],
+        };
+        let light = PackedLight { name: "sky.hdr".to_owned(), up: MapUp::Y, cube: cube(RadianceActivation::Identity) };
+        PackedScene { viewed, lights: vec![light], caption: "a vase".to_owned() }
+    }
+
+    #[test]
+    fn an_exact_scene_comes_back_as_it_was() {
+        let packed = scene();
+        let read = PackedScene::unpack(&packed.pack(PackPrecision::Exact)).unwrap();
+        let (a, b) = (&packed.viewed, &read.viewed);
+        assert_eq!((&a.name, &a.views, a.held_out), (&b.name, &b.views, b.held_out));
+        assert_eq!((a.background, a.orientation), (b.background, b.orientation));
+        let (one, other) = (&a.scene, &b.scene);
+        assert_eq!(one.gaussians.layout, other.gaussians.layout);
+        let planes = 0..one.gaussians.layout.plane_count();
+        assert!(planes.into_iter().all(|plane| one.gaussians.plane(plane).eq(other.gaussians.plane(plane))));
+        assert_eq!((&one.light, &one.near_field), (&other.light, &other.near_field));
+        assert_eq!(one.shading_model, other.shading_model);
+        assert_eq!((&packed.lights, &packed.caption), (&read.lights, &read.caption));
+    }
+
+    #[test]
+    fn a_quantised_scene_is_near_and_small() {
+        let packed = scene();
+        let bytes = packed.pack(PackPrecision::Quantised);
+        assert!(bytes.len() < packed.pack(PackPrecision::Exact).len() * 2 / 3);
+        let read = PackedScene::unpack(&bytes).unwrap().viewed.scene;
+        let (one, other) = (&packed.viewed.scene.gaussians, &read.gaussians);
+        let albedo = one.layout.physical_planes().unwrap() + ALBEDO;
+        for (plane, least) in
+            [(MEAN, NEAR), (LOG_SCALE, NEAR_SCALE), (OPACITY, NEAR_LOGIT), (DIFFUSE, NEAR_LOGIT), (albedo, NEAR_LOGIT)]
+        {
+            let apart = one.plane(plane).zip(other.plane(plane)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart <= least, "plane {plane}: {apart} apart");
+        }
+        assert_eq!(other.get::<1>(3, ROUGHNESS), [LOGIT_MAX], "logits are bounded");
+        for index in 0..one.count {
+            let [a, b]: [[f32; 4]; 2] = [one.get(index, QUAT), other.get(index, QUAT)];
+            let length = a.iter().map(|x| x * x).sum::<f32>().sqrt() * a[0].signum();
+            assert!(a.iter().zip(b).all(|(a, b)| (a / length - b).abs() <= NEAR_QUAT), "{a:?} became {b:?}");
+        }
+        let near_field = read.near_field.unwrap();
+        assert_eq!(near_field.sizes(), surface().sizes());
+    }
+
+    #[test]
+    fn damaged_scenes_end_in_a_sentence() {
+        let bytes = scene().pack(PackPrecision::Quantised);
+        let refused = |bytes: &[u8]| PackedScene::unpack(bytes).unwrap_err().to_string();
+        for len in (0..bytes.len()).step_by(61) {
+            assert!(refused(&bytes[..len]).contains("export it once more"));
+        }
+        assert!(refused(&[bytes.as_slice(), &[0]].concat()).contains("longer"));
+        let header = 12..12 + u32::from_le_bytes(bytes[8..12].try_into().unwrap()) as usize;
+        for (index, step) in header.clone().zip([1, 7, 64, 128].into_iter().cycle()) {
+            let mut damaged = bytes.clone();
+            damaged[index] ^= step;
+            // Some changes are of names alone; none may panic.
+            let _ = PackedScene::unpack(&damaged);
+        }
+        let text = String::from_utf8_lossy(&bytes[header]).into_owned();
+        let [nodes, triangles, vertices] = surface().sizes();
+        let sizes = format!("\"sizes\":[{nodes},{triangles},{vertices}]");
+        for (from, to) in [
+            (sizes.as_str(), "\"sizes\":[1,2,99999999999]"),
+            ("\"count\":37", "\"count\":99999999999"),
+            ("\"count\":37", "\"count\":36"),
+            ("\"resolution\":8", "\"resolution\":4096"),
+            ("\"bits\":", "\"bits\":7"),
+            ("\"size\":[40,30]", "\"size\":[0,30]"),
+        ] {
+            assert!(text.contains(from), "{from} is not in {text}");
+            let header = text.replacen(from, to, 1);
+            let len = (header.len() as u32).to_le_bytes();
+            let rest = &bytes[12 + text.len()..];
+            assert!(!refused(&[MAGIC.as_slice(), &len, header.as_bytes(), rest].concat()).is_empty(), "{to}");
+        }
+    }
+}
