@@ -13,7 +13,7 @@ use measure::{Case, MEBIBYTE, PATIENCE, Reference, StageTime, measure_pictures, 
 use specula_benches::scene::Scene;
 use specula_core::pack::Storage;
 use specula_gpu::{Ceilings, Gpu, GpuError, GpuExecutor, KernelSet};
-use std::time::Instant;
+use std::{process::ExitCode, time::Instant};
 
 /// The easier first.
 const CASES: [Case; 14] = [
@@ -35,7 +35,17 @@ const CASES: [Case; 14] = [
 /// Times of a case: pictures and steps of both executors, and their stages one by one.
 const ROUNDS: f64 = 12.0;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match *arguments {
@@ -118,8 +128,9 @@ impl Bench {
     /// Prints the rows of a case, and remembers its stages.
     fn measure(&mut self, case: &Case) -> Result<(), GpuError> {
         let reference = Reference::new(case);
-        let (in_full, stages_in_full) = measure_pictures(&self.gpu, Storage::F32, &reference)?;
-        let (halves, stages_of_halves) = measure_pictures(&self.gpu, Storage::F16, &reference)?;
+        let kernels = KernelSet::of(&self.gpu);
+        let (in_full, stages_in_full) = measure_pictures(&self.gpu, kernels, Storage::F32, &reference)?;
+        let (halves, stages_of_halves) = measure_pictures(&self.gpu, kernels, Storage::F16, &reference)?;
         let exec = &mut GpuExecutor::new(self.gpu.clone());
         let (step, memory, stages_of_step) = measure_steps(exec, case, &reference)?;
         self.stages.extend([

@@ -16,7 +16,7 @@ use specula_core::{
     state::SceneState,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::{Ceilings, ChunkedArray, Gpu, GpuError, GpuExecutor, Light, Precision};
+use specula_gpu::{Ceilings, ChunkedArray, Gpu, GpuError, GpuExecutor, KernelSet, Light, Precision};
 use specula_train::evaluate::render_view;
 use std::time::Instant;
 
@@ -48,10 +48,12 @@ impl fmt::Display for Case {
 /// Pictures of a viewer, and their stages where kernels can be timed.
 pub(crate) fn measure_pictures(
     gpu: &Gpu,
+    kernels: KernelSet,
     storage: Storage,
     like: &Reference,
 ) -> Result<(Picture, Vec<StageTime>), GpuError> {
     let mut viewer = GpuExecutor::viewer(gpu.clone(), storage);
+    viewer.set_kernels(kernels);
     let stand = Stand::new(&mut viewer, &like.scene)?;
     let picture = stand.measure(&mut viewer, &like.image)?;
     let mut stage_times = StageTimes { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };

@@ -37,6 +37,13 @@ struct Extent {
     iterations: [u32; 2],
 }
 
+impl Extent {
+    /// Whether goals are of this extent.
+    const fn is_full(&self) -> bool {
+        self.iterations[0] == FULL.iterations[0]
+    }
+}
+
 const FULL: Extent = Extent {
     seconds: 460.0,
     tests_share: 0.3,
@@ -185,16 +192,19 @@ impl Travel {
         for case in self.extent.stages {
             let like = Reference::new(case);
             let own = KernelSet::of(&self.gpu);
-            let (_, of_picture) = measure_pictures(&self.gpu, Storage::F32, &like)?;
-            of_picture.iter().for_each(|time| print_stage(case, time, &ceilings, name_of(own)));
             let exec = &mut GpuExecutor::new(self.gpu.clone());
             for kernels in [own].into_iter().chain(KernelSet::ALL.into_iter().filter(|kernels| *kernels != own)) {
                 exec.set_kernels(kernels);
+                let (_, of_picture) = measure_pictures(&self.gpu, kernels, Storage::F32, &like)?;
                 let (step, _, times) = measure_steps(exec, case, &like)?;
                 let step = format!("{:.2} ms", step * 1e3);
                 row("stages", format!("step, {case}, kernels for {}", name_of(kernels)).replace(" | ", ", "), step, "");
                 let is_shown = |time: &&StageTime| kernels == own || VARIED.contains(&time.stage);
-                times.iter().filter(is_shown).for_each(|time| print_stage(case, time, &ceilings, name_of(kernels)));
+                of_picture
+                    .iter()
+                    .chain(&times)
+                    .filter(is_shown)
+                    .for_each(|time| print_stage(case, time, &ceilings, name_of(kernels)));
             }
             self.divisions(case, &like, &ceilings)?;
         }
@@ -226,8 +236,12 @@ impl Travel {
         for (index, case) in self.extent.frames.iter().enumerate() {
             let like = Reference::new(case);
             for (storage, name) in [(Storage::F32, "f32"), (Storage::F16, "f16")] {
-                let (picture, _) = measure_pictures(&self.gpu, storage, &like)?;
-                let goal = if index == 0 { format!(", goal: {:.0}", GOALS[0]) } else { String::new() };
+                let (picture, _) = measure_pictures(&self.gpu, KernelSet::of(&self.gpu), storage, &like)?;
+                let goal = if index == 0 && self.extent.is_full() {
+                    format!(", goal: {:.0}", GOALS[0])
+                } else {
+                    String::new()
+                };
                 row(
                     "frames",
                     format!("{case} shaded Gaussians in {name}").replace(" | ", ", "),
@@ -265,7 +279,7 @@ impl Travel {
         let iterations = (planned as u32).clamp(first, most);
         let trained = self.train(iterations)?;
         let Trained { seconds, psnr, gaussians } = trained;
-        let goal = if most == FULL.iterations[0] {
+        let goal = if self.extent.is_full() {
             format!("; goal: {:.0} s for {most} iterations", GOALS[1])
         } else {
             String::new()

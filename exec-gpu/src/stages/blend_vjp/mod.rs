@@ -63,8 +63,8 @@ pub struct ReplayDivision {
 }
 
 impl ReplayDivision {
-    /// Division of a set of kernels. A software driver has registers to spare, and pays for barriers; 32
-    /// invocations are a subgroup of most hardware.
+    /// Division of a set of kernels. A software driver has registers to spare, and pays for
+    /// barriers; 32 invocations are a subgroup of most hardware.
     pub(crate) fn new(kernels: KernelSet) -> Self {
         let by = match kernels {
             KernelSet::Software => ReplayBy::Pixels(PixelBlock { width: 4, height: 4 }),
@@ -100,6 +100,9 @@ pub struct SplatGrads {
 
 pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
     let (ReplayBy::Pixels(block) | ReplayBy::Splats { block, .. }) = by;
+    if let ReplayBy::Splats { count, .. } = by {
+        assert!(count <= block_count(block), "no two invocations have the same block in a step");
+    }
     let source = Source::new()
         .real()
         .part(camera)
