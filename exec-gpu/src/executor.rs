@@ -7,6 +7,7 @@ use crate::{
         context::Context,
         error::GpuError,
         gpu::Gpu,
+        kernel_set::KernelSet,
         memory::Array,
         timer::{KernelTime, KernelTimer},
     },
@@ -189,8 +190,8 @@ impl GpuExecutor<Storage> {
 
 impl<P> GpuExecutor<P> {
     fn with_precision(gpu: Gpu, precision: P) -> Self {
-        let replay = ReplayDivision::new(&gpu);
         let context = Context::new(gpu);
+        let replay = ReplayDivision::new(context.kernels);
         let counters = StepCounters::new(&context);
         Self {
             context,
@@ -210,6 +211,18 @@ impl<P> GpuExecutor<P> {
     /// The device.
     pub fn gpu(&self) -> &Gpu {
         &self.context.gpu
+    }
+
+    /// Variants of the kernels: those for the device's kind, unless others were set.
+    pub fn kernels(&self) -> KernelSet {
+        self.context.kernels
+    }
+
+    /// Sets the variants of the kernels. Pictures do not depend on them; gradients differ by
+    /// rounding.
+    pub fn set_kernels(&mut self, kernels: KernelSet) {
+        self.context.kernels = kernels;
+        self.replay = ReplayDivision::new(kernels);
     }
 
     /// Bytes of device memory in use, including buffers kept for reuse.

@@ -3,6 +3,7 @@
 use crate::device::{
     error::GpuError,
     gpu::Gpu,
+    kernel_set::KernelSet,
     kernels::{Binding, Dispatch, Recorder},
     memory::{Array, Pool, read, read_later, staged, write},
     timer::{KernelTime, KernelTimer},
@@ -14,13 +15,15 @@ use core::ops::Range;
 #[derive(Debug)]
 pub(crate) struct Context {
     pub(crate) gpu: Gpu,
+    /// Variants of the kernels.
+    pub(crate) kernels: KernelSet,
     pool: Pool,
     pub(crate) recorder: Recorder,
 }
 
 impl Context {
     pub(crate) fn new(gpu: Gpu) -> Self {
-        Self { pool: Pool::default(), gpu, recorder: Recorder::default() }
+        Self { pool: Pool::default(), kernels: KernelSet::of(&gpu), gpu, recorder: Recorder::default() }
     }
 
     /// Allocates `len` elements with arbitrary contents.

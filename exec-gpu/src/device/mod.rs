@@ -10,6 +10,7 @@ pub(crate) mod chunks;
 pub(crate) mod context;
 pub(crate) mod error;
 pub(crate) mod gpu;
+pub(crate) mod kernel_set;
 pub(crate) mod kernels;
 pub(crate) mod memory;
 pub(crate) mod timer;

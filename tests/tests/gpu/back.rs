@@ -18,11 +18,11 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    FrameGrad, GpuExecutor, SplatGrads,
+    FrameGrad, GpuExecutor, KernelSet, SplatGrads,
     stages::{
         blend::formulas::PixelBlock,
         blend_vjp::{
-            ReplayDivision,
+            ReplayBy, ReplayDivision,
             formulas::{MomentsVjp, ReplaySplat, ReplayStart},
         },
         gaussians_vjp::formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp},
@@ -352,19 +352,24 @@ fn gradients_of_splats_are_those_of_the_cpu_and_of_the_plain_pipeline() {
     for (seed, (layout, rules)) in (1..).zip(variants) {
         for (size, count) in [([70, 45], 80), ([17, 16], 33), ([1, 1], 20), ([33, 40], 1), ([20, 20], 0)] {
             let scene = Scene::new(count, layout, rules, size, seed);
-            let (ours, theirs) = (scene.splat_grads(&mut gpu), scene.splat_grads(&mut cpu));
+            let theirs = scene.splat_grads(&mut cpu);
             let exact = exact_splat_grads(&scene);
             let kinds = splat_kinds(scene.channels());
             let difference = |a: &[f32], b: &[f64]| difference(a, b, count, &kinds);
-            let (apart, error, cpu_error) =
-                (difference(&ours, &wide(&theirs)), difference(&ours, &exact), difference(&theirs, &exact));
-            println!("{size:?} {:?}: {apart:.1e} apart; {error:.1e} of f64, CPU {cpu_error:.1e}", rules.channels);
-            assert!(apart <= SAME_SPLAT_GRADIENT, "{size:?}: the executors are {apart:e} apart");
-            assert!(error <= SAME_SPLAT_GRADIENT, "{size:?}: {error:e} from f64");
-            let padding = (count..count.next_multiple_of(BLOCK))
-                .flat_map(|g| (0..kinds.len()).map(move |plane| (g, plane)))
-                .map(|(g, plane)| ours[place(g, kinds.len(), plane)]);
-            assert!(padding.into_iter().all(|x| x == 0.0), "what fills up the last block gets nothing");
+            let cpu_error = difference(&theirs, &exact);
+            for kernels in KernelSet::ALL {
+                gpu.set_kernels(kernels);
+                let ours = scene.splat_grads(&mut gpu);
+                let (apart, error) = (difference(&ours, &wide(&theirs)), difference(&ours, &exact));
+                let what = format!("{kernels:?} {size:?} {:?}", rules.channels);
+                println!("{what}: {apart:.1e} apart; {error:.1e} of f64, CPU {cpu_error:.1e}");
+                assert!(apart <= SAME_SPLAT_GRADIENT, "{what}: the executors are {apart:e} apart");
+                assert!(error <= SAME_SPLAT_GRADIENT, "{what}: {error:e} from f64");
+                let padding = (count..count.next_multiple_of(BLOCK))
+                    .flat_map(|g| (0..kinds.len()).map(move |plane| (g, plane)))
+                    .map(|(g, plane)| ours[place(g, kinds.len(), plane)]);
+                assert!(padding.into_iter().all(|x| x == 0.0), "what fills up the last block gets nothing");
+            }
         }
     }
 }
@@ -376,13 +381,16 @@ fn many_channels_and_deep_tiles_go_back_as_on_the_cpu_however_they_are_divided()
     for channels in [Channels::Color, Channels::Layers] {
         let scene = Scene::new(4000, Layout::shaded(None), rules(ShadingRules::DEFERRED, channels), [70, 45], 3);
         let theirs = wide(&scene.splat_grads(&mut cpu));
-        for [width, height] in [[2, 2], [4, 2], [4, 4]] {
-            let block = PixelBlock { width, height };
-            gpu.set_replay_division(ReplayDivision { block, ..gpu.replay_division() });
+        let block = |width, height| PixelBlock { width, height };
+        let by_pixels = [block(2, 2), block(4, 2), block(4, 4)].map(ReplayBy::Pixels);
+        let by_splats = [(block(4, 1), 32), (block(2, 2), 64), (block(8, 1), 32), (block(2, 1), 64), (block(4, 4), 3)];
+        let by_splats = by_splats.map(|(block, count)| ReplayBy::Splats { block, count });
+        for by in by_pixels.into_iter().chain(by_splats) {
+            gpu.set_replay_division(ReplayDivision { by, ..gpu.replay_division() });
             let ours = scene.splat_grads(&mut gpu);
             let apart = difference(&ours, &theirs, scene.cloud.count, &splat_kinds(scene.channels()));
-            println!("{} channels, {block:?}: {apart:.1e} apart", scene.channels());
-            assert!(apart <= SAME_SPLAT_GRADIENT, "{} channels, {block:?}: {apart:e} apart", scene.channels());
+            println!("{} channels, {by:?}: {apart:.1e} apart", scene.channels());
+            assert!(apart <= SAME_SPLAT_GRADIENT, "{} channels, {by:?}: {apart:e} apart", scene.channels());
         }
     }
 }
@@ -392,16 +400,19 @@ fn gradients_of_splats_are_the_same_bits_in_however_many_turns_and_on_every_exec
     let Some(mut gpu) = executor() else { return };
     let scene =
         Scene::new(500, Layout::shaded(Some(1)), rules(ShadingRules::DEFERRED, Channels::Training), [70, 45], 9);
-    let first = scene.splat_grads(&mut gpu);
-    assert!(scene.splat_grads(&mut gpu) == first, "memory that was used before changes nothing");
-    let parts = gpu.replay_division();
-    for slots_max in [1000, 97, 1 << 30] {
-        gpu.set_replay_division(ReplayDivision { slots_max, ..parts });
-        assert!(scene.splat_grads(&mut gpu) == first, "{slots_max} slots at once change nothing");
+    for kernels in KernelSet::ALL {
+        gpu.set_kernels(kernels);
+        let first = scene.splat_grads(&mut gpu);
+        assert!(scene.splat_grads(&mut gpu) == first, "memory that was used before changes nothing");
+        let parts = gpu.replay_division();
+        for slots_max in [1000, 97, 1 << 30] {
+            gpu.set_replay_division(ReplayDivision { slots_max, ..parts });
+            assert!(scene.splat_grads(&mut gpu) == first, "{kernels:?}: {slots_max} slots at once change nothing");
+        }
+        let mut another = executor().expect("there was one before");
+        another.set_replay_division(ReplayDivision { slots_max: 300, ..parts });
+        assert!(scene.splat_grads(&mut another) == first, "{kernels:?}: a new executor computes the same");
     }
-    let mut another = executor().expect("there was one before");
-    another.set_replay_division(ReplayDivision { slots_max: 300, ..parts });
-    assert!(scene.splat_grads(&mut another) == first, "a new executor computes the same");
 }
 
 const NO_WEIGHTS: LossWeights = LossWeights {

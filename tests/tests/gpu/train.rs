@@ -17,7 +17,7 @@ use specula_core::{
 };
 use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_gpu::{
-    GpuExecutor, SplatGrads,
+    GpuExecutor, KernelSet, SplatGrads,
     stages::blend_vjp::{ReplayDivision, formulas::GEOMETRY},
 };
 use specula_tests::{
@@ -240,14 +240,18 @@ fn compare(settings: &Settings, apart: f64) {
 #[test]
 fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() {
     const STEPS: u32 = 45;
-    let Some(gpu) = executor() else { return };
-    let (first, _) = train(gpu, settings("specula"), STEPS);
-    let mut small = executor().expect("there was one before");
-    let parts = small.replay_division();
-    small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
-    let (again, _) = train(small, settings("specula"), STEPS);
-    assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
-    assert!(first == again, "a second run with capacity for fewer splats at once differs");
+    for kernels in KernelSet::ALL {
+        let Some(mut gpu) = executor() else { return };
+        gpu.set_kernels(kernels);
+        let (first, _) = train(gpu, settings("specula"), STEPS);
+        let mut small = executor().expect("there was one before");
+        small.set_kernels(kernels);
+        let parts = small.replay_division();
+        small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
+        let (again, _) = train(small, settings("specula"), STEPS);
+        assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
+        assert!(first == again, "{kernels:?}: a second run with capacity for fewer splats at once differs");
+    }
 }
 
 /// Training of a number of steps that is interrupted after some of them, and resumes from its

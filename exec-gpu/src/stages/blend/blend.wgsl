@@ -6,7 +6,7 @@
 // Variants: size of the block, number of channels.
 // Early exit: once the transmittance of all its pixels is below TRANSMITTANCE_MIN.
 
-@compute @workgroup_size(INVOCATIONS)
+@compute @workgroup_size(BLOCKS)
 fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
     corner = corner_of(tile.xy, local);
     let range = ranges[tile.y * camera.tiles.x + tile.x];
@@ -15,7 +15,7 @@ fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lo
     for (var k = range.x; k < range.y; k++) {
         let gaussian = gaussians_of[k];
         let splat = splats[gaussian];
-        first_color = gaussian * CHANNEL_VECTORS;
+        read_color(gaussian);
         if blend_splat(splat.root, splat.log2_opacity, point - splat.mean2d) < TRANSMITTANCE_MIN {
             break;
         }

@@ -27,9 +27,14 @@ impl PixelBlock {
 }
 
 /// One number of each channel, in vectors of four of the variable `array`, from index `first` on.
-pub(crate) fn channel_fields(array: &str, first: &str, channels: usize) -> Vec<Field> {
-    let name = |c: usize| format!("{array}[{first} + {}u].{}", c / 4, ["x", "y", "z", "w"][c % 4]);
+pub(crate) fn channel_fields(array: &str, first: usize, channels: usize) -> Vec<Field> {
+    let name = |c: usize| format!("{array}[{}].{}", first + c / 4, ["x", "y", "z", "w"][c % 4]);
     (0..channels).map(|c| variable(&name(c), 1)).collect()
+}
+
+/// Channels of the splat, in the variable `color` of the shader.
+pub(crate) fn color_fields(channels: usize) -> Vec<Field> {
+    channel_fields("color", 0, channels)
 }
 
 /// State of the pixels ([`PixelState`]) in variables of the shader.
@@ -79,15 +84,15 @@ pub struct BlendSplat {
 impl BlendSplat {
     /// State of all pixels, then the channels of one pixel after the other.
     pub(crate) fn accumulators(&self) -> Vec<Field> {
-        let first = |pixel: usize| format!("{}u", pixel * self.channels.div_ceil(4));
-        let sums = (0..self.block.count()).flat_map(|pixel| channel_fields("sums", &first(pixel), self.channels));
+        let first = |pixel: usize| pixel * self.channels.div_ceil(4);
+        let sums = (0..self.block.count()).flat_map(|pixel| channel_fields("sums", first(pixel), self.channels));
         state_fields(self.block).into_iter().chain(sums).collect()
     }
 }
 
 formula!(BlendSplat, |this, inputs| blend_splat(
     root: 3, log2_opacity: 1, delta: 2,
-    ..channel_fields("colors", "first_color", this.channels),
+    ..color_fields(this.channels),
     ..this.accumulators()
 ) -> (..this.accumulators(), largest_transmittance: 1) {
     let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());

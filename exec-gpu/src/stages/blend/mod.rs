@@ -1,15 +1,15 @@
 //! Compositing: the splats of each tile, front to back.
 //!
 //! An invocation composites a rectangle of pixels of a tile, in one traced formula without loops:
-//! one pixel or four on hardware, sixteen on a software driver, where reading a splat costs more
-//! than computing with it.
+//! one pixel on hardware, where the splats of a tile pass through workgroup memory; sixteen on a
+//! software driver, where reading a splat costs more than computing with it.
 
 use crate::{
     codegen::{formula::type_of, source::Source},
     device::{
         context::Context,
         error::GpuError,
-        gpu::Gpu,
+        kernel_set::KernelSet,
         kernels::{
             Binding::{self, Buffer, Uniform},
             Dispatch,
@@ -27,7 +27,6 @@ use crate::{
 use core::iter;
 use formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock};
 use specula_core::{camera::Camera, cutoffs::TRANSMITTANCE_MIN};
-use wgpu::DeviceType;
 
 pub mod formulas;
 
@@ -52,13 +51,20 @@ pub(crate) fn rasteriser(block: PixelBlock, channel_count: usize) -> Source {
         .formula(&BlendStart { block })
         .formula(&BlendEnd { block })
         .with(include_str!("rasteriser.wgsl"))
+        .with(include_str!("color.wgsl"))
 }
 
-pub(crate) fn source(block: PixelBlock, channel_count: usize) -> String {
-    rasteriser(block, channel_count)
-        .formula(&BlendSplat { block, channels: channel_count })
-        .with(include_str!("blend.wgsl"))
-        .text()
+/// Splats of a batch in workgroup memory: 8 KiB with 24 channels.
+const BATCH: usize = 64;
+
+pub(crate) fn source(kernels: KernelSet, channel_count: usize) -> String {
+    let block = block_of(kernels);
+    let source = rasteriser(block, channel_count).formula(&BlendSplat { block, channels: channel_count });
+    let source = match kernels {
+        KernelSet::Software => source.with(include_str!("blend.wgsl")),
+        KernelSet::Hardware => source.count("BATCH", BATCH).with(include_str!("staged.wgsl")),
+    };
+    source.text()
 }
 
 /// Composites the splats of all tiles.
@@ -73,12 +79,11 @@ pub(crate) fn blend(
     tiles: &Tiles,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
-    let block = block_of(&context.gpu);
-    let channels = colors.channels;
+    let (kernels, channels) = (context.kernels, colors.channels);
     let kernel = Kernel {
-        key: &format!("{channels} channels, {block:?}"),
+        key: &format!("{channels} channels, {kernels:?}"),
         entry: "blend",
-        source: &|| source(block, channels),
+        source: &|| source(kernels, channels),
         others: &[],
     };
     rasterise(context, splats, colors, tiles, camera, &kernel)
@@ -120,12 +125,12 @@ pub(crate) fn rasterise(
     Ok(Frame { size, channels, blended, reflections: None, direct: None, shaded: None, exposed: None })
 }
 
-/// Pixels of an invocation. Hardware hides the latency of reading a splat behind other invocations;
-/// a software driver amortises it over many pixels.
-fn block_of(gpu: &Gpu) -> PixelBlock {
-    match gpu.info().device_type {
-        DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
-        _ => PixelBlock { width: 1, height: 1 },
+/// Pixels of an invocation. Hardware reads a splat once for all pixels of a tile; a software driver
+/// amortises each read over many pixels.
+fn block_of(kernels: KernelSet) -> PixelBlock {
+    match kernels {
+        KernelSet::Software => PixelBlock { width: 4, height: 4 },
+        KernelSet::Hardware => PixelBlock { width: 1, height: 1 },
     }
 }
 

@@ -1,14 +1,14 @@
-// Declarations: assignment of the pixels of a tile to invocations, a small rectangle each.
+// Declarations: division of the pixels of a tile into blocks, small rectangles.
 
-const INVOCATIONS: u32 = TILE_EDGE * TILE_EDGE / (BLOCK_WIDTH * BLOCK_HEIGHT);
-const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
 const BLOCK_PIXELS: u32 = BLOCK_WIDTH * BLOCK_HEIGHT;
+const BLOCKS: u32 = TILE_EDGE * TILE_EDGE / BLOCK_PIXELS;
+const BLOCKS_ACROSS: u32 = TILE_EDGE / BLOCK_WIDTH;
 
-// Upper left pixel of the invocation.
+// Upper left pixel of the block.
 var<private> corner: vec2u;
 
-fn corner_of(tile: vec2u, local: u32) -> vec2u {
-    return tile * TILE_EDGE + vec2u(local % BLOCKS_ACROSS * BLOCK_WIDTH, local / BLOCKS_ACROSS * BLOCK_HEIGHT);
+fn corner_of(tile: vec2u, block: u32) -> vec2u {
+    return tile * TILE_EDGE + vec2u(block % BLOCKS_ACROSS * BLOCK_WIDTH, block / BLOCKS_ACROSS * BLOCK_HEIGHT);
 }
 
 fn pixel_at(number: u32) -> vec2u {

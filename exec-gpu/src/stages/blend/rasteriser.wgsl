@@ -10,7 +10,6 @@
 var<private> transmittance: Pixels;
 var<private> final_transmittance: Pixels;
 var<private> sums: array<vec4f, BLOCK_PIXELS * CHANNEL_VECTORS>;
-var<private> first_color: u32;
 
 fn store_pixel(pixel: u32, value: f32) {
     if !is_inside(pixel) {

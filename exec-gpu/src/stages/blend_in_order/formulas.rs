@@ -2,7 +2,7 @@
 
 use crate::{
     codegen::formula::formula,
-    stages::blend::formulas::{BlendSplat, PixelBlock, channel_fields},
+    stages::blend::formulas::{BlendSplat, PixelBlock, color_fields},
 };
 use specula_core::{
     blend::{PixelState, alpha, falloff, step},
@@ -48,7 +48,7 @@ impl BlendAlpha {
 
 formula!(BlendAlpha, |this, inputs| blend_alpha(
     alpha: 1,
-    ..channel_fields("colors", "first_color", this.channels),
+    ..color_fields(this.channels),
     ..this.pixel().accumulators()
 ) -> (..this.pixel().accumulators()) {
     let alpha = inputs.number();

@@ -27,6 +27,6 @@ fn hit_at(position: u32, point: vec2f) -> Hit {
 }
 
 fn blend_hit(hit: Hit) {
-    first_color = hit.gaussian * CHANNEL_VECTORS;
+    read_color(hit.gaussian);
     blend_alpha(hit.alpha);
 }

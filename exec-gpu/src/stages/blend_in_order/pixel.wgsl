@@ -11,7 +11,7 @@ fn is_behind(hit: Hit, other: Hit) -> bool {
     return hit.depth > other.depth || (hit.depth == other.depth && hit.position > other.position);
 }
 
-@compute @workgroup_size(INVOCATIONS)
+@compute @workgroup_size(BLOCKS)
 fn blend_pixel(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
     corner = corner_of(tile.xy, local);
     let range = ranges[tile.y * camera.tiles.x + tile.x];

@@ -6,7 +6,7 @@
 // Variants: number of channels, size of the window.
 // Early exit: once the transmittance of the pixel is below TRANSMITTANCE_MIN.
 
-@compute @workgroup_size(INVOCATIONS)
+@compute @workgroup_size(BLOCKS)
 fn blend_window(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
     corner = corner_of(tile.xy, local);
     let range = ranges[tile.y * camera.tiles.x + tile.x];

@@ -2,7 +2,7 @@
 
 use crate::{
     codegen::formula::{Field, call, formula, variable},
-    stages::blend::formulas::{PixelBlock, channel_fields},
+    stages::blend::formulas::{PixelBlock, channel_fields, color_fields},
 };
 use specula_core::{
     blend::{OffsetMoments, Replay, falloff, moments_vjp, step_vjp},
@@ -18,8 +18,8 @@ pub const MOMENTS: usize = 6;
 
 /// Gradients of the channels in each pixel of an invocation, constant while splats are replayed.
 fn pixel_grad_fields(block: PixelBlock, channels: usize) -> impl Iterator<Item = Field> {
-    let first = move |pixel: usize| format!("{}u", pixel * channels.div_ceil(4));
-    (0..block.count()).flat_map(move |pixel| channel_fields("pixel_grads", &first(pixel), channels))
+    let first = move |pixel: usize| pixel * channels.div_ceil(4);
+    (0..block.count()).flat_map(move |pixel| channel_fields("pixel_grads", first(pixel), channels))
 }
 
 /// State of the pixels while splats are replayed ([`Replay`]), in variables of the shader.
@@ -73,7 +73,7 @@ pub struct ReplaySplat {
 formula!(ReplaySplat, |this, inputs| replay_splat(
     root: 3, log2_opacity: 1, delta: 2,
     ..state_fields(this.block),
-    ..channel_fields("colors", "first_color", this.channels),
+    ..color_fields(this.channels),
     ..pixel_grad_fields(this.block, this.channels)
 ) -> (
     ..state_fields(this.block), ..[call("store_sum", MOMENTS + this.channels)], weight: 1, transmittance_sum: 1

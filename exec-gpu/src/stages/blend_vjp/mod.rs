@@ -10,7 +10,7 @@ use crate::{
         chunks::{Chunk, ChunkedArray, Chunking},
         context::Context,
         error::GpuError,
-        gpu::Gpu,
+        kernel_set::KernelSet,
         kernels::{
             Binding::{Buffer, Uniform},
             Dispatch,
@@ -29,41 +29,65 @@ use crate::{
 use core::ops::Range;
 use formulas::{GEOMETRY, MOMENTS, MomentsVjp, ReplaySplat, ReplayStart};
 use specula_core::{bin::TILE_SIZE, camera::Camera, scene::BLOCK};
-use wgpu::DeviceType;
 
 pub mod formulas;
 
-/// Numbers of workgroup memory that sums may take, by the limits of WebGPU.
-const SUMS_MAX: usize = (16 * 1024 - 64) / 4;
+/// Numbers of workgroup memory, by the limits of WebGPU; a few words are left for counters.
+const WORKGROUP_NUMBERS: usize = (16 * 1024 - 64) / 4;
+
+/// Invocations of the replay: what each of them owns. Results differ by rounding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplayBy {
+    /// Blocks of pixels, over which the splats of a tile pass. The sums of each splat are added up
+    /// in workgroup memory. Larger blocks need fewer sums, but more registers.
+    Pixels(PixelBlock),
+    /// Splats, over which the blocks of a tile's pixels pass. Nothing is added up, but every step
+    /// ends with a barrier; larger blocks need fewer, but more registers.
+    Splats {
+        /// Pixels of a step.
+        block: PixelBlock,
+        /// Invocations of a workgroup, at most as many as a tile has blocks. More of them are idle
+        /// in tiles of few splats.
+        count: usize,
+    },
+}
 
 /// Division of the replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayDivision {
-    /// Pixels of an invocation. Larger blocks need fewer sums in workgroup memory, but more
-    /// registers.
-    pub block: PixelBlock,
+    /// Invocations.
+    pub by: ReplayBy,
     /// Largest number of slots that are kept at once, if an array holds as many. Results do not
     /// depend on it.
     pub slots_max: usize,
 }
 
 impl ReplayDivision {
-    /// Fastest division: a software driver has registers to spare, compared with the cost of its
-    /// memory.
-    pub(crate) fn new(gpu: &Gpu) -> Self {
-        let block = match gpu.info().device_type {
-            DeviceType::Cpu => PixelBlock { width: 4, height: 4 },
-            _ => PixelBlock { width: 2, height: 2 },
+    /// Division of a set of kernels. A software driver has registers to spare, and pays for
+    /// barriers; 32 invocations are a subgroup of most hardware.
+    pub(crate) fn new(kernels: KernelSet) -> Self {
+        let by = match kernels {
+            KernelSet::Software => ReplayBy::Pixels(PixelBlock { width: 4, height: 4 }),
+            KernelSet::Hardware => ReplayBy::Splats { block: PixelBlock { width: 4, height: 1 }, count: 32 },
         };
-        Self { block, slots_max: usize::MAX }
+        Self { by, slots_max: usize::MAX }
     }
+}
+
+/// Blocks of a tile.
+fn block_count(block: PixelBlock) -> usize {
+    (TILE_SIZE * TILE_SIZE) as usize / block.count()
 }
 
 /// Splats whose sums are in workgroup memory at once; each has a bit of a word, and one bit is
 /// reserved.
 fn splats_at_once(block: PixelBlock, channels: usize) -> usize {
-    let invocations = (TILE_SIZE * TILE_SIZE) as usize / block.count();
-    (SUMS_MAX / ((MOMENTS + channels) * (invocations + 1))).min(31)
+    (WORKGROUP_NUMBERS / ((MOMENTS + channels) * (block_count(block) + 1))).min(31)
+}
+
+/// Whether the gradients of a tile's pixels are in workgroup memory, beside their states.
+fn keeps_grads(block: PixelBlock, channels: usize) -> bool {
+    (channels.next_multiple_of(4) + 2) * block.count() * block_count(block) <= WORKGROUP_NUMBERS
 }
 
 /// Gradients of splats and their channels, in the block layout of Gaussians: [`GEOMETRY`] planes,
@@ -74,19 +98,32 @@ pub struct SplatGrads {
     pub(crate) values: ChunkedArray,
 }
 
-pub(crate) fn replay_source(block: PixelBlock, channel_count: usize) -> String {
-    Source::new()
+pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
+    let (ReplayBy::Pixels(block) | ReplayBy::Splats { block, .. }) = by;
+    if let ReplayBy::Splats { count, .. } = by {
+        assert!(count <= block_count(block), "no two invocations have the same block in a step");
+    }
+    let source = Source::new()
         .real()
         .part(camera)
         .part(splat)
         .part(|source| channels(source, channel_count))
         .count("SLOT", MOMENTS + channel_count)
-        .count("SPLATS_AT_ONCE", splats_at_once(block, channel_count))
         .part(|source| pixels(source, block))
+        .with(include_str!("replay.wgsl"))
+        .with(include_str!("../blend/color.wgsl"))
         .formula(&ReplayStart { block, channels: channel_count })
-        .formula(&ReplaySplat { block, channels: channel_count })
-        .with(include_str!("blend_vjp.wgsl"))
-        .text()
+        .formula(&ReplaySplat { block, channels: channel_count });
+    let source = match by {
+        ReplayBy::Pixels(_) => {
+            source.count("SPLATS_AT_ONCE", splats_at_once(block, channel_count)).with(include_str!("by_pixels.wgsl"))
+        }
+        ReplayBy::Splats { count, .. } => source
+            .count("SPLATS", count)
+            .flag("KEEPS_GRADS", keeps_grads(block, channel_count))
+            .with(include_str!("by_splats.wgsl")),
+    };
+    source.text()
 }
 
 pub(crate) fn slot_source(channel_count: usize) -> String {
@@ -118,7 +155,7 @@ pub(crate) fn blend_vjp(
     let slots_at_once = division.slots_max.max(1).min((context.gpu.binding_max() / 4) as usize / slot);
     let slots = context.allocate("gradients of splats in tiles", tiles.count_max.min(slots_at_once) * slot)?;
     let view = CameraUniform::new(camera, splats.count);
-    let replay = Replay { block: division.block, splats, colors, tiles, frame, grad, slots, sums, view };
+    let replay = Replay { by: division.by, splats, colors, tiles, frame, grad, slots, sums, view };
     // At least one batch, so that all sums are written.
     for first in (0..tiles.count_max.max(1)).step_by(slots_at_once) {
         replay.run_batch(context, [first, (first + slots_at_once).min(tiles.count_max)])?;
@@ -129,7 +166,7 @@ pub(crate) fn blend_vjp(
 
 /// Inputs and outputs of the replay.
 struct Replay<'a> {
-    block: PixelBlock,
+    by: ReplayBy,
     splats: &'a Splats,
     colors: &'a Colors,
     tiles: &'a Tiles,
@@ -157,12 +194,12 @@ impl Replay<'_> {
             Buffer(&self.grad.values),
             Buffer(&self.slots),
         ];
-        let block = self.block;
-        let key = format!("{channels} channels, {block:?}");
+        let by = self.by;
+        let key = format!("{channels} channels, {by:?}");
         context.dispatch(
             &key,
             "blend_vjp",
-            &|| replay_source(block, channels),
+            &|| replay_source(by, channels),
             &bindings,
             Dispatch::Grid(self.view.tiles()),
         )?;

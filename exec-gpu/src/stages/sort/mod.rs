@@ -1,14 +1,18 @@
 //! Exclusive prefix sums and stable radix sort.
 //!
-//! The sort is stable: four bits a pass, with ranks from each thread's own counters. Gaussians are
-//! sorted by depth and then by tile, so equal depths keep the order of the Gaussians and pictures
-//! are reproducible to the last bit. Bits that all depths share are skipped.
+//! The sort is stable: eight bits a pass on hardware, where the invocations of a workgroup rank
+//! their digits together, and four on a software driver, with ranks from each invocation's own
+//! counters. Gaussians are sorted by depth and then by tile, so equal depths keep the order of the
+//! Gaussians and pictures are reproducible to the last bit. Bits that all depths share are skipped,
+//! and tiles have as many bits as their number needs. One sort by both in a key would move the
+//! pairs, of which there are several for each Gaussian, by the bits of depth too.
 
 use crate::{
-    codegen::source::Source,
+    codegen::source::{Source, WORKGROUP_SIZE},
     device::{
         context::Context,
         error::GpuError,
+        kernel_set::KernelSet,
         kernels::{
             Binding::{Buffer, Uniform},
             Dispatch,
@@ -24,8 +28,30 @@ const SCAN_BLOCK: usize = 4096;
 pub(crate) const COLUMN: usize = 64;
 /// Invocations of a workgroup that sorts: their counters take a quarter of its memory.
 const SORT_GROUP: usize = 64;
-/// Bits of a key that one pass sorts by.
-const DIGIT_BITS: u32 = 4;
+/// Elements of each invocation of a workgroup that sorts in rows.
+const ROWS: usize = 8;
+
+/// Division of a sort into passes, and of a pass into workgroups.
+#[derive(Clone, Copy, Debug)]
+struct SortDivision {
+    /// Bits of a key that one pass sorts by.
+    digit_bits: u32,
+    /// Consecutive elements whose digits are counted together.
+    column: usize,
+    /// Such columns of a workgroup.
+    columns_of_group: usize,
+}
+
+impl SortDivision {
+    const fn new(kernels: KernelSet) -> Self {
+        match kernels {
+            KernelSet::Software => Self { digit_bits: 4, column: COLUMN, columns_of_group: SORT_GROUP },
+            KernelSet::Hardware => {
+                Self { digit_bits: WORKGROUP_SIZE.ilog2(), column: ROWS * WORKGROUP_SIZE as usize, columns_of_group: 1 }
+            }
+        }
+    }
+}
 
 /// Appends the number of elements that one invocation processes in turn.
 pub(crate) fn column(source: Source) -> Source {
@@ -40,14 +66,17 @@ pub(crate) fn iota_source() -> String {
     Source::new().with(include_str!("iota.wgsl")).text()
 }
 
-pub(crate) fn sort_source() -> String {
-    Source::new()
-        .part(column)
-        .count("SORT_GROUP", SORT_GROUP)
-        .count("DIGIT_BITS", DIGIT_BITS as usize)
-        .part(step_counters)
-        .with(include_str!("sort.wgsl"))
-        .text()
+pub(crate) fn sort_source(kernels: KernelSet) -> String {
+    let source = Source::new().part(step_counters).with(include_str!("sort_pass.wgsl"));
+    let source = match kernels {
+        KernelSet::Software => source
+            .part(column)
+            .count("SORT_GROUP", SORT_GROUP)
+            .count("DIGIT_BITS", SortDivision::new(kernels).digit_bits as usize)
+            .with(include_str!("narrow.wgsl")),
+        KernelSet::Hardware => source.count("ROWS", ROWS).with(include_str!("wide.wgsl")),
+    };
+    source.text()
 }
 
 /// Replaces each of `len` numbers by the sum of the numbers before it.
@@ -113,12 +142,15 @@ pub(crate) fn sort(
         Len::Known(len) => (len, false),
         Len::Counted(most) => (most, true),
     };
-    let columns = len.div_ceil(COLUMN);
-    let groups = Dispatch::Workgroups(columns.div_ceil(SORT_GROUP));
-    let starts = context.allocate("digits", columns << DIGIT_BITS)?;
+    let kernels = context.kernels;
+    let SortDivision { digit_bits, column, columns_of_group } = SortDivision::new(kernels);
+    let columns = len.div_ceil(column);
+    let groups = Dispatch::Workgroups(columns.div_ceil(columns_of_group));
+    let starts = context.allocate("digits", columns << digit_bits)?;
+    let (key, source) = (format!("sort {kernels:?}"), || sort_source(kernels));
     let mut other = Pairs { keys: context.allocate("keys", len)?, items: context.allocate("items", len)? };
-    for shift in (0..bits).step_by(DIGIT_BITS as usize) {
-        let mask = (1 << DIGIT_BITS.min(bits - shift)) - 1;
+    for shift in (0..bits).step_by(digit_bits as usize) {
+        let mask = (1 << digit_bits.min(bits - shift)) - 1;
         let settings = [len as u32, columns as u32, shift, mask, u32::from(is_counted)];
         let bindings = [
             Uniform(bytemuck::cast_slice(&settings)),
@@ -129,9 +161,9 @@ pub(crate) fn sort(
             Buffer(&other.items),
             Buffer(counters.array()),
         ];
-        context.dispatch("sort", "count_digits", &sort_source, &bindings, groups)?;
-        scan(context, &starts, columns << DIGIT_BITS)?;
-        context.dispatch("sort", "move_elements", &sort_source, &bindings, groups)?;
+        context.dispatch(&key, "count_digits", &source, &bindings, groups)?;
+        scan(context, &starts, columns << digit_bits)?;
+        context.dispatch(&key, "move_elements", &source, &bindings, groups)?;
         (pairs, other) = (other, pairs);
     }
     Ok(pairs)
@@ -140,7 +172,6 @@ pub(crate) fn sort(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codegen::source::WORKGROUP_SIZE;
     use specula_core::random;
 
     fn random_numbers(len: usize, bits: u32) -> Vec<u32> {
@@ -178,15 +209,18 @@ mod tests {
     #[test]
     fn pairs_are_sorted_and_equal_keys_stay_in_their_order() {
         let Some(mut context) = Context::for_tests() else { return };
-        for bits in [1, 5, 12, 13, 24, 30, 32] {
-            for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
-                sorts_as_the_host(&mut context, &random_numbers(len, bits), bits);
-                sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
+        for kernels in KernelSet::ALL {
+            context.kernels = kernels;
+            for bits in [1, 5, 12, 13, 24, 30, 32] {
+                for len in [0, 1, COLUMN, COLUMN + 1, COLUMN * SORT_GROUP, 5000, 100_000] {
+                    sorts_as_the_host(&mut context, &random_numbers(len, bits), bits);
+                    sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
+                }
             }
+            // Bits above those that are sorted by change nothing but go along.
+            let keys: Vec<u32> = random_numbers(5000, 32);
+            sorts_as_the_host(&mut context, &keys, 9);
         }
-        // Bits above those that are sorted by change nothing but go along.
-        let keys: Vec<u32> = random_numbers(5000, 32);
-        sorts_as_the_host(&mut context, &keys, 9);
     }
 
     fn sorts_as_the_host(context: &mut Context, keys: &[u32], bits: u32) {

@@ -1,4 +1,4 @@
-// Stable radix sort of pairs, one pass of DIGIT_BITS bits.
+// Stable radix sort of pairs, one pass of DIGIT_BITS bits, without barriers.
 //
 // Threads: one invocation a column of COLUMN consecutive elements, so that no invocation waits for
 // another; ranks follow from sums over the columns before.
@@ -8,33 +8,11 @@
 
 const DIGITS: u32 = 1u << DIGIT_BITS;
 
-struct SortPass {
-    // Elements, at most.
-    count: u32,
-    columns: u32,
-    shift: u32,
-    mask: u32,
-    // Whether the number of elements is read from the step counters.
-    is_counted: u32,
-}
-
-@group(0) @binding(0) var<uniform> pass_: SortPass;
-@group(0) @binding(1) var<storage, read> keys: array<u32>;
-@group(0) @binding(2) var<storage, read> items: array<u32>;
-@group(0) @binding(3) var<storage, read_write> starts: array<u32>;
-@group(0) @binding(4) var<storage, read_write> sorted_keys: array<u32>;
-@group(0) @binding(5) var<storage, read_write> sorted_items: array<u32>;
-@group(0) @binding(6) var<storage, read> counters: array<u32>;
-
 // Counters of each digit, one for each invocation.
 var<workgroup> digit_counters: array<u32, DIGITS * SORT_GROUP>;
 
-fn element_count() -> u32 {
-    return select(pass_.count, counters[STORED_PAIRS], pass_.is_counted != 0u);
-}
-
 fn counter_of(key: u32, local: u32) -> u32 {
-    return ((key >> pass_.shift) & pass_.mask) * SORT_GROUP + local;
+    return digit_of(key) * SORT_GROUP + local;
 }
 
 // Counts the digits of each column: digit after digit, column after column.

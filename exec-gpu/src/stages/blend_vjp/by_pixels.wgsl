@@ -1,4 +1,4 @@
-// Gradient of the tile rasteriser: replays the splats of each tile, front to back.
+// Gradient of the tile rasteriser, pixel by pixel: replays the splats of each tile, front to back.
 //
 // Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
 // Memory: invocations store the sums over their pixels of SPLATS_AT_ONCE splats in workgroup
@@ -6,6 +6,7 @@
 // Variants: size of the block, number of channels.
 // Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
 
+const INVOCATIONS: u32 = BLOCKS;
 // A row of sums has one number more than invocations, so that rows begin in different banks of the
 // memory.
 const ROW: u32 = INVOCATIONS + 1u;
@@ -13,60 +14,15 @@ const ROW: u32 = INVOCATIONS + 1u;
 // splats.
 const IS_ACTIVE: u32 = 1u << 31u;
 
-// Emissions that have a slot.
-struct Batch {
-    first: u32,
-    end: u32,
-}
-
-@group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> batch: Batch;
-@group(0) @binding(2) var<storage, read> splats: array<Splat>;
-@group(0) @binding(3) var<storage, read> colors: array<vec4f>;
-@group(0) @binding(4) var<storage, read> ranges: array<vec2u>;
-@group(0) @binding(5) var<storage, read> gaussians_of: array<u32>;
-@group(0) @binding(6) var<storage, read> emissions_of: array<u32>;
-@group(0) @binding(7) var<storage, read> frame: array<f32>;
-@group(0) @binding(8) var<storage, read> frame_grad: array<f32>;
-@group(0) @binding(9) var<storage, read_write> slots: array<f32>;
-
 var<workgroup> sums: array<f32, SPLATS_AT_ONCE * SLOT * ROW>;
 var<workgroup> contributions: array<atomic<u32>, 2>;
 var<workgroup> is_over: u32;
 
-var<private> pixel_grads: array<vec4f, BLOCK_WIDTH * BLOCK_HEIGHT * CHANNEL_VECTORS>;
-var<private> transmittance: Pixels;
-var<private> remaining: Pixels;
-var<private> first_color: u32;
+// First of the sums that the invocation stores next.
 var<private> first_sum: u32;
-
-// Index in an image of a number of a pixel; `number` enumerates the numbers of one pixel after the
-// other.
-fn index_of(number: u32) -> u32 {
-    let pixel = pixel_at(number / (CHANNELS + 1u));
-    return number % (CHANNELS + 1u) * camera.size.x * camera.size.y + pixel.y * camera.size.x + pixel.x;
-}
-
-fn blended(number: u32) -> f32 {
-    if is_inside(number / (CHANNELS + 1u)) {
-        return frame[index_of(number)];
-    }
-    return 0.0;
-}
-
-fn grad_of_blended(number: u32) -> f32 {
-    if is_inside(number / (CHANNELS + 1u)) {
-        return frame_grad[index_of(number)];
-    }
-    return 0.0;
-}
 
 fn store_sum(number: u32, value: f32) {
     sums[first_sum + number * ROW] = value;
-}
-
-fn has_slot(emission: u32) -> bool {
-    return batch.first <= emission && emission < batch.end;
 }
 
 // Replays splats; returns a bit for each splat that contributes to a pixel of the invocation.
@@ -77,7 +33,7 @@ fn replay_splats(first: u32, count: u32, local: u32) -> u32 {
     for (var k = 0u; k < count; k++) {
         let gaussian = gaussians_of[first + k];
         let splat = splats[gaussian];
-        first_color = gaussian * CHANNEL_VECTORS;
+        read_color(gaussian);
         first_sum = k * SLOT * ROW + local;
         let over = replay_splat(splat.root, splat.log2_opacity, point - splat.mean2d);
         contributes |= select(0u, 1u << k, over.weight > 0.0);
@@ -141,11 +97,5 @@ fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index
             break;
         }
     }
-    // Slots of the splats behind terminated pixels.
-    for (var row = local; row < (range.y - first) * SLOT; row += INVOCATIONS) {
-        let emission = emissions_of[first + row / SLOT];
-        if has_slot(emission) {
-            slots[(emission - batch.first) * SLOT + row % SLOT] = 0.0;
-        }
-    }
+    clear_slots(first, range.y, local, INVOCATIONS);
 }

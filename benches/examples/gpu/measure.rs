@@ -1,8 +1,4 @@
-//! Times of pictures, training steps and their stages on a GPU, beside the device's ceilings; see
-//! `scripts/bench-gpu`.
-//!
-//! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case
-//! that would take longer than is left is not begun.
+//! Times of one case: pictures, steps and their stages, beside the CPU's.
 
 use core::{fmt, time::Duration};
 use specula_benches::{
@@ -20,43 +16,24 @@ use specula_core::{
     state::SceneState,
 };
 use specula_cpu::CpuExecutor;
-use specula_gpu::{Ceilings, ChunkedArray, Gpu, GpuError, GpuExecutor, Light, Precision};
+use specula_gpu::{Ceilings, ChunkedArray, Gpu, GpuError, GpuExecutor, KernelSet, Light, Precision};
 use specula_train::evaluate::render_view;
 use std::time::Instant;
 
-/// A profile, and the sizes of a picture and of a cloud.
-#[derive(Clone, Copy, Debug)]
-struct Case(&'static str, u32, usize);
-
-/// The easier first.
-const CASES: [Case; 14] = [
-    Case("3dgs", 200, 10_000),
-    Case("specula", 200, 10_000),
-    Case("3dgs", 400, 10_000),
-    Case("specula", 400, 10_000),
-    Case("3dgs", 400, 100_000),
-    Case("paper", 400, 100_000),
-    Case("specula", 400, 100_000),
-    Case("3dgs", 800, 100_000),
-    Case("specula", 800, 100_000),
-    Case("specula", 800, 200_000),
-    Case("specula", 1600, 200_000),
-    Case("specula", 800, 1_000_000),
-    Case("specula", 1600, 1_000_000),
-    Case("specula", 1600, 5_000_000),
-];
 /// Time budget of a measurement; it is repeated until the budget is used up.
-const PATIENCE: Duration = Duration::from_secs(2);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(2);
 const REPETITIONS_MAX: usize = 100;
 /// A stage is run so often; the fastest counts, and the first also compiles kernels.
 const STAGE_RUNS: usize = 3;
-/// Times of a case: pictures and steps of both executors, and their stages one by one.
-const ROUNDS: f64 = 12.0;
-const MEBIBYTE: f64 = 1_048_576.0;
+pub(crate) const MEBIBYTE: f64 = 1_048_576.0;
+
+/// A profile, and the sizes of a picture and of a cloud.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Case(pub(crate) &'static str, pub(crate) u32, pub(crate) usize);
 
 impl Case {
     /// Pixels and Gaussians, which all times grow with.
-    fn extent(&self) -> f64 {
+    pub(crate) fn extent(&self) -> f64 {
         f64::from(self.1 * self.1) + self.2 as f64
     }
 }
@@ -68,110 +45,56 @@ impl fmt::Display for Case {
     }
 }
 
-fn main() -> Result<(), GpuError> {
-    let start = Instant::now();
-    let mut arguments = std::env::args().skip(1);
-    let name = arguments.next().unwrap_or_default();
-    let budget = arguments.next().and_then(|seconds| seconds.parse().ok()).unwrap_or(400.0);
-    let mut bench = Bench::new(Gpu::new(&name)?)?;
-    println!(
-        "| profile | pixels | Gaussians | stored | picture, ms | as the CPU | MiB | step, ms | CPU's step, ms | MiB |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
-    for case in CASES {
-        let left: f64 = budget - start.elapsed().as_secs_f64();
-        let expected = bench.pace * case.extent() * ROUNDS + 4.0 * PATIENCE.as_secs_f64();
-        if expected > left {
-            println!("| {case} | left out: it would take {expected:.0} s, and {left:.0} s are left | | | | | | |");
-        } else if let Err(error) = bench.measure(&case) {
-            println!("| {case} | {error} | | | | | | |");
-        }
+/// Pictures of a viewer, and their stages where kernels can be timed.
+pub(crate) fn measure_pictures(
+    gpu: &Gpu,
+    kernels: KernelSet,
+    storage: Storage,
+    like: &Reference,
+) -> Result<(Picture, Vec<StageTime>), GpuError> {
+    let mut viewer = GpuExecutor::viewer(gpu.clone(), storage);
+    viewer.set_kernels(kernels);
+    let stand = Stand::new(&mut viewer, &like.scene)?;
+    let picture = stand.measure(&mut viewer, &like.image)?;
+    let mut stage_times = StageTimes { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
+    if viewer.time_kernels(true) {
+        stand.measure_stages(&mut viewer, &mut stage_times)?;
     }
-    bench.print_stages();
-    Ok(())
+    Ok((picture, stage_times.times))
 }
 
-/// A device, and what was found out about it.
-struct Bench {
-    gpu: Gpu,
-    ceilings: Option<Ceilings>,
-    /// The slowest picture and step of both executors so far, in seconds for each pixel and
-    /// Gaussian.
-    pace: f64,
-    stages: Vec<(Case, Storage, Vec<StageTime>)>,
-}
-
-impl Bench {
-    /// Measures the device's ceilings.
-    fn new(gpu: Gpu) -> Result<Self, GpuError> {
-        let info = gpu.info();
-        println!("{} ({}, {} {})\n", info.name, info.backend, info.driver, info.driver_info);
-        let ceilings = GpuExecutor::new(gpu.clone()).ceilings()?;
-        match ceilings {
-            Some(Ceilings { bytes, operations }) => {
-                println!("Copies {:.1} GB/s, multiplies and adds {:.0} GFLOP/s.\n", bytes * 1e-9, operations * 1e-9);
-            }
-            None => println!("Kernels cannot be timed here.\n"),
-        }
-        Ok(Self { gpu, ceilings, pace: 0.0, stages: Vec::new() })
+/// Seconds of a step, bytes of the device that it takes, and its stages where kernels can be timed.
+pub(crate) fn measure_steps(
+    exec: &mut GpuExecutor,
+    case: &Case,
+    like: &Reference,
+) -> Result<(f64, u64, Vec<StageTime>), GpuError> {
+    let Case(profile, size, count) = *case;
+    let mut scene = Scene::new(exec, profile, size, count)?;
+    let seconds = median(|| {
+        scene.train(exec)?;
+        exec.finish()
+    })?;
+    let memory = exec.memory_bytes();
+    let mut stage_times = StageTimes { amounts: like.amounts, times: Vec::new() };
+    if exec.time_kernels(true) {
+        measure_step(exec, &mut scene, &mut stage_times)?;
     }
-
-    /// Prints the rows of a case, and remembers its stages.
-    fn measure(&mut self, case: &Case) -> Result<(), GpuError> {
-        let reference = Reference::new(case);
-        let in_full = self.measure_pictures(case, Storage::F32, &reference)?;
-        let halves = self.measure_pictures(case, Storage::F16, &reference)?;
-        let (step, memory) = self.measure_steps(case, &reference)?;
-        let of_cpu = reference.step;
-        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, of_cpu * 1e3, memory as f64 / MEBIBYTE];
-        println!("| {case} | f32 | {in_full} | {step_ms:.2} | {cpu_ms:.2} | {mebibytes:.0} |");
-        println!("| {case} | f16 | {halves} | | | |");
-        self.pace = self.pace.max((2.0 * in_full.seconds + step + of_cpu) / case.extent());
-        Ok(())
-    }
-
-    fn measure_pictures(&mut self, case: &Case, storage: Storage, like: &Reference) -> Result<Picture, GpuError> {
-        let mut viewer = GpuExecutor::viewer(self.gpu.clone(), storage);
-        let stand = Stand::new(&mut viewer, &like.scene)?;
-        let picture = stand.measure(&mut viewer, &like.image)?;
-        let mut stage_times = StageTimes { amounts: Amounts { storage, ..like.amounts }, times: Vec::new() };
-        if viewer.time_kernels(true) {
-            stand.measure_stages(&mut viewer, &mut stage_times)?;
-        }
-        self.stages.push((*case, storage, stage_times.times));
-        Ok(picture)
-    }
-
-    /// Seconds of a step, and bytes of the device that it takes.
-    fn measure_steps(&mut self, case: &Case, like: &Reference) -> Result<(f64, u64), GpuError> {
-        let Case(profile, size, count) = *case;
-        let exec = &mut GpuExecutor::new(self.gpu.clone());
-        let mut scene = Scene::new(exec, profile, size, count)?;
-        let seconds = median(|| {
-            scene.train(exec)?;
-            exec.finish()
-        })?;
-        let memory = exec.memory_bytes();
-        let mut stage_times = StageTimes { amounts: like.amounts, times: Vec::new() };
-        if exec.time_kernels(true) {
-            measure_step(exec, &mut scene, &mut stage_times)?;
-        }
-        self.stages.push((*case, Storage::F32, stage_times.times));
-        Ok((seconds, memory))
-    }
+    exec.time_kernels(false);
+    Ok((seconds, memory, stage_times.times))
 }
 
 /// A case on the CPU.
-struct Reference {
+pub(crate) struct Reference {
     scene: Scene<CpuExecutor>,
     image: Vec<f32>,
     /// Seconds of a step.
-    step: f64,
+    pub(crate) step: f64,
     amounts: Amounts,
 }
 
 impl Reference {
-    fn new(case: &Case) -> Self {
+    pub(crate) fn new(case: &Case) -> Self {
         let Case(profile, size, count) = *case;
         let mut cpu = CpuExecutor::new();
         let mut scene = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
@@ -199,9 +122,9 @@ struct Stand<'a> {
 }
 
 /// Time of a picture, and its distance from the CPU's.
-struct Picture {
-    seconds: f64,
-    agreement: f64,
+pub(crate) struct Picture {
+    pub(crate) seconds: f64,
+    pub(crate) agreement: f64,
     /// Bytes on the device.
     memory: u64,
 }
@@ -246,10 +169,10 @@ impl<'a> Stand<'a> {
 }
 
 /// Time of a stage on the device.
-struct StageTime {
-    stage: Stage,
+pub(crate) struct StageTime {
+    pub(crate) stage: Stage,
     amounts: Amounts,
-    seconds: f64,
+    pub(crate) seconds: f64,
     /// The kernel that takes the most, and its seconds.
     slowest: (&'static str, f64),
 }
@@ -286,23 +209,16 @@ impl<P: Precision> Meter<GpuExecutor<P>> for StageTimes {
     }
 }
 
-impl Bench {
-    /// Prints what stages take, and which share of the ceilings they reach.
-    fn print_stages(&self) {
-        let Some(ceilings) = self.ceilings else { return };
-        println!(
-            "\n| profile | pixels | Gaussians | stored | stage | ms | most of it | MB | GB/s | of copying | Gpairs/s \
-             | GFLOP/s | of multiplying |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|"
-        );
-        for (case, storage, times) in &self.stages {
-            let stored = if *storage == Storage::F32 { "f32" } else { "f16" };
-            times.iter().for_each(|time| println!("| {case} | {stored} | {} |", time.cells(&ceilings)));
-        }
-    }
-}
-
 impl StageTime {
-    fn cells(&self, ceilings: &Ceilings) -> String {
+    /// Shares of the ceilings, where bytes and operations are counted.
+    pub(crate) fn shares(&self, ceilings: &Ceilings) -> [Option<f64>; 2] {
+        let share = |amount: Option<usize>, ceiling: f64| amount.map(|amount| amount as f64 / self.seconds / ceiling);
+        let Self { stage, amounts, .. } = self;
+        [share(amounts.bytes(*stage), ceilings.bytes), share(amounts.operations(*stage), ceilings.operations)]
+    }
+
+    /// Cells of the table of stages.
+    pub(crate) fn cells(&self, ceilings: &Ceilings) -> String {
         let Self { stage, amounts, seconds, slowest: (entry, most) } = self;
         let share = |rate: f64, ceiling: f64| format!("{:.1} | {:.0} %", rate * 1e-9, 100.0 * rate / ceiling);
         let rate = |amount: usize| amount as f64 / seconds;
@@ -326,7 +242,7 @@ impl StageTime {
 
 /// The median time of some repetitions, the first left out: kernels are compiled when they are
 /// first used.
-fn median<E>(mut run: impl FnMut() -> Result<(), E>) -> Result<f64, E> {
+pub(crate) fn median<E>(mut run: impl FnMut() -> Result<(), E>) -> Result<f64, E> {
     run()?;
     let start = Instant::now();
     let mut times = Vec::new();
