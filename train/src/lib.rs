@@ -24,6 +24,7 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod batch;
 pub mod evaluate;
 mod exposure;
 pub mod near_field;

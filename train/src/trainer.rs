@@ -1,6 +1,7 @@
 //! The optimisation loop.
 
 use crate::{
+    batch::batch_step,
     evaluate::render_view,
     exposure,
     near_field::{self, Unlit},
@@ -16,6 +17,7 @@ use specula_core::{
     environment::number_of,
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
     light_network::initial_weight,
+    loss::LossWeights,
     metrics::psnr,
     near_field::NearField,
     pipeline::train_step,
@@ -66,6 +68,16 @@ pub enum TrainError<E> {
     /// A stage failed.
     #[error(transparent)]
     Executor(#[from] E),
+}
+
+/// What the views of a step are fitted with.
+struct Pass {
+    rules: RenderRules,
+    weights: LossWeights,
+    /// Learning rate of every plane.
+    rates: Vec<f32>,
+    /// Whether the views add to the statistics of densification.
+    is_observed: bool,
 }
 
 /// A training: scene, optimiser state and target pictures.
@@ -165,60 +177,85 @@ impl<E: Executor> Trainer<E> {
         })
     }
 
-    /// Takes one step, and densifies by the schedule.
+    /// Takes one step, and densifies by the schedule. The report is that of the last view of the
+    /// step.
     ///
     /// # Errors
     ///
     /// [`TrainError::Executor`], where a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
         self.state.iteration += 1;
-        let view = self.next_view() as usize;
-        let rules = self.rules_at(self.state.iteration, Channels::Training);
-        let weights = self.settings.profile.weights_at(self.done(self.state.iteration));
+        let number = self.state.iteration;
+        let views = self.next_views();
+        let rules = self.rules_at(number, Channels::Training);
+        let weights = self.settings.profile.weights_at(self.done(number));
         let profile = &self.settings.profile;
-        let is_coarse = self.done(self.state.iteration) < profile.coarse_until;
-        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
-        let (camera, target) = &pictures[view];
-        let rates = profile.rates_at(self.done(self.state.iteration));
-        let rates = rates_by_plane(profile.layout, &rates, self.extent, self.state.iteration);
-        let iterations = self.settings.iterations;
-        let view_rates = view_rates(profile.layout, &rates);
-        let step = TrainingStep {
-            camera,
-            target,
-            background: self.settings.background,
-            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[view]),
-            near_field: self.near_field.as_ref(),
-            rules: &rules,
-            weights: &weights,
-            is_observed: true,
-            rates: &view_rates,
-            environment_rate: profile.rates.environment.at(self.state.iteration),
-            radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            number: self.state.iteration,
-        };
-        let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
-        if let Some(physical) = profile.physical.filter(|physical| physical.is_due(step.number, iterations)) {
+        let rates = profile.rates_at(self.done(number));
+        let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
+        let physical = profile.physical.filter(|physical| physical.is_due(number, self.settings.iterations));
+        let layout = profile.layout;
+        let pass = Pass { rules, weights, rates: view_rates(layout, &rates), is_observed: true };
+        let reports = self.fit(&views, &pass)?;
+        if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let weights = physical_weights(&weights, physical.weight);
-            let rates = physical_rates(profile.layout, &rates);
-            let step = TrainingStep { rules: &rules, weights: &weights, rates: &rates, is_observed: false, ..step };
-            train_step(&mut self.exec, &mut self.state.scene, &step)?;
+            let pass = Pass { rules, weights, rates: physical_rates(layout, &rates), is_observed: false };
+            self.fit(&views, &pass)?;
         }
-        self.note(&report);
-        self.expose(view, &report);
+        for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
+            self.note(report);
+            self.expose(*view, position, report);
+        }
         let densified = self.refine()?;
         self.renew_near_field()?;
-        Ok((report, densified))
+        Ok((reports.last().copied().unwrap_or_default(), densified))
+    }
+
+    /// Takes Adam's step against the gradients of some views; returns the report of each.
+    fn fit(&mut self, views: &[usize], pass: &Pass) -> Result<Vec<StepReport>, TrainError<E::Error>> {
+        let number = self.state.iteration;
+        let is_coarse = self.done(number) < self.settings.profile.coarse_until;
+        let profile = &self.settings.profile;
+        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
+        let of = |view: &usize| TrainingStep {
+            camera: &pictures[*view].0,
+            target: &pictures[*view].1,
+            background: self.settings.background,
+            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[*view]),
+            near_field: self.near_field.as_ref(),
+            rules: &pass.rules,
+            weights: &pass.weights,
+            is_observed: pass.is_observed,
+            rates: &pass.rates,
+            environment_rate: profile.rates.environment.at(number),
+            radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
+            number,
+        };
+        let (exec, scene) = (&mut self.exec, &mut self.state.scene);
+        Ok(match views {
+            // The gradient of a single view never goes through memory.
+            [view] => vec![train_step(exec, scene, &of(view))?],
+            views => batch_step(exec, scene, &views.iter().map(of).collect::<Vec<_>>())?,
+        })
+    }
+
+    /// Views of the next step, in order. They follow from the seed and the steps before alone.
+    fn next_views(&mut self) -> Vec<usize> {
+        (0..self.settings.profile.views_per_step).map(|position| self.next_view(position) as usize).collect()
+    }
+
+    /// Number of a view among all that the training visits, from 1, by its position in this step.
+    fn visit(&self, position: u32) -> u64 {
+        u64::from(self.state.iteration - 1) * u64::from(self.settings.profile.views_per_step) + u64::from(position) + 1
     }
 
     /// Next view of the current pass; each pass visits all views in random order.
-    fn next_view(&mut self) -> u32 {
+    fn next_view(&mut self, position: u32) -> u32 {
         if self.state.order.is_empty() {
+            let visit = self.visit(position);
             self.state.order = (0..self.pictures[0].len() as u32).collect();
             for k in (1..self.state.order.len()).rev() {
-                let other =
-                    random::bits(self.settings.seed, u64::from(self.state.iteration), k as u64) % (k as u64 + 1);
+                let other = random::bits(self.settings.seed, visit, k as u64) % (k as u64 + 1);
                 self.state.order.swap(k, other as usize);
             }
         }
@@ -232,9 +269,10 @@ impl<E: Executor> Trainer<E> {
         self.state.nonfinite += report.nonfinite;
     }
 
-    /// Takes Adam's step for the exposure of a picture. The step number is the number of the pass.
-    fn expose(&mut self, view: usize, report: &StepReport) {
-        let turn = (self.state.iteration - 1) / self.pictures[0].len() as u32 + 1;
+    /// Takes Adam's step for the exposure of a picture, by its position in the step. The step number
+    /// is the number of the pass.
+    fn expose(&mut self, view: usize, position: usize, report: &StepReport) {
+        let turn = ((self.visit(position as u32) - 1) / self.pictures[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
         if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
             self.state.nonfinite += exposure::step(exposures, view, grad, schedule.at(self.state.iteration), turn);
