@@ -25,11 +25,15 @@
 //! ```
 
 mod batch;
+mod error;
 pub mod evaluate;
+pub mod exchange;
 mod exposure;
 pub mod near_field;
 mod physical;
 pub mod profile;
+pub mod ranks;
 pub mod start;
 pub mod trainer;
+mod transfer;
 pub mod view;

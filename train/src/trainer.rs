@@ -1,13 +1,17 @@
 //! The optimisation loop.
 
+pub use crate::error::TrainError;
 use crate::{
     batch::batch_step,
     evaluate::render_view,
+    exchange::Exchange,
     exposure,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
     profile::{Profile, Reflections},
+    ranks::{Ranks, Traffic},
     start::{Point, gaussians, random_points, rates_by_plane},
+    transfer::{download_gaussians, download_light, download_scene, upload_scene},
     view::{View, extent_of},
 };
 use specula_core::{
@@ -48,29 +52,7 @@ pub struct Settings {
     pub random_points: usize,
 }
 
-/// Error of a training.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError<E> {
-    /// There are no views.
-    #[error("a training needs at least one picture, and there is none")]
-    NoViews,
-    /// There are no points to start from.
-    #[error(
-        "a training needs at least one point to start from, and there is none; give a point cloud or more random points"
-    )]
-    NoPoints,
-    /// A training state belongs to other settings or views.
-    #[error("what was learned is not of a training with these settings and views: {what}")]
-    OtherRun {
-        /// First mismatch.
-        what: &'static str,
-    },
-    /// A stage failed.
-    #[error(transparent)]
-    Executor(#[from] E),
-}
-
-/// What the views of a step are fitted with.
+/// Settings that all views of a step share.
 struct Pass {
     rules: RenderRules,
     weights: LossWeights,
@@ -91,6 +73,9 @@ pub struct Trainer<E: Executor> {
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
     near_field: Option<E::NearField>,
+    /// Ranks that share the training, if it is not alone: the moments and statistics of the state
+    /// are then those of this rank's Gaussians.
+    ranks: Option<Ranks>,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -155,16 +140,53 @@ impl<E: Executor> Trainer<E> {
             nonfinite: *nonfinite,
         };
         let pictures = [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?];
-        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded })
+        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded, ranks: None })
     }
 
-    /// Copies the state of the training to the host.
+    /// Shares the training with other ranks, which were started or resumed alike and join at the
+    /// same step. From now on all of them take the same steps and snapshots. The result is the same
+    /// to the last bit on any number of ranks with the same kind of executor. `description` stands
+    /// for what a trainer does not hold, such as a checksum of the pictures.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Executor`], where arrays cannot be read back.
+    /// [`TrainError::Exchange`] where a rank is gone or differs, [`TrainError::Executor`] where
+    /// arrays cannot be read back.
+    pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), TrainError<E::Error>> {
+        let mut ranks = Ranks::new(exchange);
+        let start = format!("{:?} {} {description}", self.settings, self.state.iteration);
+        ranks.check_alike("settings or pictures", start.as_bytes()).map_err(TrainError::Exchange)?;
+        ranks.check_parameters(&mut self.exec, &self.state.scene)?;
+        ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
+        self.ranks = Some(ranks);
+        Ok(())
+    }
+
+    /// Returns whether any rank wishes something, such as an end of the training. All ranks ask at
+    /// once.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Exchange`], where a rank is gone.
+    pub fn agree(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
+        self.ranks.as_mut().map_or(Ok(wish), |ranks| ranks.agree(wish).map_err(TrainError::Exchange))
+    }
+
+    /// Messages to other ranks so far; none where the training is alone.
+    pub fn traffic(&self) -> Option<Traffic> {
+        self.ranks.as_ref().map(Ranks::traffic)
+    }
+
+    /// Copies the state of the training to the host. All ranks do so at once.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`], where arrays cannot be read back; [`TrainError::Exchange`], where a
+    /// rank is gone.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
+        self.gather()?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
+        self.keep_own()?;
         let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
         Ok(TrainingState {
             scene,
@@ -232,11 +254,27 @@ impl<E: Executor> Trainer<E> {
             number,
         };
         let (exec, scene) = (&mut self.exec, &mut self.state.scene);
-        Ok(match views {
+        let steps: Vec<_> = views.iter().map(of).collect();
+        match (&mut self.ranks, &*steps) {
+            (Some(ranks), steps) => ranks.step(exec, scene, steps),
             // The gradient of a single view never goes through memory.
-            [view] => vec![train_step(exec, scene, &of(view))?],
-            views => batch_step(exec, scene, &views.iter().map(of).collect::<Vec<_>>())?,
-        })
+            (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
+            (None, steps) => Ok(batch_step(exec, scene, steps)?),
+        }
+    }
+
+    /// Gathers the moments and statistics of all ranks, for what needs all of them.
+    fn gather(&mut self) -> Result<(), TrainError<E::Error>> {
+        let gather = |ranks: &mut Ranks| ranks.gather(&mut self.exec, &mut self.state.scene);
+        self.ranks.as_mut().map_or(Ok(()), gather)
+    }
+
+    /// Gives back the moments and statistics of other ranks.
+    fn keep_own(&mut self) -> Result<(), TrainError<E::Error>> {
+        match &self.ranks {
+            Some(ranks) => Ok(ranks.keep_own(&mut self.exec, &mut self.state.scene)?),
+            None => Ok(()),
+        }
     }
 
     /// Views of the next step, in order. They follow from the seed and the steps before alone.
@@ -304,7 +342,21 @@ impl<E: Executor> Trainer<E> {
         iteration as f32 / self.settings.iterations.max(1) as f32
     }
 
+    /// Densifies and resets by the schedule; where anything is due, with all moments on every rank.
     fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
+        let plan = self.settings.profile.densification;
+        let k = self.state.iteration;
+        let is_reset = plan.reset_every > 0 && k.is_multiple_of(plan.reset_every);
+        if !k.is_multiple_of(plan.every) && !is_reset && k != self.settings.iterations {
+            return Ok(DensifyReport::default());
+        }
+        self.gather()?;
+        let report = self.refine_whole()?;
+        self.keep_own()?;
+        Ok(report)
+    }
+
+    fn refine_whole(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
         let plan = self.settings.profile.densification;
         let k = self.state.iteration;
         let mut report = DensifyReport::default();
@@ -500,67 +552,6 @@ fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count:
 
 fn upload_near_field<E: Executor>(exec: &mut E, near_field: &NearField<Vec<f32>>) -> Result<E::NearField, E::Error> {
     exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))
-}
-
-fn upload_scene<E: Executor>(exec: &mut E, scene: &SceneState<Vec<f32>>) -> Result<SceneState<E::Array>, E::Error> {
-    let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        let light = light.with_values(exec.upload(&light.values)?);
-        Ok((light, AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? }))
-    });
-    let light = light.transpose()?;
-    let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
-    Ok(SceneState {
-        light,
-        gaussians: upload(&gaussians.values)?,
-        moments: AdamMoments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
-        statistics: Statistics {
-            grad_sum: exec.upload(&statistics.grad_sum)?,
-            view_count: exec.upload(&statistics.view_count)?,
-        },
-    })
-}
-
-fn download_scene<E: Executor>(exec: &mut E, scene: &SceneState<E::Array>) -> Result<SceneState<Vec<f32>>, E::Error> {
-    let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        Ok((download_light(exec, light)?, download_moments(exec, moments, light.len_of_values())?))
-    });
-    Ok(SceneState {
-        light: light.transpose()?,
-        gaussians: download_gaussians(exec, gaussians)?,
-        moments: download_moments(exec, moments, len_of_values(gaussians.count, gaussians.layout))?,
-        statistics: Statistics {
-            grad_sum: download(exec, &statistics.grad_sum, gaussians.count)?,
-            view_count: download(exec, &statistics.view_count, gaussians.count)?,
-        },
-    })
-}
-
-fn download_gaussians<E: Executor>(
-    exec: &mut E,
-    gaussians: &Gaussians<E::Array>,
-) -> Result<Gaussians<Vec<f32>>, E::Error> {
-    let len = len_of_values(gaussians.count, gaussians.layout);
-    Ok(gaussians.with_values(download(exec, &gaussians.values, len)?))
-}
-
-fn download_light<E: Executor>(exec: &mut E, light: &Environment<E::Array>) -> Result<Environment<Vec<f32>>, E::Error> {
-    Ok(light.with_values(download(exec, &light.values, light.len_of_values())?))
-}
-
-fn download<E: Executor>(exec: &mut E, array: &E::Array, len: usize) -> Result<Vec<f32>, E::Error> {
-    let mut values = vec![0.0; len];
-    exec.download(array, &mut values)?;
-    Ok(values)
-}
-
-fn download_moments<E: Executor>(
-    exec: &mut E,
-    moments: &AdamMoments<E::Array>,
-    len: usize,
-) -> Result<AdamMoments<Vec<f32>>, E::Error> {
-    Ok(AdamMoments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
 }
 
 /// A scene in host memory.
