@@ -1,8 +1,8 @@
 //! Exchange over MPI, by sends and receives alone: no reduction, whose order MPI would choose.
 //!
 //! MPI may keep a sender waiting until its message is received. So messages queue until this rank
-//! receives itself, as every rank does at the end of a step; meanwhile all that arrives is taken in,
-//! so that no two ranks wait for each other.
+//! receives itself, as every rank does at the end of a step; meanwhile all that arrives is taken
+//! in, so that no two ranks wait for each other.
 
 use core::time::Duration;
 use mpi::{

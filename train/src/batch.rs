@@ -1,10 +1,10 @@
 //! Batches of views: one step against the sum of their gradients.
 //!
 //! Gradients are added number by number in the order of the views, so that the sum does not depend
-//! on where they were computed. Adam does not notice a factor of all gradients; what a batch changes
-//! is their noise, which falls with its root. Learning rates grow by that root (Malladi et al. 2022):
-//! then a step against B views moves parameters about as far as B steps against single views, whose
-//! noise partly cancels.
+//! on where they were computed. Adam does not notice a factor of all gradients; what a batch
+//! changes is their noise, which falls with its root. Learning rates grow by that root (Malladi et
+//! al. 2022): then a step against B views moves parameters about as far as B steps against single
+//! views, whose noise partly cancels.
 
 use crate::profile::{Densification, Profile, Rates};
 use specula_core::{

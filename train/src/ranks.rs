@@ -9,10 +9,10 @@
 //!
 //! A rank owns a range of blocks of Gaussians, and the last rank owns the light. Adam's moments and
 //! the statistics of densification live with the owner alone; every rank holds all parameters. Each
-//! number is computed by one rank from the same inputs and in the same order as on one rank, so that
-//! results do not depend on how many there are. Densification, and whatever else needs all moments,
-//! runs on every rank alike after all were gathered; so do checkpoints, which therefore do not tell
-//! how many ranks wrote them.
+//! number is computed by one rank from the same inputs and in the same order as on one rank, so
+//! that results do not depend on how many there are. Densification, and whatever else needs all
+//! moments, runs on every rank alike after all were gathered; so do checkpoints, which therefore do
+//! not tell how many ranks wrote them.
 
 use crate::{
     batch::{add_gradient, apply, gradient_of},

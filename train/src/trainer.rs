@@ -181,8 +181,8 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::Executor`], where arrays cannot be read back; [`TrainError::Exchange`], where a
-    /// rank is gone.
+    /// [`TrainError::Executor`], where arrays cannot be read back; [`TrainError::Exchange`], where
+    /// a rank is gone.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
         self.gather()?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
@@ -307,8 +307,8 @@ impl<E: Executor> Trainer<E> {
         self.state.nonfinite += report.nonfinite;
     }
 
-    /// Takes Adam's step for the exposure of a picture, by its position in the step. The step number
-    /// is the number of the pass.
+    /// Takes Adam's step for the exposure of a picture, by its position in the step. The step
+    /// number is the number of the pass.
     fn expose(&mut self, view: usize, position: usize, report: &StepReport) {
         let turn = ((self.visit(position as u32) - 1) / self.pictures[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
