@@ -8,22 +8,25 @@ use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, sh
 use specula_train::profile::{self, Ablation, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations` on
-/// pictures of objects or of whole scenes.
+/// pictures of objects or of whole scenes. Profiles are described by the views that a run visits;
+/// batches of views turn these into steps.
 ///
 /// # Errors
 /// [`Failure::Input`] for settings that the profile does not have.
 pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Result<Profile, Failure> {
-    let mut profile = profile::by_name(args.profile.name(), iterations).expect("every name has a profile");
+    let visits = iterations.saturating_mul(args.views_per_step);
+    let mut profile = profile::by_name(args.profile.name(), visits).expect("every name has a profile");
     if of_objects {
         profile = profile.for_objects();
     }
     set_start(&mut profile, &args.start)?;
-    let profile = with_light(profile, args.start.light, iterations)?;
-    let profile = with_materials(profile, args.start.relightable, iterations)?;
+    let profile = with_light(profile, args.start.light, visits)?;
+    let profile = with_materials(profile, args.start.relightable, visits)?;
     let mut profile = with_reflections(profile, args.start.reflections)?;
+    profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(visits));
+    let mut profile = profile.for_batches(args.views_per_step);
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
-    profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(iterations));
     let args = &args.ablation;
     Ok(profile.without(Ablation {
         no_sparse: args.no_sparse,

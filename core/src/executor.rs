@@ -428,6 +428,14 @@ pub trait Executor: Renderer {
         grad: &Self::LightGrad,
     ) -> Result<Self::Array, Self::Error>;
 
+    /// Adds the numbers of an array to those of another that was made alike: gradients of the same
+    /// Gaussians or of the same light, or their statistics.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as a lost device.
+    fn add(&mut self, sum: &mut Self::Array, term: &Self::Array) -> Result<(), Self::Error>;
+
     /// One step of Adam for every plane, each at its own rate or at rest
     /// ([`AT_REST`](crate::optimise::AT_REST)). Gradients that are not finite are left out, and
     /// counted.

@@ -4,8 +4,8 @@ use crate::{
     camera::Camera,
     executor::{Executor, Renderer, StepReport, TrainingStep},
     rules::RenderRules,
-    scene::Gaussians,
-    state::SceneState,
+    scene::{Environment, Gaussians},
+    state::{SceneState, Statistics},
 };
 
 /// Stage of a picture that has just run, with its results.
@@ -184,9 +184,40 @@ fn take_step<E: Executor>(
     step: &TrainingStep<'_, E>,
 ) -> Result<(), E::Error> {
     let SceneState { gaussians, moments, statistics, light: fitted_light } = scene;
+    let environment = fitted_light.as_ref().map(|(environment, _)| environment);
+    let Backward { splats, light, grads, light_grad } = backward(exec, gaussians, environment, step)?;
+    if step.is_observed {
+        exec.observe(statistics, &splats, &grads, step.camera)?;
+    }
+    let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
+    let light_grad = light_grad.or(of_light);
+    if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
+        let grad = exec.prefilter_vjp(environment, light, light_grad)?;
+        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
+    }
+    Ok(())
+}
+
+/// Results of the stages of a step up to the gradients of splats.
+struct Backward<E: Executor> {
+    splats: E::Splats,
+    /// Light that was looked up.
+    light: Option<E::Light>,
+    grads: E::SplatGrads,
+    /// Gradient of the light, where pixels looked it up.
+    light_grad: Option<E::LightGrad>,
+}
+
+/// Picture of a step, its losses, and the gradients of its splats.
+fn backward<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    environment: Option<&Environment<E::Array>>,
+    step: &TrainingStep<'_, E>,
+) -> Result<Backward<E>, E::Error> {
     let RenderRules { scheme, levels, is_lit, .. } = *step.rules;
-    let light = match fitted_light {
-        Some((environment, _)) if is_lit => {
+    let light = match environment {
+        Some(environment) if is_lit => {
             let light = exec.prefilter(environment, scheme, levels)?;
             Some(match step.near_field {
                 Some(near_field) => exec.surround(light, near_field),
@@ -209,16 +240,48 @@ fn take_step<E: Executor>(
         (frame_grad, light_grad) =
             exec.shade_pixels_vjp(&frame, light.as_ref(), step.camera, step.rules, frame_grad)?;
     }
-
     let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &frame_grad, step.camera)?;
-    if step.is_observed {
-        exec.observe(statistics, &splats, &grads, step.camera)?;
+    Ok(Backward { splats, light, grads, light_grad })
+}
+
+/// Gradient of one view, or the sum of several.
+#[derive(Debug)]
+pub struct ViewGradient<A> {
+    /// Gradient of the Gaussians.
+    pub gaussians: Gaussians<A>,
+    /// Gradient of the light's numbers; none where no light was looked up.
+    pub light: Option<A>,
+    /// Share in the statistics of densification; none for a step that is not observed.
+    pub statistics: Option<Statistics<A>>,
+}
+
+/// Gradient of one view of a batch, at the parameters before the batch; nothing is updated.
+/// `statistics` are zeros that the view adds its share to.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
+pub fn view_gradient<E: Executor>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    environment: Option<&Environment<E::Array>>,
+    mut statistics: Option<Statistics<E::Array>>,
+    step: &TrainingStep<'_, E>,
+) -> Result<(ViewGradient<E::Array>, StepReport), E::Error> {
+    loop {
+        let Backward { splats, light, grads, light_grad } = backward(exec, gaussians, environment, step)?;
+        if let Some(statistics) = &mut statistics {
+            exec.observe(statistics, &splats, &grads, step.camera)?;
+        }
+        let (grad, of_light) =
+            exec.gaussians_vjp(gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
+        let light_grad = light_grad.or(of_light);
+        let of_light = match (environment, &light, &light_grad) {
+            (Some(environment), Some(light), Some(grad)) => Some(exec.prefilter_vjp(environment, light, grad)?),
+            _ => None,
+        };
+        if let Some(report) = exec.report()? {
+            return Ok((ViewGradient { gaussians: grad, light: of_light, statistics }, report));
+        }
     }
-    let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
-    let light_grad = light_grad.or(of_light);
-    if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
-        let grad = exec.prefilter_vjp(environment, light, light_grad)?;
-        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
-    }
-    Ok(())
 }

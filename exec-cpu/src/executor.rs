@@ -13,7 +13,7 @@ use crate::{
         gaussians_vjp::{gaussians_vjp, update},
         illuminate::{Lamps, illuminate},
         loss::{Target, loss_all},
-        optimise::{StepSize, adam_all, adam_blocks},
+        optimise::{StepSize, adam_all, adam_blocks, add_all},
         prefilter::{Light, LightGrad},
         project::{Splats, project_all},
         sampling::sampling,
@@ -387,6 +387,12 @@ impl Executor for CpuExecutor {
         grad: &LightGrad,
     ) -> Result<Vec<f32>, CpuError> {
         Ok(light.vjp(&self.context, environment, grad))
+    }
+
+    fn add(&mut self, sum: &mut Vec<f32>, term: &Vec<f32>) -> Result<(), CpuError> {
+        BufferLength::check(sum.len(), term).map_err(CpuError::BufferLength)?;
+        add_all(sum, term);
+        Ok(())
     }
 
     fn optimise(

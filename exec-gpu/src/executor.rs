@@ -12,6 +12,7 @@ use crate::{
         timer::{KernelTime, KernelTimer},
     },
     stages::{
+        add::add,
         bin::{Tiles, bin},
         blend::{blend, read},
         blend_in_order::blend_in_order,
@@ -529,6 +530,10 @@ impl Executor for GpuExecutor {
     ) -> Result<ChunkedArray, GpuError> {
         let environment = environment.with_values(environment.values.whole());
         prefilter_vjp(&mut self.context, &environment, light, grad).map(ChunkedArray::from)
+    }
+
+    fn add(&mut self, sum: &mut ChunkedArray, term: &ChunkedArray) -> Result<(), GpuError> {
+        add(&mut self.context, sum, term)
     }
 
     fn optimise(

@@ -3,7 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
-use specula_train::trainer::TrainError;
+use specula_train::{exchange::ExchangeError, trainer::TrainError};
 use std::path::PathBuf;
 
 /// Error of a scene that is opened, rendered or exported.
@@ -35,6 +35,9 @@ pub enum SceneError {
     /// Views, points or a training state that no training can start from.
     #[error("{0}")]
     Training(String),
+    /// Another rank of a training failed, or cannot be reached.
+    #[error("the training ends because {0}")]
+    Ranks(ExchangeError),
     /// Another program trains in the folder of a model; the sentence names it.
     #[error("{0}")]
     Locked(String),
@@ -83,6 +86,7 @@ impl<E: Into<Self> + core::error::Error> From<TrainError<E>> for SceneError {
     fn from(error: TrainError<E>) -> Self {
         match error {
             TrainError::Executor(error) => error.into(),
+            TrainError::Exchange(error) => Self::Ranks(error),
             other => Self::Training(other.to_string()),
         }
     }

@@ -24,11 +24,16 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod batch;
+mod error;
 pub mod evaluate;
+pub mod exchange;
 mod exposure;
 pub mod near_field;
 mod physical;
 pub mod profile;
+pub mod ranks;
 pub mod start;
 pub mod trainer;
+mod transfer;
 pub mod view;

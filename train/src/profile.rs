@@ -218,6 +218,8 @@ pub struct Profile {
     pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
+    /// Views whose gradients a step adds up ([`Profile::for_batches`]).
+    pub views_per_step: u32,
 }
 
 /// Names of all profiles.
@@ -285,6 +287,7 @@ fn plain(iterations: u32) -> Profile {
         },
         exposure: None,
         densification: densification(iterations),
+        views_per_step: 1,
     }
 }
 

@@ -1,12 +1,17 @@
 //! The optimisation loop.
 
+pub use crate::error::TrainError;
 use crate::{
+    batch::batch_step,
     evaluate::render_view,
+    exchange::Exchange,
     exposure,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
     profile::{KnownLight, Profile, Reflections},
+    ranks::{Ranks, Traffic},
     start::{Point, gaussians, random_points, rates_by_plane},
+    transfer::{download_gaussians, download_light, download_scene, upload_scene},
     view::{View, extent_of},
 };
 use specula_core::{
@@ -16,6 +21,7 @@ use specula_core::{
     environment::number_of,
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
     light_network::initial_weight,
+    loss::LossWeights,
     metrics::psnr,
     near_field::NearField,
     pipeline::train_step,
@@ -46,26 +52,14 @@ pub struct Settings {
     pub random_points: usize,
 }
 
-/// Error of a training.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError<E> {
-    /// There are no views.
-    #[error("a training needs at least one picture, and there is none")]
-    NoViews,
-    /// There are no points to start from.
-    #[error(
-        "a training needs at least one point to start from, and there is none; give a point cloud or more random points"
-    )]
-    NoPoints,
-    /// A training state belongs to other settings or views.
-    #[error("what was learned is not of a training with these settings and views: {what}")]
-    OtherRun {
-        /// First mismatch.
-        what: &'static str,
-    },
-    /// A stage failed.
-    #[error(transparent)]
-    Executor(#[from] E),
+/// Settings that all views of a step share.
+struct Pass {
+    rules: RenderRules,
+    weights: LossWeights,
+    /// Learning rate of every plane.
+    rates: Vec<f32>,
+    /// Whether the views add to the statistics of densification.
+    is_observed: bool,
 }
 
 /// A training: scene, optimiser state and target pictures.
@@ -79,6 +73,9 @@ pub struct Trainer<E: Executor> {
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
     near_field: Option<E::NearField>,
+    /// Ranks that share the training, if it is not alone: the moments and statistics of the state
+    /// are then those of this rank's Gaussians.
+    ranks: Option<Ranks>,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -143,16 +140,53 @@ impl<E: Executor> Trainer<E> {
             nonfinite: *nonfinite,
         };
         let pictures = [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?];
-        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded })
+        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded, ranks: None })
     }
 
-    /// Copies the state of the training to the host.
+    /// Shares the training with other ranks, which were started or resumed alike and join at the
+    /// same step. From now on all of them take the same steps and snapshots. The result is the same
+    /// to the last bit on any number of ranks with the same kind of executor. `description` stands
+    /// for what a trainer does not hold, such as a checksum of the pictures.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Executor`], where arrays cannot be read back.
+    /// [`TrainError::Exchange`] where a rank is gone or differs, [`TrainError::Executor`] where
+    /// arrays cannot be read back.
+    pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), TrainError<E::Error>> {
+        let mut ranks = Ranks::new(exchange);
+        let start = format!("{:?} {} {description}", self.settings, self.state.iteration);
+        ranks.check_alike("settings or pictures", start.as_bytes()).map_err(TrainError::Exchange)?;
+        ranks.check_parameters(&mut self.exec, &self.state.scene)?;
+        ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
+        self.ranks = Some(ranks);
+        Ok(())
+    }
+
+    /// Returns whether any rank wishes something, such as an end of the training. All ranks ask at
+    /// once.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Exchange`], where a rank is gone.
+    pub fn agree(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
+        self.ranks.as_mut().map_or(Ok(wish), |ranks| ranks.agree(wish).map_err(TrainError::Exchange))
+    }
+
+    /// Messages to other ranks so far; none where the training is alone.
+    pub fn traffic(&self) -> Option<Traffic> {
+        self.ranks.as_ref().map(Ranks::traffic)
+    }
+
+    /// Copies the state of the training to the host. All ranks do so at once.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`], where arrays cannot be read back; [`TrainError::Exchange`], where
+    /// a rank is gone.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
+        self.gather()?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
+        self.keep_own()?;
         let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
         Ok(TrainingState {
             scene,
@@ -165,60 +199,101 @@ impl<E: Executor> Trainer<E> {
         })
     }
 
-    /// Takes one step, and densifies by the schedule.
+    /// Takes one step, and densifies by the schedule. The report is that of the last view of the
+    /// step.
     ///
     /// # Errors
     ///
     /// [`TrainError::Executor`], where a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
         self.state.iteration += 1;
-        let view = self.next_view() as usize;
-        let rules = self.rules_at(self.state.iteration, Channels::Training);
-        let weights = self.settings.profile.weights_at(self.done(self.state.iteration));
+        let number = self.state.iteration;
+        let views = self.next_views();
+        let rules = self.rules_at(number, Channels::Training);
+        let weights = self.settings.profile.weights_at(self.done(number));
         let profile = &self.settings.profile;
-        let is_coarse = self.done(self.state.iteration) < profile.coarse_until;
-        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
-        let (camera, target) = &pictures[view];
-        let rates = profile.rates_at(self.done(self.state.iteration));
-        let rates = rates_by_plane(profile.layout, &rates, self.extent, self.state.iteration);
-        let iterations = self.settings.iterations;
-        let view_rates = view_rates(profile.layout, &rates);
-        let step = TrainingStep {
-            camera,
-            target,
-            background: self.settings.background,
-            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[view]),
-            near_field: self.near_field.as_ref(),
-            rules: &rules,
-            weights: &weights,
-            is_observed: true,
-            rates: &view_rates,
-            environment_rate: profile.rates.environment.at(self.state.iteration),
-            radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            number: self.state.iteration,
-        };
-        let report = train_step(&mut self.exec, &mut self.state.scene, &step)?;
-        if let Some(physical) = profile.physical.filter(|physical| physical.is_due(step.number, iterations)) {
+        let rates = profile.rates_at(self.done(number));
+        let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
+        let physical = profile.physical.filter(|physical| physical.is_due(number, self.settings.iterations));
+        let layout = profile.layout;
+        let pass = Pass { rules, weights, rates: view_rates(layout, &rates), is_observed: true };
+        let reports = self.fit(&views, &pass)?;
+        if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let weights = physical_weights(&weights, physical.weight);
-            let rates = physical_rates(profile.layout, &rates);
-            let step = TrainingStep { rules: &rules, weights: &weights, rates: &rates, is_observed: false, ..step };
-            train_step(&mut self.exec, &mut self.state.scene, &step)?;
+            let pass = Pass { rules, weights, rates: physical_rates(layout, &rates), is_observed: false };
+            self.fit(&views, &pass)?;
         }
-        self.note(&report);
-        self.expose(view, &report);
+        for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
+            self.note(report);
+            self.expose(*view, position, report);
+        }
         let densified = self.refine()?;
         self.renew_near_field()?;
-        Ok((report, densified))
+        Ok((reports.last().copied().unwrap_or_default(), densified))
+    }
+
+    /// Takes Adam's step against the gradients of some views; returns the report of each.
+    fn fit(&mut self, views: &[usize], pass: &Pass) -> Result<Vec<StepReport>, TrainError<E::Error>> {
+        let number = self.state.iteration;
+        let is_coarse = self.done(number) < self.settings.profile.coarse_until;
+        let profile = &self.settings.profile;
+        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
+        let of = |view: &usize| TrainingStep {
+            camera: &pictures[*view].0,
+            target: &pictures[*view].1,
+            background: self.settings.background,
+            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[*view]),
+            near_field: self.near_field.as_ref(),
+            rules: &pass.rules,
+            weights: &pass.weights,
+            is_observed: pass.is_observed,
+            rates: &pass.rates,
+            environment_rate: profile.rates.environment.at(number),
+            radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
+            number,
+        };
+        let (exec, scene) = (&mut self.exec, &mut self.state.scene);
+        let steps: Vec<_> = views.iter().map(of).collect();
+        match (&mut self.ranks, &*steps) {
+            (Some(ranks), steps) => ranks.step(exec, scene, steps),
+            // The gradient of a single view never goes through memory.
+            (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
+            (None, steps) => Ok(batch_step(exec, scene, steps)?),
+        }
+    }
+
+    /// Gathers the moments and statistics of all ranks, for what needs all of them.
+    fn gather(&mut self) -> Result<(), TrainError<E::Error>> {
+        let gather = |ranks: &mut Ranks| ranks.gather(&mut self.exec, &mut self.state.scene);
+        self.ranks.as_mut().map_or(Ok(()), gather)
+    }
+
+    /// Gives back the moments and statistics of other ranks.
+    fn keep_own(&mut self) -> Result<(), TrainError<E::Error>> {
+        match &self.ranks {
+            Some(ranks) => Ok(ranks.keep_own(&mut self.exec, &mut self.state.scene)?),
+            None => Ok(()),
+        }
+    }
+
+    /// Views of the next step, in order. They follow from the seed and the steps before alone.
+    fn next_views(&mut self) -> Vec<usize> {
+        (0..self.settings.profile.views_per_step).map(|position| self.next_view(position) as usize).collect()
+    }
+
+    /// Number of a view among all that the training visits, from 1, by its position in this step.
+    fn visit(&self, position: u32) -> u64 {
+        u64::from(self.state.iteration - 1) * u64::from(self.settings.profile.views_per_step) + u64::from(position) + 1
     }
 
     /// Next view of the current pass; each pass visits all views in random order.
-    fn next_view(&mut self) -> u32 {
+    fn next_view(&mut self, position: u32) -> u32 {
         if self.state.order.is_empty() {
+            let visit = self.visit(position);
             self.state.order = (0..self.pictures[0].len() as u32).collect();
             for k in (1..self.state.order.len()).rev() {
-                let other =
-                    random::bits(self.settings.seed, u64::from(self.state.iteration), k as u64) % (k as u64 + 1);
+                let other = random::bits(self.settings.seed, visit, k as u64) % (k as u64 + 1);
                 self.state.order.swap(k, other as usize);
             }
         }
@@ -232,9 +307,10 @@ impl<E: Executor> Trainer<E> {
         self.state.nonfinite += report.nonfinite;
     }
 
-    /// Takes Adam's step for the exposure of a picture. The step number is the number of the pass.
-    fn expose(&mut self, view: usize, report: &StepReport) {
-        let turn = (self.state.iteration - 1) / self.pictures[0].len() as u32 + 1;
+    /// Takes Adam's step for the exposure of a picture, by its position in the step. The step
+    /// number is the number of the pass.
+    fn expose(&mut self, view: usize, position: usize, report: &StepReport) {
+        let turn = ((self.visit(position as u32) - 1) / self.pictures[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
         if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
             self.state.nonfinite += exposure::step(exposures, view, grad, schedule.at(self.state.iteration), turn);
@@ -266,7 +342,21 @@ impl<E: Executor> Trainer<E> {
         iteration as f32 / self.settings.iterations.max(1) as f32
     }
 
+    /// Densifies and resets by the schedule; where anything is due, with all moments on every rank.
     fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
+        let plan = self.settings.profile.densification;
+        let k = self.state.iteration;
+        let is_reset = plan.reset_every > 0 && k.is_multiple_of(plan.reset_every);
+        if !k.is_multiple_of(plan.every) && !is_reset && k != self.settings.iterations {
+            return Ok(DensifyReport::default());
+        }
+        self.gather()?;
+        let report = self.refine_whole()?;
+        self.keep_own()?;
+        Ok(report)
+    }
+
+    fn refine_whole(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
         let plan = self.settings.profile.densification;
         let k = self.state.iteration;
         let mut report = DensifyReport::default();
@@ -462,67 +552,6 @@ fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count:
 
 fn upload_near_field<E: Executor>(exec: &mut E, near_field: &NearField<Vec<f32>>) -> Result<E::NearField, E::Error> {
     exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))
-}
-
-fn upload_scene<E: Executor>(exec: &mut E, scene: &SceneState<Vec<f32>>) -> Result<SceneState<E::Array>, E::Error> {
-    let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        let light = light.with_values(exec.upload(&light.values)?);
-        Ok((light, AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? }))
-    });
-    let light = light.transpose()?;
-    let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
-    Ok(SceneState {
-        light,
-        gaussians: upload(&gaussians.values)?,
-        moments: AdamMoments { mean: upload(&moments.mean)?.values, square: upload(&moments.square)?.values },
-        statistics: Statistics {
-            grad_sum: exec.upload(&statistics.grad_sum)?,
-            view_count: exec.upload(&statistics.view_count)?,
-        },
-    })
-}
-
-fn download_scene<E: Executor>(exec: &mut E, scene: &SceneState<E::Array>) -> Result<SceneState<Vec<f32>>, E::Error> {
-    let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        Ok((download_light(exec, light)?, download_moments(exec, moments, light.len_of_values())?))
-    });
-    Ok(SceneState {
-        light: light.transpose()?,
-        gaussians: download_gaussians(exec, gaussians)?,
-        moments: download_moments(exec, moments, len_of_values(gaussians.count, gaussians.layout))?,
-        statistics: Statistics {
-            grad_sum: download(exec, &statistics.grad_sum, gaussians.count)?,
-            view_count: download(exec, &statistics.view_count, gaussians.count)?,
-        },
-    })
-}
-
-fn download_gaussians<E: Executor>(
-    exec: &mut E,
-    gaussians: &Gaussians<E::Array>,
-) -> Result<Gaussians<Vec<f32>>, E::Error> {
-    let len = len_of_values(gaussians.count, gaussians.layout);
-    Ok(gaussians.with_values(download(exec, &gaussians.values, len)?))
-}
-
-fn download_light<E: Executor>(exec: &mut E, light: &Environment<E::Array>) -> Result<Environment<Vec<f32>>, E::Error> {
-    Ok(light.with_values(download(exec, &light.values, light.len_of_values())?))
-}
-
-fn download<E: Executor>(exec: &mut E, array: &E::Array, len: usize) -> Result<Vec<f32>, E::Error> {
-    let mut values = vec![0.0; len];
-    exec.download(array, &mut values)?;
-    Ok(values)
-}
-
-fn download_moments<E: Executor>(
-    exec: &mut E,
-    moments: &AdamMoments<E::Array>,
-    len: usize,
-) -> Result<AdamMoments<Vec<f32>>, E::Error> {
-    Ok(AdamMoments { mean: download(exec, &moments.mean, len)?, square: download(exec, &moments.square, len)? })
 }
 
 /// A scene in host memory.

@@ -51,6 +51,7 @@ Examples:
   specula train -m out/chair --resume                       continue after Ctrl-C or a crash
   specula train -m out/chair --resume --iterations 60k      train longer
   specula train data/drums -m out/drums --config out/chair/config.toml
+  specula train data/chair -m out/chair --views-per-step 4 --iterations 7500
   specula train --manifest scenes.toml                      many scenes, one after another")]
 pub(crate) struct Train {
     /// Data set folder.
@@ -78,6 +79,12 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; all schedules scale with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
+    /// Fit this many views in each iteration, by the sum of their gradients, which several ranks
+    /// can share; schedules and learning rates adapt, so that 4 views take a quarter of the
+    /// iterations. Some quality is lost; see docs/scaling.md.
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = views_per_step)]
+    #[serde(skip_serializing_if = "is_one")]
+    pub(crate) views_per_step: u32,
     /// Downscale the pictures by this factor.
     #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
     pub(crate) resolution: u32,
@@ -450,6 +457,18 @@ pub(super) fn as_typed<S: Serializer>(number: &u64, out: S) -> Result<S::Ok, S::
         Ok(number) => out.serialize_i64(number),
         Err(_) => out.collect_str(number),
     }
+}
+
+/// True for single views, which are not written to `config.toml`.
+fn is_one(views: &u32) -> bool {
+    *views == 1
+}
+
+/// Number of views of a step: more take more memory than they save time.
+pub(super) fn views_per_step(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 1024;
+    let views = positive(text)?;
+    if views <= MOST { Ok(views) } else { Err(format!("use {MOST} views a step at most")) }
 }
 
 /// Number of random points, at least one.

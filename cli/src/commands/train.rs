@@ -9,7 +9,9 @@ use crate::{
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
-    interrupt, output, progress, scene, settings,
+    interrupt, output, progress,
+    ranks::Ranks,
+    scene, settings,
     training::Session,
 };
 use core::net::SocketAddr;
@@ -29,22 +31,28 @@ use specula_scene::{
     foreground,
     light_file::MapUp,
     orientation::{self, of_gaussians, with_up},
-    training::{self, Checkpoints, Start, Training, model_info},
+    training::{self, Checkpoints, Outcome, Start, Training, model_info},
 };
-use specula_train::{profile::Profile, start::Point, trainer::Settings};
+use specula_train::{profile::Profile, ranks::Traffic, start::Point, trainer::Settings};
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
-/// Trains, saves, and measures with `--eval`.
-pub(crate) fn run(args: &Train) -> Result<(), Failure> {
+/// Trains, saves, and measures with `--eval`. Of several ranks the first one writes the model.
+pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     warn_of_ignored(args);
+    if ranks.size > 1 && args.watch.view.is_some() {
+        return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
+    }
     let args = &with_resolution(args)?;
     // Refused before the data is read.
     settings::profile_of(args, args.iterations, false)?;
     // A folder that does not exist is created and locked once everything else is known to be valid.
-    let lock = if args.model_path.is_dir() { Some(folder::lock(args)?) } else { None };
+    let is_first = ranks.is_first();
+    let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(args)?) } else { None };
     refuse_data_set(args)?;
-    folder::refuse_other_training(args)?;
+    if is_first {
+        folder::refuse_other_training(args)?;
+    }
     let mut data = load(args)?;
     let of_objects = data.holds_objects();
     let mut profile = settings::profile_of(args, args.iterations, of_objects)?;
@@ -69,9 +77,15 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
         None
     };
     let points = if saved.is_some() { Vec::new() } else { data.take_points(points_of(args), args.seed) };
-    output::make_folder(&args.model_path)?;
-    let _lock = lock.map_or_else(|| folder::lock(args), Ok)?;
-    let checkpoints = prepare_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?;
+    let pictures = facts.pictures.clone();
+    let (checkpoints, _lock) = if is_first {
+        output::make_folder(&args.model_path)?;
+        let lock = lock.map_or_else(|| folder::lock(args), Ok)?;
+        (prepare_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?, Some(lock))
+    } else {
+        let checkpoints = Checkpoints::new(&args.model_path, args.resuming.checkpoint_every, facts).of_another_rank();
+        (saved.iter().fold(checkpoints, |checkpoints, saved| checkpoints.resumed_at(saved.state.iteration)), None)
+    };
 
     let reload = || {
         let mut data = progress::silently(|| load(args))?;
@@ -83,6 +97,10 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     let mut session = Session::new(&reload);
     let training = Training::new(&args.executor, settings, &data.train, &start, &mut session)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
+    if let Some(exchange) = (ranks.connect)() {
+        training.join(exchange, &pictures)?;
+        tracing::info!("{} ranks share the training", ranks.size);
+    }
     let cameras = data.evaluation_cameras();
     let watching = match args.watch.view {
         Some(address) => Some(watch(args, address, &mut training, &data, background)?),
@@ -92,11 +110,16 @@ pub(crate) fn run(args: &Train) -> Result<(), Failure> {
     drop((core::mem::take(&mut data.train), points, saved));
     interrupt::watch()?;
 
-    let pauses = [args.save_iterations.as_slice(), &args.test_iterations].concat();
+    // Others wait while the first one saves and measures.
+    let pauses = if is_first { [&args.save_iterations[..], &args.test_iterations].concat() } else { Vec::new() };
     let views = result::Views { names, test: &data.test, materials: &data.test_materials, cameras, background };
     let live = watching.as_ref().map(Watching::live);
     let session = session.with(|training| result::pause(args, training, &info, &views), live);
     let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
+    note_traffic(&training, outcome);
+    if !is_first {
+        return Ok(());
+    }
     result::finish(args, &mut training, info, outcome, &views)?;
     let result = || Ok((training.scene()?, training.iteration()));
     watching.map_or(Ok(()), |watching| watching.stay(result))
@@ -115,6 +138,16 @@ fn under_known_light(profile: Profile, path: &Path, data: &Dataset) -> Result<Pr
     let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));
     tracing::info!("the light is that of {path:?} and stays as it is");
     Ok(profile.under(radiance))
+}
+
+/// Notes what a rank of several sent and how long it waited.
+fn note_traffic(training: &Training, outcome: Outcome) {
+    let Some(Traffic { sent, seconds }) = training.traffic() else { return };
+    let megabytes = sent as f64 / 1e6;
+    tracing::info!(
+        "this rank sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
+        outcome.seconds
+    );
 }
 
 /// Data set folder.

@@ -139,6 +139,11 @@ mod killed {
     }
 
     #[test]
+    fn a_killed_training_of_batches_continues_to_the_same_bits() {
+        ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &["--views-per-step", "3"]);
+    }
+
+    #[test]
     fn a_killed_training_that_reflects_itself_continues_as_if_nothing_had_happened() {
         ends_as_if_nothing_had_happened("-KILL", &[None, Some(0)], &["--reflections", "near"]);
     }
@@ -173,6 +178,17 @@ fn a_finished_training_continues_for_longer() {
 }
 
 #[test]
+fn a_model_tells_how_many_views_a_step_fitted() {
+    let tiny = Tiny::new();
+    train(&tiny, "single").assert().success();
+    train(&tiny, "batch").args(["--views-per-step", "3"]).assert().success();
+    let views = |model: &str| json(&tiny.path(model).join("specula.json"))["views_per_step"].as_u64();
+    assert_eq!((views("single"), views("batch")), (None, Some(3)));
+    let settings = fs::read_to_string(tiny.path("batch").join("config.toml")).unwrap();
+    assert!(settings.contains("views-per-step = 3"), "{settings}");
+}
+
+#[test]
 fn only_the_same_training_continues() {
     let tiny = Tiny::new();
     let nothing = refusal(&mut resumed(&tiny, "model"));
@@ -187,6 +203,7 @@ fn only_the_same_training_continues() {
         (&["--eval"], "--eval"),
         (&["--resolution", "2"], "--resolution"),
         (&["--light-resolution", "32"], "--light-resolution 16"),
+        (&["--views-per-step", "2"], "--views-per-step"),
     ] {
         let sentence = refusal(resumed(&tiny, "model").arg("--quiet").args(words));
         assert!(sentence.contains(expected) && sentence.contains("checkpoint.safetensors"), "{sentence}");

@@ -1,4 +1,4 @@
-//! Adam over all planes of all Gaussians, and over a light.
+//! Adam over all planes of all Gaussians, and over a light; sums of gradients.
 //!
 //! The gradient of sixteen Gaussians and their step of Adam are computed together, so that
 //! gradients never pass through memory.
@@ -27,6 +27,13 @@ impl StepSize {
         corrected.iter_mut().zip(rates).for_each(|(to, rate)| *to = corrected_rate(*rate, step));
         Self { rates: corrected, epsilon: corrected_epsilon(step) }
     }
+}
+
+/// Adds numbers to others, one by one.
+pub(crate) fn add_all(sum: &mut [f32], terms: &[f32]) {
+    const CHUNK: usize = 1 << 14;
+    let add = |(sum, terms): (&mut [f32], &[f32])| sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+    sum.par_chunks_mut(CHUNK).zip(terms.par_chunks(CHUNK)).for_each(add);
 }
 
 /// One step for numbers in blocks of as many planes as there are rates; counts gradients that were

@@ -19,6 +19,7 @@ pub mod shade;
 pub mod shade_pixels;
 pub mod trace;
 
+pub(crate) mod add;
 pub mod blend_vjp;
 pub mod expose_vjp;
 pub mod gaussians_vjp;

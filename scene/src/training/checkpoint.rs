@@ -17,18 +17,26 @@ pub struct Checkpoints {
     facts: Facts,
     /// Iteration of the last checkpoint.
     last: Option<u32>,
+    /// Whether another rank writes them.
+    is_of_another_rank: bool,
 }
 
 impl Checkpoints {
     /// Checkpoints of a new training in a folder, one every `every` steps; none before the end if
     /// 0.
     pub fn new(folder: &Path, every: u32, facts: Facts) -> Self {
-        Self { folder: folder.to_owned(), every, facts, last: None }
+        Self { folder: folder.to_owned(), every, facts, last: None, is_of_another_rank: false }
     }
 
     /// Checkpoints of a training that is resumed from iteration `last`.
     pub fn resumed_at(self, last: u32) -> Self {
         Self { last: Some(last), ..self }
+    }
+
+    /// The same checkpoints, which another rank of the training writes.
+    #[must_use]
+    pub fn of_another_rank(self) -> Self {
+        Self { is_of_another_rank: true, ..self }
     }
 
     /// Path of the checkpoint.
@@ -46,14 +54,21 @@ impl Checkpoints {
         self.every > 0 && iteration.is_multiple_of(self.every) && self.last != Some(iteration)
     }
 
-    /// Writes a checkpoint; `seconds` is the time of all steps.
+    /// Takes note that the last checkpoint was not written after all, by another rank.
+    pub(super) fn forget(&mut self) {
+        self.last = None;
+    }
+
+    /// Writes a checkpoint, unless another rank does; `seconds` is the time of all steps.
     ///
     /// # Errors
     ///
     /// A file that cannot be written.
     pub fn write(&mut self, state: TrainingState<Vec<f32>>, seconds: f64) -> Result<()> {
         let iteration = state.iteration;
-        checkpoint::write(&self.folder, &Checkpoint { state, facts: Facts { seconds, ..self.facts.clone() } })?;
+        if !self.is_of_another_rank {
+            checkpoint::write(&self.folder, &Checkpoint { state, facts: Facts { seconds, ..self.facts.clone() } })?;
+        }
         self.last = Some(iteration);
         Ok(())
     }

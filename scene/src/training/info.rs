@@ -20,6 +20,9 @@ pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
     if profile.near_field.is_some() {
         rest.insert("reflections".into(), reflections.into());
     }
+    if profile.views_per_step > 1 {
+        rest.insert("views_per_step".into(), profile.views_per_step.into());
+    }
     rest.insert("background".into(), json!(background));
     rest.insert("train_views".into(), data.train.len().into());
     rest.insert("test_views".into(), data.test.len().into());

@@ -6,6 +6,8 @@ use core::fmt;
 use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
 use specula_train::{
+    exchange::Exchange,
+    ranks::Traffic,
     start::Point,
     trainer::{HostScene, Settings, TrainError, Trainer},
     view::View,
@@ -27,6 +29,12 @@ pub(super) trait Run {
     fn exposures(&self) -> Option<&[Exposure<f32>]>;
     /// Copies the scene to the host.
     fn download(&mut self) -> Result<HostScene, SceneError>;
+    /// Shares the training with other ranks.
+    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError>;
+    /// Returns whether any rank wishes something.
+    fn agree(&mut self, wish: bool) -> Result<bool, SceneError>;
+    /// Messages to other ranks so far; none where the training is alone.
+    fn traffic(&self) -> Option<Traffic>;
     /// Copies the whole state of the training to the host.
     fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError>;
 }
@@ -62,6 +70,15 @@ where
     }
     fn download(&mut self) -> Result<HostScene, SceneError> {
         self.download().map_err(SceneError::from)
+    }
+    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
+        self.join(exchange, description).map_err(SceneError::from)
+    }
+    fn agree(&mut self, wish: bool) -> Result<bool, SceneError> {
+        self.agree(wish).map_err(SceneError::from)
+    }
+    fn traffic(&self) -> Option<Traffic> {
+        self.traffic()
     }
     fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
         self.snapshot().map_err(SceneError::from)

@@ -10,7 +10,7 @@ use crate::{ExecutorChoice, Scene, SceneError, ShadingModel};
 use core::fmt::Display;
 use specula_core::expose::Exposure;
 use specula_cpu::CpuExecutor;
-use specula_train::{start::Point, trainer::Settings, view::View};
+use specula_train::{exchange::Exchange, ranks::Traffic, start::Point, trainer::Settings, view::View};
 use std::time::Instant;
 
 /// Program around a training, which is notified of its progress and may interrupt it.
@@ -112,6 +112,25 @@ impl Training {
         Ok(Self { trainer, choice, fallback, checkpoints: None, shading_model, iterations, seconds: 0.0 })
     }
 
+    /// Shares the training with other ranks, which were started alike: all of them take the same
+    /// steps and end together. No CPU takes over from a device that fails. `description` stands for
+    /// what the settings do not say, such as a checksum of the pictures.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Ranks`] where a rank is gone or was started otherwise, and failures of the
+    /// executor.
+    pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
+        self.fallback = None;
+        let kind = if self.choice == ExecutorChoice::Cpu { "CPU" } else { "device" };
+        self.trainer.join(exchange, &format!("{description} on a {kind}"))
+    }
+
+    /// Messages to other ranks so far; none where the training is alone.
+    pub fn traffic(&self) -> Option<Traffic> {
+        self.trainer.traffic()
+    }
+
     /// Writes checkpoints during the run and at its end. `seconds` is the time of earlier steps.
     #[must_use]
     pub fn with_checkpoints(self, checkpoints: Checkpoints, seconds: f64) -> Self {
@@ -126,7 +145,7 @@ impl Training {
     /// Failures of the executor, unless the CPU takes over, and those of the observer.
     pub fn run<O: Observer>(&mut self, pauses: &[u32], observer: &mut O) -> Result<Outcome, O::Error> {
         loop {
-            let is_at_end = self.is_finished() || observer.is_interrupted();
+            let is_at_end = self.is_finished() || self.trainer.agree(observer.is_interrupted())?;
             let done = if is_at_end { self.save_checkpoint(observer) } else { self.advance(pauses, observer) };
             match done {
                 Err(error) => self.fall_back_to_cpu(error, observer)?,
@@ -145,7 +164,8 @@ impl Training {
     /// Takes a step, and pauses or writes a checkpoint if one is due.
     fn advance<O: Observer>(&mut self, pauses: &[u32], observer: &mut O) -> Result<(), O::Error> {
         observer.before_step(self)?;
-        if observer.is_interrupted() {
+        // Ranks agree on their end before the step.
+        if observer.is_interrupted() && self.traffic().is_none() {
             return Ok(());
         }
         let start = Instant::now();
@@ -167,8 +187,12 @@ impl Training {
         if checkpoints.last() == Some(self.trainer.iteration()) {
             return Ok(());
         }
-        if let Err(error) = checkpoints.write(self.trainer.snapshot()?, self.seconds) {
+        let written = checkpoints.write(self.trainer.snapshot()?, self.seconds);
+        let has_failed = self.trainer.agree(written.is_err())?;
+        if let Err(error) = written {
             observer.note(Note::CheckpointFailed { error: SceneError::from(error).into() });
+        } else if has_failed {
+            checkpoints.forget();
         }
         Ok(())
     }
@@ -280,6 +304,15 @@ mod tests {
         }
         fn download(&mut self) -> Result<HostScene, SceneError> {
             Run::download(&mut self.0)
+        }
+        fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
+            Run::join(&mut self.0, exchange, description)
+        }
+        fn agree(&mut self, wish: bool) -> Result<bool, SceneError> {
+            Run::agree(&mut self.0, wish)
+        }
+        fn traffic(&self) -> Option<Traffic> {
+            self.0.traffic()
         }
         fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
             Run::snapshot(&mut self.0)

@@ -584,6 +584,26 @@ impl Numbers {
 }
 
 #[test]
+fn sums_of_gradients_are_those_of_the_cpu_to_the_last_bit() {
+    fn sum<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, [first, second]: [&[f32]; 2]) -> Vec<f32> {
+        let mut upload = |values: &[f32]| exec.upload(values).expect("numbers fit");
+        let (mut sum, term) = (upload(first), upload(second));
+        exec.add(&mut sum, &term).expect("the executor adds");
+        let mut values = vec![0.0; first.len()];
+        exec.download(&sum, &mut values).expect("numbers come back");
+        values
+    }
+    let Some(mut gpu) = executor() else { return };
+    // One number beyond a workgroup's.
+    let draw = |stream: u64| (0..257).map(|k| random::uniform(stream, 7, k) - 0.5).collect::<Vec<f32>>();
+    let terms = [draw(1), draw(2)];
+    let terms = [&terms[0][..], &terms[1][..]];
+    let sums = sum(&mut gpu, terms);
+    assert!(sums == sum(&mut CpuExecutor::new(), terms), "the devices add otherwise");
+    assert!(sums != terms[0], "something was added");
+}
+
+#[test]
 fn adam_is_that_of_the_cpu_and_leaves_out_what_is_not_finite() {
     fn steps<E: Executor<Error: core::fmt::Debug>>(
         exec: &mut E,

@@ -26,6 +26,7 @@ use specula_tests::{
 };
 use specula_train::{
     evaluate::{mean_quality, measure_view, render_view},
+    exchange::{PATIENCE, threads},
     profile::{Profile, by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, Trainer},
@@ -252,6 +253,33 @@ fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() 
         assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
         assert!(first == again, "{kernels:?}: a second run with capacity for fewer splats at once differs");
     }
+}
+
+#[test]
+fn two_ranks_with_a_device_each_train_as_one_does_to_the_last_bit() {
+    const STEPS: u32 = 12;
+    let Some(gpu) = executor() else { return };
+    let mut settings = settings("specula");
+    settings.profile = settings.profile.for_batches(3);
+    let plan = &mut settings.profile.densification;
+    (plan.from, plan.every) = (0, 5);
+    let (expected, _) = train(gpu, settings.clone(), STEPS);
+    let ranks = threads(2, PATIENCE).into_iter().map(|exchange| {
+        let settings = settings.clone();
+        std::thread::spawn(move || {
+            let exec = executor().expect("there was one before");
+            let mut trainer = Trainer::new(exec, settings, &views(1..=VIEWS), &points(0)).expect("there are views");
+            trainer.join(Box::new(exchange), "").expect("both are there");
+            (0..STEPS).for_each(|_| {
+                trainer.step().expect("the executor trains");
+            });
+            trainer.download().expect("the executor gives back")
+        })
+    });
+    for rank in ranks.collect::<Vec<_>>() {
+        assert!(rank.join().expect("no rank panics") == expected, "a rank differs");
+    }
+    assert_ne!(expected.gaussians.count as u64, POINTS, "densification took part");
 }
 
 /// Training of a number of steps that is interrupted after some of them, and resumes from its

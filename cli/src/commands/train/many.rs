@@ -7,6 +7,7 @@ use crate::{
     failure::Failure,
     manifest::{Manifest, Task},
     output,
+    ranks::Ranks,
 };
 use specula_io::{budget::FACTS, checkpoint, model_folder};
 use std::path::Path;
@@ -36,13 +37,16 @@ pub(crate) fn list(manifest: &Manifest) -> Result<(), Failure> {
 /// # Errors
 /// The failure of an only training; [`Failure::Interrupted`]; otherwise [`Failure::Input`] with the
 /// folders of all that failed.
-pub(crate) fn run(manifest: &Manifest) -> Result<(), Failure> {
+pub(crate) fn run(manifest: &Manifest, ranks: &Ranks<'_>) -> Result<(), Failure> {
     let Manifest { count, tasks, .. } = manifest;
+    if ranks.size > 1 && tasks.len() > 1 {
+        return Err(Failure::Input(format!("ranks share one training at a time; select one of {count} with --task")));
+    }
     let (mut done, mut failed) = (Vec::new(), Vec::new());
     for task in tasks {
         let model = shell_word(&task.train.model_path.to_string_lossy());
         tracing::info!("[{}/{count}] {model}", task.number);
-        match train(task) {
+        match train(task, ranks) {
             Ok(Outcome::Kept) => {
                 tracing::info!("finished before");
                 done.push(model);
@@ -66,11 +70,11 @@ pub(crate) fn run(manifest: &Manifest) -> Result<(), Failure> {
 }
 
 /// Starts a training, continues it from its checkpoint, or keeps what is finished.
-fn train(task: &Task) -> Result<Outcome, Failure> {
+fn train(task: &Task, ranks: &Ranks<'_>) -> Result<Outcome, Failure> {
     let args = &super::with_resolution(&task.train)?;
     args.executor.check()?;
     if args.resuming.overwrite {
-        return super::run(args).map(|()| Outcome::Trained);
+        return super::run(args, ranks).map(|()| Outcome::Trained);
     }
     let folder = &args.model_path;
     if let Some(difference) = config::difference_from(folder, args)?.filter(|_| model_folder::holds_training(folder)) {
@@ -83,7 +87,7 @@ fn train(task: &Task) -> Result<Outcome, Failure> {
     }
     let resume = checkpoint::path_in(folder).is_file();
     let resuming = ResumeOptions { resume, ..args.resuming.clone() };
-    super::run(&Train { resuming, ..args.clone() }).map(|()| Outcome::Trained)
+    super::run(&Train { resuming, ..args.clone() }, ranks).map(|()| Outcome::Trained)
 }
 
 /// Whether the folder of a training holds its last iteration, measured if that was asked for.

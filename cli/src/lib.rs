@@ -1,0 +1,135 @@
+//! specula fits, renders and relights scenes of 3D Gaussians that carry a shading function.
+//!
+//! This library is the program itself, for programs that connect several ranks of a training before
+//! they start it ([`run`]). Scenes are trained and rendered by the crate `specula-scene`.
+
+mod args;
+mod certified;
+mod commands;
+mod config;
+mod dataset;
+mod failure;
+mod help;
+mod interrupt;
+mod lights;
+mod manifest;
+mod output;
+mod progress;
+mod ranks;
+mod scene;
+mod settings;
+mod training;
+mod truth;
+
+pub use ranks::Ranks;
+
+use args::{Arguments, Command};
+use clap::error::ErrorKind;
+use core::panic::AssertUnwindSafe;
+use failure::Failure;
+use specula_scene::ExecutorChoice;
+use std::ffi::OsString;
+
+/// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Sentence without its middle, if it quotes as much as a file.
+fn shortened(sentence: &str) -> String {
+    const MOST: usize = 2000;
+    let count = sentence.chars().count();
+    if count <= MOST {
+        return sentence.to_owned();
+    }
+    let start: String = sentence.chars().take(MOST / 2).collect();
+    let end: String = sentence.chars().skip(count - MOST / 2).collect();
+    format!("{start} … {end}")
+}
+
+/// Runs the command line of this process, as one of several ranks or alone. Returns the exit code:
+/// 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
+pub fn run(ranks: &Ranks<'_>) -> u8 {
+    let arguments = match Arguments::parse_words(std::env::args_os()) {
+        Ok(arguments) => arguments,
+        // All ranks have the same command line.
+        Err(error) if !ranks.is_first() => return if error.use_stderr() { 2 } else { 0 },
+        Err(error) => return explain(&error),
+    };
+    progress::init(arguments.quiet || !ranks.is_first());
+    interrupt::ignore_file_size_signal();
+    // The panic hook has printed the message of a panic.
+    match std::panic::catch_unwind(AssertUnwindSafe(|| start(arguments, ranks))) {
+        Ok(Ok(()) | Err(Failure::BrokenPipe)) => 0,
+        Ok(Err(failure)) => {
+            tracing::error!("{}{}", ranks.prefix(), shortened(&failure.to_string()));
+            failure.exit_code()
+        }
+        Err(_) => 1,
+    }
+}
+
+/// Runs a command whose settings may lie in files.
+fn start(arguments: Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
+    let words = args::with_hyphens(std::env::args_os());
+    match manifest::of(&arguments, &words)? {
+        Some(manifest) if manifest.is_listed => commands::train::many::list(&manifest),
+        Some(manifest) => {
+            set_threads(arguments.threads)?;
+            commands::train::many::run(&manifest, ranks)
+        }
+        None => run_command(&config::completed(arguments, &words)?, ranks),
+    }
+}
+
+fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
+    if let Some(threads) = threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
+        pool.build_global().map_err(|error| Failure::Internal(error.to_string()))?;
+    }
+    Ok(())
+}
+
+fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
+    set_threads(arguments.threads)?;
+    if !matches!(arguments.command, Command::Train(_)) && ranks.size > 1 {
+        return Err(Failure::Input("several ranks share a training alone; run this command with specula".into()));
+    }
+    arguments.command.executor().map_or(Ok(()), ExecutorChoice::check)?;
+    match &arguments.command {
+        Command::Demo(args) => commands::demo::run(args),
+        Command::Train(args) => commands::train::run(args, ranks),
+        Command::Render(args) => commands::render::run(args),
+        Command::Relight(args) => commands::relight::run(args),
+        Command::Eval(args) => commands::eval::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::View(args) => commands::view::run(args),
+        Command::Export(args) => commands::export::run(args),
+        Command::Prefilter(args) => commands::prefilter::run(args),
+        Command::Report(args) => commands::report::run(args),
+        Command::Info(args) => commands::info::run(args),
+        Command::Doctor(args) => commands::doctor::run(args),
+        Command::TryNetwork(args) => commands::eval::trial::run(args),
+    }
+}
+
+/// Prints help to stdout, or the error of the arguments as one sentence to stderr.
+fn explain(error: &clap::Error) -> u8 {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    match error.kind() {
+        ErrorKind::DisplayHelp => help::print(&words),
+        ErrorKind::DisplayVersion => {
+            // A closed stdout is no error.
+            let _ = error.print();
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            eprint!("{error}");
+            return 2;
+        }
+        _ => {
+            let command = help::command_of(&words).map_or(String::new(), |name| format!("{name} "));
+            eprintln!("specula: {}; see specula {command}--help", failure::sentence_of(error));
+            return 2;
+        }
+    }
+    0
+}

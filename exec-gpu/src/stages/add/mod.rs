@@ -1,0 +1,32 @@
+//! Sums of gradients: one array is added to another.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        chunks::ChunkedArray,
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+    },
+};
+
+fn source() -> String {
+    Source::new().with(include_str!("add.wgsl")).text()
+}
+
+/// Adds the numbers of an array to those of another that is divided alike.
+///
+/// # Errors
+///
+/// See [`Context::dispatch`].
+pub(crate) fn add(context: &mut Context, sum: &ChunkedArray, term: &ChunkedArray) -> Result<(), GpuError> {
+    for [sum, term] in ChunkedArray::side_by_side([sum, term]) {
+        let count = sum.len() as u32;
+        let bindings = [Uniform(bytemuck::bytes_of(&count)), Buffer(term), Buffer(sum)];
+        context.dispatch("add", "add", &source, &bindings, Dispatch::Invocations(sum.len()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,185 @@
+//! Batches of views: one step against the sum of their gradients.
+//!
+//! Gradients are added number by number in the order of the views, so that the sum does not depend
+//! on where they were computed. Adam does not notice a factor of all gradients; what a batch
+//! changes is their noise, which falls with its root. Learning rates grow by that root (Malladi et
+//! al. 2022): then a step against B views moves parameters about as far as B steps against single
+//! views, whose noise partly cancels.
+
+use crate::profile::{Densification, Profile, Rates};
+use specula_core::{
+    executor::{Executor, StepReport, TrainingStep},
+    optimise::Schedule,
+    pipeline::{ViewGradient, view_gradient},
+    state::{SceneState, Statistics},
+};
+
+impl Profile {
+    /// The profile of a training that fits batches of views, from the profile of one that visits as
+    /// many views in all, one a step: what was counted in views is counted in steps, and learning
+    /// rates grow by √`views`. Exposures keep their rate, as each is fitted to one view; 1 changes
+    /// nothing.
+    #[must_use]
+    pub fn for_batches(mut self, views: u32) -> Self {
+        let views = views.max(1);
+        if views == 1 {
+            return self;
+        }
+        let steps = |count: u32| (count.saturating_add(views / 2) / views).max(count.min(1));
+        let rate =
+            |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule.times((views as f32).sqrt()) };
+        let Rates { normal_residual, .. } = self.rates;
+        self.rates = Rates {
+            mean: rate(self.rates.mean),
+            log_scale: rate(self.rates.log_scale),
+            quat: rate(self.rates.quat),
+            opacity: rate(self.rates.opacity),
+            diffuse: rate(self.rates.diffuse),
+            tint: rate(self.rates.tint),
+            roughness: rate(self.rates.roughness),
+            normal_residual: normal_residual.map(rate),
+            material: rate(self.rates.material),
+            sh_first: rate(self.rates.sh_first),
+            sh_rest: rate(self.rates.sh_rest),
+            environment: rate(self.rates.environment),
+        };
+        self.exposure = self.exposure.map(|schedule| Schedule { steps: steps(schedule.steps), ..schedule });
+        let Densification { from, until, every, reset_every, .. } = self.densification;
+        self.densification = Densification {
+            from: steps(from),
+            until: steps(until),
+            every: steps(every),
+            reset_every: steps(reset_every),
+            ..self.densification
+        };
+        self.views_per_step *= views;
+        self
+    }
+}
+
+/// Takes one step against the sum of the gradients of several views, which share all settings of
+/// the step. Returns the report of each view; the last counts the gradients that were skipped.
+///
+/// # Errors
+///
+/// The error of the stage that failed.
+pub(crate) fn batch_step<E: Executor>(
+    exec: &mut E,
+    scene: &mut SceneState<E::Array>,
+    views: &[TrainingStep<'_, E>],
+) -> Result<Vec<StepReport>, E::Error> {
+    let mut reports = Vec::with_capacity(views.len());
+    let mut sum: Option<ViewGradient<E::Array>> = None;
+    for view in views {
+        let (grad, report) = gradient_of(exec, scene, view)?;
+        match &mut sum {
+            Some(sum) => add_gradient(exec, sum, &grad)?,
+            None => sum = Some(grad),
+        }
+        reports.push(report);
+    }
+    if let (Some(sum), Some(view), Some(last)) = (sum, views.last(), reports.last_mut()) {
+        last.nonfinite = apply(exec, scene, sum, view)?;
+    }
+    Ok(reports)
+}
+
+/// Gradient of one view of a batch, with its share in the statistics.
+pub(crate) fn gradient_of<E: Executor>(
+    exec: &mut E,
+    scene: &SceneState<E::Array>,
+    view: &TrainingStep<'_, E>,
+) -> Result<(ViewGradient<E::Array>, StepReport), E::Error> {
+    let SceneState { gaussians, light, .. } = scene;
+    let statistics = if view.is_observed { Some(no_statistics(exec, gaussians.count)?) } else { None };
+    view_gradient(exec, gaussians, light.as_ref().map(|(light, _)| light), statistics, view)
+}
+
+fn no_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics<E::Array>, E::Error> {
+    let zeros = vec![0.0; count];
+    Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
+}
+
+/// Adds the gradient of another view to a sum.
+pub(crate) fn add_gradient<E: Executor>(
+    exec: &mut E,
+    sum: &mut ViewGradient<E::Array>,
+    grad: &ViewGradient<E::Array>,
+) -> Result<(), E::Error> {
+    exec.add(&mut sum.gaussians.values, &grad.gaussians.values)?;
+    if let (Some(sum), Some(grad)) = (&mut sum.light, &grad.light) {
+        exec.add(sum, grad)?;
+    }
+    if let (Some(sum), Some(grad)) = (&mut sum.statistics, &grad.statistics) {
+        add_statistics(exec, sum, grad)?;
+    }
+    Ok(())
+}
+
+fn add_statistics<E: Executor>(
+    exec: &mut E,
+    sum: &mut Statistics<E::Array>,
+    share: &Statistics<E::Array>,
+) -> Result<(), E::Error> {
+    exec.add(&mut sum.grad_sum, &share.grad_sum)?;
+    exec.add(&mut sum.view_count, &share.view_count)
+}
+
+/// Takes Adam's step against a gradient, and adds its statistics to those of the scene. Returns how
+/// many numbers of the gradient were skipped because they were not finite.
+pub(crate) fn apply<E: Executor>(
+    exec: &mut E,
+    scene: &mut SceneState<E::Array>,
+    grad: ViewGradient<E::Array>,
+    step: &TrainingStep<'_, E>,
+) -> Result<usize, E::Error> {
+    let SceneState { gaussians, moments, statistics, light } = scene;
+    if let Some(share) = &grad.statistics {
+        add_statistics(exec, statistics, share)?;
+    }
+    exec.optimise(gaussians, moments, grad.gaussians, step.rates, step.number)?;
+    if let (Some((environment, moments)), Some(grad)) = (light, grad.light) {
+        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
+    }
+    // Nothing is binned here, so that no step has to be repeated.
+    Ok(exec.report()?.map_or(0, |report| report.nonfinite))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::{NAMES, by_name, exposure_rate};
+
+    #[test]
+    fn single_views_change_no_profile() {
+        for name in NAMES {
+            let profile = by_name(name, 7000).expect("a profile");
+            assert_eq!(profile.clone().for_batches(1), profile);
+        }
+    }
+
+    #[test]
+    fn batches_count_views_in_steps_and_raise_the_rates_by_their_root() {
+        let mut single = by_name("specula", 7000).expect("a profile");
+        single.exposure = Some(exposure_rate(7000));
+        let batched = single.clone().for_batches(4);
+        assert_eq!(batched.views_per_step, 4);
+        let Densification { from, until, every, reset_every, grad_min, .. } = batched.densification;
+        assert_eq!((from, until, every, reset_every, grad_min), (125, 875, 25, 750, single.densification.grad_min));
+        for (of_batches, of_views) in [(batched.rates.mean, single.rates.mean), (batched.rates.tint, single.rates.tint)]
+        {
+            let expected = (2.0 * of_views.first, 2.0 * of_views.last, of_views.steps / 4);
+            assert_eq!((of_batches.first, of_batches.last, of_batches.steps), expected);
+        }
+        let [of_batches, of_views] = [batched.exposure, single.exposure].map(|rate| rate.expect("it is learned"));
+        assert_eq!((of_batches.first, of_batches.steps), (of_views.first, 1750));
+    }
+
+    #[test]
+    fn intervals_become_no_zeros_and_zeros_stay() {
+        let mut profile = by_name("paper", 100).expect("a profile");
+        (profile.densification.every, profile.densification.reset_every) = (3, 0);
+        let Densification { every, reset_every, .. } = profile.for_batches(64).densification;
+        assert_eq!((every, reset_every), (1, 0));
+    }
+}

@@ -1,0 +1,190 @@
+//! Messages between the ranks of a training: processes or threads that share its work.
+//!
+//! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, whose order a
+//! library would choose: whoever receives numbers adds them in the order of the views
+//! ([`crate::ranks`]). [`threads`] connects threads of one process and is the reference for all
+//! other exchanges.
+
+use core::{fmt::Debug, time::Duration};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+
+/// Time after which a rank that does not answer counts as lost, unless another is set. Ranks wait
+/// for the first one while it writes a checkpoint or measures test views.
+pub const PATIENCE: Duration = Duration::from_secs(600);
+
+/// Failure of an exchange. The training of this rank ends with it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ExchangeError {
+    /// A rank ended before the training.
+    #[error("rank {rank} has ended")]
+    Ended {
+        /// Number of the rank.
+        rank: usize,
+    },
+    /// A rank is too slow or hangs.
+    #[error("rank {rank} has not answered for {} s", patience.as_secs_f32())]
+    Silent {
+        /// Number of the rank.
+        rank: usize,
+        /// Time that was waited.
+        patience: Duration,
+    },
+    /// A message of another length than all ranks agree on.
+    #[error("rank {rank} sent {found} bytes in place of {expected}")]
+    Length {
+        /// Number of the rank.
+        rank: usize,
+        /// Bytes that were expected.
+        expected: usize,
+        /// Bytes that came.
+        found: usize,
+    },
+    /// A rank trains something else.
+    #[error(
+        "rank {rank} has {what} other than those of rank 0; start all ranks with the same options, pictures and kind of \
+         executor"
+    )]
+    Different {
+        /// Number of the rank.
+        rank: usize,
+        /// Plural of what differs.
+        what: &'static str,
+    },
+    /// The network or the library beneath failed.
+    #[error("the ranks cannot talk to each other: {0}")]
+    Transport(String),
+}
+
+/// Connection of one rank with all others.
+///
+/// Messages between two ranks arrive in the order in which they were sent. A message that is on its
+/// way is delivered even if its sender ends.
+pub trait Exchange: Debug + Send {
+    /// Number of this rank, from 0.
+    fn rank(&self) -> usize;
+
+    /// Number of ranks, at least 1.
+    fn size(&self) -> usize;
+
+    /// Sends bytes to another rank, without waiting until that receives them.
+    ///
+    /// # Errors
+    ///
+    /// [`ExchangeError::Ended`], or a failure of the transport.
+    fn send(&mut self, to: usize, message: Vec<u8>) -> Result<(), ExchangeError>;
+
+    /// Waits for the next message of another rank.
+    ///
+    /// # Errors
+    ///
+    /// [`ExchangeError::Ended`] or [`ExchangeError::Silent`], or a failure of the transport.
+    fn receive(&mut self, from: usize) -> Result<Vec<u8>, ExchangeError>;
+
+    /// Gives bytes to all ranks, and returns those of all in the order of their numbers.
+    ///
+    /// # Errors
+    ///
+    /// As [`Exchange::send`] and [`Exchange::receive`].
+    fn all_gather(&mut self, own: Vec<u8>) -> Result<Vec<Vec<u8>>, ExchangeError> {
+        let (rank, size) = (self.rank(), self.size());
+        for other in (0..size).filter(|other| *other != rank) {
+            self.send(other, own.clone())?;
+        }
+        let mut own = Some(own);
+        let mut of =
+            |other: usize| if other == rank { Ok(own.take().unwrap_or_default()) } else { self.receive(other) };
+        (0..size).map(&mut of).collect()
+    }
+}
+
+/// Exchange between threads of one process. Dropping it tells the other ranks that this one ended.
+#[derive(Debug)]
+pub struct ThreadExchange {
+    rank: usize,
+    patience: Duration,
+    /// Ways to all ranks, this one included.
+    to: Vec<Sender<Vec<u8>>>,
+    from: Vec<Receiver<Vec<u8>>>,
+}
+
+/// Exchanges of `count` ranks in the order of their numbers, one for each thread. A rank that does
+/// not answer within `patience` counts as lost.
+pub fn threads(count: usize, patience: Duration) -> Vec<ThreadExchange> {
+    let mut ranks: Vec<ThreadExchange> =
+        (0..count).map(|rank| ThreadExchange { rank, patience, to: Vec::new(), from: Vec::new() }).collect();
+    for from in 0..count {
+        for to in 0..count {
+            let (sender, receiver) = channel();
+            ranks[from].to.push(sender);
+            ranks[to].from.push(receiver);
+        }
+    }
+    ranks
+}
+
+impl Exchange for ThreadExchange {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn size(&self) -> usize {
+        self.to.len()
+    }
+
+    fn send(&mut self, to: usize, message: Vec<u8>) -> Result<(), ExchangeError> {
+        self.to[to].send(message).map_err(|_| ExchangeError::Ended { rank: to })
+    }
+
+    fn receive(&mut self, from: usize) -> Result<Vec<u8>, ExchangeError> {
+        self.from[from].recv_timeout(self.patience).map_err(|error| match error {
+            RecvTimeoutError::Disconnected => ExchangeError::Ended { rank: from },
+            RecvTimeoutError::Timeout => ExchangeError::Silent { rank: from, patience: self.patience },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread;
+
+    /// Longer than any thread of these tests is kept from running.
+    const AMPLE: Duration = Duration::from_secs(60);
+
+    #[test]
+    fn everyone_gets_the_bytes_of_all_in_order() {
+        let ranks = threads(3, AMPLE);
+        let gather = |mut rank: ThreadExchange| rank.all_gather(vec![rank.rank() as u8; rank.rank()]);
+        let handles: Vec<_> = ranks.into_iter().map(|rank| thread::spawn(move || gather(rank))).collect();
+        for handle in handles {
+            let gathered = handle.join().expect("no rank panics").expect("all are there");
+            assert_eq!(gathered, [vec![], vec![1], vec![2, 2]]);
+        }
+    }
+
+    #[test]
+    fn one_rank_talks_to_itself() {
+        let mut alone = threads(1, AMPLE).remove(0);
+        assert_eq!(alone.all_gather(vec![7]), Ok(vec![vec![7]]));
+    }
+
+    #[test]
+    fn what_was_sent_arrives_before_the_end_of_its_sender() {
+        let mut ranks = threads(2, AMPLE);
+        let mut gone = ranks.remove(1);
+        gone.send(0, vec![4]).expect("rank 0 is there");
+        drop(gone);
+        assert_eq!(ranks[0].receive(1), Ok(vec![4]));
+        assert_eq!(ranks[0].receive(1), Err(ExchangeError::Ended { rank: 1 }));
+        assert_eq!(ranks[0].send(1, vec![5]), Err(ExchangeError::Ended { rank: 1 }));
+    }
+
+    #[test]
+    fn nobody_waits_for_ever() {
+        let patience = Duration::from_millis(20);
+        let mut ranks = threads(2, patience);
+        let error = ranks[0].receive(1).expect_err("nothing was sent");
+        assert_eq!(error, ExchangeError::Silent { rank: 1, patience });
+        assert_eq!(error.to_string(), "rank 1 has not answered for 0.02 s");
+    }
+}
