@@ -46,7 +46,7 @@ const AMBIENT_STEP: f64 = 1.0 / 256.0;
 /// out in a pixel.
 const RESIDUAL_STEP: f64 = 1.0 / 256.0;
 const CONSTANT_STEP: f64 = 1.0 / 256.0;
-const HARMONICS_STEP: f64 = 1.0 / 32.0;
+const HARMONICS_STEP: f64 = 1.0 / 64.0;
 /// Steps of a near field: of its vertices, in offsets at which rays start; of normals; of the rest.
 const VERTEX_STEP: f64 = 1.0 / 8.0;
 const NORMAL_STEP: f64 = 1.0 / 128.0;

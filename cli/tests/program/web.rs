@@ -65,7 +65,7 @@ fn url(file: &Path) -> String {
 }
 
 fn psnr(one: &RgbImage, other: &RgbImage) -> f64 {
-    assert_eq!(one.dimensions(), other.dimensions());
+    assert_eq!(one.dimensions(), other.dimensions(), "the window is the same");
     let square = |(a, b): (&u8, &u8)| f64::from(a.abs_diff(*b)).powi(2);
     let mean = one.as_raw().iter().zip(other.as_raw()).map(square).sum::<f64>() / one.as_raw().len() as f64;
     10.0 * (255.0 * 255.0 / mean.max(1e-9)).log10()
@@ -81,7 +81,7 @@ fn choose_light(page: &Page<'_>, id: &str) {
 /// What the page says in words.
 fn says(page: &Page<'_>, words: &str) {
     page.wait(&format!("document.getElementById('message')?.textContent.includes({words:?}) === true"));
-    assert_eq!(page.eval("document.getElementById('message').hidden"), false);
+    assert_eq!(page.eval("document.getElementById('message').hidden"), false, "the sentence is seen");
 }
 
 #[test]
