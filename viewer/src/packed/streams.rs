@@ -72,9 +72,11 @@ impl Writer {
 
     /// Whole numbers below 2²⁴, such as corners of triangles.
     pub(super) fn whole(&mut self, numbers: &[f32]) -> Stream {
-        let before = |index: usize| if index < 3 { 0.0 } else { numbers[index - 3] };
-        let differences = numbers.iter().enumerate().map(|(index, number)| folded((number - before(index)) as i32));
-        let differences: Vec<u32> = differences.map(|x| x & (u32::MAX >> (32 - WHOLE_BITS))).collect();
+        let before = |index: usize| if index < 3 { 0 } else { numbers[index - 3] as u32 };
+        let mask = Stream::Whole.mask();
+        let differences =
+            numbers.iter().enumerate().map(|(index, number)| step_from(before(index), *number as u32, mask));
+        let differences: Vec<u32> = differences.collect();
         self.put(Stream::Whole, &differences)
     }
 
@@ -93,14 +95,8 @@ impl Writer {
         if !differs {
             return self.put(stream, &steps);
         }
-        let half = stream.mask() / 2 + 1;
-        let difference = |index: usize| {
-            let before = if index == 0 { 0 } else { steps[index - 1] };
-            // Within half of the range either way; the sum wraps.
-            let apart = steps[index].wrapping_sub(before) & stream.mask();
-            let signed = if apart < half { apart as i32 } else { apart as i32 - stream.mask() as i32 - 1 };
-            folded(signed) & stream.mask()
-        };
+        let before = |index: usize| if index == 0 { 0 } else { steps[index - 1] };
+        let difference = |index: usize| step_from(before(index), steps[index], stream.mask());
         let differences: Vec<u32> = (0..steps.len()).map(difference).collect();
         self.put(stream, &differences)
     }
@@ -118,6 +114,13 @@ pub(super) fn range(numbers: &[f32]) -> [f32; 2] {
     let finite = || numbers.iter().copied().filter(|number| number.is_finite());
     let (least, most) = (finite().fold(f32::MAX, f32::min), finite().fold(f32::MIN, f32::max));
     if least <= most { [least, most] } else { [0.0; 2] }
+}
+
+/// Folded difference of two numbers within a mask: of half of its range either way, since sums wrap.
+const fn step_from(before: u32, now: u32, mask: u32) -> u32 {
+    let apart = now.wrapping_sub(before) & mask;
+    let signed = if apart <= mask / 2 { apart as i32 } else { apart as i32 - mask as i32 - 1 };
+    folded(signed) & mask
 }
 
 /// Signed numbers as unsigned ones, small for small sizes.
@@ -157,10 +160,10 @@ fn decoded(stream: &Stream, mut stored: Vec<u32>) -> Vec<f32> {
         Stream::Exact => stored.into_iter().map(f32::from_bits).collect(),
         Stream::Shortened => stored.into_iter().map(|bits| f32::from_bits(bits << (32 - SHORT_BITS))).collect(),
         Stream::Whole => {
-            let mut last = [0_i32; 3];
+            let mut last = [0_u32; 3];
             let add = |(index, difference): (usize, u32)| {
                 let number = &mut last[index % 3];
-                *number = number.wrapping_add(unfolded(difference));
+                *number = number.wrapping_add(unfolded(difference) as u32) & stream.mask();
                 *number as f32
             };
             stored.into_iter().enumerate().map(add).collect()
