@@ -17,7 +17,7 @@ use specula_core::{
 };
 use specula_cpu::{CpuExecutor, stages::prefilter::Light};
 use specula_gpu::{
-    GpuExecutor, SplatGrads,
+    GpuExecutor, KernelSet, SplatGrads,
     stages::blend_vjp::{ReplayDivision, formulas::GEOMETRY},
 };
 use specula_tests::{
@@ -241,14 +241,18 @@ fn compare(settings: &Settings, apart: f64) {
 #[test]
 fn a_training_is_the_same_to_the_last_bit_twice_and_whatever_its_buffers_hold() {
     const STEPS: u32 = 45;
-    let Some(gpu) = executor() else { return };
-    let (first, _) = train(gpu, settings("specula"), STEPS);
-    let mut small = executor().expect("there was one before");
-    let parts = small.replay_division();
-    small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
-    let (again, _) = train(small, settings("specula"), STEPS);
-    assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
-    assert!(first == again, "a second run with capacity for fewer splats at once differs");
+    for kernels in KernelSet::ALL {
+        let Some(mut gpu) = executor() else { return };
+        gpu.set_kernels(kernels);
+        let (first, _) = train(gpu, settings("specula"), STEPS);
+        let mut small = executor().expect("there was one before");
+        small.set_kernels(kernels);
+        let parts = small.replay_division();
+        small.set_replay_division(ReplayDivision { slots_max: 100, ..parts });
+        let (again, _) = train(small, settings("specula"), STEPS);
+        assert_ne!(first.gaussians.count as u64, POINTS, "densification took part");
+        assert!(first == again, "{kernels:?}: a second run with capacity for fewer splats at once differs");
+    }
 }
 
 #[test]
@@ -266,9 +270,9 @@ fn two_ranks_with_a_device_each_train_as_one_does_to_the_last_bit() {
             let exec = executor().expect("there was one before");
             let mut trainer = Trainer::new(exec, settings, &views(1..=VIEWS), &points(0)).expect("there are views");
             trainer.join(Box::new(exchange), "").expect("both are there");
-            for _ in 0..STEPS {
+            (0..STEPS).for_each(|_| {
                 trainer.step().expect("the executor trains");
-            }
+            });
             trainer.download().expect("the executor gives back")
         })
     });
