@@ -53,7 +53,8 @@ pub const SHARP: f32 = 0.25;
 pub const BLURRED: f32 = 0.5;
 
 /// Depth below the plane of a triangle, in offsets of the near field, from which a shadow ray is
-/// blocked by its back: a start on the surface is off by one offset at most, and so is the triangle.
+/// blocked by its back: a start on the surface is off by one offset at most, and so is the
+/// triangle.
 pub const BACK_DEPTH: f32 = 2.0;
 
 /// Distance below the start of shadow rays within which their own surface lies, in offsets: one
@@ -264,7 +265,8 @@ impl<A: AsRef<[f32]>> NearField<A> {
         a * (-(second + third) + 1.0) + b * second + c * third
     }
 
-    /// First hit of a ray within a distance; any hit, if that is enough. Backs are met from a depth.
+    /// First hit of a ray within a distance; any hit, if that is enough. Backs are met from a
+    /// depth.
     #[inline(always)]
     fn hit_within<R: Real<Mask = bool>>(
         &self,

@@ -62,8 +62,8 @@ mod tests {
         SurfaceMeans::new(mesh, 1e-4).near_field().expect("there are triangles")
     }
 
-    /// A square of half edge a at a height of h fills (4/π) (a / √(a² + h²)) atan(a / √(a² + h²)) of
-    /// the view of the point below its middle, weighted by the cosine.
+    /// A square of half edge a at a height of h fills (4/π) (a / √(a² + h²)) atan(a / √(a² + h²))
+    /// of the view of the point below its middle, weighted by the cosine.
     #[test]
     fn a_roof_lights_the_floor_by_its_form_factor() {
         for (half, height) in [(1.0_f32, 0.5_f32), (1.0, 2.0)] {

@@ -78,7 +78,7 @@ fn choose_light(page: &Page<'_>, id: &str) {
     ));
 }
 
-/// What the page says in words.
+/// Checks the words of the page.
 fn says(page: &Page<'_>, words: &str) {
     page.wait(&format!("document.getElementById('message')?.textContent.includes({words:?}) === true"));
     assert_eq!(page.eval("document.getElementById('message').hidden"), false, "the sentence is seen");

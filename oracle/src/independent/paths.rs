@@ -11,8 +11,8 @@
 //! where f_GGX is that of [`super::brdf`] and ρ its albedo for F₀ = 0.04: a dielectric passes on to
 //! its diffuse layer the light that its surface does not reflect. Directions are drawn from D(h)
 //! n·h or by their cosine, and weighted by f n·l over the density of both (Veach and Guibas 1995,
-//! "Optimally Combining Sampling Techniques for Monte Carlo Rendering"). Suns are points, seen along
-//! one ray from every surface.
+//! "Optimally Combining Sampling Techniques for Monte Carlo Rendering"). Suns are points, seen
+//! along one ray from every surface.
 
 use super::{
     brdf::{brdf, reflected},

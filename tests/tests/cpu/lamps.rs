@@ -410,8 +410,8 @@ fn a_picture_under_lamps_is_that_of_the_plain_pipeline_in_every_layer() {
     }
 }
 
-/// Light that other surfaces reflect is that of the triangle below a pixel; without it, or of zeros,
-/// no bit changes.
+/// Light that other surfaces reflect is that of the triangle below a pixel; without it, or of
+/// zeros, no bit changes.
 #[test]
 fn reflected_light_is_added_to_what_lies_below_a_pixel() {
     let rules = Subject::rules(true, Channels::Color);

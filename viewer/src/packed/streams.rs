@@ -116,7 +116,7 @@ pub(super) fn range(numbers: &[f32]) -> [f32; 2] {
     if least <= most { [least, most] } else { [0.0; 2] }
 }
 
-/// Folded difference of two numbers within a mask: of half of its range either way, since sums wrap.
+/// Folded difference of two numbers within a mask: of half of its range either way, as sums wrap.
 const fn step_from(before: u32, now: u32, mask: u32) -> u32 {
     let apart = now.wrapping_sub(before) & mask;
     let signed = if apart <= mask / 2 { apart as i32 } else { apart as i32 - mask as i32 - 1 };

@@ -62,7 +62,7 @@ pub(crate) struct Lamps {
     /// Numbers of the lamps, then the points of a lamp that is wider than a point.
     numbers: Array,
     occluder: Option<Arc<NearField<Array>>>,
-    /// Irradiance / π of the occluder's vertices by reflected light; one number where there is none.
+    /// Irradiance / π of the occluder's vertices by reflected light; one number for none.
     reflected: Array,
 }
 
