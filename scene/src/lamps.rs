@@ -288,12 +288,18 @@ pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps)
 }
 
 /// Irradiance / π of the vertices of a surface by the light of lamps that it reflects onto itself
-/// once or twice from its diffuse layers, three numbers each; none where there is no such light.
-pub(crate) fn reflected_by(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps, sight: &Sight) -> Vec<f32> {
+/// once or twice from its diffuse layers, three numbers each; none where there is no such light,
+/// and then its sight is not asked for.
+pub(crate) fn reflected_by<'a>(
+    near_field: &NearField<Vec<f32>>,
+    lamps: &SceneLamps,
+    sight: impl FnOnce() -> &'a Sight,
+) -> Vec<f32> {
     let direct = radiances(near_field, lamps);
     if direct.iter().all(|light| *light == Vec3::ZERO) {
         return Vec::new();
     }
+    let sight = sight();
     let once = sight.irradiance(&direct);
     let albedo = |vertex: usize| Vec3::from_slice(&near_field.vertex(vertex)[VERTEX_ALBEDO..]);
     let added = direct.iter().zip(once).enumerate().map(|(vertex, (light, again))| light + albedo(vertex) * again);

@@ -109,15 +109,10 @@ struct UploadedLamps<N> {
 
 /// Surface that cast shadows last.
 struct Occluders<N> {
-    latest: Option<Latest<N>>,
-}
-
-struct Latest<N> {
-    known: Arc<NearField<Vec<f32>>>,
-    /// The same on an executor.
-    uploaded: N,
-    /// Sight of itself, found for the first lamps whose light it reflects.
-    sight: Option<Sight>,
+    /// The surface, and the same on an executor.
+    latest: Option<(Arc<NearField<Vec<f32>>>, N)>,
+    /// Surface that reflected light of lamps last, and its sight of itself.
+    sight: Option<(Arc<NearField<Vec<f32>>>, Sight)>,
 }
 
 impl<N: Clone> Occluders<N> {
@@ -129,27 +124,22 @@ impl<N: Clone> Occluders<N> {
     ) -> Result<Option<N>, E::Error> {
         let Some(surface) = surface else { return Ok(None) };
         match &self.latest {
-            Some(Latest { known, uploaded, .. }) if Arc::ptr_eq(known, surface) => Ok(Some(uploaded.clone())),
+            Some((known, uploaded)) if Arc::ptr_eq(known, surface) => Ok(Some(uploaded.clone())),
             _ => {
                 let uploaded = upload_near_field(exec, surface)?;
-                self.latest = Some(Latest { known: surface.clone(), uploaded: uploaded.clone(), sight: None });
+                self.latest = Some((surface.clone(), uploaded.clone()));
                 Ok(Some(uploaded))
             }
         }
     }
 
-    /// Light of lamps that the surface reflects onto itself; none for other surfaces than the last
-    /// one, and none for previews.
+    /// Light of lamps that their surface reflects onto itself; none for previews.
     fn reflected(&mut self, lamps: &SceneLamps) -> Vec<f32> {
-        let Some(Latest { known, sight, .. }) = self.latest.as_mut().filter(|_| lamps.reflects()) else {
-            return Vec::new();
-        };
-        match &lamps.occluder {
-            Some(occluder) if Arc::ptr_eq(known, occluder) => {
-                reflected_by(occluder, lamps, sight.get_or_insert_with(|| Sight::new(occluder)))
-            }
-            _ => Vec::new(),
-        }
+        let Some(occluder) = lamps.occluder.as_ref().filter(|_| lamps.reflects()) else { return Vec::new() };
+        reflected_by(occluder, lamps, || {
+            self.sight.take_if(|(known, _)| !Arc::ptr_eq(known, occluder));
+            &self.sight.get_or_insert_with(|| (occluder.clone(), Sight::new(occluder))).1
+        })
     }
 }
 
@@ -164,7 +154,7 @@ where
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let mut occluders = Occluders { latest: None };
+        let mut occluders = Occluders { latest: None, sight: None };
         // The near field may cast shadows as well.
         let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
         let lamps = match lamps {
