@@ -29,8 +29,8 @@ pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{
-    AT_MOST_1600, Densify, LightKind, LightPer, Losses, Photographs, Reflections, ResumeOptions, Start, Train,
-    ViewUntil,
+    AT_MOST_1600, Densify, LightKind, LightPer, LightReference, Losses, Photographs, Reflections, ResumeOptions, Start,
+    Train, ViewUntil,
 };
 pub(crate) use view::View;
 

@@ -185,6 +185,9 @@ pub struct Profile {
     pub light: Option<LightStart>,
     /// Light that is known and not trained; none for one that is found.
     pub known_light: Option<KnownLight>,
+    /// Mean linear radiance of the light over all directions, where that is known; the light is
+    /// scaled to it at every densification's interval.
+    pub light_mean: Option<[f32; 3]>,
     /// Initial attributes.
     pub start: GaussianStart,
     /// Region in which Gaussians reflect the light; none for everywhere. Gaussians outside have
@@ -259,6 +262,7 @@ fn plain(iterations: u32) -> Profile {
         scheme: PrefilterScheme::Exact,
         light: None,
         known_light: None,
+        light_mean: None,
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
@@ -496,6 +500,16 @@ impl Profile {
             assert_eq!(radiance.len(), 3 * FACE_COUNT * resolution * resolution, "three numbers for each texel");
             self.known_light = Some(KnownLight(radiance.into()));
             self.rates.environment = Schedule::constant(0.0);
+        }
+        self
+    }
+
+    /// Profile of a light whose mean linear radiance is known, while its shape is trained; unchanged
+    /// without a light.
+    pub fn with_light_mean(mut self, mean: [f32; 3]) -> Self {
+        if let Some(light) = &mut self.light {
+            light.radiance = mean.iter().sum::<f32>() / 3.0;
+            self.light_mean = Some(mean);
         }
         self
     }

@@ -5,7 +5,7 @@ use crate::{
     batch::batch_step,
     evaluate::render_view,
     exchange::Exchange,
-    exposure,
+    exposure, light_scale,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
     profile::{KnownLight, Profile, Reflections},
@@ -101,6 +101,7 @@ impl<E: Executor> Trainer<E> {
         let mut trainer = Self::resume(exec, settings, views, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
         trainer.sample()?;
+        trainer.scale_light()?;
         Ok(trainer)
     }
 
@@ -379,9 +380,10 @@ impl<E: Executor> Trainer<E> {
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
             self.disable_background_specular()?;
         }
-        // The last parameters are fitted to filters that stay, as Mip-Splatting's.
+        // The last parameters are fitted to filters that stay, as Mip-Splatting's, and to the light's scale.
         if k.is_multiple_of(plan.every) && k + plan.every <= self.settings.iterations {
             self.sample()?;
+            self.scale_light()?;
         }
         Ok(report)
     }
@@ -427,6 +429,16 @@ impl<E: Executor> Trainer<E> {
         if self.settings.profile.layout.is_smoothed {
             let views: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
             self.exec.sampling(&mut self.state.scene.gaussians, &views)?;
+        }
+        Ok(())
+    }
+
+    /// Scales a light to its mean radiance, where that is known. Materials follow in the next steps.
+    fn scale_light(&mut self) -> Result<(), TrainError<E::Error>> {
+        if let (Some(mean), Some((light, _))) = (self.settings.profile.light_mean, &mut self.state.scene.light) {
+            let mut scaled = download_light(&mut self.exec, light)?;
+            light_scale::scale_to(&mut scaled, mean);
+            *light = scaled.with_values(self.exec.upload(&scaled.values)?);
         }
         Ok(())
     }

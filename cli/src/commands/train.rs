@@ -5,7 +5,7 @@ pub(crate) mod many;
 mod result;
 
 use crate::{
-    args::{AT_MOST_1600, Photographs, ProfileName, Train},
+    args::{AT_MOST_1600, LightReference, Photographs, ProfileName, Train},
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -63,8 +63,8 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
         profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
     }
-    if let Some(path) = &args.start.light_reference {
-        profile = under_known_light(profile, path, &data)?;
+    if let Some(reference) = &args.start.light_reference {
+        profile = under_known_light(profile, reference, &data)?;
     }
     let background = background_of(args, &data);
     let settings =
@@ -125,14 +125,21 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     watching.map_or(Ok(()), |watching| watching.stay(result))
 }
 
-/// Profile under a light that is known, which stays as it is.
-fn under_known_light(profile: Profile, path: &Path, data: &Dataset) -> Result<Profile, Failure> {
+/// Profile under a light that is known, or whose mean is.
+fn under_known_light(profile: Profile, reference: &LightReference, data: &Dataset) -> Result<Profile, Failure> {
     let Some(light) = profile.light else {
         return Err(Failure::Input(format!("--profile {} has no light; omit --light-reference", profile.name)));
     };
     if light.activation == RadianceActivation::Network {
         return Err(Failure::Input("a known light is a cube map; omit --light mlp or --light-reference".into()));
     }
+    let path = match reference {
+        LightReference::Map(path) => path,
+        LightReference::Mean(mean) => {
+            tracing::info!("the mean radiance of the light is {reference}");
+            return Ok(profile.with_light_mean(*mean));
+        }
+    };
     let up = data.orientation.as_ref().map_or(Vec3::Z, orientation::up);
     let map = scene::read_env(path, 0.0)?;
     let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));

@@ -55,3 +55,40 @@ fn a_known_light_that_cannot_be_is_refused() {
     refused(&["--light", "mlp"], "env.hdr", "--light mlp");
     refused(&[], "no.hdr", "no.hdr");
 }
+
+#[test]
+fn a_light_of_known_mean_has_it_and_its_shape_is_found() {
+    let tiny = Tiny::new();
+    let known = |name: &str, mean: &str| {
+        let mut command = train(&tiny, name);
+        command.args(["--relightable", "--executor", "cpu", "--iterations", "200", "--light-reference", mean]);
+        command
+    };
+    known("model", "0.25,0.5,1").args(["--checkpoint-every", "150"]).assert().success();
+    assert!(fs::read_to_string(tiny.file("model/config.toml")).unwrap().contains(r#"light-reference = "0.25,0.5,1""#));
+    let (map, _) = latlong::read(&tiny.file("model/light/iteration_200/environment.exr")).unwrap();
+    let mean = mean_of(&map);
+    for (mean, wanted) in mean.iter().zip([0.25, 0.5, 1.0]) {
+        assert!((mean / wanted - 1.0).abs() < 0.1, "{mean:?} after the last steps");
+    }
+    let brightest = map.rgb.iter().fold(0.0_f32, |most, radiance| most.max(*radiance));
+    let darkest = map.rgb.iter().fold(f32::INFINITY, |least, radiance| least.min(*radiance));
+    assert!(brightest > 5.0 * darkest, "more than three colours: {darkest} to {brightest}");
+
+    let whole = fs::read(tiny.file("model/point_cloud/iteration_200/point_cloud.ply")).unwrap();
+    known("model", "0.25,0.5,1").args(["--checkpoint-every", "150", "--resume"]).assert().success();
+    assert!(fs::read(tiny.file("model/point_cloud/iteration_200/point_cloud.ply")).unwrap() == whole, "the same bits");
+    known("model", "0.5").arg("--resume").assert().code(2);
+    known("other", "0").assert().code(2);
+}
+
+/// Mean of a lat-long map over all directions.
+fn mean_of(map: &LatLong) -> [f64; 3] {
+    let mut sums = [0.0; 4];
+    for (index, rgb) in map.rgb.chunks(3).enumerate() {
+        let weight = (std::f64::consts::PI * (0.5 + (index / map.width) as f64) / map.height as f64).sin();
+        (0..3).for_each(|k| sums[k] += weight * f64::from(rgb[k]));
+        sums[3] += weight;
+    }
+    [0, 1, 2].map(|k| sums[k] / sums[3])
+}

@@ -1,7 +1,12 @@
 //! Model folder of a training: its lock, an earlier training in it, and the checkpoint to resume
 //! from.
 
-use crate::{args::Train, config, failure::Failure, settings};
+use crate::{
+    args::{LightReference, Train},
+    config,
+    failure::Failure,
+    settings,
+};
 use specula_core::state::TrainingState;
 use specula_io::{self as io, checkpoint::Facts, model_folder};
 use specula_scene::training::{self, Lock};
@@ -90,9 +95,12 @@ pub(super) fn read_checkpoint(
     if let Some(KnownLight(radiance)) = &settings.profile.known_light {
         profile = profile.under(radiance.to_vec());
     }
+    if let Some(mean) = settings.profile.light_mean {
+        profile = profile.with_light_mean(mean);
+    }
     let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
     if training::settings_text(&same) != earlier.settings {
-        if let Some(light) = &args.start.light_reference {
+        if let Some(LightReference::Map(light)) = &args.start.light_reference {
             return refuse(format!(
                 "is of a training under another light than that of {light:?}, or of specula {}, which trained \
                  otherwise; name the file as it was",
