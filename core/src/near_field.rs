@@ -164,6 +164,14 @@ pub struct Hit<R> {
     pub weights: [R; 2],
 }
 
+impl<A: AsMut<[f32]>> NearField<A> {
+    /// Numbers of every vertex, to be written.
+    pub fn vertices_mut(&mut self) -> &mut [[f32; VERTEX_LEN]] {
+        let start = self.vertices_start();
+        self.values.as_mut()[start..].as_chunks_mut().0
+    }
+}
+
 impl<A: AsRef<[f32]>> NearField<A> {
     /// Checks that a traversal ends and reads no number that is not there.
     ///

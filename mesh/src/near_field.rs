@@ -212,8 +212,7 @@ fn diffuse_albedo(image: &Image<Vec<f32>>, pixel: usize, coverage: f32) -> [f32;
 /// Base colours of a near field under a light, of vertices of physical materials: diffuse albedo
 /// times irradiance.
 pub fn relight(near_field: &mut NearField<Vec<f32>>, sky: &Sky) {
-    let start = near_field.vertices_start();
-    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    let vertices = near_field.vertices_mut();
     let normals: Vec<Vec3> =
         vertices.iter().map(|numbers| Vec3::from_slice(&numbers[3..]).normalize_or_zero()).collect();
     for (numbers, irradiance) in vertices.iter_mut().zip(sky.irradiance(&normals)) {
@@ -225,8 +224,7 @@ pub fn relight(near_field: &mut NearField<Vec<f32>>, sky: &Sky) {
 /// Multiplies the base colours of a near field by the ambient transfers of its vertices: the light
 /// that reaches them past other surfaces.
 pub fn transfer(near_field: &mut NearField<Vec<f32>>, ambient: &Ambient) {
-    let start = near_field.vertices_start();
-    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
+    let vertices = near_field.vertices_mut();
     for (numbers, transfer) in vertices.iter_mut().zip(&ambient.transfers) {
         let base = &mut numbers[VERTEX_BASE..VERTEX_BASE + 3];
         base.iter_mut().zip(transfer).for_each(|(base, transfer)| *base *= transfer);

@@ -82,12 +82,7 @@ mod tests {
     #[test]
     fn vertices_without_a_normal_look_into_the_open() {
         let mut near_field = below_a_roof(1.0, 0.5);
-        let start = near_field.vertices_start();
-        near_field.values[start..]
-            .as_chunks_mut::<{ specula_core::near_field::VERTEX_LEN }>()
-            .0
-            .iter_mut()
-            .for_each(|numbers| numbers[3..6].fill(0.0));
+        near_field.vertices_mut().iter_mut().for_each(|numbers| numbers[3..6].fill(0.0));
         let dark = Sight::new(&near_field).irradiance(&[Vec3::ONE; 8]);
         assert!(dark.iter().all(|irradiance| *irradiance == Vec3::ZERO));
     }

@@ -11,7 +11,7 @@ use specula_core::{
     camera::Camera,
     color::linear_from_srgb,
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
-    near_field::{NearField, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN},
+    near_field::{NearField, VERTEX_ALBEDO, VERTEX_BASE},
     rules::{Channels, RenderRules},
     scene::Gaussians,
 };
@@ -280,9 +280,7 @@ pub fn fused_surface(
 /// vertices have a diffuse albedo.
 pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps) {
     let light = radiances(near_field, lamps);
-    let start = near_field.vertices_start();
-    let vertices = near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0;
-    for (numbers, added) in vertices.iter_mut().zip(light) {
+    for (numbers, added) in near_field.vertices_mut().iter_mut().zip(light) {
         (0..3).for_each(|k| numbers[VERTEX_BASE + k] += added[k]);
     }
 }
@@ -404,9 +402,8 @@ mod tests {
             positions,
         };
         let mut near_field = SurfaceMeans::new(mesh, 1e-3).near_field().expect("there are triangles");
-        let start = near_field.vertices_start();
         let albedo = [0.2, 0.4, 0.8];
-        near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0.iter_mut().for_each(|numbers| {
+        near_field.vertices_mut().iter_mut().for_each(|numbers| {
             numbers[VERTEX_BASE..VERTEX_BASE + 3].fill(0.125);
             numbers[VERTEX_ALBEDO..].copy_from_slice(&albedo);
         });

@@ -9,7 +9,7 @@ use crate::{
 use specula_core::{
     activation::{logit, sigmoid},
     cull::{CullReason, CullStats},
-    near_field::{NearField, VERTEX_ALBEDO, VERTEX_LEN},
+    near_field::{NearField, VERTEX_ALBEDO},
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
@@ -137,8 +137,7 @@ impl Scene {
             self.gaussians.set(index, first, albedo.map(logit));
         }
         let Some(near_field) = self.near_field.as_mut().map(Arc::make_mut) else { return };
-        let start = near_field.vertices_start();
-        for numbers in near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0 {
+        for numbers in near_field.vertices_mut() {
             let albedo = &mut numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3];
             albedo.iter_mut().zip(factors).for_each(|(albedo, factor)| *albedo = (*albedo * factor).clamp(0.0, 1.0));
         }
@@ -203,7 +202,10 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::scene::{Layout, METALNESS, len_of_values};
+    use specula_core::{
+        near_field::VERTEX_LEN,
+        scene::{Layout, METALNESS, len_of_values},
+    };
 
     /// Largest error of an albedo that went through its logit.
     const ROUNDING: f32 = 1e-6;

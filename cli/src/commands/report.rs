@@ -10,12 +10,14 @@ use crate::{
     output, progress,
     scene::{self, background_of},
 };
+use glam::Vec3;
 use specula_accuracy::subject::Subject;
 use specula_core::camera::Camera;
 use specula_report::{
     certificate::subject_of,
-    tradeoff::{self, Options, spread_cameras},
+    tradeoff::{self, LampSubject, Options, spread_cameras},
 };
+use specula_scene::{Scene, orientation};
 use std::path::{Path, PathBuf};
 
 /// Measures a scene, prints the table and writes records and page.
@@ -25,12 +27,15 @@ pub(crate) fn run(args: &Report) -> Result<(), Failure> {
         Some(model) => model.clone(),
         None => demo_model(&args.output)?,
     };
-    let subject = subject(&model, args)?;
+    let Opened { subject, scene, up } = opened(&model, args)?;
     let options = Options { repeats: args.repeats, with_stability: !args.no_stability };
-    let findings = tradeoff::measure(&model.display().to_string(), &subject, options, &|title, steps| {
+    let progress = |title: &str, steps| -> Box<dyn Fn(u64) + Sync> {
         let work = progress::work(title, steps);
         Box::new(move |done| work.done(done, String::new))
-    })?;
+    };
+    let mut findings = tradeoff::measure(&model.display().to_string(), &subject, options, &progress)?;
+    let lit = LampSubject { scene: &scene, up, cameras: &subject.cameras, background: subject.background };
+    findings.lamps = tradeoff::lamp_settings(&lit, args.repeats, &progress)?;
     output::write_text(&args.output.join("report.jsonl"), &tradeoff::records(&findings))?;
     let page = args.output.join("index.html");
     output::write_text(&page, &tradeoff::page(&findings)?)?;
@@ -48,17 +53,26 @@ fn demo_model(folder: &Path) -> Result<PathBuf, Failure> {
     demo::train_shaded(&Demo { output: folder.join("demo"), iterations: ITERATIONS })
 }
 
-fn subject(model: &Path, args: &Report) -> Result<Subject, Failure> {
+/// Scene of a model to be measured.
+struct Opened {
+    subject: Subject,
+    scene: Scene,
+    up: Vec3,
+}
+
+fn opened(model: &Path, args: &Report) -> Result<Opened, Failure> {
     let opened = scene::open(model, None, None)?;
     let cameras: Vec<Camera> = opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
     let cameras = spread_cameras(&cameras, args.views.into(), args.size);
     let background = background_of(&opened, None).0;
-    let subject = subject_of(opened.scene, cameras, background);
+    let up = orientation::up(&opened.orientation(None)?);
+    let scene = opened.scene;
+    let subject = subject_of(scene.clone(), cameras, background);
     if !subject.has_reference() {
         return Err(Failure::Input(format!(
             "there are no exact pictures of {model:?}, because the authors' shading is what their code does; report on a \
              model of profile specula, paper or 3dgs, or name one with the --profile of its training"
         )));
     }
-    Ok(subject)
+    Ok(Opened { subject, scene, up })
 }

@@ -66,6 +66,27 @@ fn a_plain_scene_has_a_report_as_well() {
 }
 
 #[test]
+fn shadow_rays_of_a_sun_are_measured_on_physical_materials() {
+    let tiny = Tiny::new();
+    printed(train(&tiny, "model").arg("--relightable"));
+    let tables = printed(&mut report(&tiny, "model"));
+    let (cheapest, suns) = tables.split_once("\n\n").expect("two tables");
+    assert!(cheapest.starts_with("| at least |") && suns.starts_with("| shadows |"), "{tables}");
+    assert!(suns.contains("32 rays (default)") && suns.contains("no shadows"), "{suns}");
+    let lines = fs::read_to_string(tiny.path("report/report.jsonl")).unwrap();
+    let records = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let suns: Vec<Value> = records.filter(|record| record["kind"] == "sun").collect();
+    let error = |rays: Option<u64>, is_reflected: bool| {
+        let of = |sun: &&Value| sun["rays"].as_u64() == rays && sun["is_reflected"] == is_reflected;
+        suns.iter().find(of).unwrap()["error"]["rms"].as_f64().unwrap()
+    };
+    assert_eq!(error(Some(1024), true), 0.0, "the reference itself");
+    assert!(error(Some(128), true) <= error(Some(8), true), "more rays are closer: {suns:?}");
+    assert!(error(None, false) > error(Some(32), true), "shadows are seen: {suns:?}");
+    assert!(fs::read_to_string(tiny.path("report/index.html")).unwrap().contains("<h2>Suns</h2>"));
+}
+
+#[test]
 fn the_authors_shading_has_no_exact_pictures() {
     let tiny = Tiny::new();
     printed(train_with(&tiny, "official").args(["--light-resolution", "64"]));

@@ -69,6 +69,7 @@ pub fn measure(scene: &str, subject: &Subject, options: Options, progress: &Star
         measured,
         sort,
         off_axis: off_axis(),
+        lamps: Vec::new(),
         stability,
     })
 }

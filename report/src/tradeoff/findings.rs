@@ -1,5 +1,6 @@
 //! Measured settings of rendering.
 
+use crate::tradeoff::lamps::LampSetting;
 use specula_accuracy::{
     error::Errors,
     off_axis::OffAxis,
@@ -61,6 +62,8 @@ pub struct Findings {
     pub sort: Sort,
     /// Errors of projections off the optical axis.
     pub off_axis: Vec<OffAxis>,
+    /// Settings of a sun's shadows; empty where the scene has no physical materials.
+    pub lamps: Vec<LampSetting>,
     /// Invariants in scenes at the edges of valid input; empty if not measured.
     pub stability: Vec<stability::Row>,
 }

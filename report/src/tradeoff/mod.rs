@@ -2,6 +2,7 @@
 
 mod bench;
 mod findings;
+mod lamps;
 mod page;
 mod plot;
 mod records;
@@ -9,6 +10,7 @@ mod table;
 
 pub use bench::{Options, StartProgress, measure, spread_cameras};
 pub use findings::{Findings, MeasuredSetting};
+pub use lamps::{LampSetting, LampSubject, lamp_settings};
 pub use page::page;
 pub use records::records;
 pub use table::markdown;

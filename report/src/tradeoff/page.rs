@@ -5,6 +5,7 @@ use crate::{
     html::Table,
     tradeoff::{
         findings::{Findings, MeasuredSetting},
+        lamps::{self, LampSetting},
         plot::{Point, Series, log_log},
         table::{self, HEADS},
     },
@@ -18,6 +19,7 @@ use specula_accuracy::{
     sort::{Sort, Sorted},
     stability::{PROMISES, Row},
 };
+use specula_core::lamps::RAYS_MAX;
 use specula_scene::number::group_digits;
 
 /// Colour of settings beaten by others.
@@ -61,6 +63,8 @@ struct Page<'a> {
     renderer_difference: String,
     orders: Table,
     off_axis: Table,
+    lamps: Table,
+    most_rays: usize,
     /// Name of each invariant, and its description.
     invariants: &'a [(&'a str, &'a str)],
     stability: Vec<StabilityRow>,
@@ -90,6 +94,8 @@ impl<'a> Page<'a> {
             renderer_difference: format!("{:.1e}", findings.sort.apart),
             orders: order_table(&findings.sort),
             off_axis: off_axis_table(&findings.off_axis),
+            lamps: Table::new(lamps::HEADS, findings.lamps.iter().map(LampSetting::row)),
+            most_rays: RAYS_MAX,
             invariants: &PROMISES,
             stability: findings.stability.iter().map(StabilityRow::new).collect(),
         })

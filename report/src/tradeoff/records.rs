@@ -1,6 +1,9 @@
 //! Every measurement as a line of JSON.
 
-use crate::tradeoff::findings::{Findings, MeasuredSetting};
+use crate::tradeoff::{
+    findings::{Findings, MeasuredSetting},
+    lamps::LampSetting,
+};
 use serde::Serialize;
 use serde_json::json;
 use specula_accuracy::{
@@ -18,6 +21,7 @@ pub fn records(findings: &Findings) -> String {
     let settings = findings.measured.iter().map(|measured| Record::setting(measured, findings));
     let lines =
         core::iter::once(Record::scene(findings)).chain(settings).chain(findings.stability.iter().map(Record::from));
+    let lines = lines.chain(findings.lamps.iter().map(Record::from));
     let lines = lines.chain(findings.off_axis.iter().map(Record::from)).chain(Record::orders(&findings.sort));
     // Keys are sorted on the way through a value.
     lines.map(|line| format!("{}\n", json!(line))).collect()
@@ -67,6 +71,14 @@ enum Record<'a> {
         scale: f64,
         affine: f64,
         tangent: f64,
+    },
+    /// A sun's shadows.
+    Sun {
+        rays: Option<usize>,
+        is_reflected: bool,
+        error: ErrorRecord,
+        placing_milliseconds: f64,
+        milliseconds: SpreadRecord,
     },
     Stability {
         case: &'static str,
@@ -170,6 +182,19 @@ impl From<&OffAxis> for Record<'_> {
     fn from(errors: &OffAxis) -> Self {
         let OffAxis { shape, degrees, scale, affine, tangent } = *errors;
         Self::OffAxis { shape, degrees, scale, affine, tangent }
+    }
+}
+
+impl From<&LampSetting> for Record<'_> {
+    fn from(lamp: &LampSetting) -> Self {
+        let LampSetting { rays, is_reflected, errors, placing, times } = lamp;
+        Self::Sun {
+            rays: *rays,
+            is_reflected: *is_reflected,
+            error: ErrorRecord::from(errors),
+            placing_milliseconds: *placing,
+            milliseconds: SpreadRecord::from(*times),
+        }
     }
 }
 

@@ -1,6 +1,9 @@
 //! Table of the cheapest settings for given errors.
 
-use crate::tradeoff::findings::{Findings, MeasuredSetting};
+use crate::tradeoff::{
+    findings::{Findings, MeasuredSetting},
+    lamps::{self, LampSetting},
+};
 use specula_accuracy::{front::cheapest, setting::Difference};
 use specula_scene::number::group_digits;
 
@@ -41,10 +44,19 @@ fn row(label: String, measured: &MeasuredSetting, findings: &Findings) -> [Strin
     ]
 }
 
-/// Table in Markdown.
+/// Tables in Markdown: the cheapest settings, and suns where they were measured.
 pub fn markdown(findings: &Findings) -> String {
-    let line = |cells: [String; 8]| format!("| {} |", cells.join(" | "));
-    let rule = format!("|{}", "---|".repeat(HEADS.len()));
-    let heads = line(HEADS.map(str::to_owned));
-    [heads, rule].into_iter().chain(rows(findings).into_iter().map(line)).collect::<Vec<_>>().join("\n")
+    let cheapest = in_markdown(HEADS, rows(findings));
+    if findings.lamps.is_empty() {
+        return cheapest;
+    }
+    let suns = in_markdown(lamps::HEADS, findings.lamps.iter().map(LampSetting::row));
+    format!("{cheapest}\n\n{suns}")
+}
+
+fn in_markdown<const N: usize>(heads: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let line = |cells: [String; N]| format!("| {} |", cells.join(" | "));
+    let rule = format!("|{}", "---|".repeat(N));
+    let heads = line(heads.map(str::to_owned));
+    [heads, rule].into_iter().chain(rows.into_iter().map(line)).collect::<Vec<_>>().join("\n")
 }

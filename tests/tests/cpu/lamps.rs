@@ -466,8 +466,7 @@ fn pictures_under_any_lamps_are_finite() {
     for seed in 7..10 {
         let mut subject = Subject::new(seed);
         let near_field = subject.occluder.as_mut().expect("there is one");
-        let start = near_field.vertices_start();
-        near_field.values[start..].as_chunks_mut::<VERTEX_LEN>().0.iter_mut().for_each(|vertex| vertex[3..6].fill(0.0));
+        near_field.vertices_mut().iter_mut().for_each(|vertex| vertex[3..6].fill(0.0));
         subject.gaussians.set(0, QUAT, [0.0; 4]);
         for lamps in [
             [sun(Vec3::new(0.1, -0.2, 1.0), 1e6, 0.0), sun(-Vec3::Z, LIGHT_MAX, 3.1)],
