@@ -10,7 +10,7 @@ use crate::{
     config, dataset,
     failure::Failure,
     interrupt, output, progress,
-    ranks::Ranks,
+    ranks::{Ranks, share_among_threads},
     scene, settings,
     training::Session,
 };
@@ -37,8 +37,20 @@ use specula_train::{profile::Profile, ranks::Traffic, start::Point, trainer::Set
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
-/// Trains, saves, and measures with `--eval`. Of several ranks the first one writes the model.
+/// Trains, saves, and measures with `--eval`, alone, as one of several ranks, or on as many ranks as
+/// threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
+    match args.ranks {
+        1 => run_rank(args, ranks),
+        _ if ranks.size > 1 => {
+            Err(Failure::Input("ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into()))
+        }
+        count => share_among_threads(count.into(), |ranks| run_rank(args, ranks)),
+    }
+}
+
+/// Trains as one rank. The first one writes the model.
+fn run_rank(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     warn_of_ignored(args);
     if ranks.size > 1 && args.watch.view.is_some() {
         return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
@@ -94,8 +106,8 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     };
     let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Checkpoint(&saved.state));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
-    let mut session = Session::new(&reload);
-    let training = Training::new(&args.executor, settings, &data.train, &start, &mut session)?;
+    let mut session = Session::new(&reload).of(ranks);
+    let training = Training::new(&ranks.executor(&args.executor), settings, &data.train, &start, &mut session)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     if let Some(exchange) = (ranks.connect)() {
         training.join(exchange, &pictures)?;
