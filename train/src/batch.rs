@@ -6,11 +6,15 @@
 //! al. 2022): then a step against B views moves parameters about as far as B steps against single
 //! views, whose noise partly cancels.
 
-use crate::profile::{Densification, Profile, Rates};
+use crate::{
+    profile::{Densification, Profile, Rates},
+    transfer::{download, download_gaussians},
+};
 use specula_core::{
     executor::{Executor, StepReport, TrainingStep},
     optimise::Schedule,
     pipeline::{ViewGradient, view_gradient},
+    scene::{Environment, Gaussians},
     state::{SceneState, Statistics},
 };
 
@@ -26,8 +30,8 @@ impl Profile {
             return self;
         }
         let steps = |count: u32| (count.saturating_add(views / 2) / views).max(count.min(1));
-        let rate =
-            |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule.times((views as f32).sqrt()) };
+        let factor = std::env::var("FACTOR").ok().and_then(|t| t.parse().ok()).unwrap_or(1.0);
+        let rate = |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule.times(factor) };
         let Rates { normal_residual, .. } = self.rates;
         self.rates = Rates {
             mean: rate(self.rates.mean),
@@ -57,8 +61,9 @@ impl Profile {
     }
 }
 
-/// Takes one step against the sum of the gradients of several views, which share all settings of
-/// the step. Returns the report of each view; the last counts the gradients that were skipped.
+/// Takes a step of Adam for each of several views, in their order, against gradients at the
+/// parameters before the first. Returns the report of each view; the last counts the gradients that
+/// were skipped.
 ///
 /// # Errors
 ///
@@ -68,52 +73,48 @@ pub(crate) fn batch_step<E: Executor>(
     scene: &mut SceneState<E::Array>,
     views: &[TrainingStep<'_, E>],
 ) -> Result<Vec<StepReport>, E::Error> {
+    let (gaussians, light) = copied_parameters(exec, scene)?;
     let mut reports = Vec::with_capacity(views.len());
-    let mut sum: Option<ViewGradient<E::Array>> = None;
+    let mut nonfinite = 0;
     for view in views {
-        let (grad, report) = gradient_of(exec, scene, view)?;
-        match &mut sum {
-            Some(sum) => add_gradient(exec, sum, &grad)?,
-            None => sum = Some(grad),
-        }
+        let (grad, report) = gradient_of(exec, &gaussians, light.as_ref(), view)?;
+        nonfinite += apply(exec, scene, grad, view)?;
         reports.push(report);
     }
-    if let (Some(sum), Some(view), Some(last)) = (sum, views.last(), reports.last_mut()) {
-        last.nonfinite = apply(exec, scene, sum, view)?;
+    if let Some(last) = reports.last_mut() {
+        last.nonfinite = nonfinite;
     }
     Ok(reports)
+}
+
+/// Gaussians and light as they are before a batch.
+type Parameters<A> = (Gaussians<A>, Option<Environment<A>>);
+
+fn copied_parameters<E: Executor>(
+    exec: &mut E,
+    scene: &SceneState<E::Array>,
+) -> Result<Parameters<E::Array>, E::Error> {
+    let gaussians = download_gaussians(exec, &scene.gaussians)?;
+    let gaussians = exec.upload_gaussians(&gaussians)?;
+    let Some((light, _)) = &scene.light else { return Ok((gaussians, None)) };
+    let values = download(exec, &light.values, light.len_of_values())?;
+    Ok((gaussians, Some(light.with_values(exec.upload(&values)?))))
 }
 
 /// Gradient of one view of a batch, with its share in the statistics.
 pub(crate) fn gradient_of<E: Executor>(
     exec: &mut E,
-    scene: &SceneState<E::Array>,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&Environment<E::Array>>,
     view: &TrainingStep<'_, E>,
 ) -> Result<(ViewGradient<E::Array>, StepReport), E::Error> {
-    let SceneState { gaussians, light, .. } = scene;
     let statistics = if view.is_observed { Some(no_statistics(exec, gaussians.count)?) } else { None };
-    view_gradient(exec, gaussians, light.as_ref().map(|(light, _)| light), statistics, view)
+    view_gradient(exec, gaussians, light, statistics, view)
 }
 
 fn no_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics<E::Array>, E::Error> {
     let zeros = vec![0.0; count];
     Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
-}
-
-/// Adds the gradient of another view to a sum.
-pub(crate) fn add_gradient<E: Executor>(
-    exec: &mut E,
-    sum: &mut ViewGradient<E::Array>,
-    grad: &ViewGradient<E::Array>,
-) -> Result<(), E::Error> {
-    exec.add(&mut sum.gaussians.values, &grad.gaussians.values)?;
-    if let (Some(sum), Some(grad)) = (&mut sum.light, &grad.light) {
-        exec.add(sum, grad)?;
-    }
-    if let (Some(sum), Some(grad)) = (&mut sum.statistics, &grad.statistics) {
-        add_statistics(exec, sum, grad)?;
-    }
-    Ok(())
 }
 
 fn add_statistics<E: Executor>(

@@ -10,7 +10,7 @@ use crate::{
     config, dataset,
     failure::Failure,
     interrupt, output, progress,
-    ranks::{Ranks, share_among_threads},
+    ranks::{self, Ranks, share_among_threads},
     scene, settings,
     training::Session,
 };
@@ -128,7 +128,7 @@ fn run_rank(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     let live = watching.as_ref().map(Watching::live);
     let session = session.with(|training| result::pause(args, training, &info, &views), live);
     let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
-    note_traffic(&training, outcome);
+    note_traffic(ranks, &training, outcome);
     if !is_first {
         return Ok(());
     }
@@ -153,11 +153,13 @@ fn under_known_light(profile: Profile, path: &Path, data: &Dataset) -> Result<Pr
 }
 
 /// Notes what a rank of several sent and how long it waited.
-fn note_traffic(training: &Training, outcome: Outcome) {
+fn note_traffic(ranks: &Ranks<'_>, training: &Training, outcome: Outcome) {
     let Some(Traffic { sent, seconds }) = training.traffic() else { return };
     let megabytes = sent as f64 / 1e6;
     tracing::info!(
-        "this rank sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
+        target: ranks::TARGET,
+        "rank {} sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
+        ranks.rank,
         outcome.seconds
     );
 }
