@@ -36,7 +36,8 @@ pub(crate) fn init(quiet: bool, is_first: bool) {
 /// print errors, and notes of the target [`ranks::TARGET`].
 pub(crate) fn subscriber(quiet: bool, is_first: bool) -> impl Subscriber + Send + Sync {
     let level = |is_quiet| if is_quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
-    let targets = Targets::new().with_target(TARGET, level(quiet || !is_first)).with_target(ranks::TARGET, level(quiet));
+    let targets =
+        Targets::new().with_target(TARGET, level(quiet || !is_first)).with_target(ranks::TARGET, level(quiet));
     let lines =
         tracing_subscriber::fmt::layer().event_format(Sentence).with_writer(|| BetweenBars).log_internal_errors(false);
     tracing_subscriber::registry().with(targets).with(lines)

@@ -79,9 +79,9 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; all schedules scale with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
-    /// Fit this many views in each iteration, by the sum of their gradients, which several ranks
-    /// can share; schedules and learning rates adapt, so that 4 views take a quarter of the
-    /// iterations. Some quality is lost; see docs/scaling.md.
+    /// Fit this many views in each iteration, with gradients at the same parameters, which several
+    /// ranks can share; schedules adapt, so that 4 views take a quarter of the iterations. Some
+    /// quality is lost; see docs/scaling.md.
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = views_per_step)]
     #[serde(skip_serializing_if = "is_one")]
     pub(crate) views_per_step: u32,

@@ -42,9 +42,9 @@ use std::{path::Path, sync::Arc};
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     match args.ranks {
         1 => run_rank(args, ranks),
-        _ if ranks.size > 1 => {
-            Err(Failure::Input("ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into()))
-        }
+        _ if ranks.size > 1 => Err(Failure::Input(
+            "ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into(),
+        )),
         count => share_among_threads(count.into(), |ranks| run_rank(args, ranks)),
     }
 }
