@@ -3,7 +3,7 @@
 //! ```text
 //! rank v mod R   gradient of view v, whole, as one rank alone would compute it
 //! every rank     sends each other rank the numbers of the Gaussians that it owns
-//! owner          adds those of all views in the order of the views, takes Adam's step
+//! owner          takes Adam's step for each view, in the order of the views
 //! every rank     gathers the parameters
 //! ```
 //!
@@ -113,7 +113,7 @@ impl Ranks {
         }
     }
 
-    /// Takes one step against the sum of the gradients of several views, as
+    /// Takes a step of Adam for each of several views, as
     /// [`batch_step`](crate::batch::batch_step) does on one rank.
     pub(crate) fn step<E: Executor>(
         &mut self,
