@@ -73,10 +73,11 @@ pub fn local_rank(variable: impl Fn(&str) -> Option<String>) -> Option<usize> {
 }
 
 /// Runs a training on several ranks that are threads of this process; the first one is the calling
-/// thread. All of them share the threads of the program.
+/// thread. All of them share the threads of the program. Failures that are not the one returned are
+/// printed, unless they read the same.
 ///
 /// # Errors
-/// The failure of the first rank, or else that of another.
+/// The failure of the first rank that failed.
 pub(crate) fn share_among_threads(
     count: usize,
     train: impl Fn(&Ranks<'_>) -> Result<(), Failure> + Sync,
@@ -92,18 +93,25 @@ pub(crate) fn share_among_threads(
         train(&Ranks { rank, size: count, local: rank, connect: &connect })
     };
     let run_other = |exchange: ThreadExchange| {
-        let prefix = format!("rank {}: ", exchange.rank());
-        let done = tracing::subscriber::with_default(progress::subscriber(is_quiet, false), || run(exchange));
-        done.inspect_err(|failure| tracing::error!("{prefix}{}", shortened(&failure.to_string())))
+        tracing::subscriber::with_default(progress::subscriber(is_quiet, false), || run(exchange))
     };
     let mut exchanges = threads(count, PATIENCE).into_iter();
     let first = exchanges.next().expect("there is a rank");
     thread::scope(|scope| {
         let others: Vec<ScopedJoinHandle<'_, _>> =
             exchanges.map(|exchange| scope.spawn(move || run_other(exchange))).collect();
-        let outcome = run(first);
-        let panicked = |_| Failure::Internal("a rank panicked".into());
-        others.into_iter().map(|other| other.join().map_err(panicked).flatten()).fold(outcome, Result::and)
+        let mut outcome = run(first);
+        for (other, rank) in others.into_iter().zip(1..) {
+            let done = other.join().unwrap_or_else(|_| Err(Failure::Internal("a rank panicked".into())));
+            match (&outcome, done) {
+                (Ok(()), done) => outcome = done,
+                (Err(failure), Err(other)) if failure.to_string() != other.to_string() => {
+                    tracing::error!("rank {rank}: {}", shortened(&other.to_string()));
+                }
+                _ => {}
+            }
+        }
+        outcome
     })
 }
 
