@@ -152,7 +152,10 @@ mod tests {
             let all = exchange.all_gather(vec![ranks.rank as u8]).expect("all are there");
             assert_eq!(all, [[0], [1], [2]]);
         };
-        let succeed = |ranks: &Ranks<'_>| Ok(talk(ranks));
+        let succeed = |ranks: &Ranks<'_>| {
+            talk(ranks);
+            Ok(())
+        };
         assert!(share_among_threads(3, succeed).is_ok());
         for culprit in 0..3 {
             let fail = |ranks: &Ranks<'_>| {

@@ -131,7 +131,7 @@ impl Observer for Session<'_> {
     fn note(&mut self, note: Note<Failure>) {
         match note {
             Note::StartsOnGpu { is_software: true, place: None, .. } => {
-                tracing::info!("{note}; --executor cpu is faster")
+                tracing::info!("{note}; --executor cpu is faster");
             }
             Note::StartsOnGpu { place: Some(_), .. } => {
                 tracing::info!(target: ranks::TARGET, "{}{note}", self.prefix);
