@@ -55,6 +55,18 @@ impl Failure {
     }
 }
 
+/// Sentence without its middle, if it quotes as much as a file.
+pub(crate) fn shortened(sentence: &str) -> String {
+    const MOST: usize = 2000;
+    let count = sentence.chars().count();
+    if count <= MOST {
+        return sentence.to_owned();
+    }
+    let start: String = sentence.chars().take(MOST / 2).collect();
+    let end: String = sentence.chars().skip(count - MOST / 2).collect();
+    format!("{start} … {end}")
+}
+
 /// Options that help against the error of a file, as the end of its sentence.
 fn hint_of(error: &specula_io::Error) -> &'static str {
     use specula_io::Error::{Checkpoint, CheckpointFormat, NoCheckpoint, NoImages, TooLong};

@@ -21,30 +21,18 @@ mod settings;
 mod training;
 mod truth;
 
-pub use ranks::Ranks;
+pub use ranks::{Ranks, local_rank};
 
 use args::{Arguments, Command};
 use clap::error::ErrorKind;
 use core::panic::AssertUnwindSafe;
-use failure::Failure;
+use failure::{Failure, shortened};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 
 /// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
-/// Sentence without its middle, if it quotes as much as a file.
-fn shortened(sentence: &str) -> String {
-    const MOST: usize = 2000;
-    let count = sentence.chars().count();
-    if count <= MOST {
-        return sentence.to_owned();
-    }
-    let start: String = sentence.chars().take(MOST / 2).collect();
-    let end: String = sentence.chars().skip(count - MOST / 2).collect();
-    format!("{start} … {end}")
-}
 
 /// Runs the command line of this process, as one of several ranks or alone. Returns the exit code:
 /// 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
@@ -55,7 +43,7 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
         Err(error) if !ranks.is_first() => return if error.use_stderr() { 2 } else { 0 },
         Err(error) => return explain(&error),
     };
-    progress::init(arguments.quiet || !ranks.is_first());
+    progress::init(arguments.quiet, ranks.is_first());
     interrupt::ignore_file_size_signal();
     // The panic hook has printed the message of a panic.
     match std::panic::catch_unwind(AssertUnwindSafe(|| start(arguments, ranks))) {

@@ -1,6 +1,7 @@
 //! Notes and progress on stderr. Notes are the `tracing` events of the program and its libraries,
 //! printed as one line each. Progress is a bar on a terminal, else a line every few seconds.
 
+use crate::ranks;
 use core::{fmt, time::Duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
@@ -26,13 +27,25 @@ const TARGET: &str = "specula";
 /// Bars on the terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
-/// Installs the subscriber that prints notes; only errors if `quiet`.
-pub(crate) fn init(quiet: bool) {
-    let level = if quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
+/// Installs the subscriber of [`subscriber`] for the whole program.
+pub(crate) fn init(quiet: bool, is_first: bool) {
+    tracing::subscriber::set_global_default(subscriber(quiet, is_first)).expect("main sets it once");
+}
+
+/// Subscriber that prints notes; only errors if `quiet`. Of several ranks, those after the first
+/// print errors, and notes of the target [`ranks::TARGET`].
+pub(crate) fn subscriber(quiet: bool, is_first: bool) -> impl Subscriber + Send + Sync {
+    let level = |is_quiet| if is_quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
+    let targets =
+        Targets::new().with_target(TARGET, level(quiet || !is_first)).with_target(ranks::TARGET, level(quiet));
     let lines =
         tracing_subscriber::fmt::layer().event_format(Sentence).with_writer(|| BetweenBars).log_internal_errors(false);
-    let subscriber = tracing_subscriber::registry().with(Targets::new().with_target(TARGET, level)).with(lines);
-    tracing::subscriber::set_global_default(subscriber).expect("main sets it once");
+    tracing_subscriber::registry().with(targets).with(lines)
+}
+
+/// Whether only errors are printed.
+pub(crate) fn is_quiet() -> bool {
+    !tracing::enabled!(Level::INFO)
 }
 
 /// Runs `f` without printing its notes and its progress.
@@ -42,7 +55,7 @@ pub(crate) fn silently<T>(f: impl FnOnce() -> T) -> T {
 
 /// Starts the progress of `steps` steps; silent if notes are.
 pub(crate) fn work(title: &str, steps: u64) -> Work {
-    let is_quiet = !tracing::enabled!(Level::INFO);
+    let is_quiet = is_quiet();
     let is_terminal = stderr().is_terminal();
     let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::hidden());
     let bar = if is_terminal && !is_quiet { BARS.add(bar) } else { bar };

@@ -5,6 +5,7 @@ use crate::{
     failure::Failure,
     interrupt,
     progress::{self, Work},
+    ranks::{self, Ranks},
 };
 use core::fmt;
 use specula_scene::{
@@ -23,6 +24,8 @@ type Pause<'a> = dyn FnMut(&mut Training) -> Result<(), Failure> + 'a;
 /// Program around a training.
 pub(crate) struct Session<'a> {
     reload: &'a Reload<'a>,
+    /// Start of the notes of one of several ranks.
+    prefix: String,
     pause: Option<Box<Pause<'a>>>,
     /// Feed of a viewer.
     live: Option<Arc<LiveTraining>>,
@@ -39,7 +42,12 @@ impl fmt::Debug for Session<'_> {
 impl<'a> Session<'a> {
     /// Session without pauses. `reload` provides pictures and points again if a device fails.
     pub(crate) fn new(reload: &'a Reload<'a>) -> Self {
-        Self { reload, pause: None, live: None, work: None }
+        Self { reload, prefix: String::new(), pause: None, live: None, work: None }
+    }
+
+    /// Session of one of several ranks.
+    pub(crate) fn of(self, ranks: &Ranks<'_>) -> Self {
+        Self { prefix: ranks.prefix(), ..self }
     }
 
     /// Calls `pause` when the training pauses, and connects the feed of a viewer.
@@ -122,7 +130,12 @@ impl Observer for Session<'_> {
 
     fn note(&mut self, note: Note<Failure>) {
         match note {
-            Note::StartsOnGpu { is_software: true, .. } => tracing::info!("{note}; --executor cpu is faster"),
+            Note::StartsOnGpu { is_software: true, place: None, .. } => {
+                tracing::info!("{note}; --executor cpu is faster");
+            }
+            Note::StartsOnGpu { place: Some(_), .. } => {
+                tracing::info!(target: ranks::TARGET, "{}{note}", self.prefix);
+            }
             Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
             Note::GpuFailed { checkpoint: Some(_), .. } => {
                 tracing::warn!("{note}; to do that later press Ctrl-C, and start again with --resume --executor cpu");

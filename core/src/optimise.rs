@@ -71,12 +71,6 @@ impl Schedule {
         Self { first: rate, last: rate, steps: 1 }
     }
 
-    /// The schedule with its rates times a positive factor.
-    #[must_use]
-    pub fn times(self, factor: f32) -> Self {
-        Self { first: factor * self.first, last: factor * self.last, ..self }
-    }
-
     /// The rate at a step: first^(1−u) · last^u, u = step / steps.
     pub fn at(&self, step: u32) -> f32 {
         if self.first == self.last || self.first <= 0.0 || self.last <= 0.0 {

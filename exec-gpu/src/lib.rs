@@ -35,7 +35,7 @@ mod testing;
 
 pub use compose::Composer;
 pub use device::{
-    adapter::{AdapterReport, adapters},
+    adapter::{AdapterReport, Place, adapters},
     ceilings::Ceilings,
     chunks::ChunkedArray,
     error::GpuError,

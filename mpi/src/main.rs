@@ -5,7 +5,7 @@ mod exchange;
 use core::time::Duration;
 use exchange::MpiExchange;
 use mpi::{Threading, traits::Communicator};
-use specula::Ranks;
+use specula::{Ranks, local_rank};
 use specula_train::exchange::{Exchange, PATIENCE};
 use std::{env, process::ExitCode, thread};
 
@@ -35,7 +35,8 @@ fn main() -> ExitCode {
         }
     };
     let connect = || (size > 1).then(|| Box::new(MpiExchange::new(rank, size, patience)) as Box<dyn Exchange>);
-    let code = specula::run(&Ranks { rank, size, connect: &connect });
+    let local = local_rank(|name| env::var(name).ok()).unwrap_or(rank);
+    let code = specula::run(&Ranks { rank, size, local, connect: &connect });
     if code != 0 && code != INTERRUPTED && size > 1 {
         if rank != 0 {
             thread::sleep(LAST_WORDS);

@@ -7,7 +7,7 @@ use specula_core::{
     pack::Storage,
 };
 #[cfg(feature = "gpu")]
-use specula_gpu::{AdapterReport, Gpu, adapters};
+use specula_gpu::{AdapterReport, Gpu, Place, adapters};
 
 /// Executor that is asked for: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -19,6 +19,13 @@ pub enum ExecutorChoice {
     Cpu,
     /// First wgpu adapter with this in its name; any adapter if empty.
     Gpu(String),
+    /// Adapter of one of several ranks of a machine.
+    GpuOfRank {
+        /// Part of its name; empty for any.
+        name: String,
+        /// Number of the rank among those of its machine, from 0.
+        rank: usize,
+    },
 }
 
 /// Text that names no [`ExecutorChoice`].
@@ -44,8 +51,8 @@ impl fmt::Display for ExecutorChoice {
         match self {
             Self::Auto => out.write_str("auto"),
             Self::Cpu => out.write_str("cpu"),
-            Self::Gpu(name) if name.is_empty() => out.write_str("gpu"),
-            Self::Gpu(name) => write!(out, "gpu:{name}"),
+            Self::Gpu(name) | Self::GpuOfRank { name, .. } if name.is_empty() => out.write_str("gpu"),
+            Self::Gpu(name) | Self::GpuOfRank { name, .. } => write!(out, "gpu:{name}"),
         }
     }
 }
@@ -68,13 +75,30 @@ impl ExecutorChoice {
         match self {
             Self::Cpu => Ok(Device::Cpu),
             #[cfg(feature = "gpu")]
-            Self::Gpu(name) => Ok(Device::Gpu(Box::new(Gpu::new(name)?))),
+            Self::Gpu(name) => Ok(Device::Gpu(Box::new(Gpu::new(name)?), None)),
+            #[cfg(feature = "gpu")]
+            Self::GpuOfRank { name, rank } => {
+                let (gpu, place) = Gpu::nth(name, *rank)?;
+                Ok(Device::Gpu(Box::new(gpu), Some(place)))
+            }
             #[cfg(feature = "gpu")]
             Self::Auto => Ok(default_device()),
             #[cfg(not(feature = "gpu"))]
-            Self::Gpu(_) => Err(SceneError::GpuUnsupported),
+            Self::Gpu(_) | Self::GpuOfRank { .. } => Err(SceneError::GpuUnsupported),
             #[cfg(not(feature = "gpu"))]
             Self::Auto => Ok(Device::Cpu),
+        }
+    }
+
+    /// The choice of one of several ranks of a machine, by its number among them: each has the next
+    /// GPU, as long as there are more. All ranks of a machine choose alike between GPUs and the CPU.
+    #[must_use]
+    pub fn of_rank(&self, rank: usize) -> Self {
+        match self {
+            Self::Gpu(name) => Self::GpuOfRank { name: name.clone(), rank },
+            Self::Auto if has_hardware() => Self::GpuOfRank { name: String::new(), rank },
+            Self::Auto => Self::Cpu,
+            Self::Cpu | Self::GpuOfRank { .. } => self.clone(),
         }
     }
 
@@ -86,7 +110,7 @@ impl ExecutorChoice {
     /// Those of [`ExecutorChoice::open`].
     pub fn check(&self) -> Result<(), SceneError> {
         match self {
-            Self::Gpu(_) => self.open().map(drop),
+            Self::Gpu(_) | Self::GpuOfRank { .. } => self.open().map(drop),
             Self::Auto | Self::Cpu => Ok(()),
         }
     }
@@ -98,9 +122,9 @@ impl ExecutorChoice {
 pub enum Device {
     /// CPU, on the threads of rayon's current pool.
     Cpu,
-    /// GPU, opened.
+    /// GPU, opened; of a rank with its place among the GPUs of the machine.
     #[cfg(feature = "gpu")]
-    Gpu(Box<Gpu>),
+    Gpu(Box<Gpu>, Option<Place>),
 }
 
 #[cfg(feature = "gpu")]
@@ -115,8 +139,16 @@ fn default_device() -> Device {
             tracing::warn!("{error}; the CPU takes over");
             Device::Cpu
         },
-        |gpu| Device::Gpu(Box::new(gpu)),
+        |gpu| Device::Gpu(Box::new(gpu), None),
     )
+}
+
+/// Presence of a GPU that [`ExecutorChoice::Auto`] would choose.
+fn has_hardware() -> bool {
+    #[cfg(feature = "gpu")]
+    return may_have_hardware() && preferred_adapter(&adapters()).is_some();
+    #[cfg(not(feature = "gpu"))]
+    return false;
 }
 
 /// Presence of device files of GPUs, which Linux has. Without them drivers are not asked for
@@ -164,7 +196,7 @@ impl RenderOptions {
     pub(crate) fn open(&self) -> Result<Device, SceneError> {
         match (&self.executor, self.projection) {
             (executor, ProjectionModel::Affine) => executor.open(),
-            (ExecutorChoice::Gpu(_), _) => Err(SceneError::ProjectionUnsupported),
+            (ExecutorChoice::Gpu(_) | ExecutorChoice::GpuOfRank { .. }, _) => Err(SceneError::ProjectionUnsupported),
             _ => Ok(Device::Cpu),
         }
     }
@@ -183,6 +215,12 @@ mod tests {
         for typed in ["auto", "cpu", "gpu", "gpu:llvmpipe"] {
             assert_eq!(typed.parse().map(|choice: ExecutorChoice| choice.to_string()).as_deref(), Ok(typed));
         }
+        for (of_rank, text) in [("gpu", "gpu"), ("gpu:llvmpipe", "gpu:llvmpipe"), ("cpu", "cpu")] {
+            let choice: ExecutorChoice = of_rank.parse().expect("an executor");
+            assert_eq!(choice.of_rank(2).to_string(), text);
+        }
+        let second = ExecutorChoice::Gpu("A".into()).of_rank(1);
+        assert_eq!(second, ExecutorChoice::GpuOfRank { name: "A".into(), rank: 1 });
         assert!("cuda".parse::<ExecutorChoice>().is_err());
         assert!("cpu:0".parse::<ExecutorChoice>().is_err());
     }

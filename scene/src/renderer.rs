@@ -276,7 +276,7 @@ fn upload(
         Device::Cpu => Box::new(UploadedScene::new(CpuViewer::with_cutoffs(cutoffs), scene, rounded, storage)?),
         // The viewer rounds what it stores.
         #[cfg(feature = "gpu")]
-        Device::Gpu(gpu) => {
+        Device::Gpu(gpu, _) => {
             let mut exec = GpuExecutor::viewer(*gpu, storage);
             exec.set_order(cutoffs.order());
             Box::new(UploadedScene::new(exec, scene, |light, _| light, storage)?)

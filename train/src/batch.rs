@@ -1,24 +1,25 @@
-//! Batches of views: one step against the sum of their gradients.
+//! Batches of views: gradients at the same parameters, which ranks can compute beside each other.
 //!
-//! Gradients are added number by number in the order of the views, so that the sum does not depend
-//! on where they were computed. Adam does not notice a factor of all gradients; what a batch
-//! changes is their noise, which falls with its root. Learning rates grow by that root (Malladi et
-//! al. 2022): then a step against B views moves parameters about as far as B steps against single
-//! views, whose noise partly cancels.
+//! Adam then takes a step for each of them in the order of the views, as if they were visited one
+//! after another; all that a batch changes is that gradients are up to B − 1 steps old. Rates and
+//! moments are those of single views, so that there is no rule by which they would have to grow.
 
-use crate::profile::{Densification, Profile, Rates};
+use crate::{
+    profile::{Densification, Profile, Rates},
+    transfer::{download, download_gaussians},
+};
 use specula_core::{
     executor::{Executor, StepReport, TrainingStep},
     optimise::Schedule,
     pipeline::{ViewGradient, view_gradient},
+    scene::{Environment, Gaussians},
     state::{SceneState, Statistics},
 };
 
 impl Profile {
     /// The profile of a training that fits batches of views, from the profile of one that visits as
-    /// many views in all, one a step: what was counted in views is counted in steps, and learning
-    /// rates grow by √`views`. Exposures keep their rate, as each is fitted to one view; 1 changes
-    /// nothing.
+    /// many views in all, one a step: what was counted in views is counted in batches. Learning
+    /// rates stay, as Adam takes a step for each view; 1 changes nothing.
     #[must_use]
     pub fn for_batches(mut self, views: u32) -> Self {
         let views = views.max(1);
@@ -26,8 +27,7 @@ impl Profile {
             return self;
         }
         let steps = |count: u32| (count.saturating_add(views / 2) / views).max(count.min(1));
-        let rate =
-            |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule.times((views as f32).sqrt()) };
+        let rate = |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule };
         let Rates { normal_residual, .. } = self.rates;
         self.rates = Rates {
             mean: rate(self.rates.mean),
@@ -43,7 +43,7 @@ impl Profile {
             sh_rest: rate(self.rates.sh_rest),
             environment: rate(self.rates.environment),
         };
-        self.exposure = self.exposure.map(|schedule| Schedule { steps: steps(schedule.steps), ..schedule });
+        self.exposure = self.exposure.map(rate);
         let Densification { from, until, every, reset_every, .. } = self.densification;
         self.densification = Densification {
             from: steps(from),
@@ -57,8 +57,9 @@ impl Profile {
     }
 }
 
-/// Takes one step against the sum of the gradients of several views, which share all settings of
-/// the step. Returns the report of each view; the last counts the gradients that were skipped.
+/// Takes a step of Adam for each of several views, in their order, against gradients at the
+/// parameters before the first. Returns the report of each view; the last counts the gradients that
+/// were skipped.
 ///
 /// # Errors
 ///
@@ -68,52 +69,48 @@ pub(crate) fn batch_step<E: Executor>(
     scene: &mut SceneState<E::Array>,
     views: &[TrainingStep<'_, E>],
 ) -> Result<Vec<StepReport>, E::Error> {
+    let (gaussians, light) = copied_parameters(exec, scene)?;
     let mut reports = Vec::with_capacity(views.len());
-    let mut sum: Option<ViewGradient<E::Array>> = None;
+    let mut nonfinite = 0;
     for view in views {
-        let (grad, report) = gradient_of(exec, scene, view)?;
-        match &mut sum {
-            Some(sum) => add_gradient(exec, sum, &grad)?,
-            None => sum = Some(grad),
-        }
+        let (grad, report) = gradient_of(exec, &gaussians, light.as_ref(), view)?;
+        nonfinite += apply(exec, scene, grad, view)?;
         reports.push(report);
     }
-    if let (Some(sum), Some(view), Some(last)) = (sum, views.last(), reports.last_mut()) {
-        last.nonfinite = apply(exec, scene, sum, view)?;
+    if let Some(last) = reports.last_mut() {
+        last.nonfinite = nonfinite;
     }
     Ok(reports)
+}
+
+/// Gaussians and light as they are before a batch.
+type Parameters<A> = (Gaussians<A>, Option<Environment<A>>);
+
+fn copied_parameters<E: Executor>(
+    exec: &mut E,
+    scene: &SceneState<E::Array>,
+) -> Result<Parameters<E::Array>, E::Error> {
+    let gaussians = download_gaussians(exec, &scene.gaussians)?;
+    let gaussians = exec.upload_gaussians(&gaussians)?;
+    let Some((light, _)) = &scene.light else { return Ok((gaussians, None)) };
+    let values = download(exec, &light.values, light.len_of_values())?;
+    Ok((gaussians, Some(light.with_values(exec.upload(&values)?))))
 }
 
 /// Gradient of one view of a batch, with its share in the statistics.
 pub(crate) fn gradient_of<E: Executor>(
     exec: &mut E,
-    scene: &SceneState<E::Array>,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&Environment<E::Array>>,
     view: &TrainingStep<'_, E>,
 ) -> Result<(ViewGradient<E::Array>, StepReport), E::Error> {
-    let SceneState { gaussians, light, .. } = scene;
     let statistics = if view.is_observed { Some(no_statistics(exec, gaussians.count)?) } else { None };
-    view_gradient(exec, gaussians, light.as_ref().map(|(light, _)| light), statistics, view)
+    view_gradient(exec, gaussians, light, statistics, view)
 }
 
 fn no_statistics<E: Executor>(exec: &mut E, count: usize) -> Result<Statistics<E::Array>, E::Error> {
     let zeros = vec![0.0; count];
     Ok(Statistics { grad_sum: exec.upload(&zeros)?, view_count: exec.upload(&zeros)? })
-}
-
-/// Adds the gradient of another view to a sum.
-pub(crate) fn add_gradient<E: Executor>(
-    exec: &mut E,
-    sum: &mut ViewGradient<E::Array>,
-    grad: &ViewGradient<E::Array>,
-) -> Result<(), E::Error> {
-    exec.add(&mut sum.gaussians.values, &grad.gaussians.values)?;
-    if let (Some(sum), Some(grad)) = (&mut sum.light, &grad.light) {
-        exec.add(sum, grad)?;
-    }
-    if let (Some(sum), Some(grad)) = (&mut sum.statistics, &grad.statistics) {
-        add_statistics(exec, sum, grad)?;
-    }
-    Ok(())
 }
 
 fn add_statistics<E: Executor>(
@@ -148,7 +145,44 @@ pub(crate) fn apply<E: Executor>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile::{NAMES, by_name, exposure_rate};
+    use crate::{
+        profile::{NAMES, by_name, exposure_rate},
+        start::Point,
+        trainer::{Settings, Trainer},
+        view::View,
+    };
+    use glam::Vec3;
+    use specula_core::{camera::Camera, scene::OPACITY};
+    use specula_cpu::CpuExecutor;
+
+    /// Two steps of Adam against one gradient move a number by its rate each, since both moments
+    /// are corrected for the start; one step against a sum would move it by that rate once.
+    #[test]
+    fn a_batch_takes_a_step_of_adam_for_each_view() {
+        /// Relative rounding of the corrected rate and of both moments.
+        const ROUNDING: f32 = 1e-4;
+        const BATCH: u32 = 2;
+        let camera = Camera::look_at(Vec3::X * 3.0, Vec3::ZERO, Vec3::Z, 0.7, 32, 32);
+        let views = [View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }];
+        let points = [0.0, 0.2].map(|z| Point { position: [0.0, 0.0, z], color: [0.5; 3] });
+        let moved = |batch: u32| {
+            let profile = by_name("3dgs", 100 * batch).expect("a profile").for_batches(batch);
+            let settings = Settings { profile, iterations: 100, seed: 0, background: [1.0; 3], random_points: 0 };
+            let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &points).expect("there is a view");
+            let mut opacity = || {
+                let gaussians = trainer.download().expect("the CPU gives back").gaussians;
+                let value = gaussians.values[gaussians.index_of(0, OPACITY)];
+                trainer.step().expect("the CPU trains");
+                value
+            };
+            (opacity() - opacity()).abs()
+        };
+        let rate = by_name("3dgs", 100).expect("a profile").rates.opacity.first;
+        for batch in [1, BATCH] {
+            let expected = batch as f32 * rate;
+            assert!((moved(batch) - expected).abs() < ROUNDING * expected, "{} is not {expected}", moved(batch));
+        }
+    }
 
     #[test]
     fn single_views_change_no_profile() {
@@ -159,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn batches_count_views_in_steps_and_raise_the_rates_by_their_root() {
+    fn batches_count_views_in_steps_and_keep_the_rates() {
         let mut single = by_name("specula", 7000).expect("a profile");
         single.exposure = Some(exposure_rate(7000));
         let batched = single.clone().for_batches(4);
@@ -168,7 +202,7 @@ mod tests {
         assert_eq!((from, until, every, reset_every, grad_min), (125, 875, 25, 750, single.densification.grad_min));
         for (of_batches, of_views) in [(batched.rates.mean, single.rates.mean), (batched.rates.tint, single.rates.tint)]
         {
-            let expected = (2.0 * of_views.first, 2.0 * of_views.last, of_views.steps / 4);
+            let expected = (of_views.first, of_views.last, of_views.steps / 4);
             assert_eq!((of_batches.first, of_batches.last, of_batches.steps), expected);
         }
         let [of_batches, of_views] = [batched.exposure, single.exposure].map(|rate| rate.expect("it is learned"));

@@ -1,7 +1,7 @@
 //! Messages between the ranks of a training: processes or threads that share its work.
 //!
 //! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, whose order a
-//! library would choose: whoever receives numbers adds them in the order of the views
+//! library would choose: whoever receives numbers uses them in the order of the views
 //! ([`crate::ranks`]). [`threads`] connects threads of one process and is the reference for all
 //! other exchanges.
 

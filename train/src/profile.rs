@@ -221,7 +221,7 @@ pub struct Profile {
     pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
-    /// Views whose gradients a step adds up ([`Profile::for_batches`]).
+    /// Views whose gradients a step computes at the same parameters ([`Profile::for_batches`]).
     pub views_per_step: u32,
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! rank v mod R   gradient of view v, whole, as one rank alone would compute it
 //! every rank     sends each other rank the numbers of the Gaussians that it owns
-//! owner          adds those of all views in the order of the views, takes Adam's step
+//! owner          takes Adam's step for each view, in the order of the views
 //! every rank     gathers the parameters
 //! ```
 //!
@@ -15,7 +15,7 @@
 //! not tell how many ranks wrote them.
 
 use crate::{
-    batch::{add_gradient, apply, gradient_of},
+    batch::{apply, gradient_of},
     error::TrainError,
     exchange::{Exchange, ExchangeError},
     transfer::{download, download_gaussians},
@@ -113,7 +113,7 @@ impl Ranks {
         }
     }
 
-    /// Takes one step against the sum of the gradients of several views, as
+    /// Takes a step of Adam for each of several views, as
     /// [`batch_step`](crate::batch::batch_step) does on one rank.
     pub(crate) fn step<E: Executor>(
         &mut self,
@@ -121,9 +121,7 @@ impl Ranks {
         scene: &mut SceneState<E::Array>,
         views: &[TrainingStep<'_, E>],
     ) -> Result<Vec<StepReport>, TrainError<E::Error>> {
-        let Some(step) = views.last() else { return Ok(Vec::new()) };
         let (own_parts, mut reports) = self.compute_own(exec, scene, views)?;
-        let sum = self.sum(exec, scene, views.len(), own_parts, step.is_observed)?;
         let whole = download_gaussians(exec, &scene.gaussians)?;
         let own = self.range(whole.count, self.rank());
         let slice = Gaussians {
@@ -132,7 +130,7 @@ impl Ranks {
             values: whole.values[values_of(&own, whole.layout)].to_vec(),
         };
         scene.gaussians = exec.upload_gaussians(&slice)?;
-        let nonfinite = apply(exec, scene, sum, step)?;
+        let nonfinite = self.apply_all(exec, scene, views, own_parts, whole.count)?;
         self.gather_parameters(exec, scene, whole, nonfinite, &mut reports, views.len())?;
         Ok(reports)
     }
@@ -148,7 +146,8 @@ impl Ranks {
         let (rank, size) = (self.rank(), self.size());
         let (mut own, mut reports) = (VecDeque::new(), Vec::new());
         for view in views.iter().skip(rank).step_by(size) {
-            let (grad, report) = gradient_of(exec, scene, view)?;
+            let light = scene.light.as_ref().map(|(light, _)| light);
+            let (grad, report) = gradient_of(exec, &scene.gaussians, light, view)?;
             let grad = HostGradient::download(exec, &grad, light_len_of(scene))?;
             reports.push(report);
             for owner in 0..size {
@@ -163,22 +162,25 @@ impl Ranks {
         Ok((own, reports))
     }
 
-    /// Sum over all views, in their order, of the numbers that this rank owns.
-    fn sum<E: Executor>(
+    /// Takes Adam's step for each view, in their order, with the numbers that this rank owns, of
+    /// `count` Gaussians in all. Returns how many numbers were skipped. `scene` has this rank's own
+    /// Gaussians.
+    fn apply_all<E: Executor>(
         &mut self,
         exec: &mut E,
-        scene: &SceneState<E::Array>,
-        view_count: usize,
+        scene: &mut SceneState<E::Array>,
+        views: &[TrainingStep<'_, E>],
         mut own_parts: VecDeque<Vec<f32>>,
-        is_observed: bool,
-    ) -> Result<ViewGradient<E::Array>, TrainError<E::Error>> {
+        count: usize,
+    ) -> Result<usize, TrainError<E::Error>> {
         let (rank, size) = (self.rank(), self.size());
-        let own = self.range(scene.gaussians.count, rank);
+        let own = self.range(count, rank);
         let layout = scene.gaussians.layout;
-        let least = len_of_values(own.len(), layout) + if is_observed { 2 * own.len() } else { 0 };
         let light_len = if rank + 1 == size { light_len_of(scene) } else { 0 };
-        let mut sum: Option<ViewGradient<E::Array>> = None;
-        for from in (0..view_count).map(|view| view % size) {
+        let mut nonfinite = 0;
+        for (from, view) in (0..size).cycle().zip(views) {
+            let is_observed = view.is_observed;
+            let least = len_of_values(own.len(), layout) + if is_observed { 2 * own.len() } else { 0 };
             let part = if from == rank {
                 own_parts.pop_front().unwrap_or_default()
             } else {
@@ -201,12 +203,9 @@ impl Ranks {
                     None
                 },
             };
-            match &mut sum {
-                Some(sum) => add_gradient(exec, sum, &grad)?,
-                None => sum = Some(grad),
-            }
+            nonfinite += apply(exec, scene, grad, view)?;
         }
-        Ok(sum.expect("a step has a view"))
+        Ok(nonfinite)
     }
 
     /// Gathers what the owners changed, and the reports of all views. `scene` has this rank's own

@@ -237,10 +237,11 @@ impl<E: Executor> Trainer<E> {
     /// Takes Adam's step against the gradients of some views; returns the report of each.
     fn fit(&mut self, views: &[usize], pass: &Pass) -> Result<Vec<StepReport>, TrainError<E::Error>> {
         let number = self.state.iteration;
+        let first = self.visit(0);
         let is_coarse = self.done(number) < self.settings.profile.coarse_until;
         let profile = &self.settings.profile;
         let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
-        let of = |view: &usize| TrainingStep {
+        let of = |(position, view): (usize, &usize)| TrainingStep {
             camera: &pictures[*view].0,
             target: &pictures[*view].1,
             background: self.settings.background,
@@ -252,10 +253,10 @@ impl<E: Executor> Trainer<E> {
             rates: &pass.rates,
             environment_rate: profile.rates.environment.at(number),
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            number,
+            number: u32::try_from(first + position as u64).unwrap_or(u32::MAX),
         };
         let (exec, scene) = (&mut self.exec, &mut self.state.scene);
-        let steps: Vec<_> = views.iter().map(of).collect();
+        let steps: Vec<_> = views.iter().enumerate().map(of).collect();
         match (&mut self.ranks, &*steps) {
             (Some(ranks), steps) => ranks.step(exec, scene, steps),
             // The gradient of a single view never goes through memory.

@@ -79,12 +79,17 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; all schedules scale with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
-    /// Fit this many views in each iteration, by the sum of their gradients, which several ranks
-    /// can share; schedules and learning rates adapt, so that 4 views take a quarter of the
-    /// iterations. Some quality is lost; see docs/scaling.md.
+    /// Fit this many views in each iteration, with gradients at the same parameters, which several
+    /// ranks can share; schedules adapt, so that 4 views take a quarter of the iterations. Some
+    /// quality is lost; see docs/scaling.md.
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = views_per_step)]
     #[serde(skip_serializing_if = "is_one")]
     pub(crate) views_per_step: u32,
+    /// Share the training among N threads, to the same model as one; with --executor gpu each has
+    /// the next GPU of this machine. Several machines share one over MPI; see docs/scaling.md.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = ranks)]
+    #[serde(skip)]
+    pub(crate) ranks: u16,
     /// Downscale the pictures by this factor.
     #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
     pub(crate) resolution: u32,
@@ -495,6 +500,13 @@ pub(super) fn views_per_step(text: &str) -> Result<u32, String> {
     const MOST: u32 = 1024;
     let views = positive(text)?;
     if views <= MOST { Ok(views) } else { Err(format!("use {MOST} views a step at most")) }
+}
+
+/// Number of ranks that are threads.
+pub(super) fn ranks(text: &str) -> Result<u16, String> {
+    const MOST: u16 = 64;
+    let count = positive(text)?;
+    if count <= MOST { Ok(count) } else { Err(format!("use {MOST} ranks at most")) }
 }
 
 /// Number of random points, at least one.

@@ -10,7 +10,7 @@ use crate::{
     config, dataset,
     failure::Failure,
     interrupt, output, progress,
-    ranks::Ranks,
+    ranks::{self, Ranks, share_among_threads},
     scene, settings,
     training::Session,
 };
@@ -37,8 +37,20 @@ use specula_train::{profile::Profile, ranks::Traffic, start::Point, trainer::Set
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
-/// Trains, saves, and measures with `--eval`. Of several ranks the first one writes the model.
+/// Trains, saves, and measures with `--eval`, alone, as one of several ranks, or on as many ranks as
+/// threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
+    match args.ranks {
+        1 => run_rank(args, ranks),
+        _ if ranks.size > 1 => Err(Failure::Input(
+            "ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into(),
+        )),
+        count => share_among_threads(count.into(), |ranks| run_rank(args, ranks)),
+    }
+}
+
+/// Trains as one rank. The first one writes the model.
+fn run_rank(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     warn_of_ignored(args);
     if ranks.size > 1 && args.watch.view.is_some() {
         return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
@@ -94,8 +106,8 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     };
     let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Checkpoint(&saved.state));
     let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
-    let mut session = Session::new(&reload);
-    let training = Training::new(&args.executor, settings, &data.train, &start, &mut session)?;
+    let mut session = Session::new(&reload).of(ranks);
+    let training = Training::new(&ranks.executor(&args.executor), settings, &data.train, &start, &mut session)?;
     let mut training = training.with_checkpoints(checkpoints, seconds);
     if let Some(exchange) = (ranks.connect)() {
         training.join(exchange, &pictures)?;
@@ -116,7 +128,7 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     let live = watching.as_ref().map(Watching::live);
     let session = session.with(|training| result::pause(args, training, &info, &views), live);
     let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
-    note_traffic(&training, outcome);
+    note_traffic(ranks, &training, outcome);
     if !is_first {
         return Ok(());
     }
@@ -148,11 +160,13 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Datase
 }
 
 /// Notes what a rank of several sent and how long it waited.
-fn note_traffic(training: &Training, outcome: Outcome) {
+fn note_traffic(ranks: &Ranks<'_>, training: &Training, outcome: Outcome) {
     let Some(Traffic { sent, seconds }) = training.traffic() else { return };
     let megabytes = sent as f64 / 1e6;
     tracing::info!(
-        "this rank sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
+        target: ranks::TARGET,
+        "rank {} sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
+        ranks.rank,
         outcome.seconds
     );
 }

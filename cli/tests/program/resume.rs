@@ -178,6 +178,22 @@ fn a_finished_training_continues_for_longer() {
 }
 
 #[test]
+fn ranks_that_are_threads_write_the_same_model() {
+    let tiny = Tiny::new();
+    let batch = ["--views-per-step", "3"];
+    started(&tiny, "alone", &batch).assert().success();
+    let stderr = started(&tiny, "shared", &batch).args(["--ranks", "3"]).assert().success().get_output().stderr.clone();
+    assert!(model_of(&tiny.path("shared"), ITERATIONS) == model_of(&tiny.path("alone"), ITERATIONS));
+    let stderr = String::from_utf8(stderr).unwrap();
+    for rank in 0..3 {
+        assert!(stderr.contains(&format!("rank {rank} sent ")), "{stderr}");
+    }
+    started(&tiny, "single", &[]).assert().success();
+    let single = model_of(&tiny.path("single"), ITERATIONS);
+    assert!(single != model_of(&tiny.path("alone"), ITERATIONS), "the comparison can fail");
+}
+
+#[test]
 fn a_model_tells_how_many_views_a_step_fitted() {
     let tiny = Tiny::new();
     train(&tiny, "single").assert().success();

@@ -6,7 +6,7 @@
 //! more.
 
 use crate::device::{
-    adapter::{all_adapters, report},
+    adapter::{Place, Traits, all_adapters, selected},
     cache::KernelCache,
     error::GpuError,
 };
@@ -65,11 +65,23 @@ impl Gpu {
     ///
     /// [`GpuError::NoAdapter`] if no adapter matches, [`GpuError::NoDevice`] if it gives no device.
     pub fn new(wanted: &str) -> Result<Self, GpuError> {
-        let is_wanted = |adapter: &Adapter| adapter.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
-        let mut found: Vec<Adapter> = all_adapters().into_iter().filter(is_wanted).collect();
-        found.sort_by_key(|adapter| report(adapter).is_software);
-        let adapter = found.into_iter().next().ok_or(GpuError::NoAdapter { wanted: wanted.to_owned() })?;
-        Self::of(&adapter)
+        Self::nth(wanted, 0).map(|(gpu, _)| gpu)
+    }
+
+    /// Opens the adapter of a rank, by its number among the ranks of this machine: the first rank
+    /// has that of [`Gpu::new`], the second one the next, and so on; with more ranks than adapters
+    /// they start over. Software drivers are used where there is no hardware alone, and no adapter
+    /// is counted twice because two backends show it. Returns its place among them as well.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Gpu::new`].
+    pub fn nth(wanted: &str, rank: usize) -> Result<(Self, Place), GpuError> {
+        let adapters = all_adapters();
+        let traits: Vec<Traits> = adapters.iter().map(Traits::of).collect();
+        let none = || GpuError::NoAdapter { wanted: wanted.to_owned() };
+        let (index, place) = selected(&traits, wanted, rank).ok_or_else(none)?;
+        Ok((Self::of(&adapters[index])?, place))
     }
 
     /// Opens the adapter that the system prefers, without blocking: in a browser only the event

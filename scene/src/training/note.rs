@@ -13,6 +13,9 @@ pub enum Note<E> {
         name: String,
         /// Whether its driver computes on the CPU.
         is_software: bool,
+        /// Number of the GPU, from 1, and count of those that the ranks of this machine share; none
+        /// for a training that is alone.
+        place: Option<(usize, usize)>,
     },
     /// The training runs on the CPU.
     StartsOnCpu {
@@ -41,10 +44,13 @@ pub enum Note<E> {
 impl<E: Display> Display for Note<E> {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Self::StartsOnGpu { name, is_software: true } => {
-                write!(out, "training on {name}, a driver that computes on the CPU")
+            Self::StartsOnGpu { name, is_software, place } => {
+                match is_software {
+                    true => write!(out, "training on {name}, a driver that computes on the CPU")?,
+                    false => write!(out, "training on the GPU {name}")?,
+                }
+                place.map_or(Ok(()), |(number, count)| write!(out, ", {number} of {count} of this machine"))
             }
-            Self::StartsOnGpu { name, is_software: false } => write!(out, "training on the GPU {name}"),
             Self::StartsOnCpu { threads } => write!(out, "training on the CPU, {threads} threads"),
             Self::GpuRefused { error } => write!(out, "{error}; the CPU takes over"),
             Self::GpuFailed { error, checkpoint: Some((path, last)) } => {

@@ -110,9 +110,10 @@ pub(super) fn start_on<E: From<SceneError>>(
     match choice.open()? {
         Device::Cpu => {}
         #[cfg(feature = "gpu")]
-        Device::Gpu(gpu) => {
+        Device::Gpu(gpu, place) => {
             let (name, is_software) = (gpu.info().name.clone(), gpu.is_software());
-            note(Note::StartsOnGpu { name, is_software });
+            let place = place.map(|place| (place.number + 1, place.count));
+            note(Note::StartsOnGpu { name, is_software, place });
             match start(specula_gpu::GpuExecutor::new(*gpu), settings.clone(), views, from).map_err(SceneError::from) {
                 Ok(trainer) => return Ok((Box::new(trainer), true)),
                 Err(error) if error.is_device_failure() => note(Note::GpuRefused { error: error.into() }),
