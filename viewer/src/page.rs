@@ -1,11 +1,13 @@
 //! Page: its files behind the server, and the same in one file, with the renderer and a scene.
 
 mod bundle;
+mod text;
 
 use crate::packed::{PackPrecision, PackedScene};
 use bundle::bundle;
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write;
+pub use text::text_of;
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
@@ -30,6 +32,10 @@ pub(crate) const FILES: [(&str, &str, &str); 15] = [
 
 /// The renderer as a server, in a page without one.
 const WEB_SERVER: (&str, &str) = ("server.js", include_str!("page/web/server.js"));
+
+/// Reader of the text that holds renderer and scene in a page in one file: a module of JavaScript
+/// whose `bytesOf` is the inverse of [`text_of`], for the number of bytes.
+pub const TEXT_READER: &str = include_str!("page/web/text.js");
 
 /// Policy of a page in one file: nothing is loaded, and nothing is sent.
 const CLOSED: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; \
@@ -79,7 +85,7 @@ impl WebPage {
 
     /// The page in one file.
     pub fn file(&self) -> String {
-        let data = |bytes: &[u8]| (String::new(), base64(bytes));
+        let data = |bytes: &[u8]| (format!(" data-bytes=\"{}\"", bytes.len()), text_of(bytes));
         self.html(CLOSED, data(&self.module), data(&self.scene))
     }
 
@@ -98,6 +104,7 @@ impl WebPage {
             .map(|(path, _, text)| (path.trim_start_matches('/'), *text))
             .map(|module| if module.0 == WEB_SERVER.0 { WEB_SERVER } else { module })
             .collect();
+        let modules = [&[("text.js", TEXT_READER)], modules.as_slice()].concat();
         let packed = |id: &str, (attributes, text): &(String, String)| {
             format!("<script type=\"application/octet-stream\" id=\"{id}\"{attributes}>{text}</script>\n")
         };

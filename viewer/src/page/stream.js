@@ -29,6 +29,7 @@ export class Stream {
     this.burst = null;
     this.onshown = () => {};
     this.onerror = () => {};
+    document.addEventListener("visibilitychange", () => this.next());
   }
 
   /** Requests a new picture, at full resolution after a single step (`isMoving` is false). */
@@ -47,6 +48,11 @@ export class Stream {
     return !this.request && !this.isOutdated;
   }
 
+  /** Whether anybody sees the canvas; else pictures wait until it is shown. */
+  get isSeen() {
+    return !document.hidden && this.canvas.clientWidth > 0 && this.canvas.clientHeight > 0;
+  }
+
   get isResting() {
     return performance.now() - this.changedAt >= REST_TIME;
   }
@@ -60,7 +66,7 @@ export class Stream {
   }
 
   async next() {
-    if (this.request || !this.isOutdated) return;
+    if (this.request || !this.isOutdated || !this.isSeen) return;
     const isStill = this.isResting;
     const isDraft = isStill && this.isSlow && !this.hasDraft;
     this.isOutdated = !isStill || isDraft;

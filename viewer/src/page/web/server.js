@@ -1,6 +1,8 @@
 // The renderer in the page itself, in the place of the HTTP server: the same requests, answered by
 // WebAssembly on WebGPU.
 
+import { bytesOf } from "./text.js";
+
 /** Sentence of a browser that cannot show the scene in motion. */
 const NO_WEBGPU =
   "This browser has no WebGPU, so the scene stands still. Chrome and Edge 113, Safari 26 and Firefox 141, or later ones, show it in motion.";
@@ -8,11 +10,8 @@ const NO_WEBGPU =
 /** Contents of a packed element, or of the file that it names. */
 async function contents(id) {
   const element = document.getElementById(id);
-  const { source } = element.dataset;
-  if (!source) {
-    const text = atob(element.textContent);
-    return inflated(new Blob([Uint8Array.from(text, (letter) => letter.charCodeAt(0))]));
-  }
+  const { source, bytes } = element.dataset;
+  if (!source) return inflated(new Blob([bytesOf(element.textContent, Number(bytes))]));
   const response = await fetch(source).catch(() => null);
   if (!response?.ok) throw new Error(`${source} cannot be loaded; it belongs beside this page, on a web server`);
   return inflated(await response.blob());

@@ -1,0 +1,57 @@
+// Bytes of the text that an element of a page holds: twenty bytes are 23 digits to the base 125.
+
+/** Letters of a block, and the words of 32 bits that they become. */
+const LETTERS = 23;
+const WORDS = 5;
+const BASE = 125;
+const WORD = 2 ** 32;
+/** Digit of each letter: ASCII from 1 on, without carriage return and `<`; 255 for others. */
+const DIGITS = new Uint8Array(256).fill(255);
+for (let letter = 1, digit = 0; letter < 128; letter++) {
+  if (letter !== 13 && letter !== 60) DIGITS[letter] = digit++;
+}
+
+/** Bytes of a text, as many as `count`; throws an error for a text that has others. */
+export function bytesOf(text, count) {
+  const letters = new TextEncoder().encode(text);
+  const blocks = Math.ceil(count / (4 * WORDS));
+  const refuse = () => new Error("the page is damaged or cut short; export it once more");
+  if (letters.length !== LETTERS * blocks) throw refuse();
+  const bytes = new Uint8Array(4 * WORDS * blocks);
+  const view = new DataView(bytes.buffer);
+  let fault = 0;
+  for (let block = 0, at = 0; block < blocks; block++) {
+    let [a, b, c, d, e] = [0, 0, 0, 0, 0];
+    // Two digits, then seven groups of three: products stay below 2 to the 53rd.
+    for (let group = 0; group < 8; group++) {
+      let digits = 0;
+      for (let k = group === 0 ? 1 : 0; k < 3; k++) {
+        const digit = DIGITS[letters[at++]];
+        fault |= digit & 128;
+        digits = digits * BASE + digit;
+      }
+      a = a * BASE ** 3 + digits;
+      let over = Math.floor(a / WORD);
+      a -= over * WORD;
+      b = b * BASE ** 3 + over;
+      over = Math.floor(b / WORD);
+      b -= over * WORD;
+      c = c * BASE ** 3 + over;
+      over = Math.floor(c / WORD);
+      c -= over * WORD;
+      d = d * BASE ** 3 + over;
+      over = Math.floor(d / WORD);
+      d -= over * WORD;
+      e = e * BASE ** 3 + over;
+    }
+    if (e >= WORD) fault = 1;
+    const start = 4 * WORDS * block;
+    view.setUint32(start, a, true);
+    view.setUint32(start + 4, b, true);
+    view.setUint32(start + 8, c, true);
+    view.setUint32(start + 12, d, true);
+    view.setUint32(start + 16, e, true);
+  }
+  if (fault !== 0) throw refuse();
+  return bytes.subarray(0, count);
+}
