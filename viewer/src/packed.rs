@@ -27,9 +27,9 @@ use specula_core::{
         QUAT, RadianceActivation, len_of_values,
     },
 };
-use specula_io::orientation::Orientation;
+use specula_io::{Input, orientation::Orientation};
 use specula_mesh::near_field::rearranged;
-use specula_scene::{Scene, ShadingModel, light_file::MapUp};
+use specula_scene::{Scene, ShadingModel, import, light_file::MapUp, number::group_digits};
 use std::sync::Arc;
 use streams::{Reader, Stream, Writer};
 
@@ -185,6 +185,31 @@ impl PackedScene {
         let header = serde_json::to_vec(&header).unwrap_or_default();
         let len = (header.len() as u32).to_le_bytes();
         [MAGIC.as_slice(), &len, &header, &writer.bytes].concat()
+    }
+
+    /// Scene of a `.glb` with Gaussians, by the name of its file.
+    ///
+    /// # Errors
+    ///
+    /// A sentence on the first fault.
+    pub fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
+        let (scene, orientation) = import::scene_of_glb(Input::memory(name, bytes))?;
+        let kind = match (scene.gaussians.layout.is_physical, scene.gaussians.layout.is_shaded()) {
+            (true, _) => "physical materials, relightable",
+            (false, true) => "a shading function, relightable",
+            (false, false) => "plain Gaussian splatting",
+        };
+        let caption = format!("{} Gaussians of {name}, {kind}.", group_digits(scene.gaussians.count));
+        let viewed = ViewedScene {
+            name: name.strip_suffix(".glb").unwrap_or(name).to_owned(),
+            scene,
+            views: Vec::new(),
+            held_out: 0,
+            orientation,
+            photographs: None,
+            background: [0.0; 3],
+        };
+        Ok(Self { viewed, lights: Vec::new(), caption })
     }
 
     /// Scene of the bytes of [`PackedScene::pack`].

@@ -12,9 +12,10 @@ pub use text::text_of;
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Files of the page: path, content type, text.
-pub(crate) const FILES: [(&str, &str, &str); 15] = [
+pub(crate) const FILES: [(&str, &str, &str); 16] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("/life.js", SCRIPT, include_str!("page/life.js")),
     ("/server.js", SCRIPT, include_str!("page/server.js")),
     ("/address.js", SCRIPT, include_str!("page/address.js")),
     ("/camera.js", SCRIPT, include_str!("page/camera.js")),
@@ -36,6 +37,9 @@ const WEB_SERVER: (&str, &str) = ("server.js", include_str!("page/web/server.js"
 /// Reader of the text that holds renderer and scene in a page in one file: a module of JavaScript
 /// whose `bytesOf` is the inverse of [`text_of`], for the number of bytes.
 pub const TEXT_READER: &str = include_str!("page/web/text.js");
+
+/// Element that shows the page of a folder in others.
+const ELEMENT_SCRIPT: &str = include_str!("page/web/specula-scene.js");
 
 /// Policy of a page in one file: nothing is loaded, and nothing is sent.
 const CLOSED: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; \
@@ -72,6 +76,9 @@ impl WebPage {
     /// Name of the scene in a folder.
     pub const SCENE: &str = "scene.specula.gz";
 
+    /// Name of the script of a folder that defines an element for other pages.
+    pub const ELEMENT: &str = "specula-scene.js";
+
     /// Page of a scene. `still` is a JPEG of it.
     pub fn new(renderer: WebRenderer<'_>, scene: &PackedScene, precision: PackPrecision, still: Vec<u8>) -> Self {
         Self {
@@ -90,10 +97,15 @@ impl WebPage {
     }
 
     /// Files of a folder for a web server: names and contents.
-    pub fn folder(&self) -> [(&'static str, Vec<u8>); 3] {
+    pub fn folder(&self) -> [(&'static str, Vec<u8>); 4] {
         let source = |name: &str| (format!(" data-source=\"{name}\""), String::new());
         let page = self.html(&format!("{CLOSED}; {HOSTED}"), source(Self::MODULE), source(Self::SCENE));
-        [(Self::PAGE, page.into_bytes()), (Self::MODULE, self.module.clone()), (Self::SCENE, self.scene.clone())]
+        [
+            (Self::PAGE, page.into_bytes()),
+            (Self::MODULE, self.module.clone()),
+            (Self::SCENE, self.scene.clone()),
+            (Self::ELEMENT, ELEMENT_SCRIPT.into()),
+        ]
     }
 
     /// The page with attributes and text of the elements that hold renderer and scene.

@@ -2,6 +2,8 @@
 // resolution at rest. With one request in flight at most, the rate adapts to the link. The last
 // picture at rest is lossless; on a slow link a compressed draft comes before it.
 
+import { life } from "./life.js";
+
 /** Longest time of a picture during movement, from request to display, in milliseconds. */
 const FRAME_TIME = 80;
 /** Time without a change after which the camera is at rest, in milliseconds. */
@@ -29,7 +31,7 @@ export class Stream {
     this.burst = null;
     this.onshown = () => {};
     this.onerror = () => {};
-    document.addEventListener("visibilitychange", () => this.next());
+    document.addEventListener("visibilitychange", () => this.next(), life);
   }
 
   /** Requests a new picture, at full resolution after a single step (`isMoving` is false). */
