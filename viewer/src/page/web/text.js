@@ -4,7 +4,9 @@
 const LETTERS = 23;
 const WORDS = 5;
 const BASE = 125;
+const GROUP = BASE ** 3;
 const WORD = 2 ** 32;
+const PART = 2 ** -32;
 /** Digit of each letter: ASCII from 1 on, without carriage return and `<`; 255 for others. */
 const DIGITS = new Uint8Array(256).fill(255);
 for (let letter = 1, digit = 0; letter < 128; letter++) {
@@ -21,30 +23,39 @@ export function bytesOf(text, count) {
   const view = new DataView(bytes.buffer);
   let fault = 0;
   for (let block = 0, at = 0; block < blocks; block++) {
-    let [a, b, c, d, e] = [0, 0, 0, 0, 0];
-    // Two digits, then seven groups of three: products stay below 2 to the 53rd.
+    // Words of the number, the least first. Two digits, then seven groups of three: products stay
+    // below 2 to the 53rd, and a word is not touched before the number reaches it.
+    let [a, b, c, d, e] = [DIGITS[letters[at++]], 0, 0, 0, 0];
+    fault |= a;
+    a *= BASE;
     for (let group = 0; group < 8; group++) {
-      let digits = 0;
-      for (let k = group === 0 ? 1 : 0; k < 3; k++) {
-        const digit = DIGITS[letters[at++]];
-        fault |= digit & 128;
-        digits = digits * BASE + digit;
+      if (group > 0) {
+        const first = DIGITS[letters[at++]];
+        const second = DIGITS[letters[at++]];
+        fault |= first | second;
+        a = a * GROUP + first * BASE ** 2 + second * BASE;
       }
-      a = a * BASE ** 3 + digits;
-      let over = Math.floor(a / WORD);
+      const last = DIGITS[letters[at++]];
+      fault |= last;
+      a += last;
+      if (group === 0) continue;
+      let over = Math.floor(a * PART);
       a -= over * WORD;
-      b = b * BASE ** 3 + over;
-      over = Math.floor(b / WORD);
+      b = b * GROUP + over;
+      if (group < 3) continue;
+      over = Math.floor(b * PART);
       b -= over * WORD;
-      c = c * BASE ** 3 + over;
-      over = Math.floor(c / WORD);
+      c = c * GROUP + over;
+      if (group < 4) continue;
+      over = Math.floor(c * PART);
       c -= over * WORD;
-      d = d * BASE ** 3 + over;
-      over = Math.floor(d / WORD);
+      d = d * GROUP + over;
+      if (group < 6) continue;
+      over = Math.floor(d * PART);
       d -= over * WORD;
-      e = e * BASE ** 3 + over;
+      e = e * GROUP + over;
     }
-    if (e >= WORD) fault = 1;
+    if (e >= WORD) fault = 128;
     const start = 4 * WORDS * block;
     view.setUint32(start, a, true);
     view.setUint32(start + 4, b, true);
@@ -52,6 +63,6 @@ export function bytesOf(text, count) {
     view.setUint32(start + 12, d, true);
     view.setUint32(start + 16, e, true);
   }
-  if (fault !== 0) throw refuse();
+  if (fault & 128) throw refuse();
   return bytes.subarray(0, count);
 }
