@@ -467,3 +467,57 @@ fn options_of_pages_need_a_page() {
     let output = specula().arg("export").arg(&model).args(["-o", "a.splat", "--page-exact"]).output().unwrap();
     assert!(String::from_utf8_lossy(&output.stderr).contains("-o FILE.html"));
 }
+
+/// Counts what a page allocates: bytes of buffers and textures, and the memory of WebAssembly.
+const COUNTING: &str = "
+  window.bytes = 0;
+  const sizes = { r32float: 4, rgba8unorm: 4, rgba16float: 8, rgba32float: 16 };
+  const counted = (made, bytes) => {
+    window.bytes += bytes;
+    const destroy = made.destroy.bind(made);
+    made.destroy = () => { window.bytes -= bytes; bytes = 0; destroy(); };
+    return made;
+  };
+  const { createBuffer, createTexture } = GPUDevice.prototype;
+  GPUDevice.prototype.createBuffer = function (of) { return counted(createBuffer.call(this, of), of.size); };
+  GPUDevice.prototype.createTexture = function (of) {
+    const [width, height = 1, layers = 1] = Array.isArray(of.size)
+      ? of.size : [of.size.width, of.size.height, of.size.depthOrArrayLayers];
+    return counted(createTexture.call(this, of), width * height * layers * (sizes[of.format] ?? 4));
+  };
+  for (const name of ['instantiate', 'instantiateStreaming']) {
+    const original = WebAssembly[name];
+    WebAssembly[name] = async (...words) => {
+      const made = await original(...words);
+      window.memory = (made.instance ?? made).exports.memory;
+      return made;
+    };
+  }";
+
+/// Figures of docs/web.md, for the page that `SPECULA_PAGE` names.
+#[test]
+#[ignore = "it measures a page, and takes a minute"]
+fn figures_of_a_page() {
+    let Some(browser) = browser() else { return };
+    let file = std::env::var("SPECULA_PAGE").expect("SPECULA_PAGE names a page");
+    let page = browser.open("about:blank", [800, 800]);
+    page.before_scripts(COUNTING);
+    page.go(&url(&fs::canonicalize(file).unwrap()));
+    page.wait("Number(document.getElementById('picture')?.dataset.shown) >= 1");
+    let start = page.eval("performance.now()");
+    shown(&page);
+    let status = || page.eval("document.getElementById('status').textContent");
+    eprintln!("first picture after {start} ms; at rest: {}", status());
+    let count = || page.eval(COUNT).as_str().unwrap().parse::<u32>().unwrap();
+    let before = count();
+    page.press("o");
+    page.eval("new Promise((resume) => setTimeout(resume, 20000))");
+    let turned = count() - before;
+    eprintln!("{turned} pictures in 20 s of the turntable; {}", status());
+    eprintln!("at {} of the resolution", page.eval("document.getElementById('picture').dataset.scale"));
+    eprintln!(
+        "GPU: {} bytes; WebAssembly: {} bytes",
+        page.eval("window.bytes"),
+        page.eval("window.memory.buffer.byteLength")
+    );
+}
