@@ -37,6 +37,8 @@ pub const NODE_LEN: usize = 8;
 pub const TRIANGLE_LEN: usize = 4;
 /// Numbers of a vertex: position, normal, base colour, tint, roughness, diffuse albedo.
 pub const VERTEX_LEN: usize = 16;
+/// First number of a vertex's normal.
+pub const VERTEX_NORMAL: usize = 3;
 /// First number of a vertex's base colour.
 pub const VERTEX_BASE: usize = 6;
 /// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material, to

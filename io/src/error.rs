@@ -319,6 +319,14 @@ pub enum Error {
         /// Fault.
         cause: String,
     },
+    /// A glTF file holds no Gaussians that can be read.
+    #[error("cannot read {path:?} as glTF with Gaussians: {cause}")]
+    Glb {
+        /// The file.
+        path: PathBuf,
+        /// Fault.
+        cause: String,
+    },
     /// The network of a light is invalid.
     #[error("cannot read the light's network {path:?}: {cause}")]
     LightNetwork {

@@ -5,6 +5,8 @@
 //! Shading attributes follow as `SPECULA_shading` ([`Shading`]), an optional extension of that
 //! extension; `docs/export.md` describes it.
 
+mod read;
+
 use crate::{
     error::{Error, Result},
     latlong,
@@ -18,6 +20,8 @@ use specula_core::{
     sh::Y0,
 };
 use std::path::Path;
+
+pub use read::{GlbScene, read};
 
 const SPLATTING: &str = "KHR_gaussian_splatting";
 const SHADING: &str = "SPECULA_shading";

@@ -1,7 +1,11 @@
 //! Files on disk, and their contents in memory.
 
-use crate::error::{Error, Result};
+use crate::{
+    budget::SCENE,
+    error::{Error, Result},
+};
 use std::{
+    borrow::Cow,
     fs::{self, File},
     io::{self, BufReader, Cursor, Read, Seek, SeekFrom},
     path::Path,
@@ -40,6 +44,18 @@ impl<'a> Input<'a> {
             Some(bytes) => Opened::Memory(Cursor::new(bytes)),
             None => Opened::File(File::open(self.path).map_err(Error::reading(self.path))?),
         }))
+    }
+
+    /// All bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Read`], where the file cannot be read.
+    pub(crate) fn bytes(self) -> Result<Cow<'a, [u8]>> {
+        match self.bytes {
+            Some(bytes) => Ok(bytes.into()),
+            None => Ok(SCENE.read(self.path)?.into()),
+        }
     }
 
     /// Length in bytes.

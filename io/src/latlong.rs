@@ -252,9 +252,14 @@ pub fn write_cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<
 ///
 /// [`Error::NotACube`] for other shapes; the errors of [`read`].
 pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
-    let (width, height, values) = read_linear(Input::file(path))?;
+    cube_from(Input::file(path))
+}
+
+/// The same for contents in memory as well.
+pub(crate) fn cube_from(input: Input<'_>) -> Result<(Vec<f32>, usize)> {
+    let (width, height, values) = read_linear(input)?;
     if height != 6 * width {
-        return Err(Error::NotACube { path: path.to_owned(), width, height });
+        return Err(Error::NotACube { path: input.path().to_owned(), width, height });
     }
     Ok((values, width))
 }

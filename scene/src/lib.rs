@@ -46,6 +46,7 @@ pub mod foreground;
 mod framing;
 pub mod fusion;
 pub mod ground;
+pub mod import;
 pub mod lamps;
 pub mod layer;
 pub mod light_file;

@@ -20,10 +20,12 @@ use specula_core::{
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use specula_io::{
+    Input,
     budget::NETWORK as NETWORK_BUDGET,
     cameras,
     checkpoint::{self, Checkpoint, Facts},
     dataset, gaussian_ply,
+    glb::{self, Attribute, Shading},
     latlong::{self, LatLong},
     model_folder, picture,
     pixels::Pixels,
@@ -484,6 +486,20 @@ const CUBE: Target = Target {
     ..EXR
 };
 
+const GLB: Target = Target {
+    file: "a.glb",
+    make: |folder| {
+        let gaussians = cloud(6, Layout::radiance(1));
+        let roughness = Attribute { name: "ROUGHNESS".into(), width: 1, values: numbers(12, 6) };
+        let light = Some((numbers(10, 18 * 4 * 4), 4));
+        let shading = Shading { attributes: vec![roughness], light, ..Shading::default() };
+        glb::write(&folder.join("a.glb"), &gaussians, Some(&shading), None).unwrap();
+    },
+    read: |folder| glb::read(Input::file(&folder.join("a.glb"))).map(|_| ()).map_err(sentence),
+    memory: BYTES_OF_PICTURES,
+    needs_its_end: true,
+};
+
 const NETWORK: Target = Target {
     file: "a.onnx",
     make: |folder| {
@@ -553,6 +569,7 @@ macro_rules! targets {
 
 targets! {
     gaussians: GAUSSIANS;
+    gltf: GLB;
     points: POINTS;
     text_points: TEXT_POINTS;
     checkpoints: CHECKPOINT;

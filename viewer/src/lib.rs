@@ -74,7 +74,7 @@ pub use error::ViewerError;
 #[cfg(feature = "server")]
 pub use live::{LiveTraining, Request};
 pub use packed::{PackPrecision, PackedLight, PackedScene};
-pub use page::{WebPage, WebRenderer};
+pub use page::{TEXT_READER, WebPage, WebRenderer, text_of};
 pub use setup::{LightSetup, SetupEnvironment};
 pub use specula_scene::light_file::MapUp;
 pub use viewed::ViewedScene;

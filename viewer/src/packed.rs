@@ -1,7 +1,7 @@
 //! Scenes packed for web pages: numbers quantised, in an order that compresses.
 //!
 //! ```text
-//! "specula" 1     magic and version
+//! "specula" 2     magic and version
 //! u32             length of the header
 //! JSON            layout, names, cameras, ranges of quantised numbers
 //! streams         numbers of Gaussians, plane by plane; of lights; of the near field
@@ -9,8 +9,11 @@
 //!
 //! The numbers of a stream are stored byte plane by byte plane, the highest first: neighbours are
 //! alike in their high bytes, which compresses them. Quats have length 1, logits are within
-//! ±[`LOGIT_MAX`], and the hierarchy of a near field is built anew by the reader.
+//! ±[`LOGIT_MAX`], the vertices of a near field follow in the order in which its triangles use
+//! them, with normals folded from a sphere onto a square, and its hierarchy is built anew by the
+//! reader.
 
+mod octahedron;
 mod streams;
 
 use crate::{ViewedScene, ViewerError};
@@ -18,20 +21,20 @@ use serde::{Deserialize, Serialize};
 use specula_core::{
     antialias::LowPass,
     camera::Camera,
-    near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN},
+    near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN, VERTEX_NORMAL},
     scene::{
         AMBIENT, Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY,
         QUAT, RadianceActivation, len_of_values,
     },
 };
-use specula_io::orientation::Orientation;
+use specula_io::{Input, orientation::Orientation};
 use specula_mesh::near_field::rearranged;
-use specula_scene::{Scene, ShadingModel, light_file::MapUp};
+use specula_scene::{Scene, ShadingModel, import, light_file::MapUp, number::group_digits};
 use std::sync::Arc;
 use streams::{Reader, Stream, Writer};
 
 /// First bytes of a packed scene; the last one is the version of the format.
-const MAGIC: [u8; 8] = *b"specula\x01";
+const MAGIC: [u8; 8] = *b"specula\x02";
 /// Largest size of a logit that is told apart: its sigmoid is within 6e-6 of 0 or 1.
 const LOGIT_MAX: f32 = 12.0;
 /// Steps of means in the median size of a Gaussian, and of deviations of filters in their range.
@@ -47,9 +50,10 @@ const AMBIENT_STEP: f64 = 1.0 / 256.0;
 const RESIDUAL_STEP: f64 = 1.0 / 256.0;
 const CONSTANT_STEP: f64 = 1.0 / 256.0;
 const HARMONICS_STEP: f64 = 1.0 / 64.0;
-/// Steps of a near field: of its vertices, in offsets at which rays start; of normals; of the rest.
+/// Steps of a near field: of its vertices, in offsets at which rays start; of normals on an
+/// octahedron, of which a byte holds the range; of the rest.
 const VERTEX_STEP: f64 = 1.0 / 8.0;
-const NORMAL_STEP: f64 = 1.0 / 128.0;
+const NORMAL_STEP: f64 = 1.0 / 127.0;
 const ATTRIBUTE_STEP: f64 = 1.0 / 64.0;
 /// First plane of harmonics of shaded Gaussians.
 const SH_START: usize = Layout::shaded(None).sh_start();
@@ -143,8 +147,8 @@ struct LightHeader {
 struct NearFieldHeader {
     sizes: [usize; 3],
     offset: f32,
-    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without streams
-    /// of nodes the hierarchy is built anew.
+    /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without a stream
+    /// of nodes the hierarchy is built anew, and a normal has two numbers, of an octahedron.
     nodes: Option<Stream>,
     corners: Stream,
     vertices: Vec<Stream>,
@@ -181,6 +185,31 @@ impl PackedScene {
         let header = serde_json::to_vec(&header).unwrap_or_default();
         let len = (header.len() as u32).to_le_bytes();
         [MAGIC.as_slice(), &len, &header, &writer.bytes].concat()
+    }
+
+    /// Scene of a `.glb` with Gaussians, by the name of its file.
+    ///
+    /// # Errors
+    ///
+    /// A sentence on the first fault.
+    pub fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
+        let (scene, orientation) = import::scene_of_glb(Input::memory(name, bytes))?;
+        let kind = match (scene.gaussians.layout.is_physical, scene.gaussians.layout.is_shaded()) {
+            (true, _) => "physical materials, relightable",
+            (false, true) => "a shading function, relightable",
+            (false, false) => "plain Gaussian splatting",
+        };
+        let caption = format!("{} Gaussians of {name}, {kind}.", group_digits(scene.gaussians.count));
+        let viewed = ViewedScene {
+            name: name.strip_suffix(".glb").unwrap_or(name).to_owned(),
+            scene,
+            views: Vec::new(),
+            held_out: 0,
+            orientation,
+            photographs: None,
+            background: [0.0; 3],
+        };
+        Ok(Self { viewed, lights: Vec::new(), caption })
     }
 
     /// Scene of the bytes of [`PackedScene::pack`].
@@ -351,32 +380,60 @@ impl LightHeader {
 fn pack_near_field(surface: &NearField<Vec<f32>>, is_exact: bool, writer: &mut Writer) -> NearFieldHeader {
     let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
     let nodes = is_exact.then(|| writer.exact(surface.values[..triangles].iter().copied()));
-    let corners: Vec<f32> = surface.values[triangles..vertices]
+    let mut corners: Vec<f32> = surface.values[triangles..vertices]
         .as_chunks::<TRIANGLE_LEN>()
         .0
         .iter()
         .flat_map(|[a, b, c, _]| [*a, *b, *c])
         .collect();
-    let corners = writer.whole(&corners);
     let all = surface.values[vertices..].as_chunks::<VERTEX_LEN>().0;
-    let pack = |number: usize| {
-        let numbers: Vec<f32> = all.iter().map(|vertex| vertex[number]).collect();
-        match number {
-            _ if is_exact => writer.exact(numbers.into_iter()),
-            0..3 => writer.stepped(&numbers, f64::from(surface.offset) * VERTEX_STEP, true),
-            3..VERTEX_BASE => writer.stepped(&numbers, NORMAL_STEP, true),
-            _ => writer.stepped(&numbers, ATTRIBUTE_STEP, true),
-        }
+    let order = if is_exact { (0..all.len()).collect() } else { in_order_of_use(&mut corners, all.len()) };
+    let corners = writer.whole(&corners);
+    let column = |number: usize| order.iter().map(|vertex| all[*vertex][number]).collect::<Vec<f32>>();
+    let pack = |writer: &mut Writer, number: usize| match number {
+        _ if is_exact => writer.exact(column(number).into_iter()),
+        0..VERTEX_NORMAL => writer.stepped(&column(number), f64::from(surface.offset) * VERTEX_STEP, true),
+        _ => writer.stepped(&column(number), ATTRIBUTE_STEP, true),
     };
-    let vertices = (0..VERTEX_LEN).map(pack).collect();
+    let vertices = if is_exact {
+        (0..VERTEX_LEN).map(|number| pack(writer, number)).collect()
+    } else {
+        let mut streams: Vec<Stream> = (0..VERTEX_NORMAL).map(|number| pack(writer, number)).collect();
+        let normal = |vertex: &usize| octahedron::folded(core::array::from_fn(|k| all[*vertex][VERTEX_NORMAL + k]));
+        let normals: Vec<[f32; 2]> = order.iter().map(normal).collect();
+        for axis in 0..2 {
+            let numbers: Vec<f32> = normals.iter().map(|normal| normal[axis]).collect();
+            streams.push(writer.stepped(&numbers, NORMAL_STEP, true));
+        }
+        streams.extend((VERTEX_BASE..VERTEX_LEN).map(|number| pack(writer, number)));
+        streams
+    };
     NearFieldHeader { sizes: surface.sizes(), offset: surface.offset, nodes, corners, vertices }
+}
+
+/// Numbers vertices in the order in which corners use them, the others last. Returns the former
+/// number of each.
+fn in_order_of_use(corners: &mut [f32], vertex_count: usize) -> Vec<usize> {
+    let mut numbers: Vec<Option<usize>> = vec![None; vertex_count];
+    let mut order = Vec::with_capacity(vertex_count);
+    for corner in corners {
+        let vertex = *corner as usize;
+        let number = *numbers[vertex].get_or_insert_with(|| {
+            order.push(vertex);
+            order.len() - 1
+        });
+        *corner = number as f32;
+    }
+    order.extend((0..vertex_count).filter(|vertex| numbers[*vertex].is_none()));
+    order
 }
 
 impl NearFieldHeader {
     fn surface(&self, reader: &mut Reader<'_>) -> Result<NearField<Vec<f32>>, ViewerError> {
         let short = || damaged("it is cut short");
         let [node_count, triangle_count, vertex_count] = self.sizes;
-        if self.vertices.len() != VERTEX_LEN || self.sizes.iter().any(|size| *size > GAUSSIANS_MAX) {
+        let stream_count = if self.nodes.is_some() { VERTEX_LEN } else { VERTEX_LEN - 1 };
+        if self.vertices.len() != stream_count || self.sizes.iter().any(|size| *size > GAUSSIANS_MAX) {
             return Err(damaged("its near field has another layout"));
         }
         let nodes = match &self.nodes {
@@ -387,7 +444,13 @@ impl NearFieldHeader {
         let corners = corners.as_chunks::<3>().0.iter().flat_map(|[a, b, c]| [*a, *b, *c, 0.0]);
         let corners: Vec<f32> = corners.collect();
         let columns = self.vertices.iter().map(|stream| reader.numbers(stream, vertex_count).ok_or_else(short));
-        let columns = columns.collect::<Result<Vec<_>, _>>()?;
+        let mut columns = columns.collect::<Result<Vec<_>, _>>()?;
+        if self.nodes.is_none() {
+            let [u, v] = [0, 1].map(|axis| columns[VERTEX_NORMAL + axis].as_slice());
+            let normals: Vec<[f32; 3]> = u.iter().zip(v).map(|(u, v)| octahedron::unfolded([*u, *v])).collect();
+            let axes = [0, 1, 2].map(|axis| normals.iter().map(|normal| normal[axis]).collect());
+            columns.splice(VERTEX_NORMAL..VERTEX_NORMAL + 2, axes);
+        }
         let vertices: Vec<f32> =
             (0..vertex_count).flat_map(|vertex| columns.iter().map(move |column| column[vertex])).collect();
         let (sizes, values) = match nodes {
@@ -484,6 +547,8 @@ mod tests {
     const NEAR_QUAT: f32 = 3e-4;
     /// Largest error of a logit, half of a step.
     const NEAR_LOGIT: f32 = 0.0157;
+    /// Largest error of a number of a near field's vertex, half of a step.
+    const NEAR_VERTEX: f32 = 0.00785;
 
     fn number(stream: u64, index: usize) -> f32 {
         uniform(5, stream, index as u64) - 0.5
@@ -588,6 +653,19 @@ mod tests {
         }
         let near_field = read.near_field.unwrap();
         assert_eq!(near_field.sizes(), surface().sizes());
+        let [found, expected] = [&near_field, &surface()].map(|surface| {
+            let corners = |triangle: usize| {
+                let first = surface.triangles_start() + TRIANGLE_LEN * triangle;
+                let corners = surface.values[first..first + 3].iter();
+                corners.flat_map(|vertex| surface.vertex(*vertex as usize)).collect::<Vec<f32>>()
+            };
+            // Hierarchies order the two triangles as they like.
+            let mut triangles = [corners(0), corners(1)];
+            triangles.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            triangles.concat()
+        });
+        let apart = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(apart <= NEAR_VERTEX, "triangles have their vertices, and one is {apart} apart");
     }
 
     #[test]

@@ -1,18 +1,21 @@
 //! Page: its files behind the server, and the same in one file, with the renderer and a scene.
 
 mod bundle;
+mod text;
 
 use crate::packed::{PackPrecision, PackedScene};
 use bundle::bundle;
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write;
+pub use text::text_of;
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Files of the page: path, content type, text.
-pub(crate) const FILES: [(&str, &str, &str); 15] = [
+pub(crate) const FILES: [(&str, &str, &str); 16] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("/life.js", SCRIPT, include_str!("page/life.js")),
     ("/server.js", SCRIPT, include_str!("page/server.js")),
     ("/address.js", SCRIPT, include_str!("page/address.js")),
     ("/camera.js", SCRIPT, include_str!("page/camera.js")),
@@ -30,6 +33,13 @@ pub(crate) const FILES: [(&str, &str, &str); 15] = [
 
 /// The renderer as a server, in a page without one.
 const WEB_SERVER: (&str, &str) = ("server.js", include_str!("page/web/server.js"));
+
+/// Reader of the text that holds renderer and scene in a page in one file: a module of JavaScript
+/// whose `bytesOf` is the inverse of [`text_of`], for the number of bytes.
+pub const TEXT_READER: &str = include_str!("page/web/text.js");
+
+/// Element that shows the page of a folder in others.
+const ELEMENT_SCRIPT: &str = include_str!("page/web/specula-scene.js");
 
 /// Policy of a page in one file: nothing is loaded, and nothing is sent.
 const CLOSED: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; \
@@ -66,6 +76,9 @@ impl WebPage {
     /// Name of the scene in a folder.
     pub const SCENE: &str = "scene.specula.gz";
 
+    /// Name of the script of a folder that defines an element for other pages.
+    pub const ELEMENT: &str = "specula-scene.js";
+
     /// Page of a scene. `still` is a JPEG of it.
     pub fn new(renderer: WebRenderer<'_>, scene: &PackedScene, precision: PackPrecision, still: Vec<u8>) -> Self {
         Self {
@@ -79,15 +92,20 @@ impl WebPage {
 
     /// The page in one file.
     pub fn file(&self) -> String {
-        let data = |bytes: &[u8]| (String::new(), base64(bytes));
+        let data = |bytes: &[u8]| (format!(" data-bytes=\"{}\"", bytes.len()), text_of(bytes));
         self.html(CLOSED, data(&self.module), data(&self.scene))
     }
 
     /// Files of a folder for a web server: names and contents.
-    pub fn folder(&self) -> [(&'static str, Vec<u8>); 3] {
+    pub fn folder(&self) -> [(&'static str, Vec<u8>); 4] {
         let source = |name: &str| (format!(" data-source=\"{name}\""), String::new());
         let page = self.html(&format!("{CLOSED}; {HOSTED}"), source(Self::MODULE), source(Self::SCENE));
-        [(Self::PAGE, page.into_bytes()), (Self::MODULE, self.module.clone()), (Self::SCENE, self.scene.clone())]
+        [
+            (Self::PAGE, page.into_bytes()),
+            (Self::MODULE, self.module.clone()),
+            (Self::SCENE, self.scene.clone()),
+            (Self::ELEMENT, ELEMENT_SCRIPT.into()),
+        ]
     }
 
     /// The page with attributes and text of the elements that hold renderer and scene.
@@ -98,6 +116,7 @@ impl WebPage {
             .map(|(path, _, text)| (path.trim_start_matches('/'), *text))
             .map(|module| if module.0 == WEB_SERVER.0 { WEB_SERVER } else { module })
             .collect();
+        let modules = [&[("text.js", TEXT_READER)], modules.as_slice()].concat();
         let packed = |id: &str, (attributes, text): &(String, String)| {
             format!("<script type=\"application/octet-stream\" id=\"{id}\"{attributes}>{text}</script>\n")
         };

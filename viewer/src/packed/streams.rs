@@ -15,7 +15,7 @@ pub(super) enum Stream {
     Exact,
     /// The upper bits of `f32`.
     Shortened,
-    /// Differences of whole numbers, from the number three places before.
+    /// Whole numbers, as distances below the first one that is larger than all before.
     Whole,
     /// Whole steps from the least number on.
     Steps {
@@ -70,14 +70,19 @@ impl Writer {
         self.put(Stream::Shortened, &numbers.map(short).collect::<Vec<_>>())
     }
 
-    /// Whole numbers below 2²⁴, such as corners of triangles.
+    /// Whole numbers below 2²⁴, such as corners of triangles: where these are numbered in the order
+    /// of their first use, a new one is a zero, and one that was used lately is small.
     pub(super) fn whole(&mut self, numbers: &[f32]) -> Stream {
-        let before = |index: usize| if index < 3 { 0 } else { numbers[index - 3] as u32 };
         let mask = Stream::Whole.mask();
-        let differences =
-            numbers.iter().enumerate().map(|(index, number)| step_from(before(index), *number as u32, mask));
-        let differences: Vec<u32> = differences.collect();
-        self.put(Stream::Whole, &differences)
+        let mut next = 0_u32;
+        let below = |number: &f32| {
+            let number = *number as u32;
+            let distance = next.wrapping_sub(number) & mask;
+            next = next.max(number + 1);
+            distance
+        };
+        let distances: Vec<u32> = numbers.iter().map(below).collect();
+        self.put(Stream::Whole, &distances)
     }
 
     /// Rounds to steps of a size, or of a larger one where the range has more of them than
@@ -160,13 +165,13 @@ fn decoded(stream: &Stream, mut stored: Vec<u32>) -> Vec<f32> {
         Stream::Exact => stored.into_iter().map(f32::from_bits).collect(),
         Stream::Shortened => stored.into_iter().map(|bits| f32::from_bits(bits << (32 - SHORT_BITS))).collect(),
         Stream::Whole => {
-            let mut last = [0_u32; 3];
-            let add = |(index, difference): (usize, u32)| {
-                let number = &mut last[index % 3];
-                *number = number.wrapping_add(unfolded(difference) as u32) & stream.mask();
-                *number as f32
+            let mut next = 0_u32;
+            let above = |distance: u32| {
+                let number = next.wrapping_sub(distance) & stream.mask();
+                next = next.max(number + 1);
+                number as f32
             };
-            stored.into_iter().enumerate().map(add).collect()
+            stored.into_iter().map(above).collect()
         }
         Stream::Steps { least, step, differs, .. } => {
             let mask = stream.mask();

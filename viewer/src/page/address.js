@@ -27,7 +27,7 @@ function takeToken() {
 function replaceFragment(parameters) {
   // Commas need no escape in a fragment and are easier to read without.
   const text = decodeURIComponent(parameters.toString());
-  if (`#${text}` !== location.hash) history.replaceState(null, "", text === "" ? location.pathname : `#${text}`);
+  if (`#${text}` !== location.hash) history.replaceState(null, "", text === "" ? location.pathname + location.search : `#${text}`);
 }
 
 /** Parameters of the fragment at page load, by name. */

@@ -1,5 +1,7 @@
 // Camera controls: pointers, wheel and keys.
 
+import { life } from "./life.js";
+
 /** Rotation for a drag along the shorter edge, in radians: in orbit and in flight. */
 const ORBIT_PER_DRAG = 3.5;
 const LOOK_PER_DRAG = 1.0;
@@ -31,9 +33,9 @@ export class Controls {
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.pointerUp(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    window.addEventListener("keydown", (event) => this.keyDown(event));
-    window.addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()));
-    window.addEventListener("blur", () => this.held.clear());
+    window.addEventListener("keydown", (event) => this.keyDown(event), life);
+    window.addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()), life);
+    window.addEventListener("blur", () => this.held.clear(), life);
   }
 
   get edge() {

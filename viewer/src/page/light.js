@@ -1,5 +1,7 @@
 // Light: environment map, rotation and exposure; uploads of opened and dropped files.
 
+import { life } from "./life.js";
+
 /** Attempts to upload a light, and the delay between them in milliseconds. */
 const ATTEMPTS = 120;
 const RETRY_DELAY = 1000;
@@ -129,13 +131,13 @@ export class Light {
       if (!holdsFiles(event)) return;
       event.preventDefault();
       mark(true);
-    });
-    window.addEventListener("dragleave", (event) => event.relatedTarget === null && mark(false));
+    }, life);
+    window.addEventListener("dragleave", (event) => event.relatedTarget === null && mark(false), life);
     window.addEventListener("drop", (event) => {
       event.preventDefault();
       mark(false);
       this.upload([...event.dataTransfer.files]);
-    });
+    }, life);
   }
 
   /** Uploads a file as soon as the server reads no other one; notifies while it waits. */
@@ -153,8 +155,13 @@ export class Light {
     }
   }
 
-  /** Uploads files and selects the last one. */
+  /** Uploads files and selects the last one. A page with a renderer of its own opens scenes as well. */
   async upload(files) {
+    const scene = files.find(({ name }) => /\.glb$/i.test(name));
+    if (scene && this.server.replace) {
+      this.notify(`reading ${scene.name} …`, "note");
+      return this.server.replace(scene).catch((error) => this.notify(error.message));
+    }
     const messages = [];
     for (const file of files) {
       this.notify(`reading ${file.name} …`, "note");

@@ -5,6 +5,7 @@ import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { Handles } from "./handles.js";
 import { Lamps } from "./lamps.js";
+import { life } from "./life.js";
 import { Light } from "./light.js";
 import { Materials } from "./materials.js";
 import { Path, save } from "./path.js";
@@ -38,7 +39,25 @@ function notify(text, kind = "error") {
   if (kind === "error") notify.timer = setTimeout(() => (message.hidden = true), MESSAGE_TIME);
 }
 
+/** Elements of the page before anything is shown. */
+const fresh = pristine();
+
+function pristine() {
+  const copy = document.body.cloneNode(true);
+  for (const other of copy.querySelectorAll("script, #still")) other.remove();
+  return copy.innerHTML;
+}
+
+/** Shows the scene that the server has in place of the last one. */
+async function restart() {
+  life.renew();
+  for (const name of Object.keys(initial)) delete initial[name];
+  document.body.innerHTML = fresh;
+  open();
+}
+
 async function start() {
+  server.onreplaced = restart;
   server.scene = await (await server.get("scene", {})).json();
   const { scene } = server;
   document.title = `${scene.name} · specula`;
@@ -230,9 +249,13 @@ function showStatus({ time, render, size, rate, view, psnr, iteration }, layer) 
   element("status").textContent = parts.join(", ");
 }
 
-// Small screens start without the panel.
-showPanel(!window.matchMedia("(max-width: 640px), (max-height: 480px)").matches);
-start().catch((error) => {
-  showPanel(false);
-  notify(error.message, "fatal");
-});
+function open() {
+  // Small screens start without the panel.
+  showPanel(!window.matchMedia("(max-width: 640px), (max-height: 480px)").matches);
+  start().catch((error) => {
+    showPanel(false);
+    notify(error.message, "fatal");
+  });
+}
+
+open();

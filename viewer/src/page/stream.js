@@ -2,6 +2,8 @@
 // resolution at rest. With one request in flight at most, the rate adapts to the link. The last
 // picture at rest is lossless; on a slow link a compressed draft comes before it.
 
+import { life } from "./life.js";
+
 /** Longest time of a picture during movement, from request to display, in milliseconds. */
 const FRAME_TIME = 80;
 /** Time without a change after which the camera is at rest, in milliseconds. */
@@ -29,6 +31,7 @@ export class Stream {
     this.burst = null;
     this.onshown = () => {};
     this.onerror = () => {};
+    document.addEventListener("visibilitychange", () => this.next(), life);
   }
 
   /** Requests a new picture, at full resolution after a single step (`isMoving` is false). */
@@ -47,6 +50,11 @@ export class Stream {
     return !this.request && !this.isOutdated;
   }
 
+  /** Whether anybody sees the canvas; else pictures wait until it is shown. */
+  get isSeen() {
+    return !document.hidden && this.canvas.clientWidth > 0 && this.canvas.clientHeight > 0;
+  }
+
   get isResting() {
     return performance.now() - this.changedAt >= REST_TIME;
   }
@@ -60,7 +68,7 @@ export class Stream {
   }
 
   async next() {
-    if (this.request || !this.isOutdated) return;
+    if (this.request || !this.isOutdated || !this.isSeen) return;
     const isStill = this.isResting;
     const isDraft = isStill && this.isSlow && !this.hasDraft;
     this.isOutdated = !isStill || isDraft;

@@ -1,30 +1,38 @@
 // The renderer in the page itself, in the place of the HTTP server: the same requests, answered by
 // WebAssembly on WebGPU.
 
+import { bytesOf } from "./text.js";
+
 /** Sentence of a browser that cannot show the scene in motion. */
 const NO_WEBGPU =
   "This browser has no WebGPU, so the scene stands still. Chrome and Edge 113, Safari 26 and Firefox 141, or later ones, show it in motion.";
 
-/** Contents of a packed element, or of the file that it names. */
-async function contents(id) {
-  const element = document.getElementById(id);
-  const { source } = element.dataset;
-  if (!source) {
-    const text = atob(element.textContent);
-    return inflated(new Blob([Uint8Array.from(text, (letter) => letter.charCodeAt(0))]));
-  }
+/** Elements that hold renderer and scene; they leave the page, whose text then takes no memory. */
+const packed = Object.fromEntries(["renderer", "scene"].map((id) => [id, document.getElementById(id)]));
+Object.values(packed).forEach((element) => element.remove());
+
+const damaged = () => new Error("the page is damaged or cut short; export it once more");
+
+/** Contents of a packed element, or of the file that it names, which `given` replaces. */
+async function contents(id, given = null) {
+  const { dataset, textContent } = packed[id];
+  packed[id].replaceChildren();
+  if (!dataset.source) return inflated(bytesOf(textContent, Number(dataset.bytes)));
+  const source = given ?? dataset.source;
   const response = await fetch(source).catch(() => null);
   if (!response?.ok) throw new Error(`${source} cannot be loaded; it belongs beside this page, on a web server`);
-  return inflated(await response.blob());
+  const bytes = new Uint8Array(await response.arrayBuffer());
+  // Servers may have decompressed it already, and other scenes are not compressed.
+  return bytes[0] === 0x1f && bytes[1] === 0x8b ? inflated(bytes) : bytes;
 }
 
-/** Bytes of a blob that is compressed with gzip. */
-async function inflated(blob) {
+/** Bytes that were compressed with gzip. */
+async function inflated(bytes) {
   try {
-    const stream = blob.stream().pipeThrough(new DecompressionStream("gzip"));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
     return new Uint8Array(await new Response(stream).arrayBuffer());
   } catch {
-    throw new Error("the page is damaged or cut short; export it once more");
+    throw damaged();
   }
 }
 
@@ -44,7 +52,18 @@ export const server = {
   async open() {
     if (!navigator.gpu) throw new Error(NO_WEBGPU);
     await wasm_bindgen({ module_or_path: await contents("renderer") });
-    this.viewer = await wasm_bindgen.WebViewer.open(await contents("scene"));
+    const given = new URLSearchParams(location.search).get("scene");
+    if (given && !packed.scene.dataset.source) throw new Error(`a page in one file loads nothing; drop ${given} onto it`);
+    this.viewer = await wasm_bindgen.WebViewer.open(given?.split("/").pop() ?? "", await contents("scene", given));
+  },
+
+  /** Shows the scene of a .glb in place of this one, which stays where the file cannot be read. */
+  async replace(file) {
+    await breath();
+    const viewer = await wasm_bindgen.WebViewer.open(file.name, new Uint8Array(await file.arrayBuffer()));
+    this.viewer.free();
+    this.viewer = viewer;
+    this.onreplaced();
   },
 
   async get(path, parameters) {

@@ -1,0 +1,16 @@
+// Life of the scene that is shown: what listens to the window ends with it.
+
+export const life = {
+  controller: new AbortController(),
+
+  /** Option of listeners that end with the scene. */
+  get signal() {
+    return this.controller.signal;
+  },
+
+  /** Ends the listeners. */
+  renew() {
+    this.controller.abort();
+    this.controller = new AbortController();
+  },
+};
