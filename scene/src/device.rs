@@ -90,8 +90,8 @@ impl ExecutorChoice {
         }
     }
 
-    /// The choice of one of several ranks of a machine, by its number among them: each has the next
-    /// GPU, as long as there are more. All ranks of a machine choose alike between GPUs and the CPU.
+    /// Choice of one of several ranks of a machine, by its number among them: each has the next
+    /// GPU, as long as there are more. All ranks of a machine choose alike between GPUs and CPU.
     #[must_use]
     pub fn of_rank(&self, rank: usize) -> Self {
         match self {

@@ -37,8 +37,8 @@ use specula_train::{profile::Profile, ranks::Traffic, start::Point, trainer::Set
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{path::Path, sync::Arc};
 
-/// Trains, saves, and measures with `--eval`, alone, as one of several ranks, or on as many ranks as
-/// threads.
+/// Trains, saves, and measures with `--eval`: alone, as one of several ranks, or on several ranks
+/// that are threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     match args.ranks {
         1 => run_rank(args, ranks),
