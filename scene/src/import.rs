@@ -1,7 +1,7 @@
 //! Scenes of glTF files, the inverse of [`crate::export`].
 //!
-//! A file with `SPECULA_shading` becomes a shaded scene whose normals are those of the file, whatever
-//! the axes of its Gaussians; others become plain Gaussian splatting.
+//! A file with `SPECULA_shading` becomes a shaded scene whose normals are those of the file,
+//! whatever the axes of its Gaussians; others become plain Gaussian splatting.
 
 use crate::{Scene, SceneError, ShadingModel, orientation};
 use specula_core::{

@@ -1,8 +1,8 @@
-//! Writes the bindings of the web renderer, its WebAssembly and the JavaScript that calls it, into a folder:
-//! `bindings RENDERER.wasm FOLDER`.
+//! Writes the bindings of the web renderer, its WebAssembly and the JavaScript that calls it, into
+//! a folder: `bindings RENDERER.wasm FOLDER`.
 //!
-//! The tool of wasm-bindgen does the same; here its library has the version of this workspace's lock file, which the
-//! renderer needs.
+//! The tool of wasm-bindgen does the same; here its library has the version of this workspace's
+//! lock file, which the renderer needs.
 
 use std::process::ExitCode;
 use wasm_bindgen_cli_support::Bindgen;
