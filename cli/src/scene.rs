@@ -24,13 +24,16 @@ use specula_scene::{
 use specula_train::view::View;
 use std::path::{Path, PathBuf};
 
-/// Opens the folder of a model, or a PLY file, under the shading model that it names, or that of a
+/// Opens the folder of a model, or a PLY or glTF file, under the shading model that it names, or that of a
 /// profile, and under the low-pass that it names, or another.
 pub(crate) fn open(
     path: &Path,
     profile: Option<ProfileName>,
     low_pass: Option<LowPass>,
 ) -> Result<OpenedModel, Failure> {
+    if output::ending(path).as_deref() == Some("glb") && path.is_file() {
+        return open_glb(path, profile, low_pass);
+    }
     let mut model = open_model(path)?;
     if let Some(low_pass) = low_pass {
         if model.gaussians.layout.is_smoothed {
@@ -42,6 +45,16 @@ pub(crate) fn open(
     }
     let shading_model = shading_model_of(&model, profile)?;
     Ok(OpenedModel::under(path, model, shading_model))
+}
+
+/// Opens a glTF file, which names its shading.
+fn open_glb(path: &Path, profile: Option<ProfileName>, low_pass: Option<LowPass>) -> Result<OpenedModel, Failure> {
+    if profile.is_some() {
+        return Err(Failure::Input(format!("{path:?} names its shading itself; omit --profile")));
+    }
+    let mut opened = OpenedModel::of_glb(path)?;
+    opened.scene.gaussians.layout.low_pass = low_pass.unwrap_or(opened.scene.gaussians.layout.low_pass);
+    Ok(opened)
 }
 
 /// Shading model of a profile, if one is requested; else that of the model itself.
@@ -104,7 +117,7 @@ pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: LightO
 
 /// Opens a model. The error for another file or folder names what to open instead, if it is known.
 fn open_model(path: &Path) -> Result<Model, Failure> {
-    const EXPORTS: [&str; 4] = ["splat", "spz", "glb", "obj"];
+    const EXPORTS: [&str; 3] = ["splat", "spz", "obj"];
     if output::ending(path).is_some_and(|ending| EXPORTS.contains(&ending.as_str())) && path.is_file() {
         return Err(Failure::Input(format!(
             "{path:?} is of a format that specula writes for other programs and does not read; open the folder of the model \

@@ -1,7 +1,8 @@
 //! Models from their folders.
 
 use crate::{
-    Scene, ShadingModel,
+    Scene, SceneError, ShadingModel,
+    import::scene_of_glb,
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
 };
@@ -9,7 +10,7 @@ use serde_json::Value;
 use specula_core::camera::{Camera, near_of};
 use specula_cpu::morton::sort_in_space;
 use specula_io::{
-    Result,
+    Input, Result,
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
     model_folder::{self, Model, ModelInfo},
@@ -26,9 +27,9 @@ use std::{
 pub struct OpenedModel {
     /// Gaussians, light and shading model.
     pub scene: Scene,
-    /// Folder of the model; none for a PLY file on its own.
+    /// Folder of the model; none for a file on its own.
     pub folder: Option<PathBuf>,
-    /// Iteration of the training; none for a PLY file on its own.
+    /// Iteration of the training; none for a file on its own.
     pub iteration: Option<u32>,
     /// Settings of the training; none where another program trained it.
     pub info: Option<ModelInfo>,
@@ -37,6 +38,8 @@ pub struct OpenedModel {
     pub is_relit: bool,
     /// Whether the shading model is the one that the files name.
     pub is_read_as_saved: bool,
+    /// Orientation that a glTF file names.
+    up_of_file: Option<Orientation>,
 }
 
 impl OpenedModel {
@@ -73,7 +76,27 @@ impl OpenedModel {
             info: model.info,
             is_relit: model.is_relit,
             is_read_as_saved,
+            up_of_file: None,
         }
+    }
+
+    /// Opens a binary glTF file with Gaussians, under the shading model that it names.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read, or that [`scene_of_glb`] refuses.
+    pub fn of_glb(path: &Path) -> core::result::Result<Self, SceneError> {
+        let (mut scene, orientation) = scene_of_glb(Input::file(path))?;
+        sort_in_space(&mut scene.gaussians);
+        Ok(Self {
+            scene,
+            folder: None,
+            iteration: None,
+            info: None,
+            is_relit: false,
+            is_read_as_saved: true,
+            up_of_file: Some(orientation),
+        })
     }
 
     /// Cameras of the model's folder, test views first, their near planes in proportion to how far
@@ -156,7 +179,7 @@ impl OpenedModel {
         let known = self.cameras()?;
         let cameras = || known.iter().map(|(_, camera)| camera);
         let found = recorded_or_estimated(self.info.as_ref(), cameras());
-        let found = found.unwrap_or_else(|| of_gaussians(&self.scene.gaussians));
+        let found = found.or(self.up_of_file).unwrap_or_else(|| of_gaussians(&self.scene.gaussians));
         Ok(up.map_or(found, |up| with_up(found, up, cameras())))
     }
 

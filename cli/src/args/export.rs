@@ -38,7 +38,7 @@ Examples:
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                               for a web server")]
 pub(crate) struct Export {
-    /// Model folder or PLY file.
+    /// Model folder, PLY or .glb file.
     #[arg(value_name = "MODEL")]
     pub(crate) model: PathBuf,
     /// Output files; the format is that of the extension: .ply, .splat, .spz, .glb, .hdr, .exr,

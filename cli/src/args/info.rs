@@ -4,7 +4,7 @@
 use clap::Args;
 use std::path::PathBuf;
 
-/// Print the contents of a model, a PLY file or a data set.
+/// Print the contents of a model, a PLY or .glb file or a data set.
 ///
 /// For a scene, this includes the data that rendering colours skips because they do not depend on
 /// it, and the savings: bytes read per Gaussian, channels blended per splat and pixel, texels of
@@ -14,7 +14,7 @@ use std::path::PathBuf;
     after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"
 )]
 pub(crate) struct Info {
-    /// Model folder, PLY file or data set folder.
+    /// Model folder, PLY or .glb file, or data set folder.
     #[arg(value_name = "PATH")]
     pub(crate) path: PathBuf,
     /// Print JSON.

@@ -1,7 +1,7 @@
 //! Scenes for other programs: every file is opened by a reader that is not ours, and holds what the
 //! scene holds.
 
-use crate::tiny::{Tiny, specula};
+use crate::tiny::{Tiny, psnr, specula};
 use core::f32::consts::{PI, TAU};
 use glam::{Mat3, Quat, Vec3};
 use ply2splat::SplatPoint;
@@ -734,4 +734,32 @@ fn upright_light_and_meshes_have_the_scenes_above_above() {
     for (before, after) in vectors(&lying.normals).into_iter().zip(vectors(&upright.normals)) {
         assert_near(&after.to_array(), &(y_up * before).to_array(), WRITTEN, "normal");
     }
+}
+
+#[test]
+fn a_glb_is_rendered_and_relit_like_a_model() {
+    /// The file has one normal for each Gaussian, and no residuals to fit another light.
+    const SAME: f64 = 32.0;
+    let ball = Ball::under(soft);
+    let (glb, _) = ball.export("ball.glb", &["--no-error"]);
+    let picture = |command: &str, scene: &Path, words: &[&str], out: &str| {
+        let mut program = specula();
+        program.arg(command).arg(scene).args(words).args(["--executor", "cpu", "--quiet", "--cameras"]);
+        program.arg(ball.model().join("cameras.json")).arg("-o").arg(ball.tiny.path(out)).assert().success();
+        image::open(ball.tiny.path(out).join("rgb/00000.png")).unwrap().to_rgb8()
+    };
+    let of_model = picture("render", &ball.model(), &["--layers", "rgb"], "model");
+    let of_file = picture("render", &glb, &["--layers", "rgb"], "file");
+    assert!(psnr(&of_model, &of_file) > SAME, "{} dB", psnr(&of_model, &of_file));
+    let sunny = picture("relight", &glb, &["--env", "none", "--sun", "0,60,3"], "sun");
+    let apart = psnr(&of_file, &sunny);
+    assert!(apart < SAME, "a sun is another light: {apart} dB");
+
+    let refused = specula().arg("render").arg(&glb).args(["--profile", "paper"]).output().unwrap();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(refused.status.code() == Some(2) && said.contains("omit --profile"), "{said}");
+    fs::write(ball.tiny.path("cut.glb"), &fs::read(&glb).unwrap()[..500]).unwrap();
+    let refused = specula().arg("info").arg(ball.tiny.path("cut.glb")).output().unwrap();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(refused.status.code() == Some(2) && said.contains("cut.glb") && said.lines().count() == 1, "{said}");
 }

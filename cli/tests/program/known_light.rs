@@ -88,7 +88,7 @@ fn a_light_of_known_mean_has_it_and_its_shape_is_found() {
 fn mean_of(map: &LatLong) -> [f64; 3] {
     let mut sums = [0.0; 4];
     for (index, rgb) in map.rgb.chunks(3).enumerate() {
-        let weight = (std::f64::consts::PI * (0.5 + (index / map.width) as f64) / map.height as f64).sin();
+        let weight = (core::f64::consts::PI * (0.5 + (index / map.width) as f64) / map.height as f64).sin();
         (0..3).for_each(|k| sums[k] += weight * f64::from(rgb[k]));
         sums[3] += weight;
     }

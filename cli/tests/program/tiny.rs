@@ -110,3 +110,11 @@ pub(crate) fn train(tiny: &Tiny, model: &str) -> Command {
     command.args(["--iterations", "30", "--random-points", "200", "--light-resolution", "16"]);
     command
 }
+
+/// PSNR of pictures with 8 bits a channel, in dB.
+pub(crate) fn psnr(one: &image::RgbImage, other: &image::RgbImage) -> f64 {
+    assert_eq!(one.dimensions(), other.dimensions(), "the same size");
+    let square = |(a, b): (&u8, &u8)| f64::from(a.abs_diff(*b)).powi(2);
+    let mean = one.as_raw().iter().zip(other.as_raw()).map(square).sum::<f64>() / one.as_raw().len() as f64;
+    10.0 * (255.0 * 255.0 / mean.max(1e-9)).log10()
+}

@@ -2,7 +2,7 @@
 
 use crate::browser::{Browser, Page};
 use crate::site::Site;
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, psnr, specula, train};
 use crate::view::{dropped, share_that_differs, shown, sky};
 use image::RgbImage;
 use specula_core::rules::Channels;
@@ -106,13 +106,6 @@ fn serve(mut stream: TcpStream, folder: &Path) {
     // A page that closes hears no more.
     let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(&bytes));
     let _ = stream.read(&mut [0]);
-}
-
-fn psnr(one: &RgbImage, other: &RgbImage) -> f64 {
-    assert_eq!(one.dimensions(), other.dimensions(), "the window is the same");
-    let square = |(a, b): (&u8, &u8)| f64::from(a.abs_diff(*b)).powi(2);
-    let mean = one.as_raw().iter().zip(other.as_raw()).map(square).sum::<f64>() / one.as_raw().len() as f64;
-    10.0 * (255.0 * 255.0 / mean.max(1e-9)).log10()
 }
 
 fn choose_light(page: &Page<'_>, id: &str) {

@@ -167,10 +167,7 @@ fn exact(picture: &Image<Vec<f32>>, background: [f32; 3]) -> Exact {
     let transmittance = picture.plane(picture.channels - 1);
     Exact {
         colors: Image { width: picture.width, height: picture.height, channels: 3, values: shown },
-        normals: pixels
-            .clone()
-            .map(|pixel| [0, 1, 2].map(|k| picture.plane(channel::NORMAL + k)[pixel].into()))
-            .collect(),
+        normals: pixels.clone().map(|pixel| [0, 1, 2].map(|k| picture.plane(channel::NORMAL + k)[pixel])).collect(),
         coverage: pixels.map(|pixel| 1.0 - f64::from(transmittance[pixel])).collect(),
     }
 }
