@@ -186,7 +186,7 @@ pub struct Profile {
     /// Light that is known and not trained; none for one that is found.
     pub known_light: Option<KnownLight>,
     /// Mean linear radiance of the light over all directions, where that is known; the light is
-    /// scaled to it at every densification's interval.
+    /// scaled to it every few steps.
     pub light_mean: Option<[f32; 3]>,
     /// Initial attributes.
     pub start: GaussianStart,

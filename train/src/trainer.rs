@@ -37,6 +37,10 @@ use specula_mesh::sky::Sky;
 /// light moves.
 pub const TINT_LOGIT_OFF: f32 = -64.0;
 
+/// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a few
+/// per cent at most, even at the rates of the start.
+const LIGHT_SCALE_EVERY: u32 = 10;
+
 /// Settings of a training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -230,6 +234,9 @@ impl<E: Executor> Trainer<E> {
             self.expose(*view, position, report);
         }
         let densified = self.refine()?;
+        if number.is_multiple_of(LIGHT_SCALE_EVERY) {
+            self.scale_light()?;
+        }
         self.renew_near_field()?;
         Ok((reports.last().copied().unwrap_or_default(), densified))
     }
@@ -381,10 +388,9 @@ impl<E: Executor> Trainer<E> {
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
             self.disable_background_specular()?;
         }
-        // The last parameters are fitted to filters that stay, as Mip-Splatting's, and to the light's scale.
+        // The last parameters are fitted to filters that stay, as Mip-Splatting's.
         if k.is_multiple_of(plan.every) && k + plan.every <= self.settings.iterations {
             self.sample()?;
-            self.scale_light()?;
         }
         Ok(report)
     }

@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, check_reflected,
         direct_light, disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN, crossing},
+    near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, crossing},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
