@@ -24,8 +24,8 @@ use specula_scene::{
 use specula_train::view::View;
 use std::path::{Path, PathBuf};
 
-/// Opens the folder of a model, or a PLY or glTF file, under the shading model that it names, or that of a
-/// profile, and under the low-pass that it names, or another.
+/// Opens the folder of a model, or a PLY or glTF file, under the shading model that it names, or
+/// that of a profile, and under the low-pass that it names, or another.
 pub(crate) fn open(
     path: &Path,
     profile: Option<ProfileName>,

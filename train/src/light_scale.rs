@@ -70,7 +70,8 @@ mod tests {
 
     #[test]
     fn texels_count_by_their_solid_angle() {
-        // One bright texel at the corner of a face, where texels cover the least, and one at its centre.
+        // One bright texel at the corner of a face, where texels cover the least, and one at its
+        // centre.
         let mean_with = |texel: usize| {
             let mut one = Environment {
                 resolution: 16,

@@ -504,8 +504,8 @@ impl Profile {
         self
     }
 
-    /// Profile of a light whose mean linear radiance is known, while its shape is trained; unchanged
-    /// without a light.
+    /// Profile of a light whose mean linear radiance is known, while its shape is trained;
+    /// unchanged without a light.
     pub fn with_light_mean(mut self, mean: [f32; 3]) -> Self {
         if let Some(light) = &mut self.light {
             light.radiance = mean.iter().sum::<f32>() / 3.0;

@@ -37,8 +37,8 @@ use specula_mesh::sky::Sky;
 /// light moves.
 pub const TINT_LOGIT_OFF: f32 = -64.0;
 
-/// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a few
-/// per cent at most, even at the rates of the start.
+/// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a
+/// few per cent at most, even at the rates of the start.
 const LIGHT_SCALE_EVERY: u32 = 10;
 
 /// Settings of a training.
@@ -440,7 +440,8 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Scales a light to its mean radiance, where that is known. Materials follow in the next steps.
+    /// Scales a light to its mean radiance, where that is known. Materials follow in the next
+    /// steps.
     fn scale_light(&mut self) -> Result<(), TrainError<E::Error>> {
         if let (Some(mean), Some((light, _))) = (self.settings.profile.light_mean, &mut self.state.scene.light) {
             let mut scaled = download_light(&mut self.exec, light)?;
