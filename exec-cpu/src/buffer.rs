@@ -43,7 +43,9 @@ impl<T: Default> Pool<T> {
         }
         Buffer { values, len, home: self.clone() }
     }
+}
 
+impl<T> Pool<T> {
     /// The smallest free memory that is large enough, unless it is far too large; else the largest
     /// that is too small.
     fn nearest(&self, len: usize) -> Option<Vec<T>> {
@@ -53,6 +55,18 @@ impl<T: Default> Pool<T> {
         let fits = sizes().filter(|(size, _)| (len..=WASTE_MAX * len.max(1024)).contains(size)).min();
         let (_, index) = fits.or_else(|| sizes().filter(|(size, _)| *size < len).max())?;
         Some(free.swap_remove(index))
+    }
+}
+
+impl<T: Copy> Pool<T> {
+    /// A copy of values, in free memory if there is any. Gradients that come from elsewhere are
+    /// given back like those of stages, so that copies have to take what they add.
+    pub(crate) fn copy_of(&self, values: &[T]) -> Vec<T> {
+        let mut copy = self.nearest(values.len()).unwrap_or_default();
+        copy.clear();
+        copy.reserve_exact(values.len());
+        copy.extend_from_slice(values);
+        copy
     }
 }
 
@@ -122,6 +136,20 @@ impl<T: PartialEq> PartialEq for Buffer<T> {
 #[cfg(test)]
 mod tests {
     use super::Pool;
+
+    #[test]
+    fn copies_that_are_given_back_do_not_pile_up() {
+        let pool = Pool::<f32>::default();
+        for len in [1000, 3000, 10, 2000, 1000] {
+            for _ in 0..5 {
+                let numbers: Vec<f32> = (0..len).map(|index| index as f32).collect();
+                let copy = pool.copy_of(&numbers);
+                assert_eq!(copy, numbers);
+                pool.give(copy);
+                assert_eq!(pool.lock().len(), 1, "of {len} numbers");
+            }
+        }
+    }
 
     #[test]
     fn memory_comes_back() {

@@ -31,6 +31,10 @@ impl Context {
     pub(crate) fn take_cleared<T: Copy + Default + Send + 'static>(&self, len: usize) -> Buffer<T> {
         self.pool::<T>().take_cleared(len)
     }
+    /// A copy of values, in memory that was given back if there is any.
+    pub(crate) fn copy_of<T: Copy + Send + 'static>(&self, values: &[T]) -> Vec<T> {
+        self.pool::<T>().copy_of(values)
+    }
     /// Takes memory back that [`Buffer::into_vec`] released.
     pub(crate) fn give<T: Send + 'static>(&self, values: Vec<T>) {
         self.pool::<T>().give(values);

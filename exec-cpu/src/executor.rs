@@ -212,7 +212,7 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     type Error = CpuError;
 
     fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
-        Ok(values.to_vec())
+        Ok(self.context.copy_of(values))
     }
 
     fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {

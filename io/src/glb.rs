@@ -21,7 +21,7 @@ use specula_core::{
 };
 use std::path::Path;
 
-pub use read::{GlbScene, read};
+pub use read::{GlbScene, degree, read};
 
 const SPLATTING: &str = "KHR_gaussian_splatting";
 const SHADING: &str = "SPECULA_shading";

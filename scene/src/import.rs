@@ -53,8 +53,10 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
     let residuals = attributes.iter().filter(|attribute| attribute.name.starts_with("RESIDUAL")).count();
     let sh_degree = match residuals {
         0 => None,
-        1 | 4 | 9 | 16 => Some(residuals.isqrt() as u8 - 1),
-        _ => return Err(format!("it has {residuals} residual harmonics, of no degree")),
+        count => {
+            let degree = glb::degree(count);
+            Some(degree.ok_or_else(|| format!("it has {count} residual harmonics, of no degree"))?)
+        }
     };
     let is_physical = find("ALBEDO").is_some() && find("METALLIC").is_some();
     let layout = Layout { is_physical, ..Layout::shaded(sh_degree) };

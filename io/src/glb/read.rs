@@ -317,8 +317,8 @@ fn of<const N: usize>(values: &[f32], index: usize) -> [f32; N] {
     core::array::from_fn(|k| values[N * index + k])
 }
 
-/// Degree of as many harmonics.
-const fn degree(count: usize) -> Option<u8> {
+/// Degree of as many harmonics; none where no degree has so many.
+pub const fn degree(count: usize) -> Option<u8> {
     match count {
         1 => Some(0),
         4 => Some(1),
