@@ -9,10 +9,10 @@ use crate::{
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::Deserialize;
-use specula_core::{lamps::Lamp, near_field::NearField};
+use specula_core::lamps::Lamp;
 use specula_io::latlong::{LatLong, MapOrientation};
 use specula_scene::{
-    OpenedModel, RenderOptions, Scene, SceneError, Shading,
+    OpenedModel, RenderOptions, Scene, SceneError, Shading, Surface,
     backdrop::Backdrop,
     ground::Ground,
     lamps::{SceneLamps, SphereChoice, SunChoice, shadow_surface, turned},
@@ -46,7 +46,7 @@ pub(crate) struct Shone {
     /// Environment map, if there is one.
     pub(crate) map: Option<LatLong>,
     /// Surface that casts shadows, if any are cast.
-    pub(crate) occluder: Option<Arc<NearField<Vec<f32>>>>,
+    pub(crate) occluder: Option<Arc<Surface>>,
 }
 
 /// Contents of a file of lights.
@@ -209,13 +209,7 @@ impl LightPlan {
 
     /// The backdrop with the ground that is asked for, which catches the shadows of `occluder`
     /// under the light of the scene.
-    pub(crate) fn grounded(
-        &self,
-        backdrop: Backdrop,
-        scene: &Scene,
-        occluder: Option<&NearField<Vec<f32>>>,
-        up: Vec3,
-    ) -> Backdrop {
+    pub(crate) fn grounded(&self, backdrop: Backdrop, scene: &Scene, occluder: Option<&Surface>, up: Vec3) -> Backdrop {
         let ground = self.ground.zip(occluder).and_then(|(height, occluder)| {
             Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())
         });
@@ -235,7 +229,7 @@ impl LightPlan {
 }
 
 /// Surface that casts shadows, with progress.
-fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Arc<NearField<Vec<f32>>>>, Failure> {
+fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Arc<Surface>>, Failure> {
     let mut work = None;
     let surface = shadow_surface(opened, options, |done, all| {
         let work = work.get_or_insert_with(|| {

@@ -24,7 +24,7 @@
 use crate::{
     camera::CameraOf,
     each, math,
-    real::Real,
+    real::{AnyLane, Real},
     shade::reflect,
     shade_pixels::{Pixel, per_coverage, pixel_normal},
     vector::{Vec3, normalize_or, vec3},
@@ -48,6 +48,8 @@ pub const VERTEX_ALBEDO: usize = 13;
 pub const INDEX_MAX: usize = 1 << 24;
 /// Distance along a ray that is not met.
 pub const NOTHING: f32 = f32::MAX;
+/// Reach of a ray that is left out, or is blocked.
+pub const FINISHED: f32 = -1.0;
 
 /// Roughness up to which a single ray stands for the lobe: GGX half-widths of 3.6°.
 pub const SHARP: f32 = 0.25;
@@ -166,6 +168,42 @@ pub struct Hit<R> {
     pub weights: [R; 2],
 }
 
+/// First hits of rays side by side.
+#[derive(Clone, Copy, Debug)]
+pub struct Hits<R> {
+    /// Distances along the rays, in lengths of their directions; [`NOTHING`] where none is met.
+    pub distance: R,
+    /// Indices of the triangles, whole numbers.
+    pub triangle: R,
+    /// Barycentric coordinates: the weights of the second and the third vertex.
+    pub weights: [R; 2],
+}
+
+impl<R: Real> Hits<R> {
+    /// Rays that meet nothing.
+    #[inline(always)]
+    fn none(like: R) -> Self {
+        Self { distance: like.constant(NOTHING), triangle: like.zero(), weights: [like.zero(); 2] }
+    }
+
+    /// Mask of the rays that meet a triangle.
+    #[inline(always)]
+    pub fn is_hit(&self) -> R::Mask {
+        self.distance.less(self.distance.constant(NOTHING))
+    }
+
+    /// The crossing of a triangle where the mask holds.
+    #[inline(always)]
+    fn or_nearer(self, mask: R::Mask, triangle: usize, crossing: &Crossing<R>) -> Self {
+        let index = self.triangle.constant(triangle as f32);
+        Self {
+            distance: R::select(mask, crossing.distance, self.distance),
+            triangle: R::select(mask, index, self.triangle),
+            weights: core::array::from_fn(|k| R::select(mask, crossing.weights[k], self.weights[k])),
+        }
+    }
+}
+
 impl<A: AsMut<[f32]>> NearField<A> {
     /// Numbers of every vertex, to be written.
     pub fn vertices_mut(&mut self) -> &mut [[f32; VERTEX_LEN]] {
@@ -230,6 +268,12 @@ impl<A: AsRef<[f32]>> NearField<A> {
         self.numbers::<3>(self.triangles_start() + TRIANGLE_LEN * triangle).map(|vertex| vertex as usize)
     }
 
+    /// Numbers of every vertex.
+    #[inline(always)]
+    pub fn vertices(&self) -> &[[f32; VERTEX_LEN]] {
+        self.values.as_ref()[self.vertices_start()..].as_chunks().0
+    }
+
     /// Numbers of a vertex.
     #[inline(always)]
     pub fn vertex(&self, vertex: usize) -> [f32; VERTEX_LEN] {
@@ -245,23 +289,60 @@ impl<A: AsRef<[f32]>> NearField<A> {
     /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
     /// ray that is not finite meets nothing.
     pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
-        self.hit_within(origin, direction, origin.x.constant(NOTHING), origin.x.constant(FRONTS_ALONE), false)
+        self.hit_within(origin, direction, origin.x.constant(NOTHING))
+    }
+
+    /// [`NearField::first_hit`] of rays side by side, each within a distance, in lengths of its
+    /// direction. Rays with a negative one are left out: they meet nothing.
+    #[inline(always)]
+    pub fn first_hits<R: Real<Mask: AnyLane>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> Hits<R> {
+        let mut hits = Hits::none(reach);
+        self.traverse(origin, direction, reach, reach.constant(FRONTS_ALONE), |is_nearer, triangle, crossing| {
+            hits = hits.or_nearer(is_nearer, triangle, crossing);
+            crossing.distance
+        });
+        hits
+    }
+
+    fn hit_within<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> Option<Hit<R>> {
+        let mut hit = None;
+        self.traverse(origin, direction, reach, reach.constant(FRONTS_ALONE), |_, triangle, crossing| {
+            hit = Some(Hit { distance: crossing.distance, triangle, weights: crossing.weights });
+            crossing.distance
+        });
+        hit
     }
 
     /// Whether a ray meets a triangle within a distance, in lengths of its direction: its front, or
     /// its back from at least [`BACK_DEPTH`] offsets below it. Undersides that no camera saw are
     /// open, and what stands above them hides light by its back.
     pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
-        let depth = reach.constant(BACK_DEPTH * self.offset);
-        self.hit_within(origin, direction, reach, depth, true).is_some()
+        self.are_blocked(origin, direction, reach)
+    }
+
+    /// [`NearField::is_blocked`] of rays side by side. Rays with a negative reach are left out:
+    /// nothing blocks them.
+    #[inline(always)]
+    pub fn are_blocked<R: Real<Mask: AnyLane>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> R::Mask {
+        let zero = reach.zero();
+        let mut are_blocked = zero.less(zero);
+        self.traverse(origin, direction, reach, reach.constant(BACK_DEPTH * self.offset), |is_nearer, _, _| {
+            are_blocked = are_blocked | is_nearer;
+            zero.constant(FINISHED)
+        });
+        are_blocked
     }
 
     /// Place of the surface from which shadow rays start at a point, lifted along the unit normal:
     /// that below it within [`BELOW`] offsets. None where the surface is farther away.
     pub fn surface_below<R: Real<Mask = bool>>(&self, start: Vec3<R>, normal: Vec3<R>) -> Option<Hit<R>> {
-        let like = start.x;
-        let reach = like.constant(BELOW * self.offset);
-        self.hit_within(start, -normal, reach, like.constant(FRONTS_ALONE), false)
+        self.hit_within(start, -normal, self.reach_below(start.x))
+    }
+
+    /// Distance within which [`NearField::surface_below`] finds a surface.
+    #[inline(always)]
+    pub fn reach_below<R: Real>(&self, like: R) -> R {
+        like.constant(BELOW * self.offset)
     }
 
     /// Vector of a hit, from those of the vertices, three numbers each.
@@ -275,48 +356,48 @@ impl<A: AsRef<[f32]>> NearField<A> {
         a * (-(second + third) + 1.0) + b * second + c * third
     }
 
-    /// First hit of a ray within a distance; any hit, if that is enough. Backs are met from a
-    /// depth.
+    /// Finds triangles that rays meet within a distance, their backs from a depth. `meet` is told
+    /// of each in turn, for the rays of a mask, and returns the distance within which they go on.
+    ///
+    /// Rays side by side open the boxes that any of them meets; each meets what it would alone.
     #[inline(always)]
-    fn hit_within<R: Real<Mask = bool>>(
+    fn traverse<R: Real<Mask: AnyLane>>(
         &self,
         origin: Vec3<R>,
         direction: Vec3<R>,
-        reach: R,
+        mut reach: R,
         back_depth: R,
-        any_is_enough: bool,
-    ) -> Option<Hit<R>> {
+        mut meet: impl FnMut(R::Mask, usize, &Crossing<R>) -> R,
+    ) {
         let inverse = inverse_direction(direction);
-        let mut hit = None;
-        let mut nearest = reach;
         let mut index = 0;
         while index < self.node_count {
             let node = self.numbers::<NODE_LEN>(NODE_LEN * index);
             let corner = |first: usize| {
-                let [x, y, z] = [node[first], node[first + 1], node[first + 2]].map(|x| nearest.constant(x));
+                let [x, y, z] = [node[first], node[first + 1], node[first + 2]].map(|x| reach.constant(x));
                 vec3(x, y, z)
             };
             let [min, max] = [corner(0), corner(4)];
             let [enter, leave] = box_span(min, max, origin, inverse);
             let (first, count) = (node[3] as usize, node[7] as usize);
-            let is_met = enter.less_or_equal(leave) && enter.less(nearest);
-            index = if is_met || count > 0 { index + 1 } else { first };
-            if !is_met {
+            let is_met = enter.less_or_equal(leave) & enter.less(reach);
+            let is_open = is_met.any();
+            index = if is_open || count > 0 { index + 1 } else { first };
+            if !is_open {
                 continue;
             }
             for triangle in first..first + count {
-                let corners = self.corners(triangle).map(|vertex| self.position(vertex, nearest));
+                let corners = self.corners(triangle).map(|vertex| self.position(vertex, reach));
                 let crossing = crossing(corners, origin, direction, back_depth);
-                if crossing.distance.less(nearest) {
-                    nearest = crossing.distance;
-                    hit = Some(Hit { distance: nearest, triangle, weights: crossing.weights });
-                    if any_is_enough {
-                        return hit;
+                let is_nearer = is_met & crossing.distance.less(reach);
+                if is_nearer.any() {
+                    reach = R::select(is_nearer, meet(is_nearer, triangle, &crossing), reach);
+                    if !reach.zero().less_or_equal(reach).any() {
+                        return;
                     }
                 }
             }
         }
-        hit
     }
 
     /// Surface at a hit.
@@ -472,6 +553,13 @@ impl<R: Real> Reflection<R> {
             roughness: widened.min(roughness.constant(1.0)),
             far: -share + 1.0,
         }
+    }
+
+    /// This reflection where the mask holds, the other elsewhere.
+    #[inline(always)]
+    pub fn or(&self, other: &Self, mask: R::Mask) -> Self {
+        let (own, other) = (self.to_array(), other.to_array());
+        Self::from_array(core::array::from_fn(|k| R::select(mask, own[k], other[k])))
     }
 
     /// The numbers, in the order of [`Reflection::LEN`].

@@ -105,6 +105,19 @@ pub trait Real:
     }
 }
 
+/// Mask on which a branch may depend: not that of formulas that are traced to become kernels.
+pub trait AnyLane {
+    /// Whether any lane is set.
+    fn any(self) -> bool;
+}
+
+impl AnyLane for bool {
+    #[inline(always)]
+    fn any(self) -> bool {
+        self
+    }
+}
+
 /// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the least relative
 /// error, 7.5e-8, about that of `f32` itself.
 pub const EXP2_COEFFICIENTS: [f32; 6] =

@@ -6,7 +6,7 @@ use core::{
 };
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 use specula_core::{
-    real::{EXP2_MAX, EXP2_MIN, ROUND_MAGIC, Real, exp2_fraction, log2_mantissa},
+    real::{AnyLane, EXP2_MAX, EXP2_MIN, ROUND_MAGIC, Real, exp2_fraction, log2_mantissa},
     scene::BLOCK,
     vector::{Vec3, vec3},
 };
@@ -117,6 +117,13 @@ impl<S: Simd> LaneMask<S> {
     #[inline(always)]
     pub(crate) fn bits(self) -> u64 {
         self.0.to_bitmask()
+    }
+}
+
+impl<S: Simd> AnyLane for LaneMask<S> {
+    #[inline(always)]
+    fn any(self) -> bool {
+        self.0.any_true()
     }
 }
 

@@ -2,7 +2,7 @@
 //! its normal that reaches it past itself, and of what it reflects onto itself.
 //!
 //! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
-//! surface that a ray meets,
+//! surface that a ray meets, at the nearest corner of its triangle ([`crate::sight`]),
 //!
 //! ```text
 //! transfer = Σ_k (L(ω_k) if ω_k meets nothing, else L_o) / Σ_k L(ω_k)
@@ -10,11 +10,11 @@
 //!
 //! channel by channel. Errors of the few rays are mostly those of numerator and denominator alike.
 
-use crate::sky::Sky;
+use crate::{sky::Sky, surface::Surface};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
-    near_field::{NearField, VERTEX_LEN},
+    near_field::{NearField, VERTEX_LEN, vertex_surface},
     random,
     shade::reflect,
     vector::{Vec3 as Real3, normalize_or},
@@ -42,10 +42,11 @@ pub struct Ambient {
 
 impl Ambient {
     /// Transfers of every vertex under a sky. Vertices without a normal are in the open.
-    pub fn new(near_field: &NearField<Vec<f32>>, sky: &Sky) -> Self {
-        let vertices: Vec<usize> = (0..near_field.vertex_count).collect();
-        let found: Vec<([f32; 3], usize)> =
-            vertices.par_iter().map(|vertex| transfer(near_field, sky, *vertex)).collect();
+    pub fn new(surface: &Surface, sky: &Sky) -> Self {
+        let found: Vec<([f32; 3], usize)> = (0..surface.vertex_count)
+            .into_par_iter()
+            .map(|vertex| transfer(surface, surface.sight().of_vertex(vertex), sky, vertex))
+            .collect();
         let met: usize = found.iter().map(|(_, met)| met).sum();
         let rays = (RAYS * found.len()).max(1);
         Self { transfers: found.into_iter().map(|(transfer, _)| transfer).collect(), met: met as f64 / rays as f64 }
@@ -68,16 +69,21 @@ pub(crate) fn rays(near_field: &NearField<Vec<f32>>, vertex: usize) -> impl Iter
     })
 }
 
-/// Transfer of a vertex, and its rays that meet the surface.
-fn transfer(near_field: &NearField<Vec<f32>>, sky: &Sky, vertex: usize) -> ([f32; 3], usize) {
+/// Transfer of a vertex that looks at others, and its rays that meet the surface.
+fn transfer(
+    near_field: &NearField<Vec<f32>>,
+    seen: impl Iterator<Item = Option<usize>>,
+    sky: &Sky,
+    vertex: usize,
+) -> ([f32; 3], usize) {
     let (mut open, mut reached, mut met) = (Vec3::ZERO, Vec3::ZERO, 0);
-    for (start, direction) in rays(near_field, vertex) {
+    for ((_, direction), seen) in rays(near_field, vertex).zip(seen) {
         let radiance = sky.radiance(direction);
         open += radiance;
-        match near_field.first_hit(start.into(), direction.into()) {
+        match seen {
             None => reached += radiance,
-            Some(hit) => {
-                let surface = near_field.surface(&hit);
+            Some(other) => {
+                let surface = vertex_surface(near_field.vertex(other));
                 let mirrored = reflect(Real3::from(-direction), normalize_or(surface.normal, Real3::from(-direction)));
                 let of_sky = sky.radiance(mirrored.into());
                 reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * of_sky;

@@ -13,6 +13,7 @@ pub mod hierarchy;
 pub mod near_field;
 pub mod sight;
 pub mod sky;
+pub mod surface;
 mod view;
 
 /// Triangles and their vertices.

@@ -33,6 +33,11 @@ impl Sight {
         Self { seen }
     }
 
+    /// The vertices that a vertex looks at along its rays, in their order; none into the open.
+    pub(crate) fn of_vertex(&self, vertex: usize) -> impl Iterator<Item = Option<usize>> {
+        self.seen[RAYS * vertex..RAYS * (vertex + 1)].iter().map(|seen| (*seen != OPEN).then_some(*seen as usize))
+    }
+
     /// Irradiance / π of every vertex by the light that leaves those that it looks at, which shine
     /// alike in all directions; none comes from the open.
     pub fn irradiance(&self, radiance: &[Vec3]) -> Vec<Vec3> {

@@ -26,7 +26,7 @@ use specula_core::{
         IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Lobe, Node, PrefilterScheme, official_cut_cosine,
         official_irradiance_weight, official_lobe_weight, official_texel_weight,
     },
-    split_sum::{RESOLUTION, integrate},
+    split_sum::{HalfVector, RESOLUTION, integrate_over},
     vector::{Vec3, vec3},
 };
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -50,10 +50,14 @@ const SHARED_RESOLUTION_MAX: usize = 64;
 pub static SPLIT_SUM: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
     const SAMPLES: u32 = 1024;
     let centre = |k: usize| (k as f64 + 0.5) / RESOLUTION as f64;
-    (0..RESOLUTION * RESOLUTION)
-        .into_par_iter()
-        .map(|k| integrate(centre(k % RESOLUTION), centre(k / RESOLUTION), SAMPLES).map(|f| f as f32))
-        .collect()
+    let row = |roughness: f64| {
+        let half_vectors: Vec<HalfVector> =
+            (0..SAMPLES).map(|k| HalfVector::of_sample(k, roughness, SAMPLES)).collect();
+        (0..RESOLUTION).map(move |column| {
+            integrate_over(half_vectors.iter().copied(), centre(column), roughness).map(|f| f as f32)
+        })
+    };
+    (0..RESOLUTION).into_par_iter().flat_map_iter(|k| row(centre(k))).collect()
 });
 
 /// The map from a light's pyramid to its levels.

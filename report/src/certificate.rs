@@ -71,6 +71,7 @@ pub fn subject_of(scene: Scene, cameras: Vec<Camera>, background: [f32; 3]) -> S
     let Scene { gaussians, light, near_field, shading_model, .. } = scene;
     let ShadingModel { shading, scheme, .. } = shading_model;
     let near_field = near_field.filter(|_| shading_model.traces_near());
+    let near_field = near_field.map(|surface| Arc::new(NearField::clone(&surface)));
     let light = light.filter(|_| gaussians.layout.is_shaded()).map(|light| fitting(&light, scheme));
     Subject { gaussians, light, near_field, shading, scheme, cameras, background, order: BlendOrder::Mean }
 }

@@ -173,7 +173,7 @@ impl<E: ReadBack> Baker<E> {
                 let light = fitting(light, scheme);
                 let values = exec.upload(&light.values)?;
                 let filtered = exec.prefilter(&light.with_values(values), scheme, LevelRange::ALL)?;
-                Some(surrounded(&mut exec, filtered, scene.near_field.as_deref())?)
+                Some(surrounded(&mut exec, filtered, scene.near_field())?)
             }
             None => None,
         };

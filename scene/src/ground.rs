@@ -194,8 +194,7 @@ impl Ground {
 mod tests {
     use super::*;
     use specula_core::{cubemap::FACE_COUNT, scene::RadianceActivation};
-    use specula_mesh::{Mesh, near_field::SurfaceMeans};
-    use std::sync::Arc;
+    use specula_mesh::{Mesh, near_field::SurfaceMeans, surface::Surface};
 
     /// Square of this half edge at a height above the origin, whose front is below.
     fn roof(half: f32, height: f32) -> NearField<Vec<f32>> {
@@ -249,7 +248,7 @@ mod tests {
         let both = Ground::new(&roof, Vec3::Z, Some(0.0), Some(&sky(1.0)), Some(&lamps)).unwrap();
         let shadowed = both.share_at(Vec3::new(-2.0, 0.0, 0.0), [0.0; 2]).x;
         assert!(shadowed > 0.4 && shadowed < 0.75, "the sky lights the shadow: {shadowed}");
-        let with = SceneLamps { occluder: Some(Arc::new(roof.clone())), ..sun([0.0, 0.0, -1.0]) };
+        let with = SceneLamps { occluder: Some(Surface::shared(roof.clone())), ..sun([0.0, 0.0, -1.0]) };
         let below = Ground::new(&roof, Vec3::Z, None, None, Some(&with)).unwrap();
         assert_eq!(below.middle.z, 2.0, "at the lowest point");
         assert_eq!(below.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ONE, "no light, no shadow");

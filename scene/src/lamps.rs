@@ -16,7 +16,7 @@ use specula_core::{
     scene::Gaussians,
 };
 use specula_io::latlong::MapOrientation;
-use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans, sight::Sight};
+use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans, surface::Surface};
 use std::sync::Arc;
 
 /// Irradiance of a sun of which only the direction is given: about that under which a white surface
@@ -46,7 +46,7 @@ pub struct SceneLamps {
     /// Shadow rays of a pixel to each lamp that is wider than a point.
     pub rays: usize,
     /// Surface that casts shadows; none where there are no shadows.
-    pub occluder: Option<Arc<NearField<Vec<f32>>>>,
+    pub occluder: Option<Arc<Surface>>,
 }
 
 /// Colour of a lamp in sRGB; as text two hexadecimal digits each for red, green and blue.
@@ -236,7 +236,7 @@ pub fn shadow_surface(
     opened: &OpenedModel,
     options: &RenderOptions,
     progress: impl FnMut(usize, usize),
-) -> Result<Option<Arc<NearField<Vec<f32>>>>, SceneError> {
+) -> Result<Option<Arc<Surface>>, SceneError> {
     let scene = &opened.scene;
     if scene.near_field.is_some() || scene.gaussians.count == 0 {
         return Ok(scene.near_field.clone());
@@ -259,7 +259,7 @@ pub fn fused_surface(
     gaussians: &Gaussians<Vec<f32>>,
     cameras: &[Camera],
     mut progress: impl FnMut(usize, usize),
-) -> Result<Option<Arc<NearField<Vec<f32>>>>, SceneError> {
+) -> Result<Option<Arc<Surface>>, SceneError> {
     if gaussians.count == 0 {
         return Ok(None);
     }
@@ -273,7 +273,7 @@ pub fn fused_surface(
         fusion.add(&camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?);
         progress(index + 1, cameras.len());
     }
-    Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Arc::new))
+    Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Surface::shared))
 }
 
 /// Adds the light of lamps to the base colours of a surface that reflected rays meet, where its
@@ -288,18 +288,14 @@ pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps)
 /// Irradiance / π of the vertices of a surface by the light of lamps that it reflects onto itself
 /// once or twice from its diffuse layers, three numbers each; none where there is no such light,
 /// and then its sight is not asked for.
-pub(crate) fn reflected_by<'a>(
-    near_field: &NearField<Vec<f32>>,
-    lamps: &SceneLamps,
-    sight: impl FnOnce() -> &'a Sight,
-) -> Vec<f32> {
-    let direct = radiances(near_field, lamps);
+pub(crate) fn reflected_by(surface: &Surface, lamps: &SceneLamps) -> Vec<f32> {
+    let direct = radiances(surface, lamps);
     if direct.iter().all(|light| *light == Vec3::ZERO) {
         return Vec::new();
     }
-    let sight = sight();
+    let sight = surface.sight();
     let once = sight.irradiance(&direct);
-    let albedo = |vertex: usize| Vec3::from_slice(&near_field.vertex(vertex)[VERTEX_ALBEDO..]);
+    let albedo = |vertex: usize| Vec3::from_slice(&surface.vertex(vertex)[VERTEX_ALBEDO..]);
     let added = direct.iter().zip(once).enumerate().map(|(vertex, (light, again))| light + albedo(vertex) * again);
     sight.irradiance(&added.collect::<Vec<_>>()).into_iter().flat_map(|light| light.to_array()).collect()
 }
@@ -330,7 +326,7 @@ fn radiances(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps) -> Vec<Vec3> 
             let (mut all, mut arriving) = (0.0, 0.0);
             for point in &spiral[..*rays] {
                 let ray = shadow_ray(normal.into(), &seen, axes, &shift, *point);
-                let is_blocked = |occluder: &Arc<NearField<Vec<f32>>>| {
+                let is_blocked = |occluder: &Arc<Surface>| {
                     ray.weight > 0.0 && occluder.is_blocked(from.into(), ray.direction, seen.reach)
                 };
                 all += ray.weight;
@@ -407,7 +403,7 @@ mod tests {
             numbers[VERTEX_BASE..VERTEX_BASE + 3].fill(0.125);
             numbers[VERTEX_ALBEDO..].copy_from_slice(&albedo);
         });
-        let occluder = Some(Arc::new(near_field.clone()));
+        let occluder = Some(Surface::shared(near_field.clone()));
         let sun = Lamp::Sun { direction: [0.0, 0.0, 1.0], irradiance: [3.0; 3], diameter: 0.01 };
         shine_on(&mut near_field, &SceneLamps { lamps: vec![sun], rays: 4, occluder });
         for vertex in 0..12 {

@@ -74,3 +74,4 @@ pub use overlap::overlap;
 pub use renderer::{RenderBackend, SceneRenderer, UploadedScene};
 pub use scene::Scene;
 pub use shading_model::{Shading, ShadingModel};
+pub use specula_mesh::surface::Surface;

@@ -1,7 +1,7 @@
 //! Models from their folders.
 
 use crate::{
-    Scene, SceneError, ShadingModel,
+    Scene, SceneError, ShadingModel, Surface,
     import::scene_of_glb,
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
@@ -17,10 +17,7 @@ use specula_io::{
     orientation::Orientation,
 };
 use specula_train::view::extent_of_cameras;
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
 
 /// Scene of a trained model, and the facts that its folder holds.
 #[derive(Debug)]
@@ -67,7 +64,7 @@ impl OpenedModel {
             scene: Scene {
                 gaussians,
                 light: model.light,
-                near_field: model.near_field.map(Arc::new),
+                near_field: model.near_field.map(Surface::shared),
                 lamps: None,
                 shading_model,
             },

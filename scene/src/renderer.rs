@@ -25,7 +25,7 @@ use specula_cpu::{CpuViewer, stages::prefilter::Light};
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuExecutor;
 use specula_io::picture::{self, RgbImage};
-use specula_mesh::sight::Sight;
+use specula_mesh::surface::Surface;
 use specula_train::{
     evaluate::{over_background, render_view, rules_to_measure},
     view::View,
@@ -110,9 +110,7 @@ struct UploadedLamps<N> {
 /// Surface that cast shadows last.
 struct Occluders<N> {
     /// The surface, and the same on an executor.
-    latest: Option<(Arc<NearField<Vec<f32>>>, N)>,
-    /// Surface that reflected light of lamps last, and its sight of itself.
-    sight: Option<(Arc<NearField<Vec<f32>>>, Sight)>,
+    latest: Option<(Arc<Surface>, N)>,
 }
 
 impl<N: Clone> Occluders<N> {
@@ -120,7 +118,7 @@ impl<N: Clone> Occluders<N> {
     fn get<E: Renderer<NearField = N>>(
         &mut self,
         exec: &mut E,
-        surface: Option<&Arc<NearField<Vec<f32>>>>,
+        surface: Option<&Arc<Surface>>,
     ) -> Result<Option<N>, E::Error> {
         let Some(surface) = surface else { return Ok(None) };
         match &self.latest {
@@ -132,15 +130,12 @@ impl<N: Clone> Occluders<N> {
             }
         }
     }
+}
 
-    /// Light of lamps that their surface reflects onto itself; none for previews.
-    fn reflected(&mut self, lamps: &SceneLamps) -> Vec<f32> {
-        let Some(occluder) = lamps.occluder.as_ref().filter(|_| lamps.reflects()) else { return Vec::new() };
-        reflected_by(occluder, lamps, || {
-            self.sight.take_if(|(known, _)| !Arc::ptr_eq(known, occluder));
-            &self.sight.get_or_insert_with(|| (occluder.clone(), Sight::new(occluder))).1
-        })
-    }
+/// Light of lamps that their surface reflects onto itself; none for previews.
+fn reflected(lamps: &SceneLamps) -> Vec<f32> {
+    let occluder = lamps.occluder.as_ref().filter(|_| lamps.reflects());
+    occluder.map_or_else(Vec::new, |occluder| reflected_by(occluder, lamps))
 }
 
 impl<E: Renderer> UploadedScene<E>
@@ -154,7 +149,7 @@ where
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let mut occluders = Occluders { latest: None, sight: None };
+        let mut occluders = Occluders { latest: None };
         // The near field may cast shadows as well.
         let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
         let lamps = match lamps {
@@ -224,7 +219,7 @@ where
             light = self.exec.surround(light, near_field);
         }
         if let Some(UploadedLamps { lamps, occluder }) = &self.lamps {
-            let reflected = self.occluders.reflected(lamps);
+            let reflected = reflected(lamps);
             let occluder = occluder.as_ref().map(|surface| Occluder { surface, reflected: &reflected });
             light = self.exec.add_lamps(light, &lamps.lamps, lamps.rays, occluder).map_err(Into::into)?;
         }
@@ -244,7 +239,7 @@ where
         specula_core::lamps::check(all, *rays).map_err(|error| SceneError::Executor(Box::new(error)))?;
         let Self { exec, occluders, lights, .. } = self;
         let surface = occluders.get(exec, occluder.as_ref()).map_err(Into::into)?;
-        let reflected = occluders.reflected(lamps);
+        let reflected = reflected(lamps);
         let occluder = surface.as_ref().map(|surface| Occluder { surface, reflected: &reflected });
         if let Some(light) = lights.get_mut(slot).and_then(Option::take) {
             lights[slot] = Some(exec.add_lamps(light, all, *rays, occluder).map_err(Into::into)?);

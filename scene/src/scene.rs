@@ -21,7 +21,7 @@ use specula_io::{
     latlong::{self, LatLong, MapOrientation, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
 };
-use specula_mesh::{ambient::Ambient, near_field, sky::Sky};
+use specula_mesh::{ambient::Ambient, near_field, sky::Sky, surface::Surface};
 use specula_train::{near_field::set_ambient, trainer::HostScene};
 use std::{path::Path, sync::Arc};
 
@@ -37,7 +37,7 @@ pub struct Scene {
     /// Light from far away; none for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
     /// Surface of the scene that reflected rays may meet; none where they leave for the far light.
-    pub near_field: Option<Arc<NearField<Vec<f32>>>>,
+    pub near_field: Option<Arc<Surface>>,
     /// Lamps beside the light from far away; none but where they were added.
     pub lamps: Option<SceneLamps>,
     /// Rules that the attributes were trained under.
@@ -48,7 +48,12 @@ impl Scene {
     /// Result of a training.
     pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
         let HostScene { gaussians, environment, near_field } = host;
-        Self { gaussians, light: environment, near_field: near_field.map(Arc::new), lamps: None, shading_model }
+        Self { gaussians, light: environment, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
+    }
+
+    /// Surface that reflected rays may meet, as a near field.
+    pub fn near_field(&self) -> Option<&NearField<Vec<f32>>> {
+        self.near_field.as_ref().map(|surface| &***surface)
     }
 
     /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.
@@ -102,15 +107,15 @@ impl Scene {
     fn transfer_light(&mut self) {
         let (Some(light), Some(near_field)) = (&self.light, &self.near_field) else { return };
         let sky = Sky::new(light);
-        let mut near_field = NearField::clone(near_field);
-        near_field::relight(&mut near_field, &sky);
-        let ambient = Ambient::new(&near_field, &sky);
-        near_field::transfer(&mut near_field, &ambient);
-        set_ambient(&mut self.gaussians, Some((&near_field, &ambient)));
-        if let Some(lamps) = &self.lamps {
-            shine_on(&mut near_field, lamps);
-        }
-        self.near_field = Some(Arc::new(near_field));
+        let in_the_open = near_field.recolored(|surface| near_field::relight(surface, &sky));
+        let ambient = Ambient::new(&in_the_open, &sky);
+        set_ambient(&mut self.gaussians, Some((&in_the_open, &ambient)));
+        self.near_field = Some(Arc::new(in_the_open.recolored(|surface| {
+            near_field::transfer(surface, &ambient);
+            if let Some(lamps) = &self.lamps {
+                shine_on(surface, lamps);
+            }
+        })));
     }
 
     /// The same scene with its view-dependent colours or its physical materials.
@@ -136,11 +141,16 @@ impl Scene {
             let albedo: [f32; 3] = scaled(self.gaussians.get::<3>(index, first).map(sigmoid));
             self.gaussians.set(index, first, albedo.map(logit));
         }
-        let Some(near_field) = self.near_field.as_mut().map(Arc::make_mut) else { return };
-        for numbers in near_field.vertices_mut() {
-            let albedo = &mut numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3];
-            albedo.iter_mut().zip(factors).for_each(|(albedo, factor)| *albedo = (*albedo * factor).clamp(0.0, 1.0));
-        }
+        let Some(surface) = &mut self.near_field else { return };
+        *surface = Arc::new(surface.recolored(|surface| {
+            for numbers in surface.vertices_mut() {
+                let albedo = &mut numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3];
+                albedo
+                    .iter_mut()
+                    .zip(factors)
+                    .for_each(|(albedo, factor)| *albedo = (*albedo * factor).clamp(0.0, 1.0));
+            }
+        }));
     }
 
     /// Adds lamps to the light of a scene of physical materials, or to darkness, in place of those
@@ -192,7 +202,7 @@ impl Scene {
             gaussians: &gaussians,
             comments: &comments,
             light: self.light.as_ref(),
-            near_field: self.near_field.as_deref(),
+            near_field: self.near_field(),
             info,
         };
         model_folder::save(folder, iteration, &snapshot)
@@ -223,7 +233,7 @@ mod tests {
         let mut scene = Scene {
             gaussians,
             light: None,
-            near_field: Some(Arc::new(near_field)),
+            near_field: Some(Surface::shared(near_field)),
             lamps: None,
             shading_model: ShadingModel::DEFERRED,
         };

@@ -17,12 +17,11 @@ use specula_oracle::independent::{
     rays::View,
 };
 use specula_scene::{
-    Scene, SceneRenderer, Shading, ShadingModel,
+    Scene, SceneRenderer, Shading, ShadingModel, Surface,
     lamps::{SceneLamps, SunChoice, direction},
     orbit,
 };
 use specula_train::near_field::{Unlit, fused};
-use std::sync::Arc;
 
 /// Pixels along an edge of a traced picture.
 const SIZE: u32 = 64;
@@ -130,7 +129,7 @@ fn scene(solids: &[Solid]) -> Scene {
         Unlit::Depths | Unlit::Layers => colors.render(camera),
     };
     let surroundings = fused(&scene.gaussians, &cameras, VOXELS, None, &mut render).unwrap().unwrap();
-    Scene { near_field: Some(Arc::new(surroundings.near_field)), ..scene }
+    Scene { near_field: Some(Surface::shared(surroundings.near_field)), ..scene }
 }
 
 /// Views from three sides.
@@ -238,7 +237,7 @@ fn a_sun_casts_the_shadows_of_paths_and_lights_what_faces_away() {
     let [camera, ..] = cameras(SIZE);
     let first = renderer.render(&camera).unwrap();
     let rules = *renderer.rules();
-    renderer.set_surface(&again.gaussians, again.near_field.as_deref()).unwrap();
+    renderer.set_surface(&again.gaussians, again.near_field()).unwrap();
     renderer.set_light(SceneRenderer::SCENE_LIGHT, &again.light_for(&rules).unwrap(), &rules).unwrap();
     assert!(renderer.render(&camera).unwrap() == first, "light is reflected around a surface that is set again");
     let suns = [Sun { direction: direction(30.0, 50.0, Vec3::Z), irradiance: DVec3::splat(3.0) }];

@@ -8,7 +8,7 @@ use specula_core::{
     near_field::NearField,
     scene::{AMBIENT, Gaussians, Image, MEAN},
 };
-use specula_mesh::{ambient::Ambient, fusion::Fusion, near_field::SurfaceMeans, sky::Sky};
+use specula_mesh::{ambient::Ambient, fusion::Fusion, near_field::SurfaceMeans, sky::Sky, surface::Surface};
 
 /// Largest number of views that are fused.
 const VIEWS_MAX: usize = 100;
@@ -62,10 +62,11 @@ pub fn fused<Error>(
     }
     let Some(near_field) = means.near_field() else { return Ok(None) };
     let positions: Vec<_> = cameras.iter().map(|camera| camera.position).collect();
-    let ambient = sky.filter(|_| gaussians.layout.is_physical).map(|sky| Ambient::new(&near_field, sky));
+    let surface = Surface::from(near_field);
+    let ambient = sky.filter(|_| gaussians.layout.is_physical).map(|sky| Ambient::new(&surface, sky));
     let is_met = ambient.as_ref().is_some_and(|ambient| ambient.met > MET_MIN);
-    let is_needed = is_met || specula_mesh::near_field::reflects_itself(&near_field, &positions);
-    Ok(is_needed.then_some(Surroundings { near_field, ambient }))
+    let is_needed = is_met || specula_mesh::near_field::reflects_itself(&surface, &positions);
+    Ok(is_needed.then(|| Surroundings { near_field: surface.into_near_field(), ambient }))
 }
 
 /// Surface around a scene's own.

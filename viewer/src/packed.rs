@@ -29,8 +29,7 @@ use specula_core::{
 };
 use specula_io::{Input, orientation::Orientation};
 use specula_mesh::near_field::rearranged;
-use specula_scene::{Scene, ShadingModel, import, light_file::MapUp, number::group_digits};
-use std::sync::Arc;
+use specula_scene::{Scene, ShadingModel, Surface, import, light_file::MapUp, number::group_digits};
 use streams::{Reader, Stream, Writer};
 
 /// First bytes of a packed scene; the last one is the version of the format.
@@ -237,7 +236,7 @@ impl PackedScene {
         let views = header.views.iter().map(PackedView::camera).collect::<Result<Vec<_>, _>>()?;
         let viewed = ViewedScene {
             name: header.name,
-            scene: Scene { near_field: near_field.map(Arc::new), ..scene },
+            scene: Scene { near_field: near_field.map(Surface::shared), ..scene },
             views,
             held_out: header.held_out,
             orientation: header.orientation,
@@ -587,7 +586,7 @@ mod tests {
         let scene = Scene {
             gaussians: gaussians(),
             light: Some(cube(RadianceActivation::Exponential)),
-            near_field: Some(Arc::new(surface())),
+            near_field: Some(Surface::shared(surface())),
             lamps: None,
             shading_model: ShadingModel::DEFERRED,
         };

@@ -9,7 +9,6 @@ use crate::{
 use specula_core::{
     camera::Camera,
     metrics::psnr,
-    near_field::NearField,
     pack::Storage,
     plan::{Needs, Plan},
     rules::{Channels, RenderRules, channel},
@@ -18,7 +17,7 @@ use specula_core::{
 };
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
-    Layer, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
+    Layer, Scene, SceneError, SceneRenderer, Shading, ShadingModel, Surface,
     backdrop::over_environment,
     environment::{fitting, levels_of},
     lamps::{SceneLamps, fused_surface},
@@ -72,7 +71,7 @@ struct FilteredLight {
 #[derive(Debug)]
 enum ShadowSurface {
     /// Surface of the scene; none where there is none.
-    Known(Option<Arc<NearField<Vec<f32>>>>),
+    Known(Option<Arc<Surface>>),
     /// Gaussians of which it is still to be fused.
     Unfused(Gaussians<Vec<f32>>),
 }
@@ -157,7 +156,7 @@ impl RenderWorker {
     pub(crate) fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
-        self.renderer.set_surface(&scene.gaussians, scene.near_field.as_deref())?;
+        self.renderer.set_surface(&scene.gaussians, scene.near_field())?;
         self.has_surface = scene.near_field.is_some();
         self.shadow_surface = ShadowSurface::of(&scene);
         self.lights.set_scene_light(scene.light);
@@ -307,7 +306,7 @@ impl RenderWorker {
     }
 
     /// Surface that casts shadows, which is fused on first use where the scene has none.
-    fn occluder(&mut self) -> Result<Option<Arc<NearField<Vec<f32>>>>, ViewerError> {
+    fn occluder(&mut self) -> Result<Option<Arc<Surface>>, ViewerError> {
         let gaussians = match &self.shadow_surface {
             ShadowSurface::Known(surface) => return Ok(surface.clone()),
             ShadowSurface::Unfused(gaussians) => gaussians,
@@ -510,7 +509,7 @@ mod tests {
         SceneRenderer::new(scene, Channels::Color, &options()).unwrap().picture(&camera, [0.0; 3]).unwrap()
     }
 
-    fn surface(scene: &Scene) -> Option<Arc<NearField<Vec<f32>>>> {
+    fn surface(scene: &Scene) -> Option<Arc<Surface>> {
         let mut renderer = SceneRenderer::without_light(scene.clone(), Channels::Training, &options()).unwrap();
         let cameras: Vec<Camera> = around().collect();
         fused_surface(&mut renderer, &scene.gaussians, &cameras, |_, _| ()).unwrap()

@@ -8,14 +8,13 @@ use crate::{
     scene::{self, backdrop_of, render_pictures, shade},
 };
 use glam::Vec3;
-use specula_core::near_field::NearField;
 use specula_io::{
     latlong::LatLong,
     picture::{self, RgbImage},
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
-    Layer, OpenedModel, RenderOptions, SceneRenderer,
+    Layer, OpenedModel, RenderOptions, SceneRenderer, Surface,
     backdrop::BackgroundChoice,
     camera_set::CameraSet,
     light_file::write_light_preview,
@@ -93,7 +92,7 @@ fn of_one_camera(set: CameraSet, count: u32) -> CameraSet {
 struct TurningLight<'a> {
     plan: &'a LightPlan,
     map: Option<&'a LatLong>,
-    occluder: Option<&'a NearField<Vec<f32>>>,
+    occluder: Option<&'a Surface>,
     up: Vec3,
     args: &'a Relight,
 }
@@ -121,7 +120,7 @@ impl TurningLight<'_> {
             plan.relight(&mut opened.scene, map, up, further);
             // The light that reaches materials past other surfaces is that of the light.
             options.storage.round(&mut opened.scene.gaussians);
-            renderer.set_surface(&opened.scene.gaussians, opened.scene.near_field.as_deref())?;
+            renderer.set_surface(&opened.scene.gaussians, opened.scene.near_field())?;
             if let Some(light) = opened.scene.light_for(&rules) {
                 renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules)?;
             }

@@ -1,4 +1,4 @@
-//! Light of lamps on a blended surface: formulas over lanes, shadow rays one by one.
+//! Light of lamps on a blended surface; shadow rays of sixteen pixels are traced together.
 
 use crate::{
     context::Context,
@@ -19,11 +19,11 @@ use specula_core::{
         self, DirectLight, Lamp, LampOf, LitPixel, Toward, direct_light, disc_axes, lit_pixel, seen_share, shadow_ray,
         shift, spiral_point, toward,
     },
-    near_field::NearField,
-    real::Real,
+    near_field::{FINISHED, Hit, NOTHING, NearField},
+    real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,
-    vector::{Vec3, vec3},
+    vector::vec3,
 };
 use std::sync::Arc;
 
@@ -122,7 +122,7 @@ fn illuminate_tile<S: Simd>(
             let seen =
                 toward(&LampOf::from_array(lamp.numbers.map(|x| depth.constant(x))), lit.point, lit.facing.normal);
             let share = match &lamps.occluder {
-                Some(occluder) => share_of(simd, occluder, &lamps.spiral, index, lamp.rays, &place, &lit, &seen),
+                Some(occluder) => share_of(occluder, &lamps.spiral, index, lamp.rays, &place, &lit, &seen),
                 None => depth.constant(1.0),
             };
             sum = sum.and(direct_light(&lit, &seen, share));
@@ -151,15 +151,18 @@ fn reflected_light<S: Simd>(
     place: &Place<S>,
     lit: &LitPixel<Lanes<S>>,
 ) -> DirectLight<Lanes<S>> {
-    let (starts, normals) = (lit.start.map(Lanes::to_array), lit.facing.normal.map(Lanes::to_array));
-    let coverage = place.coverage.to_array();
+    let is_covered = place.coverage.zero().less(place.coverage);
+    let nothing = place.coverage.constant(FINISHED);
+    let reach = Lanes::select(is_covered, occluder.reach_below(nothing), nothing);
+    let hits = occluder.first_hits(lit.start, -lit.facing.normal, reach);
+    let (found, triangles) = (hits.distance.to_array(), hits.triangle.to_array());
+    let weights = hits.weights.map(Lanes::to_array);
     let mut irradiance = [[0.0; BLOCK]; 3];
-    for lane in (0..BLOCK).filter(|lane| coverage[*lane] > 0.0) {
-        let [start, normal] = [&starts, &normals].map(|v: &Vec3<[f32; BLOCK]>| vec3(v.x[lane], v.y[lane], v.z[lane]));
-        if let Some(hit) = occluder.surface_below(start, normal) {
-            let found = occluder.between(&hit, reflected).to_array();
-            irradiance.iter_mut().zip(found).for_each(|(lanes, x)| lanes[lane] = x);
-        }
+    for lane in (0..BLOCK).filter(|lane| found[*lane] < NOTHING) {
+        let weights = weights.map(|weights| weights[lane]);
+        let hit = Hit { distance: found[lane], triangle: triangles[lane] as usize, weights };
+        let found = occluder.between(&hit, reflected).to_array();
+        irradiance.iter_mut().zip(found).for_each(|(lanes, x)| lanes[lane] = x);
     }
     let [x, y, z] = irradiance.map(|lanes| Lanes::from_array(simd, lanes));
     DirectLight::reflected(vec3(x, y, z))
@@ -168,7 +171,6 @@ fn reflected_light<S: Simd>(
 /// Share of a lamp that the pixels of a quad see.
 #[inline(always)]
 fn share_of<S: Simd>(
-    simd: S,
     occluder: &NearField<Vec<f32>>,
     spiral: &[[f32; 4]],
     index: usize,
@@ -180,26 +182,19 @@ fn share_of<S: Simd>(
     let like = place.coverage;
     let (normal, axes) = (lit.facing.normal, disc_axes(seen.direction));
     let shift = shift(place.column, place.row, like.constant(index as f32));
-    let (starts, reaches) = (lit.start.map(Lanes::to_array), seen.reach.to_array());
     let (mut all, mut reaching) = (like.zero(), like.zero());
     let is_covered = like.zero().less(like);
     for point in &spiral[..rays] {
         let ray = shadow_ray(normal, seen, axes, &shift, point.map(|x| like.constant(x)));
         let weight = ray.weight.keep(is_covered);
-        if !weight.any_positive() {
+        let is_shining = like.zero().less(weight);
+        if !is_shining.any() {
             continue;
         }
-        let directions = ray.direction.map(Lanes::to_array);
-        let mut arriving = weight.to_array();
-        for lane in 0..BLOCK {
-            let [start, direction] =
-                [&starts, &directions].map(|v: &Vec3<[f32; BLOCK]>| vec3(v.x[lane], v.y[lane], v.z[lane]));
-            if arriving[lane] > 0.0 && occluder.is_blocked(start, direction, reaches[lane]) {
-                arriving[lane] = 0.0;
-            }
-        }
+        let reach = Lanes::select(is_shining, seen.reach, like.constant(FINISHED));
+        let are_blocked = occluder.are_blocked(lit.start, ray.direction, reach);
         all = all + weight;
-        reaching = reaching + Lanes::from_array(simd, arriving);
+        reaching = reaching + weight.keep(!are_blocked);
     }
     seen_share(all, reaching)
 }

@@ -13,12 +13,14 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    near_field::{NearField, Reflection, ray_origin},
-    real::Real,
+    near_field::{
+        FINISHED, Hits, NOTHING, NearField, NearSurface, Reflection, VERTEX_LEN, ray_origin, surface_within,
+        vertex_surface,
+    },
+    real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,
     shade_pixels::pixel_surface,
-    vector::{Vec3, vec3},
 };
 
 /// Numbers of a reflection.
@@ -59,37 +61,33 @@ fn trace_tile<S: Simd>(
         let surface = pixel_surface(&pixel, view_dir);
         let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
         let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
-        let rays = Rays {
-            origin: start.map(Lanes::to_array),
-            direction: surface.reflection_dir.map(Lanes::to_array),
-            roughness: surface.roughness.to_array(),
-            coverage: pixel.coverage.to_array(),
+        let (direction, roughness) = (surface.reflection_dir, surface.roughness);
+        let is_covered = depth.zero().less(pixel.coverage);
+        let reach = Lanes::select(is_covered, depth.constant(NOTHING), depth.constant(FINISHED));
+        let hits = near_field.first_hits(start, direction, reach);
+        let far = Reflection::of_far(direction, roughness);
+        let is_near = hits.is_hit();
+        let reflection = if is_near.any() {
+            let near = Reflection::of_near(direction, roughness, &surfaces(simd, near_field, &hits));
+            near.or(&far, is_near)
+        } else {
+            far
         };
-        for lane in 0..BLOCK {
-            let numbers = rays.reflection(near_field, lane).to_array();
-            out.iter_mut().zip(numbers).for_each(|(quad, number)| quad[lane] = number);
-        }
+        out.iter_mut().zip(reflection.to_array()).for_each(|(quad, numbers)| numbers.store(quad));
     }
 }
 
-/// Reflected rays of a quad.
-struct Rays {
-    origin: Vec3<[f32; BLOCK]>,
-    direction: Vec3<[f32; BLOCK]>,
-    roughness: [f32; BLOCK],
-    coverage: [f32; BLOCK],
-}
-
-impl Rays {
-    fn reflection(&self, near_field: &NearField<Vec<f32>>, lane: usize) -> Reflection<f32> {
-        let [origin, direction] = [&self.origin, &self.direction].map(|v| vec3(v.x[lane], v.y[lane], v.z[lane]));
-        let roughness = self.roughness[lane];
-        let hit = if self.coverage[lane] > 0.0 { near_field.first_hit(origin, direction) } else { None };
-        match hit {
-            Some(hit) => Reflection::of_near(direction, roughness, &near_field.surface(&hit)),
-            None => Reflection::of_far(direction, roughness),
-        }
-    }
+/// Surfaces that rays meet; any where they meet nothing.
+#[inline(always)]
+fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lanes<S>>) -> NearSurface<Lanes<S>> {
+    let corners = hits.triangle.to_array().map(|triangle| near_field.corners(triangle as usize));
+    let all = near_field.vertices();
+    let vertices = [0, 1, 2].map(|k| {
+        let vertices: [&[f32; VERTEX_LEN]; BLOCK] = core::array::from_fn(|lane| &all[corners[lane][k]]);
+        let number = |index: usize| Lanes::from_array(simd, core::array::from_fn(|lane| vertices[lane][index]));
+        vertex_surface(core::array::from_fn(number))
+    });
+    surface_within(&vertices, hits.weights)
 }
 
 /// Reflection of a quad of a tile.

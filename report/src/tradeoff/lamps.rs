@@ -19,7 +19,7 @@ use specula_core::{
     scene::Image,
 };
 use specula_scene::{
-    ExecutorChoice, RenderOptions, Scene, SceneRenderer, Shading,
+    ExecutorChoice, RenderOptions, Scene, SceneRenderer, Shading, Surface,
     lamps::{InvalidSun, SceneLamps, SunChoice},
 };
 use specula_train::evaluate::over_background;
@@ -105,12 +105,10 @@ pub fn lamp_settings(
         return Ok(Vec::new());
     };
     let sun: SunChoice = SUN.parse().map_err(|error: InvalidSun| Error::Input(error.to_string()))?;
-    let of = |rays: usize, occluder: Option<Arc<NearField<Vec<f32>>>>| SceneLamps {
-        lamps: vec![sun.lamp(up, 0.0)],
-        rays,
-        occluder,
-    };
-    let black = Arc::new(without_albedo(surface));
+    let of =
+        |rays: usize, occluder: Option<Arc<Surface>>| SceneLamps { lamps: vec![sun.lamp(up, 0.0)], rays, occluder };
+    // The same surface, black: it casts shadows and reflects nothing.
+    let black = Arc::new(surface.recolored(blacken));
     let mut settings = vec![(None, false, of(1, None)), (Some(RAYS_MAX), false, of(RAYS_MAX, Some(black)))];
     // Fewer rays than eight are a preview without reflected light.
     settings.extend(RAYS_OF_SETTINGS.map(|rays| (Some(rays), rays >= 8, of(rays, Some(surface.clone())))));
@@ -142,11 +140,8 @@ pub fn lamp_settings(
     Ok(measured)
 }
 
-/// The same surface, black: it casts shadows and reflects nothing.
-fn without_albedo(surface: &NearField<Vec<f32>>) -> NearField<Vec<f32>> {
-    let mut black = surface.clone();
-    black.vertices_mut().iter_mut().for_each(|numbers| numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3].fill(0.0));
-    black
+fn blacken(surface: &mut NearField<Vec<f32>>) {
+    surface.vertices_mut().iter_mut().for_each(|numbers| numbers[VERTEX_ALBEDO..VERTEX_ALBEDO + 3].fill(0.0));
 }
 
 /// Pictures of the views, and the milliseconds of all.

@@ -1,6 +1,7 @@
 //! Reflected rays: the hierarchy finds the triangle that all of them together have nearest, the
 //! picture is that of the plain pipeline, and what follows from physics and geometry holds.
 
+use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
 use proptest::prelude::*;
 use specula_core::{
@@ -9,18 +10,18 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        BLURRED, FRONTS_ALONE, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface, Reflection,
-        SHARP, crossing, share_of_near, vertex_surface,
+        BLURRED, FINISHED, FRONTS_ALONE, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface,
+        Reflection, SHARP, crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     real::Real,
     rules::{Channels, RenderRules, channel},
-    scene::{Environment, Gaussians, Image, Layout, RadianceActivation},
+    scene::{BLOCK, Environment, Gaussians, Image, Layout, RadianceActivation},
     shade::ShadingRules,
     vector::{Vec3 as Real3, vec3},
 };
-use specula_cpu::{CpuError, CpuExecutor};
+use specula_cpu::{CpuError, CpuExecutor, lanes::Lanes};
 use specula_mesh::{
     Mesh,
     near_field::{SurfaceMeans, reflects_itself},
@@ -63,6 +64,36 @@ fn nearest<R: Real<Mask = bool>>(
     hit
 }
 
+/// First hits of rays that are traced together, and whether they are blocked. A ray has an origin,
+/// a direction and a reach.
+#[inline(always)]
+fn side_by_side<S: Simd>(
+    simd: S,
+    near_field: &NearField<Vec<f32>>,
+    rays: &[(Real3<f32>, Real3<f32>, f32); BLOCK],
+) -> ([Option<Hit<f32>>; BLOCK], [bool; BLOCK]) {
+    let lanes = |of: &dyn Fn(&(Real3<f32>, Real3<f32>, f32)) -> f32| {
+        Lanes::from_array(simd, core::array::from_fn(|lane| of(&rays[lane])))
+    };
+    let origin = vec3(lanes(&|ray| ray.0.x), lanes(&|ray| ray.0.y), lanes(&|ray| ray.0.z));
+    let direction = vec3(lanes(&|ray| ray.1.x), lanes(&|ray| ray.1.y), lanes(&|ray| ray.1.z));
+    let reach = lanes(&|ray| ray.2);
+    let hits = near_field.first_hits(origin, direction, reach);
+    let are_blocked = near_field.are_blocked(origin, direction, reach);
+    let are_blocked = reach.constant(1.0).keep(are_blocked).to_array();
+    let (distances, triangles) = (hits.distance.to_array(), hits.triangle.to_array());
+    let weights = hits.weights.map(Lanes::to_array);
+    let hit = |lane: usize| Hit {
+        distance: distances[lane],
+        triangle: triangles[lane] as usize,
+        weights: weights.map(|weights| weights[lane]),
+    };
+    (
+        core::array::from_fn(|lane| (distances[lane] < NOTHING).then(|| hit(lane))),
+        are_blocked.map(|blocked| blocked == 1.0),
+    )
+}
+
 proptest! {
     #![proptest_config(same_every_time())]
 
@@ -87,6 +118,37 @@ proptest! {
         let [ours, theirs] = [near_field.first_hit(from, to), nearest(&near_field, from, to)]
             .map(|hit| hit.map(|hit| (hit.triangle, hit.distance.0)));
         prop_assert_eq!(ours, theirs);
+    }
+
+    /// Sixteen rays side by side meet what each of them meets alone within its reach; those that
+    /// are left out meet nothing.
+    #[test]
+    fn rays_side_by_side_meet_what_each_meets_alone(
+        (count, seed) in (1..200_u64, any::<u64>()),
+        rays in proptest::array::uniform16((
+            proptest::array::uniform3(-3.0..3.0_f32),
+            unit_vector(),
+            prop_oneof![3 => Just(NOTHING), 2 => 0.0..4.0_f32, 1 => Just(FINISHED)],
+        )),
+    ) {
+        let near_field = random_near_field(count, seed);
+        let alone = rays.map(|(origin, direction, reach)| {
+            let direction = Real3::from(Vec3::from(direction.map(|x| x as f32)));
+            (Real3::from(Vec3::from(origin)), direction, reach)
+        });
+        let (hits, are_blocked) = dispatch!(Level::new(), simd => side_by_side(simd, &near_field, &alone));
+        for (lane, (origin, direction, reach)) in alone.into_iter().enumerate() {
+            let expected = near_field.first_hit(origin, direction).filter(|hit| hit.distance < reach);
+            let found = hits[lane];
+            prop_assert_eq!(found.is_some(), expected.is_some());
+            if let Some((found, expected)) = found.zip(expected) {
+                prop_assert_eq!(found.triangle, expected.triangle);
+                let least = SAME_PLACE * expected.distance.max(1.0);
+                prop_assert!((found.distance - expected.distance).abs() < least);
+                prop_assert!((0..2).all(|k| (found.weights[k] - expected.weights[k]).abs() < 100.0 * SAME_PLACE));
+            }
+            prop_assert_eq!(are_blocked[lane], near_field.is_blocked(origin, direction, reach));
+        }
     }
 
     /// A point inside a triangle is met there, at its distance and with its weights; from behind it
