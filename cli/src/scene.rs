@@ -14,7 +14,7 @@ use specula_io::{
 };
 use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
-    OpenedModel, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
+    Layer, OpenedModel, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
     light_file::{self, LightOptions},
@@ -205,4 +205,22 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     Ok(map)
+}
+/// Requested layers that the scene has.
+pub(crate) fn layers_of(requested: &[Layer], scene: &Scene) -> Vec<Layer> {
+    let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
+    let (layers, missing): (Vec<Layer>, Vec<Layer>) =
+        Layer::expanded(requested).into_iter().partition(|layer| layer.exists(layout, form));
+    let is_named = |layer: &&Layer| requested.contains(layer) || !layer.is_of_materials();
+    let names: Vec<&str> = missing.iter().filter(is_named).map(|layer| layer.name()).collect();
+    if !names.is_empty() {
+        let names = names.join(", ");
+        match (layout.is_shaded(), layout.is_physical, form) {
+            (false, _, _) => tracing::warn!("the scene is plain Gaussian splatting, which has no {names}"),
+            (true, true, ShadingForm::Physical) => tracing::warn!("physical materials have no {names}"),
+            (true, true, _) => tracing::warn!("{names}: use --shading physical"),
+            (true, false, _) => tracing::warn!("the scene was trained without --relightable and has no {names}"),
+        }
+    }
+    layers
 }

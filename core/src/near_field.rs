@@ -583,6 +583,12 @@ impl<R: Real> Reflection<R> {
         self.base + own * self.far + self.tint.times(of_near)
     }
 
+    /// The part of [`Reflection::light`] that comes from the surface that the ray meets.
+    #[inline(always)]
+    pub fn indirect(&self, of_near: Vec3<R>) -> Vec3<R> {
+        self.base + self.tint.times(of_near)
+    }
+
     /// Gradient of [`Reflection::light`] with respect to both lights.
     #[inline(always)]
     pub fn light_vjp(&self, grad: Vec3<R>) -> [Vec3<R>; 2] {

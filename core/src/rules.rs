@@ -27,6 +27,29 @@ pub struct RenderRules {
     pub levels: LevelRange,
     /// Requested channels: colour, those of training, or all layers.
     pub channels: Channels,
+    /// Light in the channel [`channel::LIGHT`] of all layers.
+    pub light_layer: LightLayer,
+}
+
+/// Light that the layer of light shows, of a surface that is lit pixel by pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum LightLayer {
+    /// Light along the reflected direction.
+    #[default]
+    Reflected,
+    /// Its part that other surfaces reflect there.
+    Indirect,
+    /// Share of the far light along the reflected direction that no surface keeps off, in all three
+    /// channels: 1 in the open, and where no light is looked up.
+    Visibility,
+    /// Irradiance / π of a physical material's diffuse layer: of the far light, times the mean of
+    /// its ambient transfer, and of lamps; zero for other materials.
+    Irradiance,
+}
+
+impl LightLayer {
+    /// All but the first, of which a picture is rendered where it is asked for.
+    pub const OTHERS: [Self; 3] = [Self::Indirect, Self::Visibility, Self::Irradiance];
 }
 
 impl RenderRules {
@@ -42,6 +65,7 @@ impl RenderRules {
             illuminates: false,
             levels: LevelRange::ALL,
             channels,
+            light_layer: LightLayer::Reflected,
         }
     }
     /// Whether the light of such a scene is added pixel by pixel, after blending.

@@ -298,7 +298,7 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         camera: &Camera,
         rules: &RenderRules,
     ) -> Result<Frame, CpuError> {
-        Ok(shade_pixels(&self.context, surface, light, camera, rules.shading.form))
+        Ok(shade_pixels(&self.context, surface, light, camera, rules))
     }
 }
 

@@ -444,7 +444,7 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         camera: &Camera,
         rules: &RenderRules,
     ) -> Result<Frame, GpuError> {
-        shade_pixels(&mut self.context, surface, light, camera, rules.shading.form)
+        shade_pixels(&mut self.context, surface, light, camera, rules)
     }
 }
 

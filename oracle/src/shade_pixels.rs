@@ -12,7 +12,7 @@ use specula_core::{
     lamps::{self, DirectLight, diffuse_albedo},
     near_field::{NearField, Reflection, ray_origin},
     physical::{self, PixelFacing, PixelLight, pixel_facing, pixel_facing_vjp},
-    rules::{Channels, RenderRules, channel},
+    rules::{Channels, LightLayer, RenderRules, channel},
     shade::ShadingForm,
     shade_pixels::{Pixel, PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp},
     vector::Vec3,
@@ -26,6 +26,8 @@ struct Lit<R> {
     /// Reflection of the pixel; none without a light.
     reflection: Option<Reflection<R>>,
     light: Vec3<R>,
+    /// Part of the light that other surfaces reflect.
+    indirect: Vec3<R>,
     /// Orientation of a physical material, and all light that reaches it; none without a light.
     physical: Option<(PixelFacing<R>, PixelLight<R>)>,
     /// Diffuse albedo and light of lamps, where these shine.
@@ -57,9 +59,10 @@ impl<R: Number> Lit<R> {
             None => Reflection::of_far(surface.reflection_dir, surface.roughness),
         });
         let looked_up = light.zip(reflection.as_ref());
-        let radiance = looked_up.map_or(Vec3::zero(R::of(0.0)), |(light, reflection)| {
+        let [radiance, indirect] = looked_up.map_or([Vec3::zero(R::of(0.0)); 2], |(light, reflection)| {
             let own = look_up(light, surface.reflection_dir, surface.roughness);
-            reflection.light(own, look_up(light, reflection.direction, reflection.roughness))
+            let of_near = look_up(light, reflection.direction, reflection.roughness);
+            [reflection.light(own, of_near), reflection.indirect(of_near)]
         });
         let is_physical = rules.shading.form == ShadingForm::Physical;
         let physical = light.filter(|_| is_physical).map(|light| {
@@ -76,7 +79,7 @@ impl<R: Number> Lit<R> {
             let place = [index % frame.width, index / frame.width];
             (albedo, illuminate(lamps, &camera.lift(depth), &pixel, depth, view_dir, place))
         });
-        Self { pixel, view_dir, surface, reflection, light: radiance, physical, direct, is_physical }
+        Self { pixel, view_dir, surface, reflection, light: radiance, indirect, physical, direct, is_physical }
     }
 
     /// Colour and its specular part, premultiplied; a physical material without light is black.
@@ -93,6 +96,25 @@ impl<R: Number> Lit<R> {
             }
             None if self.is_physical => [Vec3::zero(coverage); 2],
             None => [pixel_color(&self.surface, self.light, coverage), self.pixel.tint.times(self.light)],
+        }
+    }
+
+    /// The layer of light, premultiplied; `ambient` is the blended mean of the ambient transfer.
+    fn light_layer(&self, layer: LightLayer, ambient: R) -> Vec3<R> {
+        let coverage = self.pixel.coverage;
+        let none = Vec3::zero(coverage);
+        match layer {
+            LightLayer::Reflected => self.light * coverage,
+            LightLayer::Indirect => self.indirect * coverage,
+            LightLayer::Visibility => {
+                let far = self.reflection.as_ref().map_or(R::of(1.0), |reflection| reflection.far);
+                Vec3::splat(far * coverage)
+            }
+            LightLayer::Irradiance => {
+                let of_sky = self.physical.as_ref().map_or(none, |(_, light)| light.irradiance * ambient);
+                let of_lamps = self.direct.as_ref().map_or(none, |(_, direct)| direct.irradiance * coverage);
+                of_sky + of_lamps
+            }
         }
     }
 
@@ -146,7 +168,8 @@ pub fn shade_pixels<R: Number>(
         store(&mut picture, channel::COLOR, index, color);
         if surface.channels > Channels::Layers.count() {
             store(&mut picture, channel::SPECULAR, index, specular);
-            store(&mut picture, channel::LIGHT, index, lit.light * lit.pixel.coverage);
+            let ambient = surface.values[channel::AMBIENT * surface.pixel_count() + index];
+            store(&mut picture, channel::LIGHT, index, lit.light_layer(rules.light_layer, ambient));
         }
     }
     picture

@@ -3,7 +3,7 @@
 use core::str::FromStr;
 use specula_core::{
     color::srgb_from_linear,
-    rules::{Channels, channel},
+    rules::{Channels, LightLayer, channel},
     scene::{Image, Layout},
     shade::ShadingForm,
 };
@@ -40,13 +40,21 @@ pub enum Layer {
     /// Share of the light from all around that reaches the surface, and of what other surfaces
     /// reflect; white in the open.
     Ambient,
+    /// Share of the far light along the reflected direction that other surfaces leave, white in the
+    /// open.
+    Visibility,
+    /// Light along the reflected direction that other surfaces reflect.
+    Indirect,
+    /// Irradiance of the diffuse layers of physical materials, divided by π: the colour of a white
+    /// wall.
+    Irradiance,
     /// Every layer.
     All,
 }
 
 impl Layer {
     /// Layers in the order of tables and keys, without [`Layer::All`].
-    pub const EACH: [Self; 13] = [
+    pub const EACH: [Self; 16] = [
         Self::Rgb,
         Self::Normal,
         Self::Depth,
@@ -60,6 +68,9 @@ impl Layer {
         Self::Albedo,
         Self::Metallic,
         Self::Ambient,
+        Self::Visibility,
+        Self::Indirect,
+        Self::Irradiance,
     ];
 
     /// Lower-case name, of folders and options.
@@ -78,6 +89,9 @@ impl Layer {
             Self::Albedo => "albedo",
             Self::Metallic => "metallic",
             Self::Ambient => "ambient",
+            Self::Visibility => "visibility",
+            Self::Indirect => "indirect",
+            Self::Irradiance => "irradiance",
             Self::All => "all",
         }
     }
@@ -89,13 +103,16 @@ impl Layer {
 
     /// Whether the layer exists for physical materials only.
     pub fn is_of_materials(self) -> bool {
-        matches!(self, Self::Albedo | Self::Metallic | Self::Ambient)
+        matches!(self, Self::Albedo | Self::Metallic | Self::Ambient | Self::Irradiance)
     }
 
     /// Whether the layer exists for this shading of Gaussians with these attributes.
     pub fn exists(self, layout: Layout, form: ShadingForm) -> bool {
+        let is_lit_by_pixel = matches!(form, ShadingForm::Deferred | ShadingForm::Physical);
         if self.is_of_materials() {
             layout.is_physical && form == ShadingForm::Physical
+        } else if matches!(self, Self::Visibility | Self::Indirect) {
+            layout.is_shaded() && is_lit_by_pixel
         } else {
             // Physical materials have no residual colour.
             let is_shown = self != Self::Residual || form != ShadingForm::Physical;
@@ -106,6 +123,16 @@ impl Layer {
     /// Requested layers without repetition, in the order of [`Layer::EACH`].
     pub fn expanded(requested: &[Self]) -> Vec<Self> {
         Self::EACH.into_iter().filter(|layer| requested.contains(layer) || requested.contains(&Self::All)).collect()
+    }
+
+    /// Light that rules put into the channel of light for this layer.
+    pub fn light_layer(self) -> LightLayer {
+        match self {
+            Self::Visibility => LightLayer::Visibility,
+            Self::Indirect => LightLayer::Indirect,
+            Self::Irradiance => LightLayer::Irradiance,
+            _ => LightLayer::Reflected,
+        }
     }
 
     /// Least channels to blend for these layers.
@@ -119,9 +146,9 @@ impl Layer {
         }
     }
 
-    /// Picture of a rendered view, sRGB with 8 bits a channel. `background`, sRGB from 0 to 1, lies
-    /// behind [`Layer::Rgb`] only; `form` tells whether the shading function adds its terms in
-    /// linear light.
+    /// Picture of a view that was rendered with [`Layer::light_layer`], sRGB with 8 bits a channel.
+    /// `background`, sRGB from 0 to 1, lies behind [`Layer::Rgb`] only; `form` tells whether the
+    /// shading function adds its terms in linear light.
     pub fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: [f32; 3]) -> RgbImage {
         // The authors' code adds its terms in sRGB, the paper's equation in linear light.
         let is_linear = form != ShadingForm::Official;
@@ -135,7 +162,8 @@ impl Layer {
             Self::Residual => colors(image, channel::RESIDUAL, is_linear),
             Self::Roughness => gray(image, image.plane(channel::ROUGHNESS)),
             Self::Tint => colors(image, channel::TINT, false),
-            Self::Light => colors(image, channel::LIGHT, true),
+            Self::Light | Self::Indirect | Self::Irradiance => colors(image, channel::LIGHT, true),
+            Self::Visibility => gray(image, image.plane(channel::LIGHT)),
             Self::Metallic => gray(image, image.plane(channel::METALNESS)),
             Self::Ambient => gray(image, image.plane(channel::AMBIENT)),
         }

@@ -6,7 +6,12 @@ use crate::{
     overlap::overlap, picture_folder::PictureFolder,
 };
 use rayon::prelude::*;
-use specula_core::{camera::Camera, rules::Channels, scene::Image, shade::ShadingForm};
+use specula_core::{
+    camera::Camera,
+    rules::{Channels, LightLayer, RenderRules},
+    scene::Image,
+    shade::ShadingForm,
+};
 use specula_io::{
     Result,
     picture::{self, RgbImage},
@@ -31,8 +36,8 @@ pub struct PictureJob<'a> {
 
 impl PictureJob<'_> {
     /// Renders and writes every view, and the animation of a turntable. `form` is that of the
-    /// scene's shading; `inspect` is given each rendered view with its index, `progress` the number
-    /// of finished views.
+    /// scene's shading; `inspect` is given each view, rendered by the rules of the renderer, with
+    /// its index, `progress` the number of finished views.
     ///
     /// # Errors
     ///
@@ -45,13 +50,27 @@ impl PictureJob<'_> {
         mut inspect: impl FnMut(usize, &Image<Vec<f32>>) -> core::result::Result<(), E> + Send,
     ) -> core::result::Result<(), E> {
         let Self { cameras: CameraSet { cameras, is_turntable, .. }, folder, .. } = self;
+        let rules = *renderer.rules();
+        let others = LightLayer::OTHERS.into_iter().filter(|light| self.layers_with(*light).next().is_some());
+        let others: Vec<LightLayer> = others.collect();
         let render = |index: usize| {
-            let image = renderer.render(&cameras[index].1)?;
+            let camera = &cameras[index].1;
+            let mut image = renderer.render(camera)?;
             inspect(index, &image)?;
-            Ok(image)
+            let mut images = vec![(rules.light_layer, image)];
+            for light_layer in &others {
+                let rules = RenderRules { light_layer: *light_layer, ..rules };
+                image = renderer.render_lit(SceneRenderer::SCENE_LIGHT, camera, &rules)?;
+                images.push((*light_layer, image));
+            }
+            Ok(images)
         };
-        let finish = |index, image: Image<Vec<f32>>| -> core::result::Result<_, E> {
-            let colors = self.write(index, &image, form).map_err(SceneError::from)?;
+        let finish = |index, images: Vec<(LightLayer, Image<Vec<f32>>)>| -> core::result::Result<_, E> {
+            let mut colors = None;
+            for (light, image) in &images {
+                let written = self.write(index, *light, image, form).map_err(SceneError::from)?;
+                colors = colors.or(written);
+            }
             Ok(colors.filter(|_| *is_turntable))
         };
         let frames = overlap(cameras.len(), progress, render, finish)?;
@@ -62,16 +81,28 @@ impl PictureJob<'_> {
         Ok(())
     }
 
-    /// Writes the layers of a view; returns its colours, if they are among them.
-    fn write(&self, index: usize, image: &Image<Vec<f32>>, form: ShadingForm) -> Result<Option<RgbImage>> {
+    /// Layers that show a view which was rendered with a light in the channel of light.
+    fn layers_with(&self, light: LightLayer) -> impl Iterator<Item = Layer> {
+        self.layers.iter().copied().filter(move |layer| layer.light_layer() == light)
+    }
+
+    /// Writes the layers of a view with a light in the channel of light; returns its colours, if
+    /// they are among them.
+    fn write(
+        &self,
+        index: usize,
+        light: LightLayer,
+        image: &Image<Vec<f32>>,
+        form: ShadingForm,
+    ) -> Result<Option<RgbImage>> {
         let mut colors = None;
-        for layer in self.layers {
+        for layer in self.layers_with(light) {
             let picture = match layer {
                 Layer::Rgb => self.backdrop.picture(image, &self.cameras.cameras[index].1),
                 other => other.picture(image, form, self.backdrop.color().0),
             };
-            picture::write(&self.folder.picture(*layer, index), &picture)?;
-            if *layer == Layer::Rgb {
+            picture::write(&self.folder.picture(layer, index), &picture)?;
+            if layer == Layer::Rgb {
                 colors = Some(picture);
             }
         }

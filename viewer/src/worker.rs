@@ -283,7 +283,8 @@ impl RenderWorker {
         let lamps = self.lamps(request)?;
         let FilteredLight { slot, of_view, of_materials, lamps: known, .. } = self.filtered(request.light)?;
         let plan = if shows_materials { of_materials[index] } else { of_view[index] };
-        let (slot, rules) = (*slot, plan.illuminated(lamps.is_some()).rules);
+        let rules = RenderRules { light_layer: layer.light_layer(), ..plan.illuminated(lamps.is_some()).rules };
+        let slot = *slot;
         let is_known = lamps.as_ref().is_none_or(|lamps| known.as_ref().is_some_and(|known| is_same(known, lamps)));
         if let Some(lamps) = lamps.filter(|_| !is_known) {
             // Without its lamps the slot is not in use any more.

@@ -93,6 +93,7 @@ Examples:
   specula relight out/spheres --env sunset.hdr --exposure -2 --sun 30,20,4,2:ffcc99
   specula relight out/spheres --lamp 1,0,2,5,0.2 --lamp -2,1,1,3:88aaff
   specula relight out/spheres --sun 30,45,3,4 --ground --background white
+  specula relight out/spheres --env sunset.hdr --layers rgb,irradiance,visibility
   specula relight out/spheres --lights evening.toml --turn-light 48 -o evening
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
 pub(crate) struct Relight {
@@ -108,6 +109,9 @@ pub(crate) struct Relight {
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
+    /// Layers to render, separated by commas.
+    #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
+    pub(crate) layers: Vec<Layer>,
     /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) truth: Option<PathBuf>,

@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
     lights::{LightPlan, Shone},
     output, progress,
-    scene::{self, backdrop_of, render_pictures, shade},
+    scene::{self, backdrop_of, layers_of, render_pictures, shade},
 };
 use glam::Vec3;
 use specula_io::{
@@ -29,6 +29,9 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return Err(Failure::Input(
             "true pictures are compared over a colour; use --truth without --background env".into(),
         ));
+    }
+    if args.lights.turn_light.is_some() && args.layers != [Layer::Rgb] {
+        return Err(Failure::Input("--turn-light shows colours alone; use it without --layers".into()));
     }
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
@@ -62,7 +65,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
     let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
-    let layers = [Layer::Rgb];
+    let layers = layers_of(&args.layers, &opened.scene);
     let job = PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder };
     let form = opened.scene.shading_model.shading.form;
     let mut renderer = SceneRenderer::new(opened.scene, Layer::channels(&layers), &options)?;

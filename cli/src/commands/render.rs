@@ -5,7 +5,9 @@ use crate::{
     certified, dataset,
     failure::Failure,
     output,
-    scene::{self, backdrop_of, note_oddities, refuse_options_without_light, relight, render_pictures, shade},
+    scene::{
+        self, backdrop_of, layers_of, note_oddities, refuse_options_without_light, relight, render_pictures, shade,
+    },
 };
 use specula_core::shade::ShadingForm;
 use specula_io::model_folder::ModelInfo;
@@ -38,7 +40,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
     }
     shade(&mut opened.scene, args.views.shading.shading())?;
-    let layers = layers_of(&args.layers, &opened);
+    let layers = layers_of(&args.layers, &opened.scene);
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &parts)?;
@@ -123,25 +125,6 @@ fn refuse_omissions(check: &OmissionCheck) -> Result<(), Failure> {
         0.0 => Ok(()),
         largest => Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {largest}"))),
     }
-}
-
-/// Requested layers that the scene has.
-fn layers_of(requested: &[Layer], opened: &OpenedModel) -> Vec<Layer> {
-    let (layout, form) = (opened.scene.gaussians.layout, opened.scene.shading_model.shading.form);
-    let (layers, missing): (Vec<Layer>, Vec<Layer>) =
-        Layer::expanded(requested).into_iter().partition(|layer| layer.exists(layout, form));
-    let is_named = |layer: &&Layer| requested.contains(layer) || !layer.is_of_materials();
-    let names: Vec<&str> = missing.iter().filter(is_named).map(|layer| layer.name()).collect();
-    if !names.is_empty() {
-        let names = names.join(", ");
-        match (layout.is_shaded(), layout.is_physical, form) {
-            (false, _, _) => tracing::warn!("the scene is plain Gaussian splatting, which has no {names}"),
-            (true, true, ShadingForm::Physical) => tracing::warn!("physical materials have no {names}"),
-            (true, true, _) => tracing::warn!("{names}: use --shading physical"),
-            (true, false, _) => tracing::warn!("the scene was trained without --relightable and has no {names}"),
-        }
-    }
-    layers
 }
 
 /// The photographs of a set's views, if the data set of the training is still there.

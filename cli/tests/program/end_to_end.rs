@@ -140,7 +140,10 @@ fn a_scene_is_trained_measured_rendered_and_relit() {
     assert_eq!(evaluated["views"].as_array().unwrap().len(), 3);
 
     printed(specula().arg("render").arg(&model).args(["--layers", "all"]));
-    for layer in ["renders", "gt", "normal", "depth", "alpha", "diffuse", "specular", "residual", "roughness"] {
+    for layer in ["renders", "gt", "normal", "depth", "alpha", "diffuse", "specular", "residual", "roughness"]
+        .into_iter()
+        .chain(["light", "visibility", "indirect"])
+    {
         let picture = image::open(model.join(format!("test/ours_30/{layer}/00002.png"))).unwrap();
         assert_eq!((picture.width(), picture.height()), (SIZE, SIZE), "{layer}");
     }

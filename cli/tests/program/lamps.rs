@@ -37,6 +37,17 @@ fn suns_and_lamps_shine_on_models_with_materials() {
     let both = picture(&[&["--lights", path, "--lamp", "0,0,3,9,0.2"][..], &black].concat(), "both");
     assert!(brightness(&both) > brightness(&sunny), "options are added");
 
+    // The irradiance of a sun from above is that of a brighter sun, and is no colour.
+    let layers = |sun: &str, out: &str| {
+        let rgb = picture(&["--sun", sun, "--layers", "rgb,irradiance,visibility"], out);
+        let layer = |name: &str| image::open(tiny.path(out).join(name).join("00000.png")).unwrap().to_rgb8();
+        (rgb, layer("irradiance"), layer("visibility"))
+    };
+    let (_, dim_irradiance, _) = layers("30,60,0", "dim-layers");
+    let (rgb, irradiance, visibility) = layers("30,60,5", "layers");
+    assert!(brightness(&irradiance) > brightness(&dim_irradiance), "a sun shines on materials");
+    assert!(rgb != irradiance && visibility != irradiance, "layers differ");
+
     let turned = picture(&["--sun", "30,60", "--turn-light", "3", "--ground", "-2"], "turned");
     assert_eq!([turned.width(), turned.height()], [sunny.width(), sunny.height()]);
     assert!(tiny.path("turned/rgb/00002.png").is_file() && !tiny.path("turned/rgb/00003.png").exists());
@@ -66,6 +77,7 @@ fn lights_that_cannot_be_are_refused_with_a_remedy() {
     refused(&["--lamp", "1,2,3"], &["X,Y,Z,STRENGTH"]);
     refused(&["--sun", "30,45", "--shadow-rays", "0"], &["1 to"]);
     refused(&["--lights", "nowhere.toml"], &["nowhere.toml"]);
+    refused(&["--sun", "30,45", "--turn-light", "3", "--layers", "albedo"], &["--turn-light", "--layers"]);
     let file = tiny.path("wrong.toml");
     fs::write(&file, "moon = 1\n").unwrap();
     refused(&["--lights", file.to_str().unwrap()], &["wrong.toml", "moon"]);

@@ -20,7 +20,7 @@ use specula_core::{
     lamps::{self, diffuse_albedo},
     near_field::Reflection,
     physical::{self, PixelFacing, PixelLight, pixel_facing, pixel_facing_vjp, reflected},
-    rules::{Channels, channel},
+    rules::{Channels, LightLayer, RenderRules, channel},
     shade::ShadingForm,
     shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
     vector::{Vec3, vec3},
@@ -31,7 +31,7 @@ pub(crate) fn shade_pixels(
     mut surface: Frame,
     light: Option<&Light>,
     camera: &Camera,
-    form: ShadingForm,
+    rules: &RenderRules,
 ) -> Frame {
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut shaded = context.take::<Quad>(cover.tiles.len() * QUADS * RGB);
@@ -43,7 +43,7 @@ pub(crate) fn shade_pixels(
         let far = light.map(|light| Lighting { light, reflections, direct });
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
-            shade_tile(simd, cover.origin(slot), far, &lifted, form, tile, shaded);
+            shade_tile(simd, cover.origin(slot), far, &lifted, rules, tile, shaded);
         });
     });
     surface.shaded = Some(shaded);
@@ -183,12 +183,12 @@ fn shade_tile<S: Simd>(
     origin: [f32; 2],
     lighting: Option<Lighting<'_>>,
     camera: &CameraOf<Lanes<S>>,
-    form: ShadingForm,
+    rules: &RenderRules,
     tile: &mut [Quad],
     shaded: &mut [Quad],
 ) {
     let channels = tile.len() / QUADS - 1;
-    let Some(lighting) = lighting else { return unlit_tile(simd, channels, form, tile, shaded) };
+    let Some(lighting) = lighting else { return unlit_tile(simd, channels, rules, tile, shaded) };
     for quad in 0..QUADS {
         let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
         let Some(blended) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
@@ -197,16 +197,18 @@ fn shade_tile<S: Simd>(
         };
         let surface = pixel_surface(&blended.pixel, blended.view_dir);
         let coverage = blended.pixel.coverage;
+        let none = Vec3::zero(coverage);
         let own = radiance(simd, lighting.light, surface.reflection_dir, surface.roughness);
-        let light = match lighting.reflection(simd, quad) {
-            Some(reflection) if has_second_lookup(&reflection) => {
-                let of_near = radiance(simd, lighting.light, reflection.direction, reflection.roughness);
-                reflection.light(own, of_near)
+        let reflection = lighting.reflection(simd, quad);
+        let of_near = match &reflection {
+            Some(reflection) if has_second_lookup(reflection) => {
+                radiance(simd, lighting.light, reflection.direction, reflection.roughness)
             }
-            Some(reflection) => reflection.light(own, Vec3::zero(coverage)),
-            None => own,
+            _ => none,
         };
-        let (color, specular) = if form == ShadingForm::Physical {
+        let light = reflection.as_ref().map_or(own, |reflection| reflection.light(own, of_near));
+        let layers = BlendedQuad::new(simd, tile, quad);
+        let (color, specular, irradiance) = if rules.shading.form == ShadingForm::Physical {
             let facing = pixel_facing(&blended.pixel, blended.view_dir);
             let light = PixelLight {
                 specular: light,
@@ -214,23 +216,34 @@ fn shade_tile<S: Simd>(
                 split_sum: split_sum(simd, facing.n_dot_v, surface.roughness),
             };
             let [_, specular] = reflected(&surface, &light);
-            let color = match lighting.direct {
+            let of_sky = light.irradiance * layers.load(channel::AMBIENT);
+            let (color, irradiance) = match lighting.direct {
                 Some(direct) => {
                     let direct = direct_of_quad(simd, direct, quad);
-                    let layers = BlendedQuad::new(simd, tile, quad);
                     let metalness = layers.load(channel::METALNESS);
                     let albedo = diffuse_albedo(layers.load3(channel::DIFFUSE), metalness, coverage);
-                    lamps::pixel_color(&surface, &light, albedo, &direct, coverage)
+                    let color = lamps::pixel_color(&surface, &light, albedo, &direct, coverage);
+                    (color, of_sky + direct.irradiance * coverage)
                 }
-                None => physical::pixel_color(&surface, &light, coverage),
+                None => (physical::pixel_color(&surface, &light, coverage), of_sky),
             };
-            (color, specular * coverage)
+            (color, specular * coverage, irradiance)
         } else {
-            (pixel_color(&surface, light, coverage), blended.pixel.tint.times(light))
+            (pixel_color(&surface, light, coverage), blended.pixel.tint.times(light), none)
         };
         store(color, out);
         if channels >= Channels::Layers.count() {
-            store(light * coverage, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            let shown = match rules.light_layer {
+                LightLayer::Reflected => light * coverage,
+                LightLayer::Indirect => {
+                    reflection.as_ref().map_or(none, |reflection| reflection.indirect(of_near)) * coverage
+                }
+                LightLayer::Visibility => {
+                    Vec3::splat(reflection.as_ref().map_or(coverage, |reflection| reflection.far * coverage))
+                }
+                LightLayer::Irradiance => irradiance,
+            };
+            store(shown, &mut tile[at(channels, quad, channel::LIGHT)..]);
             store(specular, &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }
@@ -239,16 +252,17 @@ fn shade_tile<S: Simd>(
 /// A tile that no light reaches: it does not matter where its surfaces look. Physical materials are
 /// black.
 #[inline(always)]
-fn unlit_tile<S: Simd>(simd: S, channels: usize, form: ShadingForm, tile: &mut [Quad], shaded: &mut [Quad]) {
+fn unlit_tile<S: Simd>(simd: S, channels: usize, rules: &RenderRules, tile: &mut [Quad], shaded: &mut [Quad]) {
     let blended = Channels::of_count(channels);
     for quad in 0..QUADS {
         let pixel = BlendedQuad { simd, tile, quad, channels: blended };
         let (base, coverage) = (pixel.load3(channel::COLOR), -pixel.transmittance() + 1.0);
-        let base = if form == ShadingForm::Physical { Vec3::zero(coverage) } else { base };
+        let base = if rules.shading.form == ShadingForm::Physical { Vec3::zero(coverage) } else { base };
         store(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
         if channels >= Channels::Layers.count() {
             let none = Vec3::zero(coverage);
-            store(none, &mut tile[at(channels, quad, channel::LIGHT)..]);
+            let is_open = rules.light_layer == LightLayer::Visibility;
+            store(if is_open { Vec3::splat(coverage) } else { none }, &mut tile[at(channels, quad, channel::LIGHT)..]);
             store(none, &mut tile[at(channels, quad, channel::SPECULAR)..]);
         }
     }

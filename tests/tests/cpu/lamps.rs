@@ -18,7 +18,7 @@ use specula_core::{
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
-    rules::{Channels, RenderRules},
+    rules::{Channels, LightLayer, RenderRules},
     scene::{
         ALBEDO, AMBIENT, Environment, Gaussians, Image, LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS,
         RadianceActivation, len_of_values,
@@ -377,7 +377,8 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn a_picture_under_lamps_is_that_of_the_plain_pipeline_in_every_layer() {
-    for seed in 1..4 {
+    let seeds = [(1, LightLayer::Reflected), (2, LightLayer::Irradiance), (3, LightLayer::Irradiance)];
+    for (seed, light_layer) in seeds {
         let mut subject = Subject::new(seed);
         match seed {
             2 => subject.occluder = None,
@@ -387,7 +388,7 @@ fn a_picture_under_lamps_is_that_of_the_plain_pipeline_in_every_layer() {
             }
             _ => {}
         }
-        let rules = Subject::rules(true, Channels::Layers);
+        let rules = RenderRules { light_layer, ..Subject::rules(true, Channels::Layers) };
         let ours = wide(&subject.picture(Some(&lamps()), &rules).values);
         let operator = plain::Operator::new(RESOLUTION);
         let light = plain::prefilter::<Double>(&lift_environment(&subject.environment), &operator);

@@ -16,7 +16,7 @@ use specula_core::{
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     real::Real,
-    rules::{Channels, RenderRules, channel},
+    rules::{Channels, LightLayer, RenderRules, channel},
     scene::{BLOCK, Environment, Gaussians, Image, Layout, RadianceActivation},
     shade::ShadingRules,
     vector::{Vec3 as Real3, vec3},
@@ -316,10 +316,10 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn a_frame_with_a_near_field_is_that_of_the_plain_pipeline_in_every_layer() {
-    for seed in 1..4 {
+    for (seed, light_layer) in (1..).zip([LightLayer::Reflected, LightLayer::Indirect, LightLayer::Visibility]) {
         let subject = Subject::new(seed);
         let near_field = random_near_field(60, seed);
-        let rules = Subject::rules(true, Channels::Layers);
+        let rules = RenderRules { light_layer, ..Subject::rules(true, Channels::Layers) };
         let ours = wide(&subject.picture(Some(&near_field), &rules).values);
 
         let operator = plain::Operator::new(RESOLUTION);
@@ -348,6 +348,36 @@ fn a_near_field_changes_light_alone() {
             matches!(plane, 0..channel::NORMAL | channel::SPECULAR..channel::RESIDUAL | channel::LIGHT..24);
         assert_eq!(with.plane(plane) != without.plane(plane), is_of_light, "plane {plane}");
     }
+}
+
+/// Light along the reflection is what other surfaces reflect there, and the share of the far light
+/// that they leave.
+#[test]
+fn light_is_what_surfaces_reflect_and_what_they_leave() {
+    let subject = Subject::new(2);
+    let near_field = random_near_field(60, 2);
+    let layer = |near_field: Option<&NearField<Vec<f32>>>, light_layer| {
+        let rules = RenderRules { light_layer, ..Subject::rules(near_field.is_some(), Channels::Layers) };
+        subject.picture(near_field, &rules)
+    };
+    let [light, indirect, visibility] = [LightLayer::Reflected, LightLayer::Indirect, LightLayer::Visibility]
+        .map(|light_layer| layer(Some(&near_field), light_layer));
+    let far = layer(None, LightLayer::Reflected);
+    let transmittance = light.plane(light.channels - 1);
+    let mut met = 0;
+    for plane in channel::LIGHT..channel::LIGHT + 3 {
+        for (pixel, transmittance) in transmittance.iter().enumerate().filter(|(_, t)| **t < 0.9) {
+            let [light, indirect, visible, far] =
+                [&light, &indirect, &visibility, &far].map(|image| image.plane(plane)[pixel]);
+            let share = visible / (1.0 - transmittance);
+            assert!((light - (indirect + share * far)).abs() < SAME_PLACE * light.max(1.0), "pixel {pixel}");
+            met += usize::from(share < 0.5);
+        }
+    }
+    assert!(met > 0, "rays meet something");
+    let open = layer(None, LightLayer::Visibility);
+    assert!(open.plane(channel::LIGHT).iter().zip(transmittance).all(|(open, t)| (open - (1.0 - t)).abs() < 1e-6));
+    assert!(layer(None, LightLayer::Indirect).plane(channel::LIGHT).iter().all(|light| *light == 0.0));
 }
 
 /// Channels that no one asked for, and rules that do not trace, change no bit.

@@ -7,7 +7,7 @@ use specula_core::{
     near_field::NearField,
     pack::Storage,
     prefilter::{LevelRange, PrefilterScheme},
-    rules::{Channels, RenderRules},
+    rules::{Channels, LightLayer, RenderRules},
     scene::{Environment, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
@@ -149,6 +149,11 @@ fn both_executors_render_the_same_light_and_shadows() {
         assert!(scene.picture(&mut gpu, &lit, has_shadows) == ours, "the same bits twice");
         let unlit = scene.picture(&mut gpu, &rules(false, traces_near, Channels::Layers), has_shadows);
         assert!(psnr(&ours, &unlit) < 40.0, "lamps shine");
+        let irradiance = RenderRules { light_layer: LightLayer::Irradiance, ..lit };
+        let [other, theirs] =
+            [scene.picture(&mut gpu, &irradiance, has_shadows), scene.picture(&mut cpu, &irradiance, has_shadows)];
+        assert_psnr(&other, &theirs, SAME_FRAME);
+        assert!(other != ours, "the layer of light is another");
         let open = scene.picture(&mut gpu, &lit, false);
         assert_eq!(open != ours, has_shadows, "surfaces cast shadows");
     }

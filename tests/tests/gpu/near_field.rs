@@ -6,7 +6,7 @@ use specula_core::{
     near_field::{NearField, NearFieldError, VERTEX_LEN},
     pack::Storage,
     prefilter::{LevelRange, PrefilterScheme},
-    rules::{Channels, RenderRules},
+    rules::{Channels, LightLayer, RenderRules},
     scene::{Environment, Gaussians, Layout, RadianceActivation},
     shade::ShadingRules,
 };
@@ -16,8 +16,8 @@ use specula_gpu::{
     stages::{
         shade_pixels::formulas::SurfaceOfPixel,
         trace::formulas::{
-            BoxSpan, CrossingOf, FarReflection, InverseDirection, LightOfReflection, LightOfReflectionVjp,
-            LookupOfReflection, NearReflection, RayOfPixel,
+            BoxSpan, CrossingOf, FarReflection, IndirectOfReflection, InverseDirection, LightOfReflection,
+            LightOfReflectionVjp, LookupOfReflection, NearReflection, RayOfPixel, VisibilityOfReflection,
         },
     },
 };
@@ -69,6 +69,8 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let reflection = vec![share; 11];
     assert_same(gpu, &LookupOfReflection, &uniform_rows(8, &reflection));
     assert_same(gpu, &LightOfReflection, &uniform_rows(9, &[reflection.clone(), vec![[0.0, 3.0]; 6]].concat()));
+    assert_same(gpu, &IndirectOfReflection, &uniform_rows(11, &[reflection.clone(), vec![[0.0, 3.0]; 3]].concat()));
+    assert_same(gpu, &VisibilityOfReflection, &uniform_rows(12, &reflection));
     assert_same(gpu, &LightOfReflectionVjp, &uniform_rows(10, &[reflection, vec![signed; 3]].concat()));
 }
 
@@ -125,6 +127,12 @@ fn both_executors_render_the_same_reflections() {
         if channels == Channels::Layers {
             let far = scene.picture(&mut gpu, &rules(false, channels));
             assert!(psnr(&ours, &far) < 50.0, "rays meet something");
+            for light_layer in LightLayer::OTHERS {
+                let rules = RenderRules { light_layer, ..near };
+                let (other, theirs) = (scene.picture(&mut gpu, &rules), scene.picture(&mut cpu, &rules));
+                assert_psnr(&other, &theirs, SAME_FRAME);
+                assert!(other != ours, "{light_layer:?} is another light");
+            }
         }
     }
 }

@@ -20,11 +20,14 @@ const element = (id) => document.getElementById(id);
 const FOCUS_EDGE = 640;
 /** Shadow rays of a pixel to each lamp during movement; at rest the server's default holds. */
 const PREVIEW_RAYS = 4;
-/** Components of physical materials, as their buttons explain them. */
+/** Layers whose names say too little, as their buttons explain them. */
 const HINTS = {
   albedo: "colour of the material without light",
   metallic: "share of metal, white is a metal",
   ambient: "share of the surrounding light that is not shadowed, white is open",
+  visibility: "share of the far light along the reflection that no surface keeps off, white is open",
+  indirect: "light along the reflection that other surfaces reflect",
+  irradiance: "light that reaches the material, as a white wall shows it",
 };
 /** Duration of an error message, in milliseconds. */
 const MESSAGE_TIME = 8000;

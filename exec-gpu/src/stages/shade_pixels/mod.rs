@@ -24,7 +24,7 @@ use formulas::{ColorOfPixel, FacingOfPixel, PhysicalColorOfPixel, SurfaceOfPixel
 use specula_core::{
     camera::Camera,
     pack::Storage,
-    rules::{Channels, channel},
+    rules::{Channels, LightLayer, RenderRules, channel},
     shade::ShadingForm,
 };
 
@@ -56,7 +56,12 @@ impl Variant {
 const REFLECTIONS: usize = 4;
 
 /// Kernel for a surface; without a light, its radiance is zero.
-pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, variant: Variant) -> String {
+pub(crate) fn source(
+    surface: &SurfaceOfPixel,
+    light: Option<&LightLayout>,
+    variant: Variant,
+    light_layer: LightLayer,
+) -> String {
     let source = Source::new()
         .real()
         .part(camera)
@@ -64,11 +69,16 @@ pub(crate) fn source(surface: &SurfaceOfPixel, light: Option<&LightLayout>, vari
         .flag("SHOWS_LIGHT", surface.blended == Channels::Layers)
         .count("TINT_CHANNEL", channel::TINT)
         .count("SPECULAR_CHANNEL", channel::SPECULAR)
-        .count("LIGHT_CHANNEL", channel::LIGHT);
+        .count("LIGHT_CHANNEL", channel::LIGHT)
+        .count("AMBIENT_CHANNEL", channel::AMBIENT)
+        .count("INDIRECT", LightLayer::Indirect as usize)
+        .count("VISIBILITY", LightLayer::Visibility as usize)
+        .count("IRRADIANCE", LightLayer::Irradiance as usize)
+        .count("LIGHT_LAYER", light_layer as usize);
     let source = match light {
         Some(light) if variant.is_traced => light.lookup(source).part(reflection).with(include_str!("reflected.wgsl")),
-        Some(light) => light.lookup(source).with(LIT),
-        None => texels(source, Storage::F32).with(UNLIT),
+        Some(light) => light.lookup(source).with(LIT).with(include_str!("open.wgsl")),
+        None => texels(source, Storage::F32).with(UNLIT).with(include_str!("open.wgsl")),
     };
     let source = match (variant.is_physical, light) {
         (false, _) => source.formula(&ColorOfPixel).with(include_str!("deferred.wgsl")),
@@ -102,7 +112,7 @@ pub(crate) fn shade_pixels(
     mut frame: Frame,
     light: Option<&Light>,
     camera: &Camera,
-    form: ShadingForm,
+    rules: &RenderRules,
 ) -> Result<Frame, GpuError> {
     let view = CameraUniform::new(camera, 0);
     let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
@@ -110,7 +120,7 @@ pub(crate) fn shade_pixels(
     let none = context.allocate("no light", 4)?;
     let texels = light.map_or(&none, |light| &light.texels);
     let reflections = frame.reflections.as_ref().filter(|_| light.is_some());
-    let is_physical = form == ShadingForm::Physical;
+    let is_physical = rules.shading.form == ShadingForm::Physical;
     let direct = frame.direct.as_ref().filter(|_| light.is_some() && is_physical);
     let variant = Variant { is_traced: reflections.is_some(), is_physical, is_illuminated: direct.is_some() };
     let split_sum = light.filter(|_| variant.is_physical).map(|light| light.source.split_sum(context)).transpose()?;
@@ -118,8 +128,8 @@ pub(crate) fn shade_pixels(
         [&frame.blended, texels, &shaded].into_iter().chain(reflections).chain(split_sum).chain(direct).map(Buffer);
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     let layout = light.map(|light| &light.layout);
-    let key = format!("{surface:?} {layout:?} {variant:?}");
-    let source = || source(&surface, layout, variant);
+    let key = format!("{surface:?} {layout:?} {variant:?} {:?}", rules.light_layer);
+    let source = || source(&surface, layout, variant, rules.light_layer);
     context.dispatch(&key, "shade_pixels", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
     frame.shaded = Some(shaded);
     Ok(frame)

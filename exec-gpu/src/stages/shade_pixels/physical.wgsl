@@ -7,3 +7,7 @@ fn lit_pixel(surface: SurfaceOfPixel, point: vec2f, light: vec3f) -> LitPixel {
     let lit = physical_color_of_pixel(surface.base, surface.tint, light, irradiance, split_sum, surface.coverage);
     return LitPixel(lit.color, lit.specular);
 }
+
+fn irradiance_of_pixel(coverage: f32, point: vec2f) -> vec3f {
+    return radiance_in_level(facing_of_pixel(point).normal, IRRADIANCE_LEVEL) * blended(AMBIENT_CHANNEL);
+}

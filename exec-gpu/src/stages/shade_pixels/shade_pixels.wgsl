@@ -4,7 +4,7 @@
 // Inputs: camera, blended surface attributes, texels of the light, reflections that were traced.
 // Outputs: colours; the layers of light and specular colour where they are requested.
 // Variants: blended channels; with or without a light, with or without reflections; base colours or
-// physical materials.
+// physical materials; the layer of light.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read_write> frame: array<f32>;
@@ -35,6 +35,20 @@ fn store_layer(channel: u32, color: vec3f) {
     frame[(channel + 2u) * size + pixel] = color.z;
 }
 
+// The layer of light, premultiplied.
+fn light_layer(light: vec3f, coverage: f32, point: vec2f) -> vec3f {
+    if LIGHT_LAYER == INDIRECT {
+        return indirect_of_pixel() * coverage;
+    }
+    if LIGHT_LAYER == VISIBILITY {
+        return vec3f(visibility_of_pixel() * coverage);
+    }
+    if LIGHT_LAYER == IRRADIANCE {
+        return irradiance_of_pixel(coverage, point);
+    }
+    return light * coverage;
+}
+
 @compute @workgroup_size(GROUP)
 fn shade_pixels(
     @builtin(workgroup_id) group: vec3u,
@@ -51,7 +65,7 @@ fn shade_pixels(
     let light = light_of(surface.reflection_dir, surface.roughness);
     let lit = lit_pixel(surface, point, light);
     if SHOWS_LIGHT {
-        store_layer(LIGHT_CHANNEL, light * surface.coverage);
+        store_layer(LIGHT_CHANNEL, light_layer(light, surface.coverage, point));
         store_layer(SPECULAR_CHANNEL, lit.specular);
     }
     shaded[pixel] = lit.color.x;

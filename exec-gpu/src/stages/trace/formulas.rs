@@ -120,6 +120,23 @@ formula!(LightOfReflection, |_, inputs| light_of_reflection(..reflection_fields(
     reflection.light(inputs.vec3(), inputs.vec3())
 });
 
+/// Light of a reflection from the surface that its ray meets ([`Reflection::indirect`]).
+#[derive(Clone, Copy, Debug)]
+pub struct IndirectOfReflection;
+
+formula!(IndirectOfReflection, |_, inputs| indirect_of_reflection(..reflection_fields(), of_near: 3) -> (light: 3) {
+    let reflection = take_reflection(inputs);
+    reflection.indirect(inputs.vec3())
+});
+
+/// Share of a pixel's own far light in its reflection.
+#[derive(Clone, Copy, Debug)]
+pub struct VisibilityOfReflection;
+
+formula!(VisibilityOfReflection, |_, inputs| visibility_of_reflection(..reflection_fields()) -> (far: 1) {
+    [take_reflection(inputs).far]
+});
+
 /// Gradient of [`LightOfReflection`] with respect to both lights ([`Reflection::light_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct LightOfReflectionVjp;

@@ -20,8 +20,8 @@ use crate::{
 };
 use bytemuck::{Pod, Zeroable};
 use formulas::{
-    BoxSpan, CrossingOf, FarReflection, InverseDirection, LightOfReflection, LookupOfReflection, NearReflection,
-    REFLECTION_LEN, RayOfPixel,
+    BoxSpan, CrossingOf, FarReflection, IndirectOfReflection, InverseDirection, LightOfReflection, LookupOfReflection,
+    NearReflection, REFLECTION_LEN, RayOfPixel, VisibilityOfReflection,
 };
 use specula_core::{
     camera::Camera,
@@ -66,7 +66,12 @@ pub(crate) fn traversal(source: Source) -> Source {
 /// Appends the lookup of far light of a pixel's reflection, and its light, for kernels that bind
 /// `reflections`.
 pub(crate) fn reflection(source: Source) -> Source {
-    source.with(include_str!("reflection.wgsl")).formula(&LookupOfReflection).formula(&LightOfReflection)
+    source
+        .with(include_str!("reflection.wgsl"))
+        .formula(&LookupOfReflection)
+        .formula(&LightOfReflection)
+        .formula(&IndirectOfReflection)
+        .formula(&VisibilityOfReflection)
 }
 
 /// `NearField` of `near_field.wgsl`; without nodes no ray meets anything.
