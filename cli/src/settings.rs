@@ -21,7 +21,7 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
     }
     set_start(&mut profile, &args.start)?;
     let profile = with_light(profile, args.start.light, visits)?;
-    let profile = with_materials(profile, args.start.relightable, visits)?;
+    let profile = with_materials(profile, args.start.relightable)?;
     let mut profile = with_reflections(profile, args.start.reflections)?;
     profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(visits));
     let mut profile = profile.for_batches(args.views_per_step);
@@ -38,6 +38,7 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     set(&mut profile.coarse_until, args.coarse_until);
+    set(&mut profile.cool_from, args.cool_from);
     // -1 stands for the degree of the profile.
     if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
         profile.layout.sh_degree = Some(degree);
@@ -106,12 +107,12 @@ fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> R
 }
 
 /// Profile that also fits physical materials.
-fn with_materials(profile: Profile, is_relightable: bool, iterations: u32) -> Result<Profile, Failure> {
+fn with_materials(profile: Profile, is_relightable: bool) -> Result<Profile, Failure> {
     if !is_relightable {
         return Ok(profile);
     }
     let name = profile.name;
-    let profile = profile.relightable(iterations);
+    let profile = profile.relightable();
     if profile.physical.is_none() {
         return Err(Failure::Input(format!(
             "materials are lit pixel by pixel; use --profile specula, or --light-per pixel, with --relightable rather \

@@ -54,7 +54,7 @@ fn points() -> Vec<Point> {
 fn settings(name: &str, batch: u32) -> Settings {
     let mut profile = by_name(name, STEPS * batch).expect("a profile of that name").for_batches(batch);
     if name == "specula" {
-        profile = profile.reflecting_itself().relightable(STEPS * batch);
+        profile = profile.reflecting_itself().relightable();
         profile.near_field = Some(NearFieldSchedule { from: 0.3, every: 0.3, voxels: 16 });
         profile.exposure = Some(exposure_rate(STEPS));
     }

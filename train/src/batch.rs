@@ -5,7 +5,7 @@
 //! moments are those of single views, so that there is no rule by which they would have to grow.
 
 use crate::{
-    profile::{Densification, Profile, Rates},
+    profile::{Densification, Profile},
     transfer::{download, download_gaussians},
 };
 use specula_core::{
@@ -28,21 +28,7 @@ impl Profile {
         }
         let steps = |count: u32| (count.saturating_add(views / 2) / views).max(count.min(1));
         let rate = |schedule: Schedule| Schedule { steps: steps(schedule.steps), ..schedule };
-        let Rates { normal_residual, .. } = self.rates;
-        self.rates = Rates {
-            mean: rate(self.rates.mean),
-            log_scale: rate(self.rates.log_scale),
-            quat: rate(self.rates.quat),
-            opacity: rate(self.rates.opacity),
-            diffuse: rate(self.rates.diffuse),
-            tint: rate(self.rates.tint),
-            roughness: rate(self.rates.roughness),
-            normal_residual: normal_residual.map(rate),
-            material: rate(self.rates.material),
-            sh_first: rate(self.rates.sh_first),
-            sh_rest: rate(self.rates.sh_rest),
-            environment: rate(self.rates.environment),
-        };
+        self.rates = self.rates.map(rate);
         self.exposure = self.exposure.map(rate);
         let Densification { from, until, every, reset_every, .. } = self.densification;
         self.densification = Densification {

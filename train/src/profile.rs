@@ -47,6 +47,27 @@ pub struct Rates {
     pub environment: Schedule,
 }
 
+impl Rates {
+    /// All schedules through a function.
+    #[must_use]
+    pub fn map(self, change: impl Fn(Schedule) -> Schedule) -> Self {
+        Self {
+            mean: change(self.mean),
+            log_scale: change(self.log_scale),
+            quat: change(self.quat),
+            opacity: change(self.opacity),
+            diffuse: change(self.diffuse),
+            tint: change(self.tint),
+            roughness: change(self.roughness),
+            normal_residual: self.normal_residual.map(&change),
+            material: change(self.material),
+            sh_first: change(self.sh_first),
+            sh_rest: change(self.sh_rest),
+            environment: change(self.environment),
+        }
+    }
+}
+
 /// Schedule and thresholds of densification, for the full number of iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densification {
@@ -217,6 +238,10 @@ pub struct Profile {
     pub harmonics_step: f32,
     /// Learning rates.
     pub rates: Rates,
+    /// Share of the training after which all learning rates fall linearly to zero, beside their
+    /// schedules; 1 for never. The gradient of a single view is noise around that of all of them:
+    /// large steps cover distance, the small ones at the end average the noise out.
+    pub cool_from: f32,
     /// Learning rate of exposures; none where exposures are not learned.
     pub exposure: Option<Schedule>,
     /// Densification.
@@ -289,6 +314,7 @@ fn plain(iterations: u32) -> Profile {
             sh_rest: Schedule::constant(2.5e-3 / 20.0),
             environment: Schedule::constant(0.0),
         },
+        cool_from: 1.0,
         exposure: None,
         densification: densification(iterations),
         views_per_step: 1,
@@ -385,16 +411,8 @@ fn official(iterations: u32) -> Profile {
     }
 }
 
-/// Rate that falls over a training of `specula`: to a tenth from 7000 iterations on, to more in
-/// shorter trainings, which end before they have converged (docs/trials.md).
-fn falling(rate: f32, iterations: u32) -> Schedule {
-    let share = (700.0 / iterations.max(1) as f32).clamp(0.1, 0.5);
-    Schedule { first: rate, last: share * rate, steps: iterations }
-}
-
 /// specula's own profile, tuned for quality.
 fn specula(iterations: u32) -> Profile {
-    let falling = |rate: f32| falling(rate, iterations);
     let paper = paper(iterations);
     Profile {
         name: "specula",
@@ -422,15 +440,16 @@ fn specula(iterations: u32) -> Profile {
         harmonics_from: 0.3,
         harmonics_step: 0.05,
         rates: Rates {
-            log_scale: falling(1e-2),
-            quat: falling(4e-3),
-            diffuse: falling(1e-2),
-            tint: falling(2e-2),
-            roughness: falling(2e-2),
-            normal_residual: [falling(2e-2); 2],
-            environment: falling(2e-2),
+            log_scale: Schedule::constant(1e-2),
+            quat: Schedule::constant(4e-3),
+            diffuse: Schedule::constant(1e-2),
+            tint: Schedule::constant(2e-2),
+            roughness: Schedule::constant(2e-2),
+            normal_residual: [Schedule::constant(2e-2); 2],
+            environment: Schedule::constant(2e-2),
             ..paper.rates
         },
+        cool_from: 0.7,
         ..paper
     }
 }
@@ -516,21 +535,32 @@ impl Profile {
 
     /// Profile that also fits physical materials, for relighting, whose light may be kept away by
     /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
-    pub fn relightable(mut self, iterations: u32) -> Self {
+    pub fn relightable(mut self) -> Self {
         if self.is_lit_per_pixel() {
             self.layout = self.layout.physical();
             self.physical = Some(PhysicalSchedule::DEFAULT);
             self.near_field = Some(NearFieldSchedule::DEFAULT);
-            self.rates.material = falling(2e-2, iterations);
+            self.rates.material = Schedule::constant(2e-2);
         }
         self
     }
 
-    /// Learning rates at a progress in \[0, 1\].
+    /// Learning rates of a step that begins at a progress in \[0, 1).
     pub fn rates_at(&self, done: f32) -> Rates {
         let held = [Schedule::constant(0.0); 2];
         let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
-        Rates { normal_residual, ..self.rates }
+        let warmth = self.warmth(done);
+        let cooled = |schedule: Schedule| Schedule {
+            first: warmth * schedule.first,
+            last: warmth * schedule.last,
+            ..schedule
+        };
+        Rates { normal_residual, ..self.rates }.map(cooled)
+    }
+
+    /// Share of the learning rates that cooling leaves at a progress in \[0, 1\].
+    fn warmth(&self, done: f32) -> f32 {
+        if done <= self.cool_from { 1.0 } else { ((1.0 - done) / (1.0 - self.cool_from)).max(0.0) }
     }
 
     /// Loss weights at a progress in \[0, 1\]. The normal loss begins after surfaces have formed,
@@ -637,6 +667,16 @@ mod tests {
     }
 
     #[test]
+    fn learning_rates_fall_to_zero_at_the_end() {
+        let profile = Profile { cool_from: 0.5, ..by_name("specula", 1000).expect("a profile") };
+        let share = |done: f32| profile.rates_at(done).tint.at(0) / profile.rates.tint.at(0);
+        assert_eq!([0.0, 0.5, 0.75, 1.0].map(share), [1.0, 1.0, 0.5, 0.0]);
+        assert_eq!(profile.rates_at(1.0).mean.at(1000), 0.0);
+        let warm = Profile { cool_from: 1.0, ..profile };
+        assert_eq!(warm.rates_at(1.0), warm.rates);
+    }
+
+    #[test]
     fn surfaces_are_made_from_a_tenth_on_and_not_after_the_last_step() {
         let due = |iterations: u32| {
             (0..=iterations).filter(|step| NearFieldSchedule::DEFAULT.is_due(*step, iterations)).collect::<Vec<_>>()
@@ -648,23 +688,11 @@ mod tests {
     #[test]
     fn materials_alone_reflect_the_scene_itself_unless_view_dependent_colours_shall() {
         let profile = || by_name("specula", 1000).expect("a profile");
-        let relightable = profile().relightable(1000);
+        let relightable = profile().relightable();
         assert!(relightable.near_field.is_some() && relightable.reflections == Reflections::Far);
-        assert_eq!(profile().reflecting_itself().relightable(1000).reflections, Reflections::Near);
+        assert_eq!(profile().reflecting_itself().relightable().reflections, Reflections::Near);
         let per_gaussian = by_name("paper", 1000).expect("a profile");
-        assert_eq!(per_gaussian.clone().reflecting_itself().relightable(1000), per_gaussian);
-    }
-
-    #[test]
-    fn rates_of_short_trainings_fall_less() {
-        let share = |iterations: u32| {
-            let Schedule { first, last, .. } = by_name("specula", iterations).expect("a profile").rates.tint;
-            last / first
-        };
-        let expected = [(0, 0.5), (1400, 0.5), (2000, 0.35), (7000, 0.1), (30_000, 0.1)];
-        for (iterations, expected) in expected {
-            assert!((share(iterations) - expected).abs() < 1e-6, "{iterations}: {}", share(iterations));
-        }
+        assert_eq!(per_gaussian.clone().reflecting_itself().relightable(), per_gaussian);
     }
 
     #[test]

@@ -62,6 +62,7 @@ struct Pass {
     weights: LossWeights,
     /// Learning rate of every plane.
     rates: Vec<f32>,
+    environment_rate: f32,
     /// Whether the views add to the statistics of densification.
     is_observed: bool,
 }
@@ -217,16 +218,17 @@ impl<E: Executor> Trainer<E> {
         let rules = self.rules_at(number, Channels::Training);
         let weights = self.settings.profile.weights_at(self.done(number));
         let profile = &self.settings.profile;
-        let rates = profile.rates_at(self.done(number));
+        let rates = profile.rates_at(self.done(number - 1));
+        let environment_rate = rates.environment.at(number);
         let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
         let physical = profile.physical.filter(|physical| physical.is_due(number, self.settings.iterations));
         let layout = profile.layout;
-        let pass = Pass { rules, weights, rates: view_rates(layout, &rates), is_observed: true };
+        let pass = Pass { rules, weights, rates: view_rates(layout, &rates), environment_rate, is_observed: true };
         let reports = self.fit(&views, &pass)?;
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let weights = physical_weights(&weights, physical.weight);
-            let pass = Pass { rules, weights, rates: physical_rates(layout, &rates), is_observed: false };
+            let pass = Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
             self.fit(&views, &pass)?;
         }
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
@@ -258,7 +260,7 @@ impl<E: Executor> Trainer<E> {
             weights: &pass.weights,
             is_observed: pass.is_observed,
             rates: &pass.rates,
-            environment_rate: profile.rates.environment.at(number),
+            environment_rate: pass.environment_rate,
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
             number: u32::try_from(first + position as u64).unwrap_or(u32::MAX),
         };
