@@ -15,6 +15,7 @@ use specula_scene::{
 };
 use specula_train::{
     exchange::{Exchange, ExchangeError, PATIENCE, ThreadExchange, threads},
+    pictures::PictureSource,
     profile::{NearFieldSchedule, by_name, exposure_rate},
     ranks::StepSizes,
     start::Point,
@@ -81,8 +82,8 @@ impl Observer for Around {
     fn is_device_failure(_: &SceneError) -> bool {
         false
     }
-    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), SceneError> {
-        Ok((views(), points()))
+    fn origin(&self) -> (&dyn PictureSource, &[Point]) {
+        unreachable!("no device is lost here")
     }
     fn is_interrupted(&self) -> bool {
         self.ends_before == Some(self.iteration + 1)

@@ -37,12 +37,13 @@ impl Target {
     pub(crate) fn new(width: usize, height: usize, rgba: &[u8]) -> Self {
         let [columns, rows] = [width, height].map(|pixels| tile_count(pixels as u32) as usize);
         let mut quads = vec![[[0; BLOCK]; 4]; columns * rows * QUADS];
-        for (pixel, rgba) in rgba.chunks_exact(4).enumerate() {
-            let (x, y) = (pixel % width, pixel / width);
-            let tile = y / SIZE * columns + x / SIZE;
-            let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + x % SIZE / QUAD];
-            let lane = y % QUAD * QUAD + x % QUAD;
-            quad.iter_mut().zip(rgba).for_each(|(channel, value)| channel[lane] = *value);
+        for (y, row) in rgba.chunks_exact(4 * width.max(1)).enumerate() {
+            for (x, rgba) in row.chunks_exact(4).enumerate() {
+                let tile = y / SIZE * columns + x / SIZE;
+                let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + x % SIZE / QUAD];
+                let lane = y % QUAD * QUAD + x % QUAD;
+                quad.iter_mut().zip(rgba).for_each(|(channel, value)| channel[lane] = *value);
+            }
         }
         let is_transparent = |quads: &[[[u8; BLOCK]; 4]]| quads.iter().all(|quad| quad[3] == [0; BLOCK]);
         Self {
