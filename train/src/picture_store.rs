@@ -413,3 +413,133 @@ impl Drop for Reader {
         self.shelf.changed.notify_all();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::sync::atomic::{AtomicUsize, Ordering};
+    use glam::Vec3;
+
+    const SIZE: u32 = 8;
+    const PICTURE: u64 = 4 * (SIZE * SIZE) as u64;
+
+    fn cameras(count: usize) -> Vec<Camera> {
+        vec![Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, SIZE, SIZE); count]
+    }
+
+    /// View whose pixels are its number.
+    fn view(index: usize) -> View {
+        let rgba = vec![index as u8; PICTURE as usize];
+        View { name: index.to_string(), camera: cameras(1)[0], rgba, normals: None }
+    }
+
+    fn turns(views: &[usize], is_halved: bool) -> Vec<Turn> {
+        (1..).zip(views).map(|(visit, view)| Turn { visit, picture: PictureKey { view: *view, is_halved } }).collect()
+    }
+
+    /// First byte and size of the picture that is shown.
+    fn seen(pictures: &mut dyn Pictures, turn: Turn) -> Result<(u8, u32), PictureError> {
+        let mut seen = None;
+        pictures.show(turn, &mut |view| seen = Some((view.rgba[0], view.camera.width)))?;
+        Ok(seen.expect("it was shown"))
+    }
+
+    #[test]
+    fn every_turn_shows_its_picture_within_the_budget() {
+        let views = [3, 1, 4, 1, 5, 0, 2, 3, 5, 4, 0, 1, 2];
+        for budget in [0, 1, 2, 3, 6] {
+            for decoders in [0, 1, 3] {
+                let store = PictureStore::new(cameras(6), budget * PICTURE, decoders, |index| Ok(view(index)));
+                let mut pictures = store.pictures();
+                let all = [turns(&views, true), turns(&views, false)];
+                for (turns, size) in all.iter().zip([SIZE / 2, SIZE]) {
+                    pictures.expect(turns);
+                    for (turn, view) in turns.iter().zip(views) {
+                        assert_eq!(seen(pictures.as_mut(), *turn), Ok((view as u8, size)), "{budget} on {decoders}");
+                    }
+                }
+                let held = store.held();
+                assert!(
+                    held.bytes_max <= budget.max(1) * PICTURE,
+                    "{held:?} of {budget} pictures on {decoders} threads"
+                );
+                assert!(budget > 0 || held.pictures_max == 1, "{held:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_needed_soon_is_kept() {
+        let decoded = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&decoded);
+        let open = move |index: usize| {
+            count.fetch_add(1, Ordering::Relaxed);
+            Ok(view(index))
+        };
+        let store = PictureStore::new(cameras(3), 2 * PICTURE, 0, open);
+        let mut pictures = store.pictures();
+        let turns = turns(&[0, 1, 2, 0, 1, 0], false);
+        pictures.expect(&turns);
+        for turn in &turns {
+            seen(pictures.as_mut(), *turn).expect("it can be decoded");
+        }
+        // For 2 the one whose turn is later makes room, 1; for that one 2, which has no turn.
+        assert_eq!(decoded.load(Ordering::Relaxed), 4);
+    }
+
+    #[test]
+    fn what_is_added_is_not_decoded_and_a_lone_viewer_may_keep_it() {
+        let store =
+            PictureStore::new(cameras(2), 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
+        store.add(1, view(1));
+        let mut pictures = store.pictures();
+        assert!(pictures.are_kept_by_viewer(), "all fit at both sizes");
+        let turn = turns(&[1], false)[0];
+        assert_eq!(seen(pictures.as_mut(), turn), Ok((1, SIZE)));
+        pictures.release(turn.picture);
+        assert_eq!((store.held().pictures, store.held().bytes), (0, 0));
+        let other = store.pictures();
+        assert!(!pictures.are_kept_by_viewer(), "another rank needs them");
+        drop(other);
+        let tight = PictureStore::new(cameras(2), 2 * PICTURE, 0, |index| Ok(view(index)));
+        assert!(!tight.pictures().are_kept_by_viewer(), "there is no room for smaller ones");
+    }
+
+    #[test]
+    fn failures_come_in_their_turn_and_may_pass() {
+        let tries = AtomicUsize::new(0);
+        let open = move |index: usize| match (index, tries.fetch_add(1, Ordering::Relaxed)) {
+            (1, ..3) => Err(PictureError("it is away".into())),
+            (2, _) => panic!("a decoder with a fault"),
+            (index, _) => Ok(view(index)),
+        };
+        let store = PictureStore::new(cameras(3), 3 * PICTURE, 0, open);
+        let mut pictures = store.pictures();
+        let turns = turns(&[0, 1, 2], false);
+        assert_eq!(seen(pictures.as_mut(), turns[0]), Ok((0, SIZE)));
+        for expected in [Err(PictureError("it is away".into())), Err(PictureError("it is away".into())), Ok((1, SIZE))]
+        {
+            assert_eq!(seen(pictures.as_mut(), turns[1]), expected);
+        }
+        assert!(seen(pictures.as_mut(), turns[2]).is_err(), "a panic is no reason to wait for ever");
+    }
+
+    #[test]
+    fn readers_of_a_store_wait_for_each_other_and_all_come_to_their_end() {
+        let store = PictureStore::new(cameras(5), PICTURE, 1, |index| Ok(view(index)));
+        thread::scope(|scope| {
+            for reader in 0..4 {
+                let mut pictures = store.pictures();
+                scope.spawn(move || {
+                    let views: Vec<usize> = (0..50).map(|k| (k * (reader + 1) + reader) % 5).collect();
+                    let turns = turns(&views, reader % 2 == 0);
+                    pictures.expect(&turns);
+                    for (turn, view) in turns.iter().zip(views) {
+                        assert_eq!(seen(pictures.as_mut(), *turn).map(|(byte, _)| byte), Ok(view as u8));
+                    }
+                });
+            }
+        });
+        assert!(store.held().bytes_max <= PICTURE, "{:?}", store.held());
+    }
+}
