@@ -11,11 +11,11 @@ use crate::{
     pictures::{PictureError, PictureKey, PictureSource, Pictures, Turn},
     view::View,
 };
-use core::{cmp::Reverse, fmt};
+use core::{cmp::Reverse, fmt, panic::AssertUnwindSafe};
 use specula_core::camera::Camera;
 use std::{
     collections::{HashMap, VecDeque},
-    panic::{AssertUnwindSafe, catch_unwind},
+    panic::catch_unwind,
     sync::{Arc, Condvar, Mutex, MutexGuard},
     thread::{self, JoinHandle},
 };
@@ -99,6 +99,28 @@ impl PictureSource for PictureStore {
         state.next_reader += 1;
         state.turns.insert(reader, VecDeque::new());
         Box::new(Reader { shelf: Arc::clone(&self.shelf), reader })
+    }
+}
+
+/// Views in memory, which are halved once.
+impl PictureSource for [View] {
+    fn pictures(&self) -> Box<dyn Pictures> {
+        let cameras = self.iter().map(|view| view.camera).collect();
+        let store = PictureStore::new(cameras, u64::MAX, 0, |_| Err(PictureError("a picture was given away".into())));
+        self.iter().enumerate().for_each(|(index, view)| store.add(index, view.clone()));
+        store.pictures()
+    }
+}
+
+impl PictureSource for Vec<View> {
+    fn pictures(&self) -> Box<dyn Pictures> {
+        self.as_slice().pictures()
+    }
+}
+
+impl<const COUNT: usize> PictureSource for [View; COUNT] {
+    fn pictures(&self) -> Box<dyn Pictures> {
+        self.as_slice().pictures()
     }
 }
 

@@ -42,8 +42,8 @@ pub trait Pictures: Debug + Send {
     /// A picture that cannot be decoded, or is no longer what it was.
     fn show(&mut self, turn: Turn, look: &mut dyn FnMut(&View)) -> Result<(), PictureError>;
 
-    /// Returns whether a picture is best kept by the one who was shown it: all of them fit into the
-    /// memory that is set for them, and no other rank needs them.
+    /// Returns whether an executor with memory of its own may keep all pictures that it is shown: all
+    /// of them fit into the memory that is set for them, and no other rank needs them.
     fn are_kept_by_viewer(&self) -> bool;
 
     /// Frees a picture, which is not shown again.
@@ -54,55 +54,4 @@ pub trait Pictures: Debug + Send {
 pub trait PictureSource {
     /// Pictures for one training, or for one rank of it.
     fn pictures(&self) -> Box<dyn Pictures>;
-}
-
-impl PictureSource for [View] {
-    fn pictures(&self) -> Box<dyn Pictures> {
-        Box::new(Whole { views: self.to_vec() })
-    }
-}
-
-impl PictureSource for Vec<View> {
-    fn pictures(&self) -> Box<dyn Pictures> {
-        self.as_slice().pictures()
-    }
-}
-
-impl<const COUNT: usize> PictureSource for [View; COUNT] {
-    fn pictures(&self) -> Box<dyn Pictures> {
-        self.as_slice().pictures()
-    }
-}
-
-/// Views in memory.
-#[derive(Debug)]
-struct Whole {
-    views: Vec<View>,
-}
-
-impl Pictures for Whole {
-    fn cameras(&self) -> Vec<Camera> {
-        self.views.iter().map(|view| view.camera).collect()
-    }
-
-    fn show(&mut self, turn: Turn, look: &mut dyn FnMut(&View)) -> Result<(), PictureError> {
-        let view = &self.views[turn.picture.view];
-        if turn.picture.is_halved {
-            look(&view.halved())
-        } else {
-            look(view)
-        }
-        Ok(())
-    }
-
-    fn are_kept_by_viewer(&self) -> bool {
-        true
-    }
-
-    /// Frees pictures at full size, which come after those at half size.
-    fn release(&mut self, PictureKey { view, is_halved }: PictureKey) {
-        if !is_halved {
-            self.views[view].rgba = Vec::new();
-        }
-    }
 }

@@ -1,5 +1,5 @@
-//! Targets of a training on its executor: uploaded when their turn comes, and kept where all of
-//! them fit into memory.
+//! Targets of a training on its executor: uploaded when their turn comes, and kept by a device
+//! where all of them fit into memory.
 
 use crate::{
     error::TrainError,
@@ -23,8 +23,8 @@ impl<T> Targets<T> {
     }
 
     /// Announces the next turns, of pictures that are not uploaded.
-    pub(crate) fn expect<'a>(&mut self, turns: impl IntoIterator<Item = &'a Turn>) {
-        let is_kept = self.pictures.are_kept_by_viewer();
+    pub(crate) fn expect<'a, E: Executor<Target = T>>(&mut self, turns: impl IntoIterator<Item = &'a Turn>) {
+        let is_kept = E::IS_DEVICE && self.pictures.are_kept_by_viewer();
         let mut seen = HashSet::new();
         let is_wanted =
             |turn: &Turn| !is_kept || (!self.uploaded.contains_key(&turn.picture) && seen.insert(turn.picture));
@@ -42,7 +42,7 @@ impl<T> Targets<T> {
         exec: &mut E,
         turns: &[Turn],
     ) -> Result<(), TrainError<E::Error>> {
-        let is_kept = self.pictures.are_kept_by_viewer();
+        let is_kept = E::IS_DEVICE && self.pictures.are_kept_by_viewer();
         let is_due = |picture: &PictureKey| turns.iter().any(|turn| turn.picture == *picture);
         let needs_halved = turns.iter().any(|turn| turn.picture.is_halved);
         if !is_kept {

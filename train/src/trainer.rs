@@ -279,7 +279,7 @@ impl<E: Executor> Trainer<E> {
                 ahead.turns.extend(self.own_turns(ahead.step, &views));
                 ahead.step += 1;
             }
-            self.targets.expect(&ahead.turns);
+            self.targets.expect::<E>(&ahead.turns);
         }
         self.ahead = Some(ahead);
     }
