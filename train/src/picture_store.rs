@@ -1,9 +1,9 @@
 //! Pictures that are decoded ahead of their turn, within a budget of memory.
 //!
-//! Turns are known from the schedule of the views. Threads decode the pictures whose turns are next,
-//! and where memory is short they free those whose next turn is farthest away. A picture whose turn
-//! comes too early is decoded by the thread that asks for it. What is shown does not depend on any
-//! of this.
+//! Turns are known from the schedule of the views. Threads decode the pictures whose turns are
+//! next, and where memory is short they free those whose next turn is farthest away. A picture
+//! whose turn comes too early is decoded by the thread that asks for it. What is shown does not
+//! depend on any of this.
 //!
 //! Several ranks of one program may share a store, so that each picture is decoded and held once.
 
@@ -51,7 +51,7 @@ impl PictureStore {
     ///
     /// # Panics
     ///
-    /// Where the system has no more threads.
+    /// Panics where the system has no more threads.
     pub fn new(
         cameras: Vec<Camera>,
         budget: u64,
@@ -76,7 +76,8 @@ impl PictureStore {
         Self { shelf, decoders }
     }
 
-    /// Adds a view that is decoded already, if there is room for it; else it is decoded in its turn.
+    /// Adds a view that is decoded already, if there is room for it; else it is decoded in its
+    /// turn.
     pub fn add(&self, index: usize, view: View) {
         let picture = PictureKey { view: index, is_halved: false };
         let bytes = self.shelf.bytes_of(picture);
@@ -160,10 +161,10 @@ struct Job {
 
 /// Place of a picture.
 enum Place {
-    /// It is being decoded, with so many bytes reserved.
+    /// Picture that is being decoded, with so many bytes reserved.
     Opening(u64),
     Held(Arc<View>, u64),
-    /// It cannot be decoded.
+    /// Picture that cannot be decoded.
     Failed(PictureError),
 }
 

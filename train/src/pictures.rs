@@ -42,8 +42,8 @@ pub trait Pictures: Debug + Send {
     /// A picture that cannot be decoded, or is no longer what it was.
     fn show(&mut self, turn: Turn, look: &mut dyn FnMut(&View)) -> Result<(), PictureError>;
 
-    /// Returns whether an executor with memory of its own may keep all pictures that it is shown: all
-    /// of them fit into the memory that is set for them, and no other rank needs them.
+    /// Returns whether an executor with memory of its own may keep all pictures that it is shown:
+    /// all of them fit into the memory that is set for them, and no other rank needs them.
     fn are_kept_by_viewer(&self) -> bool;
 
     /// Frees a picture, which is not shown again.

@@ -44,7 +44,8 @@ pub const TINT_LOGIT_OFF: f32 = -64.0;
 /// few per cent at most, even at the rates of the start.
 const LIGHT_SCALE_EVERY: u32 = 10;
 
-/// Turns of pictures that are known ahead at most: those of some passes, or of a part of a long one.
+/// Turns of pictures that are known ahead at most: those of some passes, or of a part of a long
+/// one.
 const AHEAD_MAX: usize = 2048;
 
 /// Settings of a training.
@@ -225,8 +226,8 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Uploads the pictures of the next step, and returns whether any rank wishes something, such as
-    /// an end of the training. All ranks ask at once.
+    /// Uploads the pictures of the next step, and returns whether any rank wishes something, such
+    /// as an end of the training. All ranks ask at once.
     ///
     /// # Errors
     ///

@@ -90,8 +90,8 @@ pub(crate) struct Train {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = ranks)]
     #[serde(skip)]
     pub(crate) ranks: u16,
-    /// Hold at most this many GiB of decoded pictures, and decode others again before their turn; the
-    /// model is the same. By default half of the memory that is free at the start.
+    /// Hold at most this many GiB of decoded pictures, and decode others again before their turn;
+    /// the model is the same. By default half of the memory that is free at the start.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     #[serde(skip)]
     pub(crate) picture_memory: Option<f64>,

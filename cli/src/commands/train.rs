@@ -90,7 +90,8 @@ impl Prepared {
         let args = with_resolution(args)?;
         // Refused before the data is read.
         settings::profile_of(&args, args.iterations, false)?;
-        // A folder that does not exist is created and locked once everything else is known to be valid.
+        // A folder that does not exist is created and locked once everything else is known to be
+        // valid.
         let is_first = ranks.is_first();
         let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(&args)?) } else { None };
         refuse_data_set(&args)?;

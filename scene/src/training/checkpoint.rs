@@ -83,7 +83,7 @@ impl Checkpoints {
     }
 }
 
-/// What tells a picture from others.
+/// Name, camera and checksum of a picture, which tell it from others.
 #[derive(Clone, Copy, Debug)]
 pub struct PictureSum<'a> {
     /// Name in the data set.

@@ -138,8 +138,8 @@ impl Training {
     ///
     /// # Errors
     ///
-    /// Failures of the executor, unless the CPU takes over, and those of the observer. A picture that
-    /// cannot be shown, after a checkpoint was written.
+    /// Failures of the executor, unless the CPU takes over, and those of the observer. A picture
+    /// that cannot be shown, after a checkpoint was written.
     pub fn run<O: Observer>(&mut self, pauses: &[u32], observer: &mut O) -> Result<Outcome, O::Error> {
         loop {
             let (is_at_end, fault) = match self.prepare(observer) {

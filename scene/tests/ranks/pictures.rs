@@ -1,5 +1,6 @@
-//! Pictures that are decoded when their turn comes: the same files as from pictures in memory, within
-//! a budget, on any number of ranks, and an orderly end where a picture is broken or another one.
+//! Pictures that are decoded when their turn comes: the same files as from pictures in memory,
+//! within a budget, on any number of ranks, and an orderly end where a picture is broken or another
+//! one.
 
 use crate::{Around, Files, Origin, STEPS, files_of, run_rank_from};
 use core::fmt::Write;
