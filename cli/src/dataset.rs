@@ -7,9 +7,12 @@ use specula_io::{
     orientation::{Orientation, UpSource},
 };
 use specula_scene::{
+    SceneError,
+    capture::{Capture, Reading},
     dataset::{Dataset, Misplaced},
     orientation,
 };
+use specula_train::exchange::Exchange;
 use std::path::Path;
 
 /// Loads a data set and prints notes about it.
@@ -24,11 +27,34 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Fail
     });
     work.finish();
     let data = data.map_err(|error| suggestion(folder, &error).unwrap_or_else(|| error.into()))?;
-    tracing::info!("{}", data.summary());
-    data.notes.iter().for_each(|note| tracing::info!("{note}"));
-    data.orientation.iter().for_each(note_orientation);
-    note_width(data.width_max());
+    note(&data.summary(), &data.notes, data.orientation.as_ref(), data.width_max());
     Ok(data)
+}
+
+/// Reads what a training has to know of a data set, and prints notes about it.
+///
+/// # Errors
+/// Those of [`Capture::read`]; the folder of a data set that is nearby is suggested.
+pub(crate) fn read(reading: &Reading<'_>, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {
+    let work = progress::work("loading", 0);
+    let data = Capture::read(reading, exchange, |done, all| {
+        work.set_steps(all as u64);
+        work.done(done as u64, String::new);
+    });
+    work.finish();
+    let data = data.map_err(|error| match &error {
+        SceneError::File(cause) => suggestion(reading.folder, cause).unwrap_or_else(|| error.into()),
+        _ => error.into(),
+    })?;
+    note(&data.summary(), &data.notes, data.orientation.as_ref(), data.width_max());
+    Ok(data)
+}
+
+fn note(summary: &str, notes: &[String], orientation: Option<&Orientation>, width_max: u32) {
+    tracing::info!("{summary}");
+    notes.iter().for_each(|note| tracing::info!("{note}"));
+    orientation.into_iter().for_each(note_orientation);
+    note_width(width_max);
 }
 
 /// Prints the up direction of a data set, and the option that corrects it where it is uncertain.

@@ -126,7 +126,9 @@ impl From<SceneError> for Failure {
             #[cfg(feature = "gpu")]
             SceneError::Gpu(error) => error.into(),
             SceneError::Training(sentence) | SceneError::Locked(sentence) => Self::Input(sentence),
-            SceneError::Ranks(_) => Self::Input(format!("{error}; --resume continues from the last checkpoint")),
+            SceneError::Ranks(_) | SceneError::Picture(_) => {
+                Self::Input(format!("{error}; --resume continues from the last checkpoint"))
+            }
             SceneError::NoCameras => {
                 Self::Input(format!("{error} for --split; name some with --cameras, or use --turntable"))
             }

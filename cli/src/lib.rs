@@ -13,6 +13,7 @@ mod help;
 mod interrupt;
 mod lights;
 mod manifest;
+mod memory;
 mod output;
 mod progress;
 mod ranks;

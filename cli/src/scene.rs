@@ -17,6 +17,7 @@ use specula_scene::{
     Layer, OpenedModel, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
+    capture::Capture,
     light_file::{self, LightOptions},
     picture_folder::light_differences,
     rendering::PictureJob,
@@ -194,6 +195,27 @@ pub(crate) fn measure_views(
     let work = progress::work("measuring", views.len() as u64);
     let progress = |done| work.done(done as u64, String::new);
     let measured = measure::measure_views(renderer, views, background.0, is_exposed, progress)?;
+    work.finish();
+    Ok(measured)
+}
+
+/// Measures every view that is held out ([`measure::measure_views`]), with progress. Pictures are
+/// decoded some at a time.
+pub(crate) fn measure_held_out(
+    renderer: &mut SceneRenderer,
+    data: &Capture,
+    background: BackgroundColor,
+    is_exposed: bool,
+) -> Result<Vec<ViewMeasures>, Failure> {
+    let work = progress::work("measuring", data.test.len() as u64);
+    let mut measured = Vec::with_capacity(data.test.len());
+    let mut held_out = data.held_out();
+    while let Some(views) = held_out.next_some()? {
+        let views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
+        let before = measured.len();
+        let progress = |done| work.done((before + done) as u64, String::new);
+        measured.extend(measure::measure_views(renderer, &views, background.0, is_exposed, progress)?);
+    }
     work.finish();
     Ok(measured)
 }

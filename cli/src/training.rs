@@ -12,18 +12,17 @@ use specula_scene::{
     number::group_digits,
     training::{Note, Observer, Outcome, Training},
 };
-use specula_train::{start::Point, view::View};
+use specula_train::{pictures::PictureSource, start::Point};
 use specula_viewer::{LiveTraining, Request};
 use std::sync::Arc;
 
-/// Reads the pictures and points of a training again.
-pub(crate) type Reload<'a> = dyn Fn() -> Result<(Vec<View>, Vec<Point>), Failure> + 'a;
 /// Action of a pause.
 type Pause<'a> = dyn FnMut(&mut Training) -> Result<(), Failure> + 'a;
 
 /// Program around a training.
 pub(crate) struct Session<'a> {
-    reload: &'a Reload<'a>,
+    pictures: &'a dyn PictureSource,
+    points: &'a [Point],
     /// Start of the notes of one of several ranks.
     prefix: String,
     pause: Option<Box<Pause<'a>>>,
@@ -40,9 +39,9 @@ impl fmt::Debug for Session<'_> {
 }
 
 impl<'a> Session<'a> {
-    /// Session without pauses. `reload` provides pictures and points again if a device fails.
-    pub(crate) fn new(reload: &'a Reload<'a>) -> Self {
-        Self { reload, prefix: String::new(), pause: None, live: None, work: None }
+    /// Session without pauses, of a training that starts from these pictures and points.
+    pub(crate) fn new(pictures: &'a dyn PictureSource, points: &'a [Point]) -> Self {
+        Self { pictures, points, prefix: String::new(), pause: None, live: None, work: None }
     }
 
     /// Session of one of several ranks.
@@ -89,8 +88,8 @@ impl Observer for Session<'_> {
         failure.is_of_device()
     }
 
-    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), Failure> {
-        (self.reload)()
+    fn origin(&self) -> (&dyn PictureSource, &[Point]) {
+        (self.pictures, self.points)
     }
 
     fn is_interrupted(&self) -> bool {

@@ -1,6 +1,7 @@
 //! Materials and light of a model against the ground truth that its data set carries.
 
 use crate::{failure::Failure, progress};
+use core::borrow::Borrow;
 use glam::Vec3;
 use specula_core::camera::Camera;
 use specula_io::{materials::Materials, model_folder::ModelInfo};
@@ -8,8 +9,7 @@ use specula_report::{
     light::{self, LightPair, LightQuality},
     materials::MaterialQuality,
 };
-use specula_scene::{RenderOptions, Scene, light_file::MapUp, orientation};
-use specula_train::view::View;
+use specula_scene::{RenderOptions, Scene, SceneError, light_file::MapUp, orientation};
 use std::path::Path;
 
 /// Up direction of a scene: the recorded one, else the estimate from cameras, else +z.
@@ -18,15 +18,15 @@ pub(crate) fn up_of<'a>(info: Option<&ModelInfo>, cameras: impl Iterator<Item = 
 }
 
 /// Measures the materials of a scene ([`MaterialQuality::measure`]), with progress.
-pub(crate) fn measure_materials(
+pub(crate) fn measure_materials<T: Borrow<Materials>>(
     scene: &Scene,
     options: &RenderOptions,
-    views: &[View],
-    truths: &[Materials],
+    cameras: &[Camera],
+    truth: impl FnMut(usize) -> Result<T, SceneError>,
 ) -> Result<Option<MaterialQuality>, Failure> {
-    let work = progress::work("measuring materials", views.len() as u64);
+    let work = progress::work("measuring materials", cameras.len() as u64);
     let progress = |done| work.done(done as u64, String::new);
-    let measured = MaterialQuality::measure(scene, options, views, truths, progress)?;
+    let measured = MaterialQuality::measure(scene, options, cameras, truth, progress)?;
     work.finish();
     Ok(measured)
 }

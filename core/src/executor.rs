@@ -314,6 +314,9 @@ pub trait Executor: Renderer {
     /// Picture to compare with.
     type Target;
 
+    /// Whether targets lie in memory of a device, so that they are worth keeping there.
+    const IS_DEVICE: bool = true;
+
     /// Uploads a picture of 8-bit sRGB and straight alpha, row by row.
     ///
     /// # Errors

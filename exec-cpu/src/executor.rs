@@ -308,6 +308,8 @@ impl Executor for CpuExecutor {
     type SplatGrads = SplatGrads;
     type Target = Target;
 
+    const IS_DEVICE: bool = false;
+
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, CpuError> {
         let expected = width * height * 4;
         if rgba.len() != expected {

@@ -17,11 +17,10 @@
 //! against the header.
 //!
 //! Interruption, crash and device loss are the same to a training: it resumes from its last
-//! checkpoint, or from its initial points. Pictures are read again, so no second copy of them is
-//! kept. A checkpoint identifies its training by the text of `config.toml`, by every value of the
-//! resulting settings, and by a checksum over pictures, names and cameras: the first names a
-//! changed option, the second detects a program with other profiles, the third another data set
-//! under the same path.
+//! checkpoint, or from its initial points. Pictures are decoded again. A checkpoint identifies its
+//! training by the text of `config.toml`, by every value of the resulting settings, and by a
+//! checksum over pictures, names and cameras: the first names a changed option, the second detects
+//! a program with other profiles, the third another data set under the same path.
 
 use crate::{
     budget::{CHECKPOINT_HEADER_MAX, SCENE},

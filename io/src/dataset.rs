@@ -11,9 +11,10 @@ use crate::{
     blender, colmap,
     error::{Error, Result},
     listing::Listing,
+    materials::MaterialFiles,
     nerfstudio,
     points_ply::{self, PointCloud},
-    shot::{Opened, Shot},
+    shot::Shot,
 };
 use core::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ use std::path::{Path, PathBuf};
 
 pub use crate::{
     listing::{IMAGES, LoadOptions, TEST_EVERY},
-    shot::View,
+    shot::{Changes, View},
 };
 
 /// Training views, test views and initial points.
@@ -39,6 +40,81 @@ pub struct Dataset {
     pub notes: Vec<String>,
 }
 
+/// Data set whose pictures are decoded one by one, when they are asked for.
+#[derive(Debug)]
+pub struct Album {
+    shots: Vec<Shot>,
+    /// Number of views to train on, which come first.
+    train: usize,
+    /// Initial points.
+    pub points: Option<PointCloud>,
+    /// Short description of the source of the cameras.
+    pub source: String,
+    /// Notes on skipped or assumed data, one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Album {
+    /// Lists a data set and reads its points, but no picture.
+    ///
+    /// # Errors
+    ///
+    /// An error of the listing or of the points.
+    pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
+        let Listing { train: mut shots, test, points, source, notes } = list(folder, options)?;
+        let points = read_points(folder, options, points)?;
+        let held_out = if options.with_test { test.len() } else { 0 };
+        shots.extend(test);
+        Ok(Self { train: shots.len() - held_out, shots, points, source, notes })
+    }
+
+    /// Number of pictures: those to train on, then those held out.
+    pub const fn len(&self) -> usize {
+        self.shots.len()
+    }
+
+    /// Returns whether there is no picture.
+    pub const fn is_empty(&self) -> bool {
+        self.shots.is_empty()
+    }
+
+    /// Number of pictures to train on.
+    pub const fn train_count(&self) -> usize {
+        self.train
+    }
+
+    /// Name of a picture, without folder and extension.
+    pub fn name(&self, index: usize) -> &str {
+        &self.shots[index].name
+    }
+
+    /// Path of a picture.
+    pub fn path(&self, index: usize) -> &Path {
+        &self.shots[index].image
+    }
+
+    /// Returns whether a picture has ground-truth materials.
+    pub fn has_materials(&self, index: usize) -> bool {
+        let MaterialFiles { albedo, surface } = &self.shots[index].materials;
+        albedo.is_some() || surface.is_some()
+    }
+
+    /// Names and poses of all pictures as text, the same on every machine.
+    pub fn description(&self) -> String {
+        let lines = self.shots.iter().map(|shot| format!("{:?} {:?}\n", shot.name, shot.pose));
+        format!("{} to train on\n{}", self.train, lines.collect::<String>())
+    }
+
+    /// Decodes a picture.
+    ///
+    /// # Errors
+    ///
+    /// The error of its files.
+    pub fn open(&self, index: usize) -> Result<(View, Changes)> {
+        self.shots[index].open()
+    }
+}
+
 /// Reads a data set on all cores. `progress` is called with the number of decoded images and of all
 /// images, from any thread and in order of completion.
 ///
@@ -46,15 +122,14 @@ pub struct Dataset {
 ///
 /// The first error of the listing, or of the images in their order.
 pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Dataset> {
-    let Listing { mut train, test, points, source, mut notes } = list(folder, options)?;
-    let points = read_points(folder, options, points)?;
-    let held_out = if options.with_test { test.len() } else { 0 };
-    train.extend(test);
-    let opened = open_all(&train, progress)?;
-    note_changes(&opened, &mut notes);
-    let mut train: Vec<View> = opened.into_iter().map(|opened| opened.view).collect();
-    let test = train.split_off(train.len() - held_out);
-    note_missing_normals(&test, &mut notes);
+    let album = Album::list(folder, options)?;
+    let opened = open_all(&album, progress)?;
+    let train_count = album.train;
+    let Album { points, source, mut notes, .. } = album;
+    let (mut train, changes): (Vec<View>, Vec<Changes>) = opened.into_iter().unzip();
+    note_changes(&changes, &mut notes);
+    let test = train.split_off(train_count);
+    note_missing_normals(test.iter().map(|view| view.normal.is_some()), &mut notes);
     Ok(Dataset { train, test, points, source, notes })
 }
 
@@ -70,7 +145,7 @@ pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: 
     // Without held-out views, test views follow the training views.
     let place = if is_held_out { train.len() + index } else { index };
     let shot = train.iter().chain(&test).nth(place);
-    shot.map(|shot| shot.open().map(|opened| opened.view)).transpose()
+    shot.map(|shot| shot.open().map(|(view, _)| view)).transpose()
 }
 
 fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
@@ -106,13 +181,13 @@ fn read_points(folder: &Path, options: &LoadOptions, listed: Option<PointCloud>)
 }
 
 /// Opens all images. The error returned is the first in the list's order, independent of threads.
-fn open_all(shots: &[Shot], progress: impl Fn(usize, usize) + Sync) -> Result<Vec<Opened>> {
+fn open_all(album: &Album, progress: impl Fn(usize, usize) + Sync) -> Result<Vec<(View, Changes)>> {
     let done = AtomicUsize::new(0);
-    let views: Vec<Result<Opened>> = shots
-        .par_iter()
-        .map(|shot| {
-            let view = shot.open();
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1, shots.len());
+    let views: Vec<Result<(View, Changes)>> = (0..album.len())
+        .into_par_iter()
+        .map(|index| {
+            let view = album.open(index);
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, album.len());
             view
         })
         .collect();
@@ -120,8 +195,8 @@ fn open_all(shots: &[Shot], progress: impl Fn(usize, usize) + Sync) -> Result<Ve
 }
 
 /// Notes pictures that were rotated, undistorted or masked.
-fn note_changes(opened: &[Opened], notes: &mut Vec<String>) {
-    let count = |is: fn(&Opened) -> bool| opened.iter().filter(|view| is(view)).count();
+pub fn note_changes(changes: &[Changes], notes: &mut Vec<String>) {
+    let count = |is: fn(&Changes) -> bool| changes.iter().filter(|view| is(view)).count();
     let turned = count(|view| view.is_turned);
     if turned > 0 {
         notes.push(format!("turned {turned} pictures as their EXIF data say"));
@@ -130,17 +205,19 @@ fn note_changes(opened: &[Opened], notes: &mut Vec<String>) {
     if undistorted > 0 {
         notes.push(format!("took the lens's distortion out of {undistorted} pictures"));
     }
-    let unknown: usize = opened.iter().map(|view| view.unknown).sum();
+    let unknown: u64 = changes.iter().map(|view| view.unknown).sum();
     if unknown > 0 {
-        let pixels: usize = opened.iter().map(|view| view.view.image.rgba.len() / 4).sum();
+        let pixels: u64 = changes.iter().map(|view| view.pixels).sum();
         let (masked, share) = (count(|view| view.unknown > 0), 100.0 * unknown as f64 / pixels as f64);
         notes.push(format!("{masked} pictures have pixels that do not count, {share:.1} % of all"));
     }
 }
 
-fn note_missing_normals(test: &[View], notes: &mut Vec<String>) {
-    let missing = test.iter().filter(|view| view.normal.is_none()).count();
-    if missing > 0 && missing < test.len() {
-        notes.push(format!("{missing} of {} test views have no normal map", test.len()));
+/// Notes test views without normals, where others have some.
+pub fn note_missing_normals(has_normals: impl ExactSizeIterator<Item = bool>, notes: &mut Vec<String>) {
+    let all = has_normals.len();
+    let missing = has_normals.filter(|has_normals| !has_normals).count();
+    if missing > 0 && missing < all {
+        notes.push(format!("{missing} of {all} test views have no normal map"));
     }
 }

@@ -102,6 +102,12 @@ pub enum Error {
         /// Width and height of the camera.
         expected: [u32; 2],
     },
+    /// A picture is not the one that it was when the program started.
+    #[error("{path:?} is not the picture that it was at the start; put back what was there")]
+    Changed {
+        /// The image.
+        path: PathBuf,
+    },
     /// Ground truth has another size than its picture.
     #[error(
         "{path:?} has {} by {} pixels, but the picture that it is the truth of {} by {}; render it at that size, or \

@@ -29,7 +29,7 @@ pub(crate) struct Posed {
     pub(crate) mask: Option<PathBuf>,
     pub(crate) pose: Pose,
     pub(crate) measured_size: Option<[u32; 2]>,
-    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
+    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Send + Sync>,
 }
 
 /// Rule for held-out views.

@@ -60,7 +60,7 @@ pub(crate) struct Shot {
     /// Size for which the lens was calibrated, if known.
     pub(crate) measured_size: Option<[u32; 2]>,
     /// Lens for the size of the decoded image.
-    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Sync>,
+    pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Send + Sync>,
     /// Factor by which the image is made smaller.
     pub(crate) downscale: u32,
 }
@@ -80,21 +80,22 @@ impl core::fmt::Debug for Shot {
     }
 }
 
-/// A decoded view, with the changes that it took.
-#[derive(Debug)]
-pub(crate) struct Opened {
-    pub(crate) view: View,
+/// Changes that a picture took when it was decoded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Changes {
     /// Whether lens distortion was removed.
-    pub(crate) is_undistorted: bool,
+    pub is_undistorted: bool,
     /// Whether the picture was rotated by its EXIF orientation.
-    pub(crate) is_turned: bool,
+    pub is_turned: bool,
     /// Number of unknown pixels.
-    pub(crate) unknown: usize,
+    pub unknown: u64,
+    /// Number of all pixels.
+    pub pixels: u64,
 }
 
 impl Shot {
     /// Decodes the photograph: rotated to fit its camera, masked, downscaled and undistorted.
-    pub(crate) fn open(&self) -> Result<Opened> {
+    pub(crate) fn open(&self) -> Result<(View, Changes)> {
         // A mask applies to the picture at full size, pixel by pixel.
         let downscale = if self.mask.is_some() { 1 } else { self.downscale };
         let mut stored = Pixels::open(&self.image, downscale, |size| self.fits(size))?;
@@ -117,10 +118,10 @@ impl Shot {
             let is_full = [truth.width, truth.height] == [width, height];
             undistorted(if is_full { truth } else { truth.resized(width, height) })
         })?;
-        let unknown = image.unknown_count();
+        let [unknown, pixels] = [image.unknown_count(), image.rgba.len() / 4].map(|count| count as u64);
         let camera = camera_of(&self.pose, &lens);
         let view = View { name: self.name.clone(), camera, image, normal, materials };
-        Ok(Opened { view, is_undistorted, is_turned, unknown })
+        Ok((view, Changes { is_undistorted, is_turned, unknown, pixels }))
     }
 
     /// Returns whether a picture of this size has the aspect ratio of its camera; none if that is

@@ -205,7 +205,7 @@ impl Transforms {
     }
 
     /// Lens of a frame, as a function of the image's size.
-    pub(crate) fn lens(&self, frame: &Frame) -> impl Fn([u32; 2]) -> Result<Lens> + Sync + use<> {
+    pub(crate) fn lens(&self, frame: &Frame) -> impl Fn([u32; 2]) -> Result<Lens> + Send + Sync + use<> {
         let intrinsics = frame.intrinsics.or(&self.intrinsics);
         let (path, frame) = (self.path.clone(), frame.file_path.clone());
         move |size| {

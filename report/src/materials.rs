@@ -12,7 +12,9 @@
 //! Roughness is perceptual on both sides, the square root of α of GGX.
 
 use crate::measure::{ALBEDO_PSNR, METALNESS_ERROR, ROUGHNESS_ERROR, Values, ViewMeasures};
+use core::borrow::Borrow;
 use specula_core::{
+    camera::Camera,
     color::{linear_from_srgb, srgb_from_linear},
     metrics::{psnr, quantize},
     rules::{Channels, channel},
@@ -24,7 +26,6 @@ use specula_io::{
     pixels::Pixels,
 };
 use specula_scene::{RenderOptions, Scene, SceneError, SceneRenderer, Shading};
-use specula_train::view::View;
 
 /// Error of roughness and metalness where nothing was rendered: the largest there is.
 const NOTHING_RENDERED: f64 = 1.0;
@@ -52,33 +53,41 @@ pub struct MaterialErrors {
 
 impl MaterialQuality {
     /// Renders the materials of each view with ground truth and measures them; none where the scene
-    /// has no physical materials, or no view has ground truth. `progress` is given the number of
-    /// views so far.
+    /// has no physical materials, or no view has ground truth. `truth` gives that of a view by its
+    /// index; `progress` is given the number of views so far.
     ///
     /// # Errors
     ///
-    /// Those of [`SceneRenderer::render`].
-    pub fn measure(
+    /// Those of [`SceneRenderer::render`] and of `truth`.
+    pub fn measure<T: Borrow<Materials>>(
         scene: &Scene,
         options: &RenderOptions,
-        views: &[View],
-        truths: &[Materials],
+        cameras: &[Camera],
+        mut truth: impl FnMut(usize) -> Result<T, SceneError>,
         mut progress: impl FnMut(usize),
     ) -> Result<Option<Self>, SceneError> {
-        if !scene.gaussians.layout.is_physical || truths.iter().all(Materials::is_empty) {
+        if !scene.gaussians.layout.is_physical {
             return Ok(None);
         }
         let unlit = Scene { light: None, near_field: None, lamps: None, ..scene.clone() };
-        let mut renderer = SceneRenderer::without_light(unlit.shaded(Shading::Physical)?, Channels::Layers, options)?;
-        let mut pairs = Vec::with_capacity(views.len());
-        for (index, (view, truth)) in views.iter().zip(truths).enumerate() {
-            pairs.push(match truth.is_empty() {
-                true => ViewMaterials::default(),
-                false => ViewMaterials::new(&renderer.render(&view.camera)?, truth),
+        let unlit = unlit.shaded(Shading::Physical)?;
+        let mut renderer = None;
+        let mut pairs = Vec::with_capacity(cameras.len());
+        for (index, camera) in cameras.iter().enumerate() {
+            let truth = truth(index)?;
+            pairs.push(match truth.borrow() {
+                truth if truth.is_empty() => ViewMaterials::default(),
+                truth => {
+                    if renderer.is_none() {
+                        renderer = Some(SceneRenderer::without_light(unlit.clone(), Channels::Layers, options)?);
+                    }
+                    let image = renderer.as_mut().map(|renderer| renderer.render(camera)).transpose()?;
+                    image.map_or_else(ViewMaterials::default, |image| ViewMaterials::new(&image, truth))
+                }
             });
             progress(index + 1);
         }
-        Ok(Some(Self::of(&pairs)))
+        Ok(renderer.map(|_| Self::of(&pairs)))
     }
 
     /// Measures views that are paired with their ground truth.

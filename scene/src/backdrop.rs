@@ -39,8 +39,8 @@ impl BackgroundColor {
 
     /// Background of data sets without a given one: white if any picture is transparent, else
     /// black.
-    pub fn default_for(views: &[View]) -> Self {
-        if views.iter().any(View::has_alpha) { Self::WHITE } else { Self::BLACK }
+    pub const fn default_for(is_transparent: bool) -> Self {
+        if is_transparent { Self::WHITE } else { Self::BLACK }
     }
 }
 

@@ -13,13 +13,13 @@ use specula_io::{
     points_ply::PointCloud,
 };
 use specula_train::{
-    start::{Point, points_behind, random_points},
+    start::Point,
     view::{Normals, View, extent_of},
 };
 use std::path::{Path, PathBuf};
 
 /// Number of random points by default, where a data set has none.
-const RANDOM_POINTS: u32 = 20_000;
+pub(crate) const RANDOM_POINTS: u32 = 20_000;
 
 /// Initial points of a training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,40 +70,11 @@ impl Dataset {
         Ok(Self { train, test, test_materials, points, orientation, source, notes })
     }
 
-    /// Returns whether alpha cuts objects out of all training pictures.
-    pub fn holds_objects(&self) -> bool {
-        self.train.iter().all(View::has_alpha)
-    }
-
     /// Source, number of views, their sizes, and number of points on one line.
     pub fn summary(&self) -> String {
         let Self { train, test, points, source, .. } = self;
-        let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
-        let points = points.as_ref().map_or(0, Vec::len);
-        let points = if points == 0 { "no points".to_owned() } else { format!("{} points", group_digits(points)) };
-        let sizes = sizes(train.iter().chain(test));
-        format!("{source}: {} training pictures{held_out}, {sizes} pixels, {points}", train.len())
-    }
-
-    /// Takes the points of the data set out of it, with random points behind them, or draws random
-    /// points.
-    pub fn take_points(&mut self, points: InitialPoints, seed: u64) -> Vec<Point> {
-        let random = |count: u32| random_points(count as usize, &self.train, seed);
-        let with_background = |mut known: Vec<Point>| {
-            known.extend(points_behind(&known, points.background as usize, &self.train, seed));
-            known
-        };
-        match (points.random, self.points.take()) {
-            (Some(count), _) => random(count),
-            (None, Some(known)) if !known.is_empty() => with_background(known),
-            (None, _) => random(RANDOM_POINTS),
-        }
-    }
-
-    /// Cameras of the test views, or else of the training views.
-    pub fn evaluation_cameras(&self) -> Vec<Camera> {
-        let views = if self.test.is_empty() { &self.train } else { &self.test };
-        views.iter().map(|view| view.camera).collect()
+        let [train, test] = [train, test].map(|views| views.iter().map(|view| &view.camera).collect::<Vec<_>>());
+        summary(source, &train, &test, points.as_ref().map_or(0, Vec::len))
     }
 
     /// Width of the widest training picture in pixels; 0 without any.
@@ -112,9 +83,17 @@ impl Dataset {
     }
 }
 
+/// Source, number of views, their sizes, and number of points on one line.
+pub(crate) fn summary(source: &str, train: &[&Camera], test: &[&Camera], points: usize) -> String {
+    let held_out = if test.is_empty() { String::new() } else { format!(" and {} held out", test.len()) };
+    let points = if points == 0 { "no points".to_owned() } else { format!("{} points", group_digits(points)) };
+    let sizes = sizes(train.iter().chain(test));
+    format!("{source}: {} training pictures{held_out}, {sizes} pixels, {points}", train.len())
+}
+
 /// Size of the pictures, or the smallest and the largest.
-fn sizes<'a>(views: impl Iterator<Item = &'a View>) -> String {
-    let mut sizes: Vec<[u32; 2]> = views.map(|view| [view.camera.width, view.camera.height]).collect();
+fn sizes<'a>(cameras: impl Iterator<Item = &'a &'a Camera>) -> String {
+    let mut sizes: Vec<[u32; 2]> = cameras.map(|camera| [camera.width, camera.height]).collect();
     sizes.sort_unstable_by_key(|[width, height]| (u64::from(*width) * u64::from(*height), *width));
     let text = |[width, height]: &[u32; 2]| format!("{width} × {height}");
     match (sizes.first(), sizes.last()) {
@@ -123,7 +102,8 @@ fn sizes<'a>(views: impl Iterator<Item = &'a View>) -> String {
     }
 }
 
-fn view_of(view: dataset::View) -> View {
+/// View of a picture that was decoded.
+pub(crate) fn view_of(view: dataset::View) -> View {
     let normals = view.normal.map(|normal| Normals { values: normal.values, mask: normal.mask });
     View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }
 }

@@ -3,7 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
-use specula_train::{exchange::ExchangeError, trainer::TrainError};
+use specula_train::{exchange::ExchangeError, pictures::PictureError, trainer::TrainError};
 use std::path::PathBuf;
 
 /// Error of a scene that is opened, rendered or exported.
@@ -35,6 +35,9 @@ pub enum SceneError {
     /// Views, points or a training state that no training can start from.
     #[error("{0}")]
     Training(String),
+    /// A picture cannot be shown to a training when its turn comes.
+    #[error(transparent)]
+    Picture(PictureError),
     /// Another rank of a training failed, or cannot be reached.
     #[error("the training ends because {0}")]
     Ranks(ExchangeError),
@@ -87,6 +90,7 @@ impl<E: Into<Self> + core::error::Error> From<TrainError<E>> for SceneError {
         match error {
             TrainError::Executor(error) => error.into(),
             TrainError::Exchange(error) => Self::Ranks(error),
+            TrainError::Picture(error) => Self::Picture(error),
             other => Self::Training(other.to_string()),
         }
     }

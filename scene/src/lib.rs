@@ -37,6 +37,7 @@
 pub mod backdrop;
 pub mod bake;
 pub mod camera_set;
+pub mod capture;
 pub mod dataset;
 pub mod device;
 pub mod environment;

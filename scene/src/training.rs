@@ -2,7 +2,7 @@
 //! with the CPU as a fallback for devices that fail.
 //!
 //! [`Training`] takes the steps. An [`Observer`] follows them: it shows progress, saves at pauses,
-//! ends the run, and reads the pictures again for the fallback. [`Checkpoints`] are written at an
+//! ends the run, and has the pictures for the fallback. [`Checkpoints`] are written at an
 //! interval and at the end, and a [`Lock`] keeps other trainings out of the folder.
 
 mod checkpoint;
@@ -12,7 +12,7 @@ mod note;
 mod run;
 mod session;
 
-pub use checkpoint::{Checkpoints, describe, settings_text};
+pub use checkpoint::{Checkpoints, PictureSum, describe, describe_pictures, settings_text};
 pub use info::model_info;
 pub use lock::Lock;
 pub use note::Note;

@@ -43,6 +43,30 @@ impl Profile {
     }
 }
 
+/// Settings of Adam's steps for the views of a batch.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Updates<'a> {
+    /// Number of views, of all ranks together.
+    pub(crate) views: usize,
+    /// Number of the first step of Adam.
+    pub(crate) first: u64,
+    /// Learning rate of every plane.
+    pub(crate) rates: &'a [f32],
+    /// Learning rate of the light.
+    pub(crate) environment_rate: f32,
+    /// Largest radiance that the light keeps.
+    pub(crate) radiance_max: f32,
+    /// Whether the views add to the statistics of densification.
+    pub(crate) is_observed: bool,
+}
+
+impl Updates<'_> {
+    /// Number of the step for the view at a position.
+    pub(crate) fn number(&self, position: usize) -> u32 {
+        u32::try_from(self.first + position as u64).unwrap_or(u32::MAX)
+    }
+}
+
 /// Takes a step of Adam for each of several views, in their order, against gradients at the
 /// parameters before the first. Returns the report of each view; the last counts the gradients that
 /// were skipped.
@@ -54,13 +78,14 @@ pub(crate) fn batch_step<E: Executor>(
     exec: &mut E,
     scene: &mut SceneState<E::Array>,
     views: &[TrainingStep<'_, E>],
+    updates: &Updates<'_>,
 ) -> Result<Vec<StepReport>, E::Error> {
     let (gaussians, light) = copied_parameters(exec, scene)?;
     let mut reports = Vec::with_capacity(views.len());
     let mut nonfinite = 0;
-    for view in views {
+    for (position, view) in views.iter().enumerate() {
         let (grad, report) = gradient_of(exec, &gaussians, light.as_ref(), view)?;
-        nonfinite += apply(exec, scene, grad, view)?;
+        nonfinite += apply(exec, scene, grad, updates, position)?;
         reports.push(report);
     }
     if let Some(last) = reports.last_mut() {
@@ -108,21 +133,25 @@ fn add_statistics<E: Executor>(
     exec.add(&mut sum.view_count, &share.view_count)
 }
 
-/// Takes Adam's step against a gradient, and adds its statistics to those of the scene. Returns how
-/// many numbers of the gradient were skipped because they were not finite.
+/// Takes Adam's step against the gradient of the view at a position, and adds its statistics to
+/// those of the scene. Returns how many numbers of the gradient were skipped because they were not
+/// finite.
 pub(crate) fn apply<E: Executor>(
     exec: &mut E,
     scene: &mut SceneState<E::Array>,
     grad: ViewGradient<E::Array>,
-    step: &TrainingStep<'_, E>,
+    updates: &Updates<'_>,
+    position: usize,
 ) -> Result<usize, E::Error> {
     let SceneState { gaussians, moments, statistics, light } = scene;
+    let Updates { rates, environment_rate, radiance_max, .. } = *updates;
+    let number = updates.number(position);
     if let Some(share) = &grad.statistics {
         add_statistics(exec, statistics, share)?;
     }
-    exec.optimise(gaussians, moments, grad.gaussians, step.rates, step.number)?;
+    exec.optimise(gaussians, moments, grad.gaussians, rates, number)?;
     if let (Some((environment, moments)), Some(grad)) = (light, grad.light) {
-        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
+        exec.optimise_environment(environment, moments, grad, environment_rate, radiance_max, number)?;
     }
     // Nothing is binned here, so that no step has to be repeated.
     Ok(exec.report()?.map_or(0, |report| report.nonfinite))

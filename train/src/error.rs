@@ -1,6 +1,6 @@
 //! Errors of a training.
 
-use crate::exchange::ExchangeError;
+use crate::{exchange::ExchangeError, pictures::PictureError};
 
 /// Error of a training.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +22,9 @@ pub enum TrainError<E> {
     /// Another rank of the training failed, or this one can no longer reach it.
     #[error("the training ends because {0}")]
     Exchange(ExchangeError),
+    /// A picture cannot be shown when its turn comes. The training is where it was before the step.
+    #[error(transparent)]
+    Picture(PictureError),
     /// A stage failed.
     #[error(transparent)]
     Executor(#[from] E),

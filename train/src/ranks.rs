@@ -15,7 +15,7 @@
 //! not tell how many ranks wrote them.
 
 use crate::{
-    batch::{apply, gradient_of},
+    batch::{Updates, apply, gradient_of},
     error::TrainError,
     exchange::{Exchange, ExchangeError},
     transfer::{download, download_gaussians},
@@ -113,25 +113,39 @@ impl Ranks {
         }
     }
 
-    /// Takes a step of Adam for each of several views, as
-    /// [`batch_step`](crate::batch::batch_step) does on one rank.
+    /// Returns whether any rank wishes something, unless one of them has to end: then its sentence,
+    /// that of the first of several.
+    pub(crate) fn agree_unless(&mut self, wish: bool, sentence: &str) -> Result<Result<bool, String>, ExchangeError> {
+        let mut own = vec![u8::from(wish)];
+        own.extend_from_slice(sentence.as_bytes());
+        let all = self.all_gather(own)?;
+        let told = all.iter().find_map(|message| message.get(1..).filter(|sentence| !sentence.is_empty()));
+        Ok(match told {
+            Some(sentence) => Err(String::from_utf8_lossy(sentence).into_owned()),
+            None => Ok(all.iter().any(|message| message.first() == Some(&1))),
+        })
+    }
+
+    /// Takes a step of Adam for each view of all ranks, as
+    /// [`batch_step`](crate::batch::batch_step) does on one rank. `own` are the views of this one.
     pub(crate) fn step<E: Executor>(
         &mut self,
         exec: &mut E,
         scene: &mut SceneState<E::Array>,
-        views: &[TrainingStep<'_, E>],
+        own: &[TrainingStep<'_, E>],
+        updates: &Updates<'_>,
     ) -> Result<Vec<StepReport>, TrainError<E::Error>> {
-        let (own_parts, mut reports) = self.compute_own(exec, scene, views)?;
+        let (own_parts, mut reports) = self.compute_own(exec, scene, own)?;
         let whole = download_gaussians(exec, &scene.gaussians)?;
-        let own = self.range(whole.count, self.rank());
+        let range = self.range(whole.count, self.rank());
         let slice = Gaussians {
-            count: own.len(),
+            count: range.len(),
             layout: whole.layout,
-            values: whole.values[values_of(&own, whole.layout)].to_vec(),
+            values: whole.values[values_of(&range, whole.layout)].to_vec(),
         };
         scene.gaussians = exec.upload_gaussians(&slice)?;
-        let nonfinite = self.apply_all(exec, scene, views, own_parts, whole.count)?;
-        self.gather_parameters(exec, scene, whole, nonfinite, &mut reports, views.len())?;
+        let nonfinite = self.apply_all(exec, scene, updates, own_parts, whole.count)?;
+        self.gather_parameters(exec, scene, whole, nonfinite, &mut reports, updates.views)?;
         Ok(reports)
     }
 
@@ -145,7 +159,7 @@ impl Ranks {
     ) -> Result<(VecDeque<Vec<f32>>, Vec<StepReport>), TrainError<E::Error>> {
         let (rank, size) = (self.rank(), self.size());
         let (mut own, mut reports) = (VecDeque::new(), Vec::new());
-        for view in views.iter().skip(rank).step_by(size) {
+        for view in views {
             let light = scene.light.as_ref().map(|(light, _)| light);
             let (grad, report) = gradient_of(exec, &scene.gaussians, light, view)?;
             let grad = HostGradient::download(exec, &grad, light_len_of(scene))?;
@@ -169,7 +183,7 @@ impl Ranks {
         &mut self,
         exec: &mut E,
         scene: &mut SceneState<E::Array>,
-        views: &[TrainingStep<'_, E>],
+        updates: &Updates<'_>,
         mut own_parts: VecDeque<Vec<f32>>,
         count: usize,
     ) -> Result<usize, TrainError<E::Error>> {
@@ -178,8 +192,8 @@ impl Ranks {
         let layout = scene.gaussians.layout;
         let light_len = if rank + 1 == size { light_len_of(scene) } else { 0 };
         let mut nonfinite = 0;
-        for (from, view) in (0..size).cycle().zip(views) {
-            let is_observed = view.is_observed;
+        let is_observed = updates.is_observed;
+        for (from, position) in (0..size).cycle().zip(0..updates.views) {
             let least = len_of_values(own.len(), layout) + if is_observed { 2 * own.len() } else { 0 };
             let part = if from == rank {
                 own_parts.pop_front().unwrap_or_default()
@@ -203,7 +217,7 @@ impl Ranks {
                     None
                 },
             };
-            nonfinite += apply(exec, scene, grad, view)?;
+            nonfinite += apply(exec, scene, grad, updates, position)?;
         }
         Ok(nonfinite)
     }

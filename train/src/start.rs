@@ -2,14 +2,14 @@
 
 use crate::{
     profile::{GaussianStart, Profile},
-    view::{View, extent_of},
+    view::{View, extent_of_cameras},
 };
 use core::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     activation::logit,
     camera::Camera,
-    color::{is_unknown, linear_from_srgb},
+    color::{has_alpha, is_unknown, linear_from_srgb},
     morton::Bounds,
     normal::AxisRule,
     random,
@@ -37,10 +37,46 @@ const CUBE_HALF: f32 = 1.3;
 const POINT_STREAM: u64 = 0x706f_696e;
 const NORMAL_STREAM: u64 = 0x6e6f_726d;
 
-/// Camera extent of NeRF Synthetic ([`extent_of`]).
+/// Camera extent of NeRF Synthetic ([`extent_of_cameras`]).
 const CUBE_EXTENT: f32 = 4.4;
 /// Camera extents that count as those of NeRF Synthetic.
 const USUAL_EXTENTS: core::ops::RangeInclusive<f32> = 1.0..=20.0;
+
+/// Pixels of a picture that show nothing: those with an alpha of zero that are known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Silhouette {
+    /// One bit for each pixel, row by row, set where something may be.
+    bits: Vec<u8>,
+}
+
+impl Silhouette {
+    /// Silhouette of a picture; none where no pixel is transparent.
+    pub fn of(rgba: &[u8]) -> Option<Self> {
+        let is_solid = |pixel: &[u8]| pixel[3] > 0 || is_unknown(pixel);
+        let byte = |pixels: &[u8]| {
+            let bits = pixels.chunks_exact(4).enumerate();
+            bits.fold(0, |byte, (place, pixel)| byte | u8::from(is_solid(pixel)) << place)
+        };
+        has_alpha(rgba).then(|| Self { bits: rgba.chunks(4 * 8).map(byte).collect() })
+    }
+
+    /// Silhouette of the bytes that another machine gave.
+    pub const fn from_bytes(bits: Vec<u8>) -> Self {
+        Self { bits }
+    }
+
+    /// One bit for each pixel, row by row.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bits
+    }
+
+    /// Returns whether the picture does not show a point's position as empty.
+    fn may_be_solid(&self, camera: &Camera, position: [f32; 3]) -> bool {
+        let Some([x, y]) = pixel_of(camera, position) else { return true };
+        let pixel = y * camera.width as usize + x;
+        self.bits.get(pixel / 8).is_none_or(|byte| byte >> (pixel % 8) & 1 == 1)
+    }
+}
 
 /// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent
 /// where that differs much.
@@ -52,15 +88,23 @@ fn half_cube(extent: f32) -> f32 {
 /// Points that a picture with an alpha channel shows as empty are redrawn a bounded number of
 /// times.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
+    let silhouettes: Vec<_> = views.iter().map(|view| Silhouette::of(&view.rgba)).collect();
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
+    points_within(count, &cameras, &silhouettes, seed)
+}
+
+/// [`random_points`] for cameras and the silhouettes of their pictures.
+pub fn points_within(count: usize, cameras: &[Camera], silhouettes: &[Option<Silhouette>], seed: u64) -> Vec<Point> {
     const DRAWS_MAX: u64 = 400;
-    let half = half_cube(extent_of(views));
-    let checks: Vec<&View> = views.iter().filter(|view| view.has_alpha()).collect();
+    let half = half_cube(extent_of_cameras(cameras.iter()));
+    let checks: Vec<_> =
+        cameras.iter().zip(silhouettes).filter_map(|(camera, seen)| Some((camera, seen.as_ref()?))).collect();
     let mut points = Vec::with_capacity(count);
     let mut draw = 0;
     while points.len() < count && draw < DRAWS_MAX * count as u64 {
         let coordinate = |axis: u64| (random::uniform(seed, POINT_STREAM, 3 * draw + axis) * 2.0 - 1.0) * half;
         let position = [0, 1, 2].map(coordinate);
-        if checks.iter().all(|view| may_be_solid(view, position)) {
+        if checks.iter().all(|(camera, seen)| seen.may_be_solid(camera, position)) {
             points.push(Point { position, color: [0.5; 3] });
         }
         draw += 1;
@@ -73,21 +117,60 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
 /// depth of the cloud in that view, uniform in 1 / depth. Views alternate. Fewer than `count`
 /// points result where pixels are not opaque.
 pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) -> Vec<Point> {
-    let depths: Vec<Option<f32>> = views.iter().map(|view| median_depth(points, &view.camera)).collect();
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
+    let sample =
+        |(place, view): (usize, &View)| PixelSample::of(place, views.len(), count, &view.camera, &view.rgba, seed);
+    let pixels: Vec<PixelSample> = views.iter().enumerate().map(sample).collect();
+    points_behind_pixels(points, count, &cameras, &pixels, seed)
+}
+
+/// Pixels of a picture that points behind a cloud are drawn through.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PixelSample {
+    /// Red, green, blue and alpha of each, in the order of the points.
+    pub rgba: Vec<[u8; 4]>,
+}
+
+impl PixelSample {
+    /// Sample of the picture at a `place` among `views`, for `count` points in all.
+    pub fn of(place: usize, views: usize, count: usize, camera: &Camera, rgba: &[u8], seed: u64) -> Self {
+        let [width, height] = [camera.width, camera.height].map(|size| size as usize);
+        let pixel = |index: usize| {
+            let [x, y] = place_in(camera, index, seed);
+            let pixel = (y as usize).min(height - 1) * width + (x as usize).min(width - 1);
+            [0, 1, 2, 3].map(|c| rgba[4 * pixel + c])
+        };
+        Self { rgba: (place..count).step_by(views.max(1)).map(pixel).collect() }
+    }
+}
+
+/// Place in a view, in pixels, that a point is drawn through.
+fn place_in(camera: &Camera, index: usize, seed: u64) -> [f32; 2] {
+    let number = |axis: u64| random::uniform(seed, BEHIND_STREAM, 3 * index as u64 + axis);
+    [number(0) * camera.width as f32, number(1) * camera.height as f32]
+}
+
+/// [`points_behind`] for cameras and the samples of their pictures.
+pub fn points_behind_pixels(
+    points: &[Point],
+    count: usize,
+    cameras: &[Camera],
+    pixels: &[PixelSample],
+    seed: u64,
+) -> Vec<Point> {
+    let depths: Vec<Option<f32>> = cameras.iter().map(|camera| median_depth(points, camera)).collect();
     let draw = |index: usize| {
-        let place = index % views.len();
-        let view = &views[place];
-        let number = |axis: u64| random::uniform(seed, BEHIND_STREAM, 3 * index as u64 + axis);
-        let [width, height] = [view.camera.width, view.camera.height];
-        let [x, y] = [number(0) * width as f32, number(1) * height as f32];
-        let pixel = (y as usize).min(height as usize - 1) * width as usize + (x as usize).min(width as usize - 1);
-        let [r, g, b, a] = [0, 1, 2, 3].map(|c| f32::from(view.rgba[4 * pixel + c]) / 255.0);
-        let nearness = 1.0 - number(2) * (1.0 - BEHIND.recip());
-        let ray = view.camera.camera_from_world.transpose() * view.camera.ray_in_camera(x, y);
-        let position = view.camera.position + ray * (depths[place]? / nearness);
+        let place = index % cameras.len();
+        let camera = &cameras[place];
+        let [x, y] = place_in(camera, index, seed);
+        let rgba = pixels.get(place)?.rgba.get(index / cameras.len())?;
+        let [r, g, b, a] = rgba.map(|channel| f32::from(channel) / 255.0);
+        let nearness = 1.0 - random::uniform(seed, BEHIND_STREAM, 3 * index as u64 + 2) * (1.0 - BEHIND.recip());
+        let ray = camera.camera_from_world.transpose() * camera.ray_in_camera(x, y);
+        let position = camera.position + ray * (depths[place]? / nearness);
         (a == 1.0).then_some(Point { position: position.to_array(), color: [r, g, b] })
     };
-    if views.is_empty() { Vec::new() } else { (0..count).filter_map(draw).collect() }
+    if cameras.is_empty() { Vec::new() } else { (0..count).filter_map(draw).collect() }
 }
 
 /// Largest ratio of the depth of a background point to the median depth of the cloud.
@@ -101,14 +184,6 @@ fn median_depth(points: &[Point], camera: &Camera) -> Option<f32> {
     let mut depths: Vec<f32> = seen.map(depth).collect();
     let middle = depths.len() / 2;
     (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
-}
-
-/// Returns whether a view does not show a point's position as empty.
-fn may_be_solid(view: &View, position: [f32; 3]) -> bool {
-    let Some([x, y]) = pixel_of(&view.camera, position) else { return true };
-    let pixel = y * view.camera.width as usize + x;
-    let rgba = &view.rgba[4 * pixel..4 * pixel + 4];
-    rgba[3] > 0 || is_unknown(rgba)
 }
 
 fn pixel_of(camera: &Camera, position: [f32; 3]) -> Option<[usize; 2]> {

@@ -2,17 +2,20 @@
 
 pub use crate::error::TrainError;
 use crate::{
-    batch::batch_step,
+    batch::{Updates, batch_step},
     evaluate::render_view,
     exchange::Exchange,
     exposure, light_scale,
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
+    pictures::{PictureError, PictureKey, PictureSource, Pictures, Turn},
     profile::{KnownLight, Profile, Reflections},
     ranks::{Ranks, Traffic},
-    start::{Point, gaussians, random_points, rates_by_plane},
+    schedule::ViewSchedule,
+    start::{Point, Silhouette, gaussians, points_within, rates_by_plane},
+    targets::Targets,
     transfer::{download_gaussians, download_light, download_scene, upload_scene},
-    view::{View, extent_of},
+    view::extent_of_cameras,
 };
 use specula_core::{
     activation::logit,
@@ -25,12 +28,12 @@ use specula_core::{
     metrics::psnr,
     near_field::NearField,
     pipeline::train_step,
-    random,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, OPACITY, TINT, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
 };
 use specula_mesh::sky::Sky;
+use std::collections::VecDeque;
 
 /// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 vanishes beside any
 /// colour, and gradients of that scale beside Adam's ε of 1e-15, so that neither the tint nor the
@@ -40,6 +43,10 @@ pub const TINT_LOGIT_OFF: f32 = -64.0;
 /// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a
 /// few per cent at most, even at the rates of the start.
 const LIGHT_SCALE_EVERY: u32 = 10;
+
+/// Turns of pictures that are known ahead at most: those of some passes, or of a part of a long
+/// one.
+const AHEAD_MAX: usize = 2048;
 
 /// Settings of a training.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,13 +74,33 @@ struct Pass {
     is_observed: bool,
 }
 
+/// Views of the next step, whose targets are uploaded.
+#[derive(Debug)]
+struct Prepared {
+    views: Vec<usize>,
+    /// Remaining views of the pass after that step.
+    order: Vec<u32>,
+}
+
+/// Turns of this rank's pictures after those that are uploaded.
+#[derive(Debug)]
+struct Ahead {
+    turns: VecDeque<Turn>,
+    /// Next step that is not among them, and the remaining views of the pass before it.
+    step: u32,
+    order: Vec<u32>,
+}
+
 /// A training: scene, optimiser state and target pictures.
 #[derive(Debug)]
 pub struct Trainer<E: Executor> {
     exec: E,
     settings: Settings,
-    /// Cameras and targets at full and at half size.
-    pictures: [Vec<(Camera, E::Target)>; 2],
+    /// Cameras at full and at half size; none at half size where no view is halved.
+    cameras: [Vec<Camera>; 2],
+    targets: Targets<E::Target>,
+    prepared: Option<Prepared>,
+    ahead: Option<Ahead>,
     extent: f32,
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
@@ -88,22 +115,34 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::NoViews`], [`TrainError::NoPoints`], or [`TrainError::Executor`] where data
-    /// cannot be uploaded.
-    pub fn new(exec: E, settings: Settings, views: &[View], points: &[Point]) -> Result<Self, TrainError<E::Error>> {
-        if views.is_empty() {
+    /// [`TrainError::NoViews`], [`TrainError::NoPoints`], [`TrainError::Picture`] where random
+    /// points need one that cannot be shown, or [`TrainError::Executor`] where data cannot be
+    /// uploaded.
+    pub fn new(
+        exec: E,
+        settings: Settings,
+        views: &(impl PictureSource + ?Sized),
+        points: &[Point],
+    ) -> Result<Self, TrainError<E::Error>> {
+        let mut pictures = views.pictures();
+        let cameras = pictures.cameras();
+        if cameras.is_empty() {
             return Err(TrainError::NoViews);
         }
-        let random =
-            if points.is_empty() { random_points(settings.random_points, views, settings.seed) } else { Vec::new() };
+        let random = if points.is_empty() {
+            let silhouettes = silhouettes(pictures.as_mut(), cameras.len()).map_err(TrainError::Picture)?;
+            points_within(settings.random_points, &cameras, &silhouettes, settings.seed)
+        } else {
+            Vec::new()
+        };
         let points = if points.is_empty() { &random } else { points };
         if points.is_empty() {
             return Err(TrainError::NoPoints);
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = start_light(&settings.profile, settings.seed);
-        let exposures = settings.profile.exposure.map(|_| exposure::identities(views.len()));
-        let mut trainer = Self::resume(exec, settings, views, &initial_state(start, light, exposures))?;
+        let exposures = settings.profile.exposure.map(|_| exposure::identities(cameras.len()));
+        let mut trainer = Self::from_state(exec, settings, pictures, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
         trainer.sample()?;
         trainer.scale_light()?;
@@ -118,22 +157,31 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::NoViews`], [`TrainError::OtherRun`] for a state of other settings or views, or
     /// [`TrainError::Executor`] where data cannot be uploaded.
     pub fn resume(
-        mut exec: E,
+        exec: E,
         settings: Settings,
-        views: &[View],
+        views: &(impl PictureSource + ?Sized),
         state: &TrainingState<Vec<f32>>,
     ) -> Result<Self, TrainError<E::Error>> {
-        if views.is_empty() {
+        Self::from_state(exec, settings, views.pictures(), state)
+    }
+
+    fn from_state(
+        mut exec: E,
+        settings: Settings,
+        pictures: Box<dyn Pictures>,
+        state: &TrainingState<Vec<f32>>,
+    ) -> Result<Self, TrainError<E::Error>> {
+        let cameras = pictures.cameras();
+        if cameras.is_empty() {
             return Err(TrainError::NoViews);
         }
-        check_state(state, &settings, views.len()).map_err(|what| TrainError::OtherRun { what })?;
-        let halved: Vec<View> = if settings.profile.coarse_until > 0.0 && all_can_be_halved(views) {
-            views.iter().map(View::halved).collect()
-        } else {
-            Vec::new()
-        };
-        let extent = extent_of(views);
+        check_state(state, &settings, cameras.len()).map_err(|what| TrainError::OtherRun { what })?;
+        let extent = extent_of_cameras(cameras.iter());
         let near = near_of(extent);
+        let cameras: Vec<Camera> = cameras.into_iter().map(|camera| Camera { near, ..camera }).collect();
+        let is_halved = settings.profile.coarse_until > 0.0 && all_can_be_halved(&cameras);
+        let half = |camera: &Camera| camera.resized(camera.width / 2, camera.height / 2);
+        let halved = if is_halved { cameras.iter().map(half).collect() } else { Vec::new() };
         let TrainingState { scene, near_field, exposures, order, iteration, psnr, nonfinite } = state;
         let uploaded = near_field.as_ref().map(|near_field| upload_near_field(&mut exec, near_field)).transpose()?;
         let state = TrainingState {
@@ -145,8 +193,18 @@ impl<E: Executor> Trainer<E> {
             psnr: *psnr,
             nonfinite: *nonfinite,
         };
-        let pictures = [upload_pictures(&mut exec, views, near)?, upload_pictures(&mut exec, &halved, near)?];
-        Ok(Self { exec, settings, pictures, extent, state, near_field: uploaded, ranks: None })
+        Ok(Self {
+            exec,
+            settings,
+            cameras: [cameras, halved],
+            targets: Targets::new(pictures),
+            prepared: None,
+            ahead: None,
+            extent,
+            state,
+            near_field: uploaded,
+            ranks: None,
+        })
     }
 
     /// Shares the training with other ranks, which were started or resumed alike and join at the
@@ -165,7 +223,85 @@ impl<E: Executor> Trainer<E> {
         ranks.check_parameters(&mut self.exec, &self.state.scene)?;
         ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
         self.ranks = Some(ranks);
+        (self.prepared, self.ahead) = (None, None);
         Ok(())
+    }
+
+    /// Uploads the pictures of the next step, and returns whether any rank wishes something, such
+    /// as an end of the training. All ranks ask at once.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Picture`] on all ranks, where one cannot be shown to one of them: the training
+    /// is where it was, and can be saved. [`TrainError::Executor`] where one cannot be uploaded,
+    /// [`TrainError::Exchange`] where a rank is gone.
+    pub fn prepare(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
+        let prepared = if self.is_finished() { Ok(()) } else { self.prepare_own() };
+        let sentence = match prepared {
+            Ok(()) => String::new(),
+            Err(TrainError::Picture(PictureError(sentence))) if self.ranks.is_some() => sentence,
+            Err(error) => return Err(error),
+        };
+        let Some(ranks) = &mut self.ranks else { return Ok(wish) };
+        let agreed = ranks.agree_unless(wish, &sentence).map_err(TrainError::Exchange)?;
+        agreed.map_err(|sentence| TrainError::Picture(PictureError(sentence)))
+    }
+
+    /// Uploads this rank's pictures of the next step.
+    fn prepare_own(&mut self) -> Result<(), TrainError<E::Error>> {
+        let step = self.state.iteration + 1;
+        if self.prepared.is_some() {
+            return Ok(());
+        }
+        self.look_ahead();
+        let mut order = self.state.order.clone();
+        let views = self.schedule().take(&mut order, step);
+        let turns = self.own_turns(step, &views);
+        self.targets.prepare(&mut self.exec, &turns)?;
+        self.prepared = Some(Prepared { views, order });
+        Ok(())
+    }
+
+    /// Announces turns of pictures ahead, once half of those that were known are over.
+    fn look_ahead(&mut self) {
+        let step = self.state.iteration + 1;
+        let mut ahead = self.ahead.take().unwrap_or_else(|| Ahead {
+            turns: VecDeque::new(),
+            step,
+            order: self.state.order.clone(),
+        });
+        let first = self.schedule().visits(step).start;
+        while ahead.turns.front().is_some_and(|turn| turn.visit < first) {
+            ahead.turns.pop_front();
+        }
+        let most = AHEAD_MAX.min(2 * self.cameras[0].len()).max(2);
+        if ahead.turns.len() <= most / 2 && ahead.step <= self.settings.iterations {
+            while ahead.turns.len() < most && ahead.step <= self.settings.iterations {
+                let views = self.schedule().take(&mut ahead.order, ahead.step);
+                ahead.turns.extend(self.own_turns(ahead.step, &views));
+                ahead.step += 1;
+            }
+            self.targets.expect::<E>(&ahead.turns);
+        }
+        self.ahead = Some(ahead);
+    }
+
+    fn schedule(&self) -> ViewSchedule {
+        let Settings { seed, profile, .. } = &self.settings;
+        ViewSchedule { seed: *seed, views: self.cameras[0].len(), per_step: profile.views_per_step }
+    }
+
+    /// Turns of the pictures in a step with these views whose gradients this rank computes.
+    fn own_turns(&self, step: u32, views: &[usize]) -> Vec<Turn> {
+        let (rank, size) = self.ranks.as_ref().map_or((0, 1), |ranks| (ranks.rank(), ranks.size()));
+        let visits = self.schedule().visits(step).zip(views).skip(rank).step_by(size);
+        visits.map(|(visit, view)| Turn { visit, picture: self.picture(step, *view) }).collect()
+    }
+
+    /// Picture of a view at the size of a step.
+    fn picture(&self, step: u32, view: usize) -> PictureKey {
+        let is_coarse = self.done(step) < self.settings.profile.coarse_until;
+        PictureKey { view, is_halved: is_coarse && !self.cameras[1].is_empty() }
     }
 
     /// Returns whether any rank wishes something, such as an end of the training. All ranks ask at
@@ -210,11 +346,14 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
+    /// [`TrainError::Picture`], where one cannot be shown: the training is where it was.
     /// [`TrainError::Executor`], where a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
+        self.prepare_own()?;
+        let Prepared { views, order } = self.prepared.take().expect("the views of the step are prepared");
+        self.state.order = order;
         self.state.iteration += 1;
         let number = self.state.iteration;
-        let views = self.next_views();
         let rules = self.rules_at(number, Channels::Training);
         let weights = self.settings.profile.weights_at(self.done(number));
         let profile = &self.settings.profile;
@@ -246,31 +385,37 @@ impl<E: Executor> Trainer<E> {
     /// Takes Adam's step against the gradients of some views; returns the report of each.
     fn fit(&mut self, views: &[usize], pass: &Pass) -> Result<Vec<StepReport>, TrainError<E::Error>> {
         let number = self.state.iteration;
-        let first = self.visit(0);
-        let is_coarse = self.done(number) < self.settings.profile.coarse_until;
         let profile = &self.settings.profile;
-        let pictures = &self.pictures[usize::from(is_coarse && !self.pictures[1].is_empty())];
-        let of = |(position, view): (usize, &usize)| TrainingStep {
-            camera: &pictures[*view].0,
-            target: &pictures[*view].1,
-            background: self.settings.background,
-            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[*view]),
-            near_field: self.near_field.as_ref(),
-            rules: &pass.rules,
-            weights: &pass.weights,
-            is_observed: pass.is_observed,
+        let updates = Updates {
+            views: views.len(),
+            first: self.schedule().visits(number).start,
             rates: &pass.rates,
             environment_rate: pass.environment_rate,
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            number: u32::try_from(first + position as u64).unwrap_or(u32::MAX),
+            is_observed: pass.is_observed,
         };
+        let turns = self.own_turns(number, views);
+        let of = |Turn { visit, picture }: &Turn| TrainingStep {
+            camera: &self.cameras[usize::from(picture.is_halved)][picture.view],
+            target: self.targets.of(*picture),
+            background: self.settings.background,
+            exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[picture.view]),
+            near_field: self.near_field.as_ref(),
+            rules: &pass.rules,
+            weights: &pass.weights,
+            is_observed: updates.is_observed,
+            rates: updates.rates,
+            environment_rate: updates.environment_rate,
+            radiance_max: updates.radiance_max,
+            number: u32::try_from(*visit).unwrap_or(u32::MAX),
+        };
+        let own: Vec<_> = turns.iter().map(of).collect();
         let (exec, scene) = (&mut self.exec, &mut self.state.scene);
-        let steps: Vec<_> = views.iter().enumerate().map(of).collect();
-        match (&mut self.ranks, &*steps) {
-            (Some(ranks), steps) => ranks.step(exec, scene, steps),
+        match (&mut self.ranks, &*own) {
+            (Some(ranks), own) => ranks.step(exec, scene, own, &updates),
             // The gradient of a single view never goes through memory.
             (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
-            (None, steps) => Ok(batch_step(exec, scene, steps)?),
+            (None, steps) => Ok(batch_step(exec, scene, steps, &updates)?),
         }
     }
 
@@ -288,29 +433,6 @@ impl<E: Executor> Trainer<E> {
         }
     }
 
-    /// Views of the next step, in order. They follow from the seed and the steps before alone.
-    fn next_views(&mut self) -> Vec<usize> {
-        (0..self.settings.profile.views_per_step).map(|position| self.next_view(position) as usize).collect()
-    }
-
-    /// Number of a view among all that the training visits, from 1, by its position in this step.
-    fn visit(&self, position: u32) -> u64 {
-        u64::from(self.state.iteration - 1) * u64::from(self.settings.profile.views_per_step) + u64::from(position) + 1
-    }
-
-    /// Next view of the current pass; each pass visits all views in random order.
-    fn next_view(&mut self, position: u32) -> u32 {
-        if self.state.order.is_empty() {
-            let visit = self.visit(position);
-            self.state.order = (0..self.pictures[0].len() as u32).collect();
-            for k in (1..self.state.order.len()).rev() {
-                let other = random::bits(self.settings.seed, visit, k as u64) % (k as u64 + 1);
-                self.state.order.swap(k, other as usize);
-            }
-        }
-        self.state.order.pop().expect("the order was just filled")
-    }
-
     fn note(&mut self, report: &StepReport) {
         const MEMORY: f64 = 0.98;
         let now = psnr(report.loss.squared.max(1e-10));
@@ -321,7 +443,8 @@ impl<E: Executor> Trainer<E> {
     /// Takes Adam's step for the exposure of a picture, by its position in the step. The step
     /// number is the number of the pass.
     fn expose(&mut self, view: usize, position: usize, report: &StepReport) {
-        let turn = ((self.visit(position as u32) - 1) / self.pictures[0].len() as u64) as u32 + 1;
+        let visit = self.schedule().visits(self.state.iteration).start + position as u64;
+        let turn = ((visit - 1) / self.cameras[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
         if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
             self.state.nonfinite += exposure::step(exposures, view, grad, schedule.at(self.state.iteration), turn);
@@ -410,7 +533,6 @@ impl<E: Executor> Trainer<E> {
             Some((light, _)) if gaussians.layout.is_physical => Some(Sky::new(&download_light(&mut self.exec, light)?)),
             _ => None,
         };
-        let cameras: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
         let scene = &self.state.scene.gaussians;
         let exec = &mut self.exec;
         let mut render = |camera: &Camera, picture: Unlit| {
@@ -421,7 +543,7 @@ impl<E: Executor> Trainer<E> {
             };
             render_view(exec, scene, None, camera, &rules)
         };
-        let found = near_field::fused(&gaussians, &cameras, schedule.voxels, sky.as_ref(), &mut render)?;
+        let found = near_field::fused(&gaussians, &self.cameras[0], schedule.voxels, sky.as_ref(), &mut render)?;
         if gaussians.layout.is_physical {
             let surroundings = found.as_ref().and_then(|found| Some(&found.near_field).zip(found.ambient.as_ref()));
             near_field::set_ambient(&mut gaussians, surroundings);
@@ -436,8 +558,7 @@ impl<E: Executor> Trainer<E> {
     /// Sets the filters in space of Gaussians that have one, from the views at full size.
     fn sample(&mut self) -> Result<(), TrainError<E::Error>> {
         if self.settings.profile.layout.is_smoothed {
-            let views: Vec<Camera> = self.pictures[0].iter().map(|(camera, _)| *camera).collect();
-            self.exec.sampling(&mut self.state.scene.gaussians, &views)?;
+            self.exec.sampling(&mut self.state.scene.gaussians, &self.cameras[0])?;
         }
         Ok(())
     }
@@ -588,18 +709,20 @@ pub struct HostScene {
 }
 
 /// Returns whether views at half their size are still large enough to train on.
-fn all_can_be_halved(views: &[View]) -> bool {
+fn all_can_be_halved(cameras: &[Camera]) -> bool {
     const SIZE_MIN: u32 = 64;
-    views.iter().all(|view| view.camera.width.min(view.camera.height) >= 2 * SIZE_MIN)
+    cameras.iter().all(|camera| camera.width.min(camera.height) >= 2 * SIZE_MIN)
 }
 
-/// Uploads pictures, with cameras that share the near plane of the scene.
-fn upload_pictures<E: Executor>(exec: &mut E, views: &[View], near: f32) -> Result<Vec<(Camera, E::Target)>, E::Error> {
-    let mut upload = |view: &View| {
-        let [width, height] = [view.camera.width as usize, view.camera.height as usize];
-        Ok((Camera { near, ..view.camera }, exec.target(width, height, &view.rgba)?))
+/// Silhouettes of all pictures.
+fn silhouettes(pictures: &mut dyn Pictures, count: usize) -> Result<Vec<Option<Silhouette>>, PictureError> {
+    let silhouette = |view: usize| {
+        let turn = Turn { visit: 0, picture: PictureKey { view, is_halved: false } };
+        let mut found = None;
+        pictures.show(turn, &mut |view| found = Silhouette::of(&view.rgba))?;
+        Ok(found)
     };
-    views.iter().map(&mut upload).collect()
+    (0..count).map(silhouette).collect()
 }
 
 fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {

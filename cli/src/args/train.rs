@@ -90,6 +90,11 @@ pub(crate) struct Train {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = ranks)]
     #[serde(skip)]
     pub(crate) ranks: u16,
+    /// Hold at most this many GiB of decoded pictures, and decode others again before their turn;
+    /// the model is the same. By default half of the memory that is free at the start.
+    #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+    #[serde(skip)]
+    pub(crate) picture_memory: Option<f64>,
     /// Downscale the pictures by this factor.
     #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
     pub(crate) resolution: u32,
@@ -511,6 +516,12 @@ pub(super) fn ranks(text: &str) -> Result<u16, String> {
     const MOST: u16 = 64;
     let count = positive(text)?;
     if count <= MOST { Ok(count) } else { Err(format!("use {MOST} ranks at most")) }
+}
+
+/// Memory in GiB, which may be less than one.
+pub(super) fn gibibytes(text: &str) -> Result<f64, String> {
+    let size: f64 = text.parse().map_err(|_| "give a number of GiB, such as 4 or 0.5".to_owned())?;
+    if size.is_finite() && size >= 0.0 { Ok(size) } else { Err("give a number of GiB that is not negative".into()) }
 }
 
 /// Number of random points, at least one.

@@ -104,8 +104,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
         random_points: 0,
     };
     let info = info(args, &settings, data);
-    let reload = || Ok((data.train.clone(), points.to_vec()));
-    let mut session = Session::new(&reload);
+    let mut session = Session::new(&data.train, points);
     let start = Start::Points(points);
     let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, &start, &mut session)?;
     let outcome = session.run(&mut training, name, args.iterations, &[])?;
@@ -127,7 +126,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
 }
 
 fn info(args: &Demo, settings: &Settings, data: &Dataset) -> ModelInfo {
-    let mut info = model_info(settings, data);
+    let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
     let [_, axis, prefilter, _] = ShadingModel::of_profile(&settings.profile).names();
     info.rest.insert("axis".into(), axis.into());
     info.rest.insert("prefilter".into(), prefilter.into());

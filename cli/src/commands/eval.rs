@@ -11,7 +11,7 @@ use crate::{
     truth::{measure_light, measure_materials, up_of},
 };
 use glam::Vec3;
-use specula_core::rules::Channels;
+use specula_core::{camera::Camera, rules::Channels};
 use specula_io::{dataset::LoadOptions, materials::Materials, model_folder, picture};
 use specula_report::{
     evaluation::{self, EvaluatedLight, EvaluatedView, Evaluation, RelitScene},
@@ -51,7 +51,9 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
 
     let split = Split::from(args.split);
     let is_relit = split == Split::Test && opened.scene.gaussians.layout.is_shaded();
-    let materials = measure_materials(&opened.scene, &(&args.renderer).into(), &views, &truths)?;
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
+    let truth = |index: usize| Ok(truths.get(index).cloned().unwrap_or_default());
+    let materials = measure_materials(&opened.scene, &(&args.renderer).into(), &cameras, truth)?;
     let albedo_scale = materials.as_ref().and_then(|materials| materials.albedo_scale);
     let up = up_of(opened.info.as_ref(), views.iter().map(|view| &view.camera));
     // A light that was put in place of the learned one says nothing about the training.

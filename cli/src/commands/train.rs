@@ -9,7 +9,7 @@ use crate::{
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
-    interrupt, output, progress,
+    interrupt, memory, output,
     ranks::{self, Ranks, share_among_threads},
     scene, settings,
     training::Session,
@@ -27,45 +27,157 @@ use specula_io::{
 };
 use specula_scene::{
     backdrop::BackgroundColor,
-    dataset::{Dataset, InitialPoints, cloud_of, named_cameras},
+    capture::{Capture, Photograph, Reading},
+    dataset::{InitialPoints, cloud_of},
     foreground,
     light_file::MapUp,
     orientation::{self, of_gaussians, with_up},
-    training::{self, Checkpoints, Outcome, Start, Training, model_info},
+    training::{Checkpoints, Lock, Outcome, Start, Training, model_info},
 };
-use specula_train::{profile::Profile, ranks::Traffic, start::Point, trainer::Settings};
+use specula_train::{
+    exchange::Exchange, picture_store::PictureStore, profile::Profile, ranks::Traffic, start::Point, trainer::Settings,
+};
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
-use std::{path::Path, sync::Arc};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex},
+};
 
 /// Trains, saves, and measures with `--eval`: alone, as one of several ranks, or on several ranks
 /// that are threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     match args.ranks {
-        1 => run_rank(args, ranks),
+        1 => {
+            let mut exchange = (ranks.connect)();
+            let connected = exchange.as_mut().map(|exchange| exchange.as_mut() as &mut dyn Exchange);
+            Prepared::new(args, ranks, connected)?.train(ranks, exchange)
+        }
         _ if ranks.size > 1 => Err(Failure::Input(
             "ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into(),
         )),
-        count => share_among_threads(count.into(), |ranks| run_rank(args, ranks)),
+        count => {
+            let prepared = Prepared::new(args, ranks, None)?;
+            share_among_threads(count.into(), |ranks| prepared.train(ranks, (ranks.connect)()))
+        }
     }
 }
 
-/// Trains as one rank. The first one writes the model.
-fn run_rank(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
-    warn_of_ignored(args);
-    if ranks.size > 1 && args.watch.view.is_some() {
-        return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
+/// A training before its first step, which ranks that are threads share.
+struct Prepared {
+    args: Train,
+    settings: Settings,
+    info: ModelInfo,
+    facts: Facts,
+    background: BackgroundColor,
+    data: Capture,
+    pictures: PictureStore,
+    points: Vec<Point>,
+    /// Checkpoint to resume from, once for each rank; the last one frees it.
+    saved: Mutex<Vec<Arc<folder::Resumed>>>,
+    /// Iteration of that checkpoint, and seconds of the steps before it.
+    resumed: Option<(u32, f64)>,
+    _lock: Option<Lock>,
+}
+
+impl Prepared {
+    /// Reads data set and checkpoint, and creates the model folder where this rank is the first.
+    fn new(args: &Train, ranks: &Ranks<'_>, exchange: Option<&mut dyn Exchange>) -> Result<Self, Failure> {
+        warn_of_ignored(args);
+        let rank_count = ranks.size.max(args.ranks.into());
+        if rank_count > 1 && args.watch.view.is_some() {
+            return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
+        }
+        let args = with_resolution(args)?;
+        // Refused before the data is read.
+        settings::profile_of(&args, args.iterations, false)?;
+        // A folder that does not exist is created and locked once everything else is known to be
+        // valid.
+        let is_first = ranks.is_first();
+        let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(&args)?) } else { None };
+        refuse_data_set(&args)?;
+        if is_first {
+            folder::refuse_other_training(&args)?;
+        }
+        let mut data = load(&args, ranks.local, exchange)?;
+        let of_objects = data.holds_objects();
+        let profile = profile_of(&args, &data)?;
+        let background = background_of(&args, &data);
+        let (iterations, seed) = (args.iterations, args.seed);
+        let settings = Settings { profile, iterations, seed, background: background.0, random_points: 0 };
+        let info = info_of(&args, &settings, &data)?;
+        let facts = data.describe(&settings, config::text_of(&args)?);
+        let saved = if args.resuming.resume {
+            Some(folder::read_checkpoint(&args, source_of(&args)?, &settings, of_objects, &facts)?)
+        } else {
+            None
+        };
+        let points = if saved.is_some() { Vec::new() } else { data.take_points(points_of(&args), seed) };
+        let lock = if is_first {
+            output::make_folder(&args.model_path)?;
+            let lock = lock.map_or_else(|| folder::lock(&args), Ok)?;
+            prepare_folder(&args, &settings.profile, &data, &points, &facts, saved.as_ref())?;
+            Some(lock)
+        } else {
+            None
+        };
+        let resumed = saved.as_ref().map(|saved| (saved.state.iteration, saved.seconds));
+        let saved = saved.map(Arc::new).map_or_else(Vec::new, |saved| vec![saved; args.ranks.into()]);
+        let (saved, pictures) = (Mutex::new(saved), data.take_store());
+        Ok(Self { args, settings, info, facts, background, data, pictures, points, saved, resumed, _lock: lock })
     }
-    let args = &with_resolution(args)?;
-    // Refused before the data is read.
-    settings::profile_of(args, args.iterations, false)?;
-    // A folder that does not exist is created and locked once everything else is known to be valid.
-    let is_first = ranks.is_first();
-    let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(args)?) } else { None };
-    refuse_data_set(args)?;
-    if is_first {
-        folder::refuse_other_training(args)?;
+
+    /// Trains as one rank. The first one writes the model.
+    fn train(&self, ranks: &Ranks<'_>, exchange: Option<Box<dyn Exchange>>) -> Result<(), Failure> {
+        let Self { args, settings, info, facts, background, data, pictures, points, resumed, .. } = self;
+        let is_first = ranks.is_first();
+        let saved = self.saved.lock().map_or(None, |mut saved| saved.pop());
+        let start = saved.as_ref().map_or(Start::Points(points), |saved| Start::Checkpoint(&saved.state));
+        let mut session = Session::new(pictures, points).of(ranks);
+        let choice = ranks.executor(&args.executor);
+        let training = Training::new(&choice, settings.clone(), pictures, &start, &mut session)?;
+        let seconds = resumed.map_or(0.0, |(_, seconds)| seconds);
+        let mut training = training.with_checkpoints(self.checkpoints(is_first), seconds);
+        drop(saved);
+        if let Some(exchange) = exchange {
+            training.join(exchange, &facts.pictures)?;
+            tracing::info!("{} ranks share the training", ranks.size);
+        }
+        let cameras = data.evaluation_cameras();
+        let watching = match args.watch.view {
+            Some(address) => Some(watch(args, address, &mut training, data, *background)?),
+            None => None,
+        };
+        interrupt::watch()?;
+
+        // Others wait while the first one saves and measures.
+        let pauses = if is_first { [&args.save_iterations[..], &args.test_iterations].concat() } else { Vec::new() };
+        let views = result::Views { data, cameras, background: *background };
+        let live = watching.as_ref().map(Watching::live);
+        let session = session.with(|training| result::pause(args, training, info, &views), live);
+        let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
+        note_traffic(ranks, &training, outcome);
+        if !is_first {
+            return Ok(());
+        }
+        result::finish(args, &mut training, info.clone(), outcome, &views)?;
+        let result = || Ok((training.scene()?, training.iteration()));
+        watching.map_or(Ok(()), |watching| watching.stay(result))
     }
-    let mut data = load(args)?;
+
+    /// Checkpoints, which the first rank writes.
+    fn checkpoints(&self, is_first: bool) -> Checkpoints {
+        let Self { args, facts, resumed, .. } = self;
+        let checkpoints = Checkpoints::new(&args.model_path, args.resuming.checkpoint_every, facts.clone());
+        let checkpoints = if is_first { checkpoints } else { checkpoints.of_another_rank() };
+        match resumed {
+            Some((iteration, _)) => checkpoints.resumed_at(*iteration),
+            None => checkpoints,
+        }
+    }
+}
+
+/// Profile of a training on a data set.
+fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
     let of_objects = data.holds_objects();
     let mut profile = settings::profile_of(args, args.iterations, of_objects)?;
     if of_objects && args.profile == ProfileName::Specula {
@@ -75,70 +187,14 @@ fn run_rank(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
         profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
     }
-    if let Some(reference) = &args.start.light_reference {
-        profile = under_known_light(profile, reference, &data)?;
+    match &args.start.light_reference {
+        Some(reference) => under_known_light(profile, reference, data),
+        None => Ok(profile),
     }
-    let background = background_of(args, &data);
-    let settings =
-        Settings { profile, iterations: args.iterations, seed: args.seed, background: background.0, random_points: 0 };
-    let info = info_of(args, &settings, &data)?;
-    let facts = training::describe(&settings, config::text_of(args)?, &data.train);
-    let saved = if args.resuming.resume {
-        Some(folder::read_checkpoint(args, source_of(args)?, &settings, of_objects, &facts)?)
-    } else {
-        None
-    };
-    let points = if saved.is_some() { Vec::new() } else { data.take_points(points_of(args), args.seed) };
-    let pictures = facts.pictures.clone();
-    let (checkpoints, _lock) = if is_first {
-        output::make_folder(&args.model_path)?;
-        let lock = lock.map_or_else(|| folder::lock(args), Ok)?;
-        (prepare_folder(args, &settings.profile, &data, &points, facts, saved.as_ref())?, Some(lock))
-    } else {
-        let checkpoints = Checkpoints::new(&args.model_path, args.resuming.checkpoint_every, facts).of_another_rank();
-        (saved.iter().fold(checkpoints, |checkpoints, saved| checkpoints.resumed_at(saved.state.iteration)), None)
-    };
-
-    let reload = || {
-        let mut data = progress::silently(|| load(args))?;
-        let points = data.take_points(points_of(args), args.seed);
-        Ok((data.train, points))
-    };
-    let start = saved.as_ref().map_or(Start::Points(&points), |saved| Start::Checkpoint(&saved.state));
-    let seconds = saved.as_ref().map_or(0.0, |saved| saved.seconds);
-    let mut session = Session::new(&reload).of(ranks);
-    let training = Training::new(&ranks.executor(&args.executor), settings, &data.train, &start, &mut session)?;
-    let mut training = training.with_checkpoints(checkpoints, seconds);
-    if let Some(exchange) = (ranks.connect)() {
-        training.join(exchange, &pictures)?;
-        tracing::info!("{} ranks share the training", ranks.size);
-    }
-    let cameras = data.evaluation_cameras();
-    let watching = match args.watch.view {
-        Some(address) => Some(watch(args, address, &mut training, &data, background)?),
-        None => None,
-    };
-    let names: Vec<String> = data.train.iter().map(|view| view.name.clone()).collect();
-    drop((core::mem::take(&mut data.train), points, saved));
-    interrupt::watch()?;
-
-    // Others wait while the first one saves and measures.
-    let pauses = if is_first { [&args.save_iterations[..], &args.test_iterations].concat() } else { Vec::new() };
-    let views = result::Views { names, test: &data.test, materials: &data.test_materials, cameras, background };
-    let live = watching.as_ref().map(Watching::live);
-    let session = session.with(|training| result::pause(args, training, &info, &views), live);
-    let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
-    note_traffic(ranks, &training, outcome);
-    if !is_first {
-        return Ok(());
-    }
-    result::finish(args, &mut training, info, outcome, &views)?;
-    let result = || Ok((training.scene()?, training.iteration()));
-    watching.map_or(Ok(()), |watching| watching.stay(result))
 }
 
 /// Profile under a light that is known, or whose mean is.
-fn under_known_light(profile: Profile, reference: &LightReference, data: &Dataset) -> Result<Profile, Failure> {
+fn under_known_light(profile: Profile, reference: &LightReference, data: &Capture) -> Result<Profile, Failure> {
     let Some(light) = profile.light else {
         return Err(Failure::Input(format!("--profile {} has no light; omit --light-reference", profile.name)));
     };
@@ -226,11 +282,15 @@ fn options_of(args: &Train) -> LoadOptions {
     LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every }
 }
 
-fn load(args: &Train) -> Result<Dataset, Failure> {
+fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {
     let source = source_of(args)?;
-    let mut data = dataset::load(source, &options_of(args))?;
+    let points = (!args.resuming.resume).then(|| points_of(args));
+    let budget = |neighbours: usize| picture_memory(args, neighbours);
+    let reading =
+        Reading { folder: source, options: &options_of(args), points, seed: args.seed, local, budget: &budget };
+    let mut data = dataset::read(&reading, exchange)?;
     if args.photographs.scene_up.is_some() {
-        let cameras = || data.train.iter().chain(&data.test).map(|view| &view.camera);
+        let cameras = || data.train.iter().chain(&data.test).map(|photograph| &photograph.camera);
         data.orientation = data.orientation.map(|found| match args.photographs.scene_up {
             Some(up) => with_up(found, up.into(), cameras()),
             None => found,
@@ -246,45 +306,53 @@ fn load(args: &Train) -> Result<Dataset, Failure> {
     Ok(data)
 }
 
-fn background_of(args: &Train, data: &Dataset) -> BackgroundColor {
+/// Bytes of decoded pictures that a rank holds at most, of so many on its machine: those of the
+/// option, or else half of the free memory, for all of them together.
+fn picture_memory(args: &Train, neighbours: usize) -> u64 {
+    const GIBIBYTE: f64 = (1 << 30) as f64;
+    match args.picture_memory {
+        Some(size) => (size * GIBIBYTE) as u64,
+        None => memory::available().map_or(u64::MAX, |free| free / 2 / neighbours as u64),
+    }
+}
+
+fn background_of(args: &Train, data: &Capture) -> BackgroundColor {
     let white = args.white_background.then_some(BackgroundColor::WHITE);
-    args.background.or(white).unwrap_or_else(|| BackgroundColor::default_for(&data.train))
+    args.background.or(white).unwrap_or_else(|| BackgroundColor::default_for(data.has_alpha()))
 }
 
 /// Writes settings, cameras and points to the model folder before the first step.
 fn prepare_folder(
     args: &Train,
     profile: &Profile,
-    data: &Dataset,
+    data: &Capture,
     points: &[Point],
-    facts: Facts,
+    facts: &Facts,
     saved: Option<&folder::Resumed>,
-) -> Result<Checkpoints, Failure> {
+) -> Result<(), Failure> {
     let folder = &args.model_path;
     if args.resuming.overwrite {
         model_folder::remove_training(folder)?;
     }
     config::save(folder, &facts.config)?;
-    let checkpoints = Checkpoints::new(folder, args.resuming.checkpoint_every, facts);
     if let Some(folder::Resumed { state, .. }) = saved {
         let (taken, all) = (state.iteration, args.iterations);
         match taken == all {
             true => tracing::info!("all {all} iterations are done already; to train longer, set more --iterations"),
             false => tracing::info!("continuing from iteration {taken} of {all}"),
         }
-        return Ok(checkpoints.resumed_at(taken));
+        return Ok(());
     }
     save_inputs(args, profile, data, points)?;
-    exposure::remove(folder)?;
-    Ok(checkpoints)
+    Ok(exposure::remove(folder)?)
 }
 
 fn points_of(args: &Train) -> InitialPoints {
     InitialPoints { random: args.start.random_points, background: args.start.background_points }
 }
 
-fn info_of(args: &Train, settings: &Settings, data: &Dataset) -> Result<ModelInfo, Failure> {
-    let mut info = model_info(settings, data);
+fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInfo, Failure> {
+    let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
     info.rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
@@ -296,8 +364,9 @@ fn info_of(args: &Train, settings: &Settings, data: &Dataset) -> Result<ModelInf
     })
 }
 
-fn save_inputs(args: &Train, profile: &Profile, data: &Dataset, points: &[Point]) -> Result<(), Failure> {
-    let [train, test] = [&data.train, &data.test].map(named_cameras);
+fn save_inputs(args: &Train, profile: &Profile, data: &Capture, points: &[Point]) -> Result<(), Failure> {
+    let [train, test] =
+        [&data.train, &data.test].map(|all| all.iter().map(Photograph::named_camera).collect::<Vec<_>>());
     let is_white = background_of(args, data) == BackgroundColor::WHITE;
     let cfg_args: [(&str, Value); 8] = [
         ("sh_degree", profile.layout.sh_degree.map_or(json!(-1), Value::from)),
@@ -317,7 +386,7 @@ fn watch(
     args: &Train,
     address: SocketAddr,
     training: &mut Training,
-    data: &Dataset,
+    data: &Capture,
     background: BackgroundColor,
 ) -> Result<Watching, Failure> {
     let live = Arc::new(LiveTraining::new(args.iterations, training.iteration()));
@@ -327,7 +396,7 @@ fn watch(
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         orientation: data.orientation.unwrap_or_else(|| of_gaussians(&scene.gaussians)),
         scene,
-        views: named_cameras(data.test.iter().chain(&data.train)),
+        views: data.test.iter().chain(&data.train).map(Photograph::named_camera).collect(),
         held_out: data.test.len(),
         photographs: Some(photographs),
         background: background.0,

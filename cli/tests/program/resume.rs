@@ -184,6 +184,11 @@ fn ranks_that_are_threads_write_the_same_model() {
     started(&tiny, "alone", &batch).assert().success();
     let stderr = started(&tiny, "shared", &batch).args(["--ranks", "3"]).assert().success().get_output().stderr.clone();
     assert!(model_of(&tiny.path("shared"), ITERATIONS) == model_of(&tiny.path("alone"), ITERATIONS));
+    // Memory of two pictures, then of none.
+    for (model, memory, ranks) in [("few", "8e-6", "2"), ("none", "0", "1")] {
+        started(&tiny, model, &batch).args(["--picture-memory", memory, "--ranks", ranks]).assert().success();
+        assert!(model_of(&tiny.path(model), ITERATIONS) == model_of(&tiny.path("alone"), ITERATIONS), "{memory} GiB");
+    }
     let stderr = String::from_utf8(stderr).unwrap();
     for rank in 0..3 {
         assert!(stderr.contains(&format!("rank {rank} sent ")), "{stderr}");

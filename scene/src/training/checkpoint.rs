@@ -83,17 +83,41 @@ impl Checkpoints {
     }
 }
 
+/// Name, camera and checksum of a picture, which tell it from others.
+#[derive(Clone, Copy, Debug)]
+pub struct PictureSum<'a> {
+    /// Name in the data set.
+    pub name: &'a str,
+    /// Camera of the picture.
+    pub camera: &'a Camera,
+    /// CRC-32 of its red, green, blue and alpha bytes.
+    pub pixels: u32,
+}
+
 /// Description of a training before its first step; `config` is its settings as the program's user
 /// gave them.
 pub fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
+    let sums = views.iter().map(|view| {
+        let View { name, camera, rgba, .. } = view;
+        PictureSum { name, camera, pixels: crc32fast::hash(rgba) }
+    });
+    describe_pictures(settings, config, sums)
+}
+
+/// [`describe`] for pictures that are not in memory.
+pub fn describe_pictures<'a>(
+    settings: &Settings,
+    config: String,
+    pictures: impl ExactSizeIterator<Item = PictureSum<'a>>,
+) -> Facts {
     Facts {
         program: env!("CARGO_PKG_VERSION").into(),
         iterations: settings.iterations,
         seed: settings.seed,
         config,
         settings: settings_text(settings),
-        views: views.len(),
-        pictures: checksum(views),
+        views: pictures.len(),
+        pictures: checksum(pictures),
         ..Facts::default()
     }
 }
@@ -104,16 +128,17 @@ pub fn settings_text(settings: &Settings) -> String {
 }
 
 /// Checksum of the names, cameras and pixels of views, which detects changed pictures.
-fn checksum(views: &[View]) -> String {
+fn checksum<'a>(pictures: impl Iterator<Item = PictureSum<'a>>) -> String {
     let mut sum = crc32fast::Hasher::new();
-    for view in views {
+    for PictureSum { name, camera, pixels } in pictures {
         // The near plane follows from the cameras' positions.
-        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height } = view.camera;
+        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height } = *camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
-        sum.update(view.name.as_bytes());
+        sum.update(name.as_bytes());
         [width, height].iter().for_each(|size| sum.update(&size.to_le_bytes()));
         numbers.chain(focal_px).chain(principal_px).for_each(|number| sum.update(&number.to_le_bytes()));
-        sum.update(&view.rgba);
+        let len = 4 * u64::from(width) * u64::from(height);
+        sum.combine(&crc32fast::Hasher::new_with_initial_len(pixels, len));
     }
     format!("{:08x}", sum.finalize())
 }
@@ -246,8 +271,9 @@ mod tests {
 
     #[test]
     fn pictures_names_and_cameras_tell_data_sets_apart() {
-        let sum = checksum(&views());
-        assert_eq!(sum, checksum(&views()));
+        let sum_of = |views: &[View]| describe(&settings("3dgs"), String::new(), views).pictures;
+        let sum = sum_of(&views());
+        assert_eq!(sum, sum_of(&views()));
         let changes: [fn(&mut View); 4] = [
             |view| view.rgba[17] ^= 1,
             |view| view.name.push('x'),
@@ -257,8 +283,8 @@ mod tests {
         for change in changes {
             let mut changed = views();
             change(&mut changed[2]);
-            assert_ne!(sum, checksum(&changed), "a change went unnoticed");
+            assert_ne!(sum, sum_of(&changed), "a change went unnoticed");
         }
-        assert_ne!(sum, checksum(&views()[1..]), "a missing view went unnoticed");
+        assert_ne!(sum, sum_of(&views()[1..]), "a missing view went unnoticed");
     }
 }

@@ -1,14 +1,14 @@
 //! Facts of a training that its model folder records.
 
-use crate::{ShadingModel, dataset::Dataset};
+use crate::ShadingModel;
 use serde_json::{Map, json};
-use specula_io::model_folder::ModelInfo;
+use specula_io::{model_folder::ModelInfo, orientation::Orientation};
 use specula_train::trainer::Settings;
 
-/// Settings of a training on a data set as `specula.json` records them: version, profile, shading
-/// model, background, number of views and orientation. The rest is the caller's, such as the path
-/// of the data set.
-pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
+/// Settings of a training on so many views, and others held out, as `specula.json` records them:
+/// version, profile, shading model, background, number of views and orientation. The rest is the
+/// caller's, such as the path of the data set.
+pub fn model_info(settings: &Settings, [train, test]: [usize; 2], orientation: Option<Orientation>) -> ModelInfo {
     let Settings { profile, iterations, seed, background, .. } = settings;
     let [shading, axis, prefilter, reflections] = ShadingModel::of_profile(profile).names();
     let is_shaded = profile.layout.is_shaded();
@@ -24,8 +24,8 @@ pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
         rest.insert("views_per_step".into(), profile.views_per_step.into());
     }
     rest.insert("background".into(), json!(background));
-    rest.insert("train_views".into(), data.train.len().into());
-    rest.insert("test_views".into(), data.test.len().into());
+    rest.insert("train_views".into(), train.into());
+    rest.insert("test_views".into(), test.into());
     ModelInfo {
         version: env!("CARGO_PKG_VERSION").into(),
         profile: profile.name.into(),
@@ -34,7 +34,7 @@ pub fn model_info(settings: &Settings, data: &Dataset) -> ModelInfo {
         white_background: *background == [1.0; 3],
         downscale: 1,
         seed: *seed,
-        orientation: data.orientation,
+        orientation,
         rest,
         ..ModelInfo::default()
     }

@@ -7,14 +7,16 @@ use specula_core::{executor::Executor, expose::Exposure, state::TrainingState};
 use specula_cpu::CpuExecutor;
 use specula_train::{
     exchange::Exchange,
+    pictures::PictureSource,
     ranks::Traffic,
     start::Point,
     trainer::{HostScene, Settings, TrainError, Trainer},
-    view::View,
 };
 
 /// Training on some executor.
 pub(super) trait Run {
+    /// Uploads the pictures of the next step, and returns whether any rank wishes something.
+    fn prepare(&mut self, wish: bool) -> Result<bool, SceneError>;
     /// Takes one step.
     fn step(&mut self) -> Result<(), SceneError>;
     /// Number of steps taken.
@@ -50,6 +52,9 @@ where
     E: Executor,
     E::Error: Into<SceneError> + core::error::Error,
 {
+    fn prepare(&mut self, wish: bool) -> Result<bool, SceneError> {
+        self.prepare(wish).map_err(SceneError::from)
+    }
     fn step(&mut self) -> Result<(), SceneError> {
         self.step().map(drop).map_err(SceneError::from)
     }
@@ -103,7 +108,7 @@ pub enum Start<'a> {
 pub(super) fn start_on<E: From<SceneError>>(
     choice: &ExecutorChoice,
     settings: Settings,
-    views: &[View],
+    views: &dyn PictureSource,
     from: &Start<'_>,
     mut note: impl FnMut(Note<E>),
 ) -> Result<(Box<dyn Run>, bool), E> {
@@ -130,7 +135,7 @@ pub(super) fn start_on<E: From<SceneError>>(
 pub(super) fn start<E: Executor>(
     exec: E,
     settings: Settings,
-    views: &[View],
+    views: &dyn PictureSource,
     from: &Start<'_>,
 ) -> Result<Trainer<E>, TrainError<E::Error>> {
     match from {

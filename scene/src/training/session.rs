@@ -10,7 +10,7 @@ use crate::{ExecutorChoice, Scene, SceneError, ShadingModel};
 use core::fmt::Display;
 use specula_core::expose::Exposure;
 use specula_cpu::CpuExecutor;
-use specula_train::{exchange::Exchange, ranks::Traffic, start::Point, trainer::Settings, view::View};
+use specula_train::{exchange::Exchange, pictures::PictureSource, ranks::Traffic, start::Point, trainer::Settings};
 use std::time::Instant;
 
 /// Program around a training, which is notified of its progress and may interrupt it.
@@ -21,12 +21,8 @@ pub trait Observer {
     /// Returns whether an executor failed on valid input ([`SceneError::is_device_failure`]).
     fn is_device_failure(error: &Self::Error) -> bool;
 
-    /// Reads pictures and points again, after a device fails.
-    ///
-    /// # Errors
-    ///
-    /// A data set that cannot be read any more.
-    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), Self::Error>;
+    /// Pictures and points for another start, after a device fails.
+    fn origin(&self) -> (&dyn PictureSource, &[Point]);
 
     /// Returns whether the training ends before its next step.
     fn is_interrupted(&self) -> bool {
@@ -101,7 +97,7 @@ impl Training {
     pub fn new<O: Observer>(
         choice: &ExecutorChoice,
         settings: Settings,
-        views: &[View],
+        views: &dyn PictureSource,
         start: &Start<'_>,
         observer: &mut O,
     ) -> Result<Self, O::Error> {
@@ -142,15 +138,24 @@ impl Training {
     ///
     /// # Errors
     ///
-    /// Failures of the executor, unless the CPU takes over, and those of the observer.
+    /// Failures of the executor, unless the CPU takes over, and those of the observer. A picture
+    /// that cannot be shown, after a checkpoint was written.
     pub fn run<O: Observer>(&mut self, pauses: &[u32], observer: &mut O) -> Result<Outcome, O::Error> {
         loop {
-            let is_at_end = self.is_finished() || self.trainer.agree(observer.is_interrupted())?;
+            let (is_at_end, fault) = match self.prepare(observer) {
+                Ok(is_at_end) => (is_at_end, None),
+                Err(error @ SceneError::Picture(_)) => (true, Some(error)),
+                Err(error) => {
+                    self.fall_back_to_cpu(error.into(), observer)?;
+                    continue;
+                }
+            };
             let done = if is_at_end { self.save_checkpoint(observer) } else { self.advance(pauses, observer) };
-            match done {
-                Err(error) => self.fall_back_to_cpu(error, observer)?,
-                Ok(()) if is_at_end => break,
-                Ok(()) => {}
+            match (done, fault) {
+                (Err(error), _) => self.fall_back_to_cpu(error, observer)?,
+                (Ok(()), Some(fault)) => return Err(fault.into()),
+                (Ok(()), None) if is_at_end => break,
+                (Ok(()), None) => {}
             }
         }
         Ok(Outcome {
@@ -159,6 +164,18 @@ impl Training {
             nonfinite: self.trainer.nonfinite(),
             is_interrupted: !self.is_finished(),
         })
+    }
+
+    /// Uploads the pictures of the next step; returns whether there is none, or any rank is
+    /// interrupted.
+    fn prepare<O: Observer>(&mut self, observer: &O) -> Result<bool, SceneError> {
+        if self.is_finished() {
+            return Ok(true);
+        }
+        let start = Instant::now();
+        let is_interrupted = self.trainer.prepare(observer.is_interrupted())?;
+        self.seconds += start.elapsed().as_secs_f64();
+        Ok(is_interrupted)
     }
 
     /// Takes a step, and pauses or writes a checkpoint if one is due.
@@ -207,10 +224,10 @@ impl Training {
         let saved = self.checkpoints.as_ref().filter(|checkpoints| checkpoints.last().is_some());
         let checkpoint = saved.and_then(|saved| Some((saved.path(), saved.last()?)));
         observer.note(Note::GpuFailed { error, checkpoint });
-        let (views, points) = observer.reload()?;
+        let (views, points) = observer.origin();
         let learned = saved.map(Checkpoints::read).transpose().map_err(SceneError::from)?;
-        let start = learned.as_ref().map_or(Start::Points(&points), Start::Checkpoint);
-        let trainer = run::start(CpuExecutor::new(), settings, &views, &start).map_err(SceneError::from)?;
+        let start = learned.as_ref().map_or(Start::Points(points), Start::Checkpoint);
+        let trainer = run::start(CpuExecutor::new(), settings, views, &start).map_err(SceneError::from)?;
         self.trainer = Box::new(trainer);
         self.choice = ExecutorChoice::Cpu;
         Ok(())
@@ -274,6 +291,7 @@ mod tests {
     use specula_train::{
         profile::by_name,
         trainer::{HostScene, Trainer},
+        view::View,
     };
     use std::path::Path;
 
@@ -281,6 +299,9 @@ mod tests {
     struct Failing(Trainer<CpuExecutor>);
 
     impl Run for Failing {
+        fn prepare(&mut self, wish: bool) -> Result<bool, SceneError> {
+            Run::prepare(&mut self.0, wish)
+        }
         fn step(&mut self) -> Result<(), SceneError> {
             if self.0.iteration() == 3 {
                 return Err(SceneError::Executor("the device was lost".into()));
@@ -333,8 +354,8 @@ mod tests {
         Settings { profile, iterations: 6, seed: 0, background: [1.0; 3], random_points: 0 }
     }
 
-    /// Observer that only reads the pictures and points again.
-    struct Reloading;
+    /// Observer that only gives the pictures and points again.
+    struct Reloading(Vec<View>);
 
     impl Observer for Reloading {
         type Error = SceneError;
@@ -342,8 +363,8 @@ mod tests {
         fn is_device_failure(error: &SceneError) -> bool {
             error.is_device_failure()
         }
-        fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), SceneError> {
-            Ok((views(), POINTS.to_vec()))
+        fn origin(&self) -> (&dyn PictureSource, &[Point]) {
+            (&self.0, &POINTS)
         }
     }
 
@@ -363,7 +384,7 @@ mod tests {
     }
 
     fn run(training: &mut Training) -> Result<HostScene, SceneError> {
-        let outcome = training.run(&[], &mut Reloading)?;
+        let outcome = training.run(&[], &mut Reloading(views()))?;
         assert_eq!((outcome.iteration, outcome.is_interrupted), (6, false), "all steps are taken");
         training.trainer.download()
     }
@@ -392,6 +413,7 @@ mod tests {
     #[cfg(feature = "gpu")]
     struct Losing {
         fuse: Box<dyn Fn()>,
+        views: Vec<View>,
         learned: Option<TrainingState<Vec<f32>>>,
     }
 
@@ -409,8 +431,8 @@ mod tests {
             }
             Ok(())
         }
-        fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), SceneError> {
-            Reloading.reload()
+        fn origin(&self) -> (&dyn PictureSource, &[Point]) {
+            (&self.views, &POINTS)
         }
     }
 
@@ -430,7 +452,7 @@ mod tests {
         let mut training = training(true, folder.path(), 2);
         training.trainer =
             Box::new(Trainer::new(GpuExecutor::new(gpu), settings(), &views(), &POINTS).expect("the device is there"));
-        let mut observer = Losing { fuse: Box::new(fuse), learned: None };
+        let mut observer = Losing { fuse: Box::new(fuse), views: views(), learned: None };
         let outcome = training.run(&[3], &mut observer);
         assert_eq!(outcome.expect("the processor takes over").iteration, 6, "all steps are taken");
 

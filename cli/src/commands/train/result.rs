@@ -4,8 +4,8 @@ use crate::{
     args::{Reflections, Train},
     certified,
     failure::Failure,
-    output, progress,
-    scene::measure_views,
+    memory, output, progress,
+    scene::measure_held_out,
     truth::{measure_light, measure_materials, up_of},
 };
 use core::iter;
@@ -16,23 +16,21 @@ use specula_io::{
     materials::Materials,
     model_folder::{self, ModelInfo},
 };
-use specula_report::{certificate::CertifiedScene, evaluation::albedo_summary, light::LightQuality, measure};
+use specula_report::{
+    certificate::CertifiedScene, evaluation::albedo_summary, light::LightQuality, materials::MaterialQuality, measure,
+};
 use specula_scene::{
-    RenderOptions, Scene, SceneRenderer,
+    RenderOptions, Scene, SceneError, SceneRenderer,
     backdrop::BackgroundColor,
+    capture::Capture,
     number::group_digits,
     training::{Outcome, Training},
 };
-use specula_train::view::View;
 
 /// Views that a result was trained on and is measured with.
 #[derive(Debug)]
 pub(super) struct Views<'a> {
-    /// Names of the training pictures.
-    pub(super) names: Vec<String>,
-    pub(super) test: &'a [View],
-    /// Ground-truth materials of each of these views.
-    pub(super) materials: &'a [Materials],
+    pub(super) data: &'a Capture,
     pub(super) cameras: Vec<Camera>,
     pub(super) background: BackgroundColor,
 }
@@ -51,7 +49,7 @@ pub(super) fn pause(args: &Train, training: &mut Training, info: &ModelInfo, vie
         let is_exposed = training.exposures().is_some();
         let measured = progress::silently(|| {
             let mut renderer = SceneRenderer::new(scene, Channels::Training, &options)?;
-            measure_views(&mut renderer, views.test, views.background, is_exposed)
+            measure_held_out(&mut renderer, views.data, views.background, is_exposed)
         })?;
         measure::save(&args.model_path, iteration, training.seconds(), count, &measured, Map::new())?;
         tracing::info!("iteration {iteration}: {}", measure::summary(&measure::means(&measured)));
@@ -62,7 +60,8 @@ pub(super) fn pause(args: &Train, training: &mut Training, info: &ModelInfo, vie
 /// Writes the scene, and the exposures of the pictures if they are learned.
 fn save(args: &Train, training: &Training, scene: &Scene, info: &ModelInfo, views: &Views<'_>) -> Result<(), Failure> {
     if let Some(exposures) = training.exposures() {
-        exposure::write(&args.model_path, &views.names, exposures)?;
+        let names: Vec<String> = views.data.train.iter().map(|photograph| photograph.name.clone()).collect();
+        exposure::write(&args.model_path, &names, exposures)?;
     }
     Ok(scene.save(&args.model_path, training.iteration(), info)?)
 }
@@ -107,14 +106,14 @@ pub(super) fn finish(
     }
     let is_lit = scene.light.is_some();
     let options = RenderOptions::full_precision(training.choice().clone());
-    let materials = measure_materials(&scene, &options, views.test, views.materials)?;
+    let materials = materials_of(&scene, &options, views.data)?;
     let light = measured_light(args, &scene, &info, views);
     let mut renderer = match &certified {
         Some(certified) => certified.renderer(&scene, Channels::Training),
         None => SceneRenderer::new(scene, Channels::Training, &options)?,
     };
-    let test = views.test;
-    let mut measured = measure_views(&mut renderer, test, views.background, training.exposures().is_some())?;
+    let is_exposed = training.exposures().is_some();
+    let mut measured = measure_held_out(&mut renderer, views.data, views.background, is_exposed)?;
     if let Some(certified) = &certified {
         let report = certified::report(certified);
         output::say(&report)?;
@@ -124,7 +123,7 @@ pub(super) fn finish(
     let of_light = light.as_ref().map_or_else(Map::new, LightQuality::facts);
     measure::save(&args.model_path, iteration, seconds, count, &measured, of_light)?;
     let means = measure::summary(&measure::means(&measured));
-    let first = format!("{means}  ({} test views; {facts})", test.len());
+    let first = format!("{means}  ({} test views; {facts})", views.data.test.len());
     let albedo = materials.and_then(|materials| materials.albedo_scale).map(albedo_summary);
     let lines = iter::once(first).chain(albedo).chain(light.as_ref().map(LightQuality::summary));
     output::say(&lines.collect::<Vec<_>>().join("\n"))?;
@@ -179,10 +178,24 @@ fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> 
     Ok(model_folder::save_info(&args.model_path, info)?)
 }
 
-/// Peak memory of the program, on systems with `/proc`.
+/// Peak memory of the program, where it is known.
 fn peak_memory() -> String {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    let kibibytes: Option<f64> = line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok());
-    kibibytes.map_or(String::new(), |size| format!(", {:.2} GiB at most", size / (1024.0 * 1024.0)))
+    memory::peak().map_or(String::new(), |bytes| format!(", {:.2} GiB at most", bytes as f64 / f64::from(1 << 30)))
+}
+
+/// Measures the materials of a scene on the views that are held out, if the data set has any.
+fn materials_of(scene: &Scene, options: &RenderOptions, data: &Capture) -> Result<Option<MaterialQuality>, Failure> {
+    if !data.has_materials() {
+        return Ok(None);
+    }
+    let cameras: Vec<Camera> = data.test.iter().map(|photograph| photograph.camera).collect();
+    let mut held_out = data.held_out();
+    let mut decoded = Vec::new().into_iter();
+    let truth = |_| -> Result<Materials, SceneError> {
+        if decoded.len() == 0 {
+            decoded = held_out.next_some()?.unwrap_or_default().into_iter();
+        }
+        Ok(decoded.next().map_or_else(Materials::default, |(_, materials)| materials))
+    };
+    measure_materials(scene, options, &cameras, truth)
 }

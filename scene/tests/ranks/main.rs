@@ -1,6 +1,8 @@
 //! Trainings on several ranks, as threads of one process: the same files as on one, and an orderly
 //! end when a rank fails.
 
+mod pictures;
+
 use core::{fmt, time::Duration};
 use glam::Vec3;
 use specula_core::{camera::Camera, random};
@@ -15,6 +17,7 @@ use specula_scene::{
 };
 use specula_train::{
     exchange::{Exchange, ExchangeError, PATIENCE, ThreadExchange, threads},
+    pictures::PictureSource,
     profile::{NearFieldSchedule, by_name, exposure_rate},
     ranks::StepSizes,
     start::Point,
@@ -81,8 +84,8 @@ impl Observer for Around {
     fn is_device_failure(_: &SceneError) -> bool {
         false
     }
-    fn reload(&mut self) -> Result<(Vec<View>, Vec<Point>), SceneError> {
-        Ok((views(), points()))
+    fn origin(&self) -> (&dyn PictureSource, &[Point]) {
+        unreachable!("no device is lost here")
     }
     fn is_interrupted(&self) -> bool {
         self.ends_before == Some(self.iteration + 1)
@@ -103,9 +106,30 @@ impl Observer for Around {
     fn note(&mut self, _: Note<SceneError>) {}
 }
 
+/// Pictures and points of a training, with its description.
+struct Origin<'a> {
+    pictures: &'a dyn PictureSource,
+    points: &'a [Point],
+    facts: Facts,
+}
+
 /// One rank of a training from its points, or from the checkpoint of a folder: trains, and saves
 /// the model where it is the first.
 fn run_rank(
+    exchange: ThreadExchange,
+    settings: &Settings,
+    folder: &Path,
+    around: Around,
+    is_resumed: bool,
+) -> Result<(), SceneError> {
+    let facts = describe(settings, String::new(), &views());
+    let origin = Origin { pictures: &views(), points: &points(), facts };
+    run_rank_from(&origin, exchange, settings, folder, around, is_resumed)
+}
+
+/// [`run_rank`] with other pictures and points.
+fn run_rank_from(
+    origin: &Origin<'_>,
     exchange: ThreadExchange,
     settings: &Settings,
     folder: &Path,
@@ -114,17 +138,15 @@ fn run_rank(
 ) -> Result<(), SceneError> {
     let is_first = exchange.rank() == 0;
     let saved = if is_resumed { Some(checkpoint::read(folder)?.state) } else { None };
-    let points = points();
-    let start = saved.as_ref().map_or(Start::Points(&points), Start::Checkpoint);
-    let facts = describe(settings, String::new(), &views());
-    let pictures = facts.pictures.clone();
-    let mut training = Training::new(&ExecutorChoice::Cpu, settings.clone(), &views(), &start, &mut around)?;
-    let checkpoints = Checkpoints::new(folder, 4, facts);
+    let start = saved.as_ref().map_or(Start::Points(origin.points), Start::Checkpoint);
+    let Origin { pictures, facts, .. } = origin;
+    let mut training = Training::new(&ExecutorChoice::Cpu, settings.clone(), *pictures, &start, &mut around)?;
+    let checkpoints = Checkpoints::new(folder, 4, facts.clone());
     let checkpoints = if is_first { checkpoints } else { checkpoints.of_another_rank() };
     training = training.with_checkpoints(checkpoints, 0.0);
     around.iteration = training.iteration();
     if exchange.size() > 1 {
-        training.join(Box::new(exchange), &pictures)?;
+        training.join(Box::new(exchange), &facts.pictures)?;
     }
     let outcome = training.run(&[], &mut around)?;
     if is_first && !outcome.is_interrupted {

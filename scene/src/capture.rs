@@ -1,0 +1,298 @@
+//! Data sets for trainings: pictures are decoded when a training or a measurement needs them, and
+//! ranks share what has to be known of all of them.
+//!
+//! At the start each rank decodes its part of the pictures, once, and gathers the facts of all:
+//! sizes, alpha, checksums of the pixels. A picture that is decoded later is compared with its
+//! checksum, so that no rank trains on other pixels than the others.
+
+mod facts;
+
+pub use facts::Photograph;
+
+use crate::{
+    SceneError,
+    dataset::{InitialPoints, RANDOM_POINTS, points_of, summary, view_of},
+    orientation::estimate,
+    training::{PictureSum, describe_pictures},
+};
+use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use facts::{Extracts, Facts};
+use rayon::prelude::*;
+use specula_core::camera::{Camera, near_of};
+use specula_io::{
+    Error, checkpoint,
+    dataset::{Album, LoadOptions, note_changes, note_missing_normals},
+    materials::Materials,
+    orientation::Orientation,
+};
+use specula_train::{
+    exchange::{Exchange, ExchangeError},
+    picture_store::PictureStore,
+    pictures::PictureError,
+    start::{Point, points_behind_pixels, points_within},
+    trainer::Settings,
+    view::{View, extent_of_cameras},
+};
+use std::{path::Path, sync::Arc};
+
+/// Data set of which a training reads pictures when it needs them.
+#[derive(Debug)]
+pub struct Capture {
+    /// Pictures to train on.
+    pub train: Vec<Photograph>,
+    /// Pictures held out.
+    pub test: Vec<Photograph>,
+    /// Orientation estimated from the cameras; none without cameras.
+    pub orientation: Option<Orientation>,
+    /// Notes on skipped, changed or assumed data, one sentence each.
+    pub notes: Vec<String>,
+    points: Option<Vec<Point>>,
+    album: Arc<Album>,
+    extracts: Vec<Extracts>,
+    /// Views to train on that were decoded at the start and fit into memory.
+    decoded: Vec<(usize, View)>,
+    /// Bytes of pixels that are held at most.
+    budget: u64,
+}
+
+/// Settings of a reading.
+pub struct Reading<'a> {
+    /// Folder of the data set.
+    pub folder: &'a Path,
+    /// Options of the data set.
+    pub options: &'a LoadOptions,
+    /// Initial points that will be taken; none where a training is resumed.
+    pub points: Option<InitialPoints>,
+    /// Seed of these points.
+    pub seed: u64,
+    /// Number of this rank among those of its machine.
+    pub local: usize,
+    /// Bytes of decoded pixels to hold at most, by the number of ranks that share a machine.
+    pub budget: &'a dyn Fn(usize) -> u64,
+}
+
+impl core::fmt::Debug for Reading<'_> {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(out, "Reading({:?})", self.folder)
+    }
+}
+
+impl Capture {
+    /// Reads a data set on all cores, with the other ranks if there is an `exchange`. `progress` is
+    /// called with the number of decoded images and of all that this rank decodes, from any thread.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::File`], the first in the list's order, on the rank that met it, and
+    /// [`SceneError::Training`] with its sentence on all others; [`SceneError::Ranks`] where a rank
+    /// is gone or lists another data set.
+    pub fn read(
+        reading: &Reading<'_>,
+        mut exchange: Option<&mut dyn Exchange>,
+        progress: impl Fn(usize, usize) + Sync,
+    ) -> Result<Self, SceneError> {
+        let mut album = Album::list(reading.folder, reading.options)?;
+        let points = album.points.take().map(|cloud| points_of(&cloud));
+        let neighbours = match &mut exchange {
+            Some(exchange) => facts::greet(*exchange, &album, reading).map_err(SceneError::Ranks)?,
+            None => 1,
+        };
+        let budget = (reading.budget)(neighbours);
+        let (rank, size) = exchange.as_ref().map_or((0, 1), |exchange| (exchange.rank(), exchange.size()));
+        let own: Vec<usize> = (rank..album.len()).step_by(size).collect();
+        let wanted = facts::Wanted::new(reading, points.as_deref(), album.train_count());
+        let (own, decoded) = decode(&album, &own, &wanted, budget, progress);
+        let all = match exchange {
+            Some(exchange) => facts::gather(exchange, own, album.len())?,
+            None => facts::whole(own)?,
+        };
+        let mut capture = Self::of(album, all, points, budget);
+        capture.decoded = decoded;
+        Ok(capture)
+    }
+
+    fn of(album: Album, all: Vec<Facts>, points: Option<Vec<Point>>, budget: u64) -> Self {
+        let mut notes = album.notes.clone();
+        let (mut photographs, mut extracts): (Vec<Photograph>, Vec<Extracts>) =
+            all.into_iter().enumerate().map(|(index, facts)| facts.named(album.name(index))).unzip();
+        note_changes(&photographs.iter().map(|photograph| photograph.changes).collect::<Vec<_>>(), &mut notes);
+        let positions: Vec<[f32; 3]> = points.iter().flatten().map(|point| point.position).collect();
+        let orientation = estimate(photographs.iter().map(|photograph| &photograph.camera), &positions);
+        let is_held_out_alone = album.train_count() == 0;
+        let trained = if is_held_out_alone { &photographs[..] } else { &photographs[..album.train_count()] };
+        let near = near_of(extent_of_cameras(trained.iter().map(|photograph| &photograph.camera)));
+        photographs.iter_mut().for_each(|photograph| photograph.camera.near = near);
+        let test = photographs.split_off(album.train_count());
+        extracts.truncate(album.train_count());
+        note_missing_normals(test.iter().map(|photograph| photograph.has_normals), &mut notes);
+        let (album, decoded) = (Arc::new(album), Vec::new());
+        Self { train: photographs, test, orientation, notes, points, album, extracts, decoded, budget }
+    }
+
+    /// Returns whether alpha cuts objects out of all training pictures.
+    pub fn holds_objects(&self) -> bool {
+        self.train.iter().all(|photograph| photograph.has_alpha)
+    }
+
+    /// Returns whether any training picture is transparent somewhere.
+    pub fn has_alpha(&self) -> bool {
+        self.train.iter().any(|photograph| photograph.has_alpha)
+    }
+
+    /// Source, number of views, their sizes, and number of points on one line.
+    pub fn summary(&self) -> String {
+        let [train, test] = [&self.train, &self.test].map(|all| all.iter().map(|one| &one.camera).collect::<Vec<_>>());
+        summary(&self.album.source, &train, &test, self.points.as_ref().map_or(0, Vec::len))
+    }
+
+    /// Takes the points of the data set out of it, with random points behind them, or draws random
+    /// points.
+    pub fn take_points(&mut self, points: InitialPoints, seed: u64) -> Vec<Point> {
+        let cameras = self.cameras();
+        let (silhouettes, samples): (Vec<_>, Vec<_>) = core::mem::take(&mut self.extracts)
+            .into_iter()
+            .map(|extracts| (extracts.silhouette, extracts.sample))
+            .unzip();
+        let random = |count: u32| points_within(count as usize, &cameras, &silhouettes, seed);
+        let with_background = |mut known: Vec<Point>| {
+            known.extend(points_behind_pixels(&known, points.background as usize, &cameras, &samples, seed));
+            known
+        };
+        match (points.random, self.points.take()) {
+            (Some(count), _) => random(count),
+            (None, Some(known)) if !known.is_empty() => with_background(known),
+            (None, _) => random(RANDOM_POINTS),
+        }
+    }
+
+    /// Cameras of the training pictures.
+    fn cameras(&self) -> Vec<Camera> {
+        self.train.iter().map(|photograph| photograph.camera).collect()
+    }
+
+    /// Cameras of the test views, or else of the training views.
+    pub fn evaluation_cameras(&self) -> Vec<Camera> {
+        let views = if self.test.is_empty() { &self.train } else { &self.test };
+        views.iter().map(|view| view.camera).collect()
+    }
+
+    /// Width of the widest training picture in pixels; 0 without any.
+    pub fn width_max(&self) -> u32 {
+        self.train.iter().map(|photograph| photograph.camera.width).max().unwrap_or(0)
+    }
+
+    /// Description of a training on these pictures ([`crate::training::describe`]).
+    pub fn describe(&self, settings: &Settings, config: String) -> checkpoint::Facts {
+        let sums = self.train.iter().map(|Photograph { name, camera, checksum, .. }| PictureSum {
+            name,
+            camera,
+            pixels: *checksum,
+        });
+        describe_pictures(settings, config, sums)
+    }
+
+    /// Returns whether any view held out has ground-truth materials.
+    pub fn has_materials(&self) -> bool {
+        (self.train.len()..self.album.len()).any(|index| self.album.has_materials(index))
+    }
+
+    /// Views held out, from the first.
+    pub const fn held_out(&self) -> HeldOut<'_> {
+        HeldOut { capture: self, next: 0 }
+    }
+
+    /// Pictures to train on, which ranks of this program may share.
+    pub fn take_store(&mut self) -> PictureStore {
+        let (album, photographs) = (Arc::clone(&self.album), self.train.clone());
+        let open = move |index: usize| match opened(&album, index, &photographs[index]) {
+            Ok((view, _)) => Ok(view),
+            Err(error) => Err(PictureError(error.to_string())),
+        };
+        let store = PictureStore::new(self.cameras(), self.budget, decoder_count(), open);
+        core::mem::take(&mut self.decoded).into_iter().for_each(|(index, view)| store.add(index, view));
+        store
+    }
+}
+
+/// Views held out, which are decoded some at a time on all threads.
+#[derive(Debug)]
+pub struct HeldOut<'a> {
+    capture: &'a Capture,
+    next: usize,
+}
+
+impl HeldOut<'_> {
+    /// Decodes the next views, with their ground-truth materials; none after the last.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::File`]: a picture that cannot be decoded, or is not what it was at the start.
+    pub fn next_some(&mut self) -> Result<Option<Vec<(View, Materials)>>, SceneError> {
+        /// Views for each thread, which wait for those of other threads.
+        const EACH: usize = 4;
+        let Capture { train, test, album, .. } = self.capture;
+        let first = self.next;
+        self.next = (first + EACH * rayon::current_num_threads()).min(test.len());
+        let open = |index: usize| opened(album, train.len() + index, &test[index]);
+        let opened: Vec<_> = (first..self.next).into_par_iter().map(open).collect();
+        let opened = opened.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Ok((!opened.is_empty()).then_some(opened))
+    }
+}
+
+/// Number of threads that decode beside a training: a part of those that train.
+fn decoder_count() -> usize {
+    const TRAINING_THREADS: usize = 4;
+    const MOST: usize = 8;
+    (rayon::current_num_threads() / TRAINING_THREADS).clamp(1, MOST)
+}
+
+/// Decodes a picture once more and compares it with what it was.
+fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View, Materials), Error> {
+    let (mut view, _) = album.open(index)?;
+    let materials = core::mem::take(&mut view.materials);
+    let view = view_of(view);
+    let camera = Camera { near: photograph.camera.near, ..view.camera };
+    if camera != photograph.camera || crc32fast::hash(&view.rgba) != photograph.checksum {
+        return Err(Error::Changed { path: album.path(index).to_owned() });
+    }
+    Ok((View { camera, ..view }, materials))
+}
+
+/// Outcome of the pictures that a rank decodes at the start: facts in the order of the pictures, or
+/// the first error among them.
+type Decoded = Result<Vec<Facts>, (usize, Error)>;
+
+/// Decodes some pictures, and keeps training views within the budget.
+fn decode(
+    album: &Album,
+    indices: &[usize],
+    wanted: &facts::Wanted,
+    budget: u64,
+    progress: impl Fn(usize, usize) + Sync,
+) -> (Decoded, Vec<(usize, View)>) {
+    let (done, held) = (AtomicUsize::new(0), AtomicU64::new(0));
+    let open = |index: usize| {
+        let opened = album.open(index).map(|(view, changes)| {
+            let facts = Facts::of(&view, changes, wanted, index);
+            let bytes = view.image.rgba.len() as u64;
+            let is_kept = index < album.train_count() && held.fetch_add(bytes, Ordering::Relaxed) + bytes <= budget;
+            (facts, is_kept.then(|| (index, view_of(view))))
+        });
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, indices.len());
+        opened.map_err(|error| (index, error))
+    };
+    let opened: Vec<Result<_, (usize, Error)>> = indices.par_iter().map(|index| open(*index)).collect();
+    match opened.into_iter().collect::<Result<Vec<_>, _>>() {
+        Ok(opened) => {
+            let (facts, views): (Vec<Facts>, Vec<_>) = opened.into_iter().unzip();
+            (Ok(facts), views.into_iter().flatten().collect())
+        }
+        Err(error) => (Err(error), Vec::new()),
+    }
+}
+
+/// Error of a rank that sent something else than facts.
+fn malformed(rank: usize) -> SceneError {
+    SceneError::Ranks(ExchangeError::Transport(format!("rank {rank} sent facts of pictures that are none")))
+}
