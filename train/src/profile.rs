@@ -550,11 +550,8 @@ impl Profile {
         let held = [Schedule::constant(0.0); 2];
         let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
         let warmth = self.warmth(done);
-        let cooled = |schedule: Schedule| Schedule {
-            first: warmth * schedule.first,
-            last: warmth * schedule.last,
-            ..schedule
-        };
+        let cooled =
+            |schedule: Schedule| Schedule { first: warmth * schedule.first, last: warmth * schedule.last, ..schedule };
         Rates { normal_residual, ..self.rates }.map(cooled)
     }
 
@@ -658,7 +655,8 @@ mod tests {
 
     #[test]
     fn normal_residuals_are_held_for_a_share_of_the_training() {
-        let profile = Profile { normal_residuals_from: 0.3, ..by_name("specula", 1000).expect("a profile") };
+        let profile =
+            Profile { normal_residuals_from: 0.3, cool_from: 1.0, ..by_name("specula", 1000).expect("a profile") };
         let rate = |done: f32| profile.rates_at(done).normal_residual.map(|schedule| schedule.at(1) > 0.0);
         assert_eq!([0.0, 0.29, 0.3, 1.0].map(rate), [[false; 2], [false; 2], [true; 2], [true; 2]]);
         assert_eq!(profile.rates_at(0.1).tint, profile.rates.tint);

@@ -367,7 +367,8 @@ impl<E: Executor> Trainer<E> {
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let weights = physical_weights(&weights, physical.weight);
-            let pass = Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
+            let pass =
+                Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
             self.fit(&views, &pass)?;
         }
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
