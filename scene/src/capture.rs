@@ -205,7 +205,7 @@ impl Capture {
     pub fn take_store(&mut self) -> PictureStore {
         let (album, photographs) = (Arc::clone(&self.album), self.train.clone());
         let open = move |index: usize| match opened(&album, index, &photographs[index]) {
-            Ok((view, _)) => Ok(view),
+            Ok((view, _)) => Ok(without_truth(view)),
             Err(error) => Err(PictureError(error.to_string())),
         };
         let store = PictureStore::new(self.cameras(), self.budget, decoder_count(), open);
@@ -259,6 +259,11 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     Ok((View { camera, ..view }, materials))
 }
 
+/// View without ground truth, which no training reads.
+fn without_truth(view: View) -> View {
+    View { normals: None, ..view }
+}
+
 /// Outcome of the pictures that a rank decodes at the start: facts in the order of the pictures, or
 /// the first error among them.
 type Decoded = Result<Vec<Facts>, (usize, Error)>;
@@ -277,7 +282,7 @@ fn decode(
             let facts = Facts::of(&view, changes, wanted, index);
             let bytes = view.image.rgba.len() as u64;
             let is_kept = index < album.train_count() && held.fetch_add(bytes, Ordering::Relaxed) + bytes <= budget;
-            (facts, is_kept.then(|| (index, view_of(view))))
+            (facts, is_kept.then(|| (index, without_truth(view_of(view)))))
         });
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, indices.len());
         opened.map_err(|error| (index, error))
