@@ -314,6 +314,7 @@ fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut 
         let quat: [f32; 4] = gaussians.get(gaussian, QUAT);
         let length = quat.iter().map(|x| x * x).sum::<f32>().sqrt() * if quat[0] < 0.0 { -1.0 } else { 1.0 };
         unit.set(gaussian, QUAT, if length == 0.0 { quat } else { quat.map(|x| x / length) });
+        unit.set(gaussian, LOG_SCALE, told_apart(gaussians.get(gaussian, LOG_SCALE)));
     }
     let mean_step = median_size(gaussians) / MEAN_STEPS;
     let pack = |plane: usize| {
@@ -328,6 +329,17 @@ fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut 
         writer.stepped(&numbers, step, plane < LOG_SCALE)
     };
     (0..layout.plane_count()).map(pack).collect()
+}
+
+/// Log scales of which the least, whose axis is the normal, stays the least when each is rounded to
+/// steps: it is lowered until it is more than a step below both others.
+fn told_apart(mut log_scales: [f32; 3]) -> [f32; 3] {
+    const APART: f32 = 1.25 * SCALE_STEP as f32;
+    let shorter = |k: usize, other: usize| if log_scales[other] < log_scales[k] { other } else { k };
+    let shortest = (1..3).fold(0, shorter);
+    let others = (0..3).filter(|k| *k != shortest).map(|k| log_scales[k]).fold(f32::INFINITY, f32::min);
+    log_scales[shortest] = log_scales[shortest].min(others - APART);
+    log_scales
 }
 
 /// Median of the largest scales of Gaussians, in world units; 0 without any.
@@ -665,6 +677,26 @@ mod tests {
         });
         let apart = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(apart <= NEAR_VERTEX, "triangles have their vertices, and one is {apart} apart");
+    }
+
+    #[test]
+    fn a_quantised_gaussian_keeps_its_shortest_axis() {
+        let mut packed = scene();
+        let gaussians = &mut packed.viewed.scene.gaussians;
+        let apart = |index: usize, axis: u64| SCALE_STEP as f32 * number(20 + axis, index);
+        for index in 0..gaussians.count {
+            let log_scales = if index == 0 { [0.1; 3] } else { [0, 1, 2].map(|axis| 0.1 + apart(index, axis)) };
+            gaussians.set(index, LOG_SCALE, log_scales);
+        }
+        let read = PackedScene::unpack(&packed.pack(PackPrecision::Quantised)).unwrap().viewed.scene.gaussians;
+        let gaussians = &packed.viewed.scene.gaussians;
+        let shortest = |gaussians: &Gaussians<Vec<f32>>, index: usize| {
+            let log_scales: [f32; 3] = gaussians.get(index, LOG_SCALE);
+            (0..3).min_by(|a, b| log_scales[*a].total_cmp(&log_scales[*b]))
+        };
+        for index in 0..gaussians.count {
+            assert_eq!(shortest(&read, index), shortest(gaussians, index), "Gaussian {index}");
+        }
     }
 
     #[test]

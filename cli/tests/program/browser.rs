@@ -167,11 +167,22 @@ impl Page<'_> {
     /// Waits until an expression holds.
     pub(crate) fn wait(&self, expression: &str) {
         let start = Instant::now();
-        while self.eval(expression) != true {
+        while !self.holds(expression) {
             let said =
                 || self.eval("document.getElementById('message')?.textContent + ' | ' + document.body?.innerText");
             assert!(start.elapsed() < PATIENCE, "{expression} does not come true; the page says: {}", said());
             sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Returns whether an expression holds; nothing holds on a page that makes place for another.
+    fn holds(&self, expression: &str) -> bool {
+        /// Code of the debugger's own errors, such as that of a page that went away.
+        const NOT_NOW: i32 = -32000;
+        match self.try_eval(expression) {
+            Ok(value) => value == true,
+            Err(error) if error["code"] == NOT_NOW => false,
+            Err(error) => panic!("{expression}: {error}"),
         }
     }
 
