@@ -289,8 +289,8 @@ pub(crate) struct Start {
     /// Fraction of the run that trains on pictures of half the size, where an iteration costs less.
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,
-    /// Fraction of the run after which all learning rates fall to zero, so that noise of single views
-    /// averages out; 1 for never [default: 0.7 for specula, 1 for others].
+    /// Fraction of the run after which all learning rates fall to zero, so that noise of single
+    /// views averages out; 1 for never [default: 0.7 for specula, 1 for others].
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) cool_from: Option<f32>,
     /// Degree of the spherical harmonics, 0 to 3; -1, from GaussianShader's command lines, for that
