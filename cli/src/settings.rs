@@ -23,7 +23,10 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
     let profile = with_light(profile, args.start.light, visits)?;
     let profile = with_materials(profile, args.start.relightable)?;
     let mut profile = with_reflections(profile, args.start.reflections)?;
-    profile.exposure = args.photographs.exposure.then(|| profile::exposure_rate(visits));
+    if args.photographs.exposure {
+        profile = profile.exposing(visits);
+    }
+    set(&mut profile.cool_from, args.start.cool_from);
     let mut profile = profile.for_batches(args.views_per_step);
     set_losses(&mut profile, &args.losses);
     set_densification(&mut profile, &args.densify);
@@ -38,7 +41,6 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
 
 fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     set(&mut profile.coarse_until, args.coarse_until);
-    set(&mut profile.cool_from, args.cool_from);
     // -1 stands for the degree of the profile.
     if let Some(degree) = args.sh_degree.and_then(|degree| u8::try_from(degree).ok()) {
         profile.layout.sh_degree = Some(degree);

@@ -533,6 +533,27 @@ impl Profile {
         self
     }
 
+    /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
+    /// from the start on in place of cooling: a scene that moves fast takes the differences of
+    /// exposure up itself (docs/trials.md). Materials are to be chosen before.
+    pub fn exposing(mut self, iterations: u32) -> Self {
+        self.exposure = Some(exposure_rate(iterations));
+        if self.cool_from < 1.0 {
+            self.cool_from = 1.0;
+            let share = (700.0 / iterations.max(1) as f32).clamp(0.1, 0.5);
+            let falling = |rate: Schedule| {
+                if rate.first == rate.last {
+                    Schedule { first: rate.first, last: share * rate.first, steps: iterations }
+                } else {
+                    rate
+                }
+            };
+            let Rates { opacity, sh_first, sh_rest, .. } = self.rates;
+            self.rates = Rates { opacity, sh_first, sh_rest, ..self.rates.map(falling) };
+        }
+        self
+    }
+
     /// Profile that also fits physical materials, for relighting, whose light may be kept away by
     /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
     pub fn relightable(mut self) -> Self {
@@ -662,6 +683,21 @@ mod tests {
         assert_eq!(profile.rates_at(0.1).tint, profile.rates.tint);
         let free = by_name("specula", 1000).expect("a profile");
         assert_eq!(free.rates_at(0.0), free.rates);
+    }
+
+    #[test]
+    fn rates_fall_from_the_start_where_exposures_are_learned() {
+        let profile = by_name("specula", 7000).expect("a profile").relightable();
+        let exposing = profile.clone().exposing(7000);
+        assert!(exposing.exposure.is_some() && exposing.cool_from == 1.0);
+        for (falling, constant) in
+            [(exposing.rates.tint, profile.rates.tint), (exposing.rates.material, profile.rates.material)]
+        {
+            assert_eq!((falling.first, falling.last), (constant.first, 0.1 * constant.first));
+        }
+        assert_eq!((exposing.rates.mean, exposing.rates.opacity), (profile.rates.mean, profile.rates.opacity));
+        let plain = by_name("3dgs", 7000).expect("a profile");
+        assert_eq!(plain.clone().exposing(7000).rates, plain.rates);
     }
 
     #[test]

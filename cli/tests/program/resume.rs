@@ -118,6 +118,11 @@ mod killed {
         for word in [&format!("process {} on ", first.id()), "another training", "--ignore-lock", "-m"] {
             assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
         }
+        // Two that begin at once would take each other's files away before they are in place.
+        while !["cameras.json", "input.ply", "config.toml"].iter().all(|name| tiny.path("model").join(name).exists()) {
+            assert_eq!(first.try_wait().unwrap(), None, "the training ended");
+            thread::sleep(Duration::from_millis(5));
+        }
         let stderr = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
         assert!(String::from_utf8(stderr).unwrap().contains("all the same"));
 

@@ -6,7 +6,6 @@ use specula_core::{
     executor::{Executor, Renderer},
     expose::{Exposure, expose},
     metrics::quantize,
-    optimise::Schedule,
     prefilter::PrefilterScheme,
     random,
     rules::{Channels, RenderRules},
@@ -461,10 +460,12 @@ fn exposures_are_found_and_leave_the_scene_its_look() {
     let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
     let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &mean)).collect();
     let mut cpu = CpuExecutor::new();
-    let mut learn = |exposure: Option<Schedule>| {
+    let mut learn = |is_exposing: bool| {
         let mut settings = settings_for("specula", EXPOSED_ITERATIONS);
         settings.profile.densification.until = 0;
-        settings.profile.exposure = exposure;
+        if is_exposing {
+            settings.profile = settings.profile.exposing(EXPOSED_ITERATIONS);
+        }
         let mut trainer =
             Trainer::new(CpuExecutor::new(), settings.clone(), &differently, &points(0)).expect("there are views");
         while !trainer.is_finished() {
@@ -473,7 +474,7 @@ fn exposures_are_found_and_leave_the_scene_its_look() {
         let scene = trainer.download().expect("the CPU gives back");
         (quality_on(&mut cpu, &scene, &settings, &unseen), trainer.exposures().cloned())
     };
-    let ((without, none), (with, found)) = (learn(None), learn(Some(exposure_rate(EXPOSED_ITERATIONS))));
+    let ((without, none), (with, found)) = (learn(false), learn(true));
     assert_eq!(none, None, "nothing is learned that was not asked for");
     let unexplained = unexplained(&found.expect("they were learned").maps);
     println!("{without:.2} dB, {with:.2} with exposures, which leave {unexplained:.3} unexplained");
