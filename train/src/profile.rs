@@ -534,8 +534,8 @@ impl Profile {
     }
 
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
-    /// from the start on in place of cooling: a scene that moves fast takes the differences of
-    /// exposure up itself (docs/trials.md). Materials are to be chosen before.
+    /// from the start on in place of cooling, as they did when this was measured (docs/guide.md).
+    /// Materials are to be chosen before.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));
         if self.cool_from < 1.0 {

@@ -90,7 +90,7 @@ fn settings(name: &str) -> Settings {
 
 /// Lets the rates of the default profile fall to a tenth, as in trainings of 7000 iterations: how
 /// far the last steps of shorter ones scatter is not what executors are compared by.
-fn settle(profile: &mut Profile) {
+fn settle(profile: &mut Profile, iterations: u32) {
     if profile.name == "specula" {
         let rates = &mut profile.rates;
         let [first, second] = &mut rates.normal_residual;
@@ -104,7 +104,7 @@ fn settle(profile: &mut Profile) {
             first,
             second,
         ] {
-            schedule.last = 0.1 * schedule.first;
+            (schedule.last, schedule.steps) = (0.1 * schedule.first, iterations);
         }
     }
 }
@@ -112,7 +112,7 @@ fn settle(profile: &mut Profile) {
 fn settings_for(name: &str, iterations: u32) -> Settings {
     let mut profile = by_name(name, iterations).expect("a profile of that name");
     profile.densification.every = 20;
-    settle(&mut profile);
+    settle(&mut profile, iterations);
     if let Some(light) = &mut profile.light {
         light.resolution = profile.scheme.resolution_min();
     }
