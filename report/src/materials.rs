@@ -78,11 +78,11 @@ impl MaterialQuality {
             pairs.push(match truth.borrow() {
                 truth if truth.is_empty() => ViewMaterials::default(),
                 truth => {
-                    if renderer.is_none() {
-                        renderer = Some(SceneRenderer::without_light(unlit.clone(), Channels::Layers, options)?);
-                    }
-                    let image = renderer.as_mut().map(|renderer| renderer.render(camera)).transpose()?;
-                    image.map_or_else(ViewMaterials::default, |image| ViewMaterials::new(&image, truth))
+                    let renderer = match &mut renderer {
+                        Some(renderer) => renderer,
+                        none => none.insert(SceneRenderer::without_light(unlit.clone(), Channels::Layers, options)?),
+                    };
+                    ViewMaterials::new(&renderer.render(camera)?, truth)
                 }
             });
             progress(index + 1);

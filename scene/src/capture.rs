@@ -29,7 +29,7 @@ use specula_train::{
     exchange::{Exchange, ExchangeError},
     picture_store::PictureStore,
     pictures::PictureError,
-    start::{Point, points_behind_pixels, points_within},
+    start::{Point, points_behind, points_within},
     trainer::Settings,
     view::{View, extent_of_cameras},
 };
@@ -155,7 +155,7 @@ impl Capture {
             .unzip();
         let random = |count: u32| points_within(count as usize, &cameras, &silhouettes, seed);
         let with_background = |mut known: Vec<Point>| {
-            known.extend(points_behind_pixels(&known, points.background as usize, &cameras, &samples, seed));
+            known.extend(points_behind(&known, points.background as usize, &cameras, &samples, seed));
             known
         };
         match (points.random, self.points.take()) {

@@ -66,6 +66,17 @@ impl Rates {
             environment: change(self.environment),
         }
     }
+
+    /// Constant rates that fall to a share of themselves over so many steps instead; those of
+    /// opacity and harmonics stay.
+    #[must_use]
+    pub fn falling(self, share: f32, steps: u32) -> Self {
+        let falling = |rate: Schedule| {
+            if rate.first == rate.last { Schedule { last: share * rate.first, steps, ..rate } } else { rate }
+        };
+        let Self { opacity, sh_first, sh_rest, .. } = self;
+        Self { opacity, sh_first, sh_rest, ..self.map(falling) }
+    }
 }
 
 /// Schedule and thresholds of densification, for the full number of iterations.
@@ -541,15 +552,7 @@ impl Profile {
         if self.cool_from < 1.0 {
             self.cool_from = 1.0;
             let share = (700.0 / iterations.max(1) as f32).clamp(0.1, 0.5);
-            let falling = |rate: Schedule| {
-                if rate.first == rate.last {
-                    Schedule { first: rate.first, last: share * rate.first, steps: iterations }
-                } else {
-                    rate
-                }
-            };
-            let Rates { opacity, sh_first, sh_rest, .. } = self.rates;
-            self.rates = Rates { opacity, sh_first, sh_rest, ..self.rates.map(falling) };
+            self.rates = self.rates.falling(share, iterations);
         }
         self
     }

@@ -101,7 +101,7 @@ impl Ranks {
 
     /// Returns whether any rank wishes something.
     pub(crate) fn agree(&mut self, wish: bool) -> Result<bool, ExchangeError> {
-        Ok(self.all_gather(vec![u8::from(wish)])?.iter().any(|wish| wish.contains(&1)))
+        Ok(self.agree_unless(wish, "")? == Ok(true))
     }
 
     /// Refuses ranks whose text is another one than that of rank 0. `what` names it in the plural.

@@ -112,18 +112,6 @@ pub fn points_within(count: usize, cameras: &[Camera], silhouettes: &[Option<Sil
     points
 }
 
-/// Points behind a cloud, where structure from motion finds few, as on plain walls. Each lies on
-/// the ray of a random opaque pixel and has its colour; its depth is one to four times the median
-/// depth of the cloud in that view, uniform in 1 / depth. Views alternate. Fewer than `count`
-/// points result where pixels are not opaque.
-pub fn points_behind(points: &[Point], count: usize, views: &[View], seed: u64) -> Vec<Point> {
-    let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
-    let sample =
-        |(place, view): (usize, &View)| PixelSample::of(place, views.len(), count, &view.camera, &view.rgba, seed);
-    let pixels: Vec<PixelSample> = views.iter().enumerate().map(sample).collect();
-    points_behind_pixels(points, count, &cameras, &pixels, seed)
-}
-
 /// Pixels of a picture that points behind a cloud are drawn through.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PixelSample {
@@ -150,8 +138,11 @@ fn place_in(camera: &Camera, index: usize, seed: u64) -> [f32; 2] {
     [number(0) * camera.width as f32, number(1) * camera.height as f32]
 }
 
-/// [`points_behind`] for cameras and the samples of their pictures.
-pub fn points_behind_pixels(
+/// Points behind a cloud, where structure from motion finds few, as on plain walls. Each lies on
+/// the ray of a random opaque pixel and has its colour; its depth is one to four times the median
+/// depth of the cloud in that view, uniform in 1 / depth. Views alternate. Fewer than `count`
+/// points result where pixels are not opaque. `pixels` are the samples of the cameras' pictures.
+pub fn points_behind(
     points: &[Point],
     count: usize,
     cameras: &[Camera],
@@ -313,17 +304,20 @@ mod tests {
     fn points_behind_lie_in_their_picture_beyond_what_is_seen() {
         let camera = Camera::look_at(Vec3::X * 5.0, Vec3::ZERO, Vec3::Z, 0.7, 40, 30);
         let half = |pixel: u32| if pixel % 40 < 20 { UNKNOWN } else { [255, 0, 51, 255] };
-        let rgba = (0..40 * 30).flat_map(half).collect();
-        let view = View { name: "wall".into(), camera, rgba, normals: None };
+        let rgba: Vec<u8> = (0..40 * 30).flat_map(half).collect();
+        let behind = |seen: &[Point], count: usize| {
+            let pixels = PixelSample::of(0, 1, count, &camera, &rgba, 3);
+            points_behind(seen, count, &[camera], &[pixels], 3)
+        };
         let seen = [-0.5, 0.0, 0.5].map(|x| Point { position: [x, 0.0, 0.0], color: [0.5; 3] });
-        let behind = points_behind(&seen, 200, core::slice::from_ref(&view), 3);
-        assert!((60..140).contains(&behind.len()), "{} points where half is known", behind.len());
-        for Point { position, color } in behind {
+        let points = behind(&seen, 200);
+        assert!((60..140).contains(&points.len()), "{} points where half is known", points.len());
+        for Point { position, color } in points {
             let [x, _] = pixel_of(&camera, position).expect("it is in the picture");
             let depth = 5.0 - position[0];
             assert!(x >= 19 && (4.999..20.01).contains(&depth), "at {x}, {depth} away");
             assert_eq!(color, [1.0, 0.0, 0.2]);
         }
-        assert!(points_behind(&[], 9, &[view], 3).is_empty(), "nothing is known of how far anything is");
+        assert!(behind(&[], 9).is_empty(), "nothing is known of how far anything is");
     }
 }

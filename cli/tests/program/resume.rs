@@ -110,18 +110,19 @@ mod killed {
         first.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args(["--executor", "cpu"]);
         let mut first = first.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         let lock = tiny.path("model/training.lock");
-        while !fs::read_to_string(&lock).is_ok_and(|text| text.ends_with("}\n")) {
-            assert_eq!(first.try_wait().unwrap(), None, "the training ended");
-            thread::sleep(Duration::from_millis(5));
-        }
+        let mut wait_until = |has_come: &dyn Fn() -> bool| {
+            while !has_come() {
+                assert_eq!(first.try_wait().unwrap(), None, "the training ended");
+                thread::sleep(Duration::from_millis(5));
+            }
+        };
+        wait_until(&|| fs::read_to_string(&lock).is_ok_and(|text| text.ends_with("}\n")));
+        // Two that begin at once would take each other's files away before they are in place.
+        let files = ["cameras.json", "input.ply", "config.toml"].map(|name| tiny.path("model").join(name));
+        wait_until(&|| files.iter().all(|file| file.exists()));
         let sentence = refusal(&mut train(&tiny, "model"));
         for word in [&format!("process {} on ", first.id()), "another training", "--ignore-lock", "-m"] {
             assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
-        }
-        // Two that begin at once would take each other's files away before they are in place.
-        while !["cameras.json", "input.ply", "config.toml"].iter().all(|name| tiny.path("model").join(name).exists()) {
-            assert_eq!(first.try_wait().unwrap(), None, "the training ended");
-            thread::sleep(Duration::from_millis(5));
         }
         let stderr = train(&tiny, "model").arg("--ignore-lock").assert().success().get_output().stderr.clone();
         assert!(String::from_utf8(stderr).unwrap().contains("all the same"));

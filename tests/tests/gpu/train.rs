@@ -92,20 +92,7 @@ fn settings(name: &str) -> Settings {
 /// far the last steps of shorter ones scatter is not what executors are compared by.
 fn settle(profile: &mut Profile, iterations: u32) {
     if profile.name == "specula" {
-        let rates = &mut profile.rates;
-        let [first, second] = &mut rates.normal_residual;
-        for schedule in [
-            &mut rates.log_scale,
-            &mut rates.quat,
-            &mut rates.diffuse,
-            &mut rates.tint,
-            &mut rates.roughness,
-            &mut rates.environment,
-            first,
-            second,
-        ] {
-            (schedule.last, schedule.steps) = (0.1 * schedule.first, iterations);
-        }
+        profile.rates = profile.rates.falling(0.1, iterations);
     }
 }
 
