@@ -18,11 +18,12 @@
 //! [`GaussianShading::color_channels`] and [`GaussianShading::radiance_vjp`] instead.
 
 use crate::{
+    activation::sigmoid,
     camera::CameraOf,
     covariance::{Quat, rotation},
-    loss::{LossWeights, residual_vjp, sparse, sparse_vjp},
+    loss::{LossWeights, metalness, metalness_vjp, residual_vjp, sparse, sparse_vjp},
     normal::{AxisRule, axis, facing},
-    physical::{reflectances, reflectances_vjp},
+    physical::{metal_share, reflectances, reflectances_vjp},
     project::{Shape, project_vjp},
     real::Real,
     rules::{Channels, RenderRules, channel},
@@ -497,26 +498,45 @@ pub struct AttributeLosses {
     pub is_sparse: bool,
     /// Whether there are normal residuals, and their squares have a weight.
     pub has_residual: bool,
+    /// Plane of the metalness, if there is one and its distance from the share of metal that the
+    /// view-dependent colours suggest ([`metal_share`]) has a weight.
+    pub metalness_plane: Option<usize>,
 }
 
 impl AttributeLosses {
     /// Losses that have a weight.
     pub fn new(weights: &LossWeights, layout: Layout) -> Self {
-        Self { is_sparse: weights.sparse != 0.0, has_residual: weights.residual != 0.0 && layout.is_shaded() }
+        let metalness_plane = layout.physical_planes().map(|first| first + METALNESS);
+        Self {
+            is_sparse: weights.sparse != 0.0,
+            has_residual: weights.residual != 0.0 && layout.is_shaded(),
+            metalness_plane: metalness_plane.filter(|_| weights.metalness != 0.0),
+        }
     }
-    /// Factors of [`Self::loss`] for one Gaussian of `count`: losses are means over the Gaussians.
-    pub fn factors(weights: &LossWeights, count: usize) -> [f32; 2] {
+    /// Whether any loss has a weight.
+    pub const fn is_any(self) -> bool {
+        self.is_sparse || self.has_residual || self.metalness_plane.is_some()
+    }
+    /// Factors of [`Self::loss`] for one Gaussian of `count`, as losses are means over the
+    /// Gaussians: of sparsity, half of the squared residuals, and metalness. The last number is the
+    /// mean radiance of the light.
+    pub fn factors(weights: &LossWeights, count: usize) -> [f32; 4] {
         let share = 1.0 / count as f32;
-        [weights.sparse * share, 2.0 * weights.residual * share]
+        [weights.sparse * share, 2.0 * weights.residual * share, weights.metalness * share, weights.mean_light]
     }
     /// Planes of both normal residuals, if they have a loss.
     pub const fn residual_planes(self) -> core::ops::Range<usize> {
         if self.has_residual { NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 } else { 0..0 }
     }
-    /// Loss of one Gaussian: [`sparse`] of its opacity, and half of the squares of its normal
-    /// residuals, each times its factor.
+    /// Share of metal that the view-dependent colours suggest.
     #[inline(always)]
-    pub fn loss<R: Real>(self, planes: &impl AttributePlanes<R>, factors: [R; 2]) -> R {
+    fn suggested<R: Real>(planes: &impl AttributePlanes<R>, factors: [R; 4]) -> R {
+        metal_share(planes.vec3(TINT).map(sigmoid), planes.vec3(DIFFUSE).map(sigmoid), factors[3])
+    }
+    /// Loss of one Gaussian: [`sparse`] of its opacity, half of the squares of its normal residuals,
+    /// and [`metalness`], each times its factor.
+    #[inline(always)]
+    pub fn loss<R: Real>(self, planes: &impl AttributePlanes<R>, factors: [R; 4]) -> R {
         let mut total = factors[0].zero();
         if self.is_sparse {
             total = total + sparse(planes.number(OPACITY)) * factors[0];
@@ -525,14 +545,18 @@ impl AttributeLosses {
             let number = planes.number(plane);
             total = total + number * number * 0.5 * factors[1];
         }
+        if let Some(plane) = self.metalness_plane {
+            total = total + metalness(planes.number(plane), Self::suggested(planes, factors)) * factors[2];
+        }
         total
     }
-    /// Gradients of [`Self::loss`] ([`sparse_vjp`], [`residual_vjp`]), plane by plane.
+    /// Gradients of [`Self::loss`] ([`sparse_vjp`], [`residual_vjp`], [`metalness_vjp`]), plane by
+    /// plane; the suggested share of metal is held fixed.
     #[inline(always)]
     pub fn loss_vjp<R: Real>(
         self,
         planes: &impl AttributePlanes<R>,
-        factors: [R; 2],
+        factors: [R; 4],
         out: &mut impl AttributeGrads<R>,
     ) {
         if self.is_sparse {
@@ -540,6 +564,10 @@ impl AttributeLosses {
         }
         for plane in self.residual_planes() {
             out.set(plane, residual_vjp(planes.number(plane), factors[1]));
+        }
+        if let Some(plane) = self.metalness_plane {
+            let suggested = Self::suggested(planes, factors);
+            out.set(plane, metalness_vjp(planes.number(plane), suggested, factors[2]));
         }
     }
 }

@@ -2,7 +2,7 @@
 //! 3.4).
 
 use crate::{
-    activation::{sigmoid, softplus},
+    activation::{sigmoid, sigmoid_vjp, softplus},
     depth_normal::{Cross, normal, normal_vjp},
     normal::RESIDUAL_MAX,
     real::Real,
@@ -172,6 +172,23 @@ pub fn residual_vjp<R: Real>(number: R, grad: R) -> R {
     (number.clamp(-RESIDUAL_MAX, RESIDUAL_MAX) * grad).keep(number.is_finite())
 }
 
+/// (m − g)² of a metalness m = σ(x), from its logit x, and the share g of metal that other
+/// attributes suggest ([`crate::physical::metal_share`]), which is held fixed.
+#[inline(always)]
+pub fn metalness<R: Real>(logit: R, suggested: R) -> R {
+    let apart = sigmoid(logit) - suggested;
+    apart * apart
+}
+
+/// Gradient of [`metalness`] with respect to the logit: 2 (m − g) m (1 − m); zero where a number is
+/// not finite.
+#[inline(always)]
+pub fn metalness_vjp<R: Real>(logit: R, suggested: R, grad: R) -> R {
+    let value = sigmoid(logit);
+    let slope = sigmoid_vjp(value, (value - suggested) * 2.0 * grad);
+    slope.keep(logit.is_finite() & suggested.is_finite())
+}
+
 /// Coverage is kept this far from 0 and 1 in [`sparse_coverage`].
 pub const COVERAGE_MARGIN: f32 = 1e-3;
 
@@ -256,8 +273,9 @@ fn compare_normals<R: Real>(
     }
 }
 
-/// Weight of each loss; all but the last two are means over the pixels of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Weight of each loss; those up to the coverage are means over the pixels of a picture, the others
+/// over the Gaussians.
+#[derive(Clone, Copy, PartialEq)]
 pub struct LossWeights {
     /// Of |C − C_gt|.
     pub absolute: f32,
@@ -275,13 +293,49 @@ pub struct LossWeights {
     pub residual_image: f32,
     /// Of |A − A_gt|, where pictures have an alpha channel.
     pub coverage: f32,
-    /// Of the sparse loss: a mean over the Gaussians.
+    /// Of the sparse loss.
     pub sparse: f32,
-    /// Of |Δn₁|² + |Δn₂|²: a mean over the Gaussians.
+    /// Of |Δn₁|² + |Δn₂|².
     pub residual: f32,
+    /// Of [`metalness`], where Gaussians have one.
+    pub metalness: f32,
+    /// Mean linear radiance of the light, for [`Self::metalness`].
+    pub mean_light: f32,
+}
+
+/// Names the loss of metalness only where it has a weight: checkpoints hold the text of their
+/// settings.
+impl core::fmt::Debug for LossWeights {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let mut text = out.debug_struct("LossWeights");
+        text.field("absolute", &self.absolute).field("squared", &self.squared).field("dssim", &self.dssim);
+        text.field("normal", &self.normal).field("normal_form", &self.normal_form);
+        text.field("sparse_coverage", &self.sparse_coverage).field("residual_image", &self.residual_image);
+        text.field("coverage", &self.coverage).field("sparse", &self.sparse).field("residual", &self.residual);
+        if self.metalness != 0.0 {
+            text.field("metalness", &self.metalness).field("mean_light", &self.mean_light);
+        }
+        text.finish()
+    }
 }
 
 impl LossWeights {
+    /// All losses off.
+    pub const NONE: Self = Self {
+        absolute: 0.0,
+        squared: 0.0,
+        dssim: 0.0,
+        normal: 0.0,
+        normal_form: NormalForm::Distance,
+        sparse_coverage: 0.0,
+        residual_image: 0.0,
+        coverage: 0.0,
+        sparse: 0.0,
+        residual: 0.0,
+        metalness: 0.0,
+        mean_light: 0.0,
+    };
+
     /// Without the losses that nothing is there for: of coverage, unless the true picture has an
     /// alpha channel; those of the geometry, unless it was blended.
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {

@@ -32,6 +32,38 @@ use crate::{
 /// Reflectance of dielectrics at normal incidence: a refractive index of 1.5.
 pub const DIELECTRIC: f32 = 0.04;
 
+/// Shares of the specular colour in all light that leaves a Gaussian, between which [`metal_share`]
+/// rises from 0 to 1. Not up to 1, since uniform light makes a part of each metal look diffuse.
+const SPECULAR_SHARES: [f32; 2] = [0.12, 0.3];
+
+/// Reflectances between which [`metal_share`] rises: no metal is nearly black.
+const METAL_REFLECTANCES: [f32; 2] = [0.1, 0.3];
+
+/// Smallest radiance, beside which none is divided.
+const NO_LIGHT: f32 = 1e-6;
+
+/// Share of metal, 0 to 1, that the view-dependent colours of a Gaussian suggest.
+///
+/// Metals have no diffuse colour, and are no darker than a few tenths. With a specular tint S and a
+/// diffuse colour D, both linear and means over red, green and blue, under a light of mean radiance
+/// L̄, the share is smoothstep of S L̄ / (S L̄ + D) from 0.12 to 0.3, times smoothstep of S + D / L̄
+/// from 0.1 to 0.3: in the same scale whatever the brightness of the light. 0 without light.
+#[inline(always)]
+pub fn metal_share<R: Real>(tint: Vec3<R>, diffuse: Vec3<R>, mean_light: R) -> R {
+    let specular = tint.sum() * mean_light * (1.0 / 3.0);
+    let leaving = specular + diffuse.sum() * (1.0 / 3.0);
+    let share = specular / (leaving + NO_LIGHT);
+    let reflectance = leaving / (mean_light + NO_LIGHT);
+    smoothstep(share, SPECULAR_SHARES) * smoothstep(reflectance, METAL_REFLECTANCES)
+}
+
+/// Rises smoothly from 0 to 1 between two numbers: 3t² − 2t³.
+#[inline(always)]
+fn smoothstep<R: Real>(x: R, [low, high]: [f32; 2]) -> R {
+    let t = ((x + -low) * (1.0 / (high - low))).clamp(0.0, 1.0);
+    t * t * (t * -2.0 + 3.0)
+}
+
 /// Diffuse albedo and reflectance at normal incidence of a material.
 #[inline(always)]
 pub fn reflectances<R: Real>(albedo: Vec3<R>, metalness: R) -> [Vec3<R>; 2] {

@@ -300,8 +300,10 @@ pub fn attribute_loss<R: Number>(gaussians: &Gaussians<Vec<R>>, weights: &LossWe
 }
 
 /// [`AttributeLosses::factors`] in `f64`.
-fn attribute_factors<R: Number>(weights: &LossWeights, count: usize) -> [R; 2] {
-    [weights.sparse, 2.0 * weights.residual].map(|weight| R::of(f64::from(weight) / count as f64))
+fn attribute_factors<R: Number>(weights: &LossWeights, count: usize) -> [R; 4] {
+    let means = [weights.sparse, 2.0 * weights.residual, weights.metalness].map(f64::from);
+    let [sparse, residual, metalness] = means.map(|weight| R::of(weight / count as f64));
+    [sparse, residual, metalness, R::of(f64::from(weights.mean_light))]
 }
 
 /// Gradient of [`attribute_loss`], added to that of the Gaussians.

@@ -1,5 +1,6 @@
 //! Steps of the physical materials, beside those of the view-dependent colours.
 
+use crate::profile::PhysicalSchedule;
 use specula_core::{
     loss::LossWeights,
     optimise::AT_REST,
@@ -14,19 +15,17 @@ pub(crate) fn physical_rules(rules: &RenderRules) -> RenderRules {
     RenderRules { shading, sh_degree: None, ..*rules }
 }
 
-/// Weights of the colour losses alone: those of the geometry belong to the other step.
-pub(crate) fn physical_weights(weights: &LossWeights, factor: f32) -> LossWeights {
+/// Weights of the colour losses and of metalness, under a light of a mean radiance: those of the
+/// geometry belong to the other step.
+pub(crate) fn physical_weights(weights: &LossWeights, schedule: &PhysicalSchedule, mean_light: f32) -> LossWeights {
     LossWeights {
-        absolute: weights.absolute * factor,
-        squared: weights.squared * factor,
-        dssim: weights.dssim * factor,
-        normal: 0.0,
+        absolute: weights.absolute * schedule.weight,
+        squared: weights.squared * schedule.weight,
+        dssim: weights.dssim * schedule.weight,
         normal_form: weights.normal_form,
-        sparse_coverage: 0.0,
-        residual_image: 0.0,
-        coverage: 0.0,
-        sparse: 0.0,
-        residual: 0.0,
+        metalness: schedule.metal_weight,
+        mean_light,
+        ..LossWeights::NONE
     }
 }
 

@@ -190,11 +190,14 @@ pub struct PhysicalSchedule {
     pub albedo: f32,
     /// Initial metalness.
     pub metalness: f32,
+    /// Weight of the metalness that view-dependent colours suggest
+    /// ([`specula_core::physical::metal_share`]).
+    pub metal_weight: f32,
 }
 
 impl PhysicalSchedule {
     /// Every third iteration from a tenth on, starting from grey dielectrics.
-    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1 };
+    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1, metal_weight: 0.1 };
 
     /// Whether an iteration takes a step of the materials.
     pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
@@ -275,20 +278,6 @@ pub fn by_name(name: &str, iterations: u32) -> Option<Profile> {
     }
 }
 
-/// All losses off.
-const NO_LOSS: LossWeights = LossWeights {
-    absolute: 0.0,
-    squared: 0.0,
-    dssim: 0.0,
-    normal: 0.0,
-    normal_form: NormalForm::Distance,
-    sparse_coverage: 0.0,
-    residual_image: 0.0,
-    coverage: 0.0,
-    sparse: 0.0,
-    residual: 0.0,
-};
-
 /// Plain Gaussian splatting (Kerbl et al. 2023) with INRIA's rates.
 fn plain(iterations: u32) -> Profile {
     Profile {
@@ -301,7 +290,7 @@ fn plain(iterations: u32) -> Profile {
         light_mean: None,
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
-        weights: LossWeights { absolute: 0.8, dssim: 0.2, ..NO_LOSS },
+        weights: LossWeights { absolute: 0.8, dssim: 0.2, ..LossWeights::NONE },
         physical: None,
         near_field: None,
         reflections: Reflections::Far,
@@ -368,7 +357,7 @@ fn paper(iterations: u32) -> Profile {
         }),
         start: GaussianStart { opacity: 0.1, tint: 0.5, roughness: 0.5, diffuse_share: 0.5 },
         foreground: None,
-        weights: LossWeights { squared: 1.0, normal: 0.01, sparse: 1e-3, residual: 1e-3, ..NO_LOSS },
+        weights: LossWeights { squared: 1.0, normal: 0.01, sparse: 1e-3, residual: 1e-3, ..LossWeights::NONE },
         harmonics_from: 0.5,
         harmonics_step: 0.0,
         rates: Rates {
@@ -407,7 +396,7 @@ fn official(iterations: u32) -> Profile {
             normal_form: NormalForm::CosineDetached,
             sparse_coverage: 1e-3,
             residual_image: 1e-3,
-            ..NO_LOSS
+            ..LossWeights::NONE
         },
         rates: Rates {
             mean: Schedule { first: 8e-4, last: 8e-6, steps: iterations },
@@ -444,7 +433,7 @@ fn specula(iterations: u32) -> Profile {
             coverage: 0.1,
             sparse: 1e-4,
             residual: 1e-3,
-            ..NO_LOSS
+            ..LossWeights::NONE
         },
         normal_from: 0.05,
         normal_last: 0.1,

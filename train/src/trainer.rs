@@ -366,7 +366,7 @@ impl<E: Executor> Trainer<E> {
         let reports = self.fit(&views, &pass)?;
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
-            let weights = physical_weights(&weights, physical.weight);
+            let weights = physical_weights(&weights, &physical, self.mean_light()?);
             let pass =
                 Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
             self.fit(&views, &pass)?;
@@ -573,6 +573,13 @@ impl<E: Executor> Trainer<E> {
             *light = scaled.with_values(self.exec.upload(&scaled.values)?);
         }
         Ok(())
+    }
+
+    /// Mean radiance of the light over all directions and colours; 0 without a light.
+    fn mean_light(&mut self) -> Result<f32, TrainError<E::Error>> {
+        let Some((light, _)) = &self.state.scene.light else { return Ok(0.0) };
+        let mean = light_scale::mean_radiance(&download_light(&mut self.exec, light)?);
+        Ok(mean.iter().sum::<f32>() / 3.0)
     }
 
     /// Disables specular reflection of Gaussians outside of the foreground.

@@ -24,6 +24,7 @@ const WEIGHTS: LossWeights = LossWeights {
     coverage: 0.1,
     sparse: 1e-3,
     residual: 1e-2,
+    ..LossWeights::NONE
 };
 
 /// Results of an executor for a case.

@@ -12,8 +12,9 @@ use specula_core::{
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules, channel},
     scene::{
-        Gaussians, Layout, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY,
+        DIFFUSE, Gaussians, Layout, METALNESS, NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2, OPACITY,
         RadianceActivation::{Exponential, Identity},
+        TINT,
     },
     shade::{ShadingForm, ShadingRules},
 };
@@ -180,7 +181,7 @@ fn layers_of_a_plain_gaussian_are_its_harmonics_its_shortest_axis_and_its_depth(
     }
 }
 
-fn weights(sparse: f32, residual: f32) -> LossWeights {
+fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
     LossWeights {
         absolute: 0.8,
         squared: 0.3,
@@ -192,26 +193,46 @@ fn weights(sparse: f32, residual: f32) -> LossWeights {
         coverage: 0.1,
         sparse,
         residual,
+        metalness,
+        mean_light: 0.5,
+        ..LossWeights::NONE
     }
 }
 
-/// Mean of ln o + ln(1 − o) and of |Δn₁|² + |Δn₂|² over the Gaussians, each times its weight.
+/// Mean of ln o + ln(1 − o), of |Δn₁|² + |Δn₂|² and of (m − g)² over the Gaussians, each times its
+/// weight. Under a light of 0.5, g is smoothstep of the specular share from 0.12 to 0.3, times that of
+/// the reflectance from 0.1 to 0.3.
 fn loss_on_attributes(cloud: &Gaussians<Vec<f32>>, weights: &LossWeights) -> f64 {
     let of_one = |index: usize| {
-        let opacity = 1.0 / (1.0 + (-f64::from(cloud.get::<1>(index, OPACITY)[0])).exp());
+        let active = |plane: usize| 1.0 / (1.0 + (-f64::from(cloud.get::<1>(index, plane)[0])).exp());
+        let opacity = active(OPACITY);
         let sparse = opacity.ln() + (1.0 - opacity).ln();
         let planes = if cloud.layout.is_shaded() { NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3 } else { 0..0 };
         let squares: f64 = planes.map(|plane| f64::from(cloud.get::<1>(index, plane)[0]).powi(2)).sum();
-        f64::from(weights.sparse) * sparse + f64::from(weights.residual) * squares
+        let apart = cloud.layout.physical_planes().map_or(0.0, |first| {
+            let [specular, diffuse] = [TINT, DIFFUSE].map(|plane| (plane..plane + 3).map(active).sum::<f64>() / 3.0);
+            let smoothstep = |x: f64, low: f64, high: f64| {
+                let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+                3.0 * t.powi(2) - 2.0 * t.powi(3)
+            };
+            let share = 0.5 * specular / (0.5 * specular + diffuse);
+            let suggested = smoothstep(share, 0.12, 0.3) * smoothstep(specular + diffuse / 0.5, 0.1, 0.3);
+            active(first + METALNESS) - suggested
+        });
+        f64::from(weights.sparse) * sparse
+            + f64::from(weights.residual) * squares
+            + f64::from(weights.metalness) * apart * apart
     };
     (0..cloud.count).map(of_one).sum::<f64>() / cloud.count as f64
 }
 
 #[test]
 fn losses_on_attributes_are_the_means_of_their_equations() {
-    for layout in [Layout::shaded(Some(1)), Layout::radiance(1)] {
-        for (count, sparse, residual) in [(1, 0.25, 0.0), (1, 0.0, 0.75), (3, 0.25, 0.75), (7, 0.0, 0.0)] {
-            let (cloud, weights) = (random_cloud(count, layout, 34), weights(sparse, residual));
+    let weighted =
+        [(1, [0.25, 0.0, 0.0]), (1, [0.0, 0.75, 0.0]), (3, [0.25, 0.75, 0.5]), (7, [0.0; 3]), (9, [0.0, 0.0, 1.0])];
+    for layout in [Layout::shaded(Some(1)), Layout::radiance(1), Layout::shaded(Some(1)).physical()] {
+        for (count, [sparse, residual, metalness]) in weighted {
+            let (cloud, weights) = (random_cloud(count, layout, 34), weights(sparse, residual, metalness));
             let expected = loss_on_attributes(&cloud, &weights);
             let exact = attribute_loss::<Double>(&lift_gaussians(&cloud), &weights);
             assert_close(exact.0, expected, ROUNDING_F32);

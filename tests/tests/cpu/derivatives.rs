@@ -658,15 +658,25 @@ proptest! {
 
     #[test]
     fn losses_on_attributes_are_derived_right(numbers in vec(-2.0..2.0_f64, Layout::shaded(None).plane_count())) {
-        let losses = AttributeLosses { is_sparse: true, has_residual: true };
+        let losses = AttributeLosses { is_sparse: true, has_residual: true, metalness_plane: None };
         assert_vjp(
             &numbers,
-            |x| vec![losses.loss(&PlaneRow(x), [x[0].constant(0.3), x[0].constant(0.7)])],
+            |x| vec![losses.loss(&PlaneRow(x), [x[0].constant(0.3), x[0].constant(0.7), x[0].zero(), x[0].zero()])],
             |x, g| {
                 let mut out = PlaneRowGrads(vec![g[0].zero(); x.len()]);
-                losses.loss_vjp(&PlaneRow(x), [g[0] * 0.3, g[0] * 0.7], &mut out);
+                losses.loss_vjp(&PlaneRow(x), [g[0] * 0.3, g[0] * 0.7, g[0].zero(), g[0].zero()], &mut out);
                 out.0
             },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn metalness_is_derived_right(logit in -6.0..6.0_f64, suggested in 0.0..1.0_f64) {
+        assert_vjp(
+            &[logit],
+            |x| vec![loss::metalness(x[0], Number::of(suggested))],
+            |x, g| vec![loss::metalness_vjp(x[0], Double(suggested), g[0])],
             SAME_DERIVATIVE,
         );
     }

@@ -77,11 +77,10 @@ fn weights() -> LossWeights {
         dssim: 0.2,
         normal: 0.1,
         normal_form: NormalForm::Cosine,
-        sparse_coverage: 0.0,
-        residual_image: 0.0,
         coverage: 0.1,
         sparse: 1e-3,
         residual: 1e-2,
+        ..LossWeights::NONE
     }
 }
 

@@ -2,7 +2,7 @@
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{
-    physical::{DIELECTRIC, PixelLight, pixel_color, reflectances, reflected},
+    physical::{DIELECTRIC, PixelLight, metal_share, pixel_color, reflectances, reflected},
     shade_pixels::PixelSurface,
     split_sum::integrate,
     vector::{Vec3, vec3},
@@ -22,6 +22,31 @@ fn surface([red, green, blue]: [f32; 3], metalness: f32) -> PixelSurface<f32> {
 fn light(radiance: f32, n_dot_v: f32, roughness: f32) -> PixelLight<f32> {
     let split_sum = integrate(f64::from(n_dot_v), f64::from(roughness), SAMPLES).map(|x| x as f32);
     PixelLight { specular: Vec3::splat(radiance), irradiance: Vec3::splat(radiance), split_sum }
+}
+
+/// Diffuse colour of an albedo under a mean radiance.
+fn diffuse(albedo: f32, radiance: f32) -> Vec3<f32> {
+    Vec3::splat(albedo * radiance)
+}
+
+#[test]
+fn metals_and_dielectrics_are_told_apart_under_lights_of_any_brightness() {
+    for radiance in [0.05, 0.4, 1.0, 20.0] {
+        for albedo in [0.02, 0.05, 0.3, 0.5, 0.9] {
+            let dielectric = metal_share(Vec3::splat(DIELECTRIC), diffuse(albedo, radiance), radiance);
+            assert_eq!(dielectric, 0.0, "4 % before an albedo of {albedo} under {radiance}");
+        }
+        let metal = metal_share(vec3(0.4, 0.3, 0.2), diffuse(0.0, radiance), radiance);
+        assert!(metal > 0.999, "no diffuse colour under {radiance}: {metal}");
+        let half = metal_share(Vec3::splat(0.21), diffuse(0.79, radiance), radiance);
+        assert!((half - 0.5).abs() < 1e-3, "half of the way from 0.12 to 0.3 under {radiance}: {half}");
+    }
+}
+
+#[test]
+fn black_and_unlit_gaussians_count_as_dielectrics() {
+    assert_eq!(metal_share(Vec3::splat(0.0), Vec3::splat(0.0), 1.0), 0.0);
+    assert_eq!(metal_share(Vec3::splat(1.0), Vec3::splat(0.5), 0.0), 0.0);
 }
 
 #[test]

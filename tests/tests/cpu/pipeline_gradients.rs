@@ -51,6 +51,7 @@ const WEIGHTS: LossWeights = LossWeights {
     coverage: 0.1,
     sparse: 0.01,
     residual: 0.05,
+    ..LossWeights::NONE
 };
 
 const RULES: RenderRules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);

@@ -336,13 +336,9 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         absolute: 0.5,
         squared: 0.5,
         dssim: 0.2,
-        normal: 0.0,
         normal_form: NormalForm::Cosine,
-        sparse_coverage: 0.0,
-        residual_image: 0.0,
         coverage: 0.1,
-        sparse: 0.0,
-        residual: 0.0,
+        ..LossWeights::NONE
     };
     on_executor(rules, |exec| {
         let environment = scene.light.as_ref().expect("there is a light");

@@ -87,13 +87,22 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
             assert_same(gpu, &PlanesVjp { shading, is_lit: true }, &side_by_side(&rows, &unit(6, 9)));
         }
     }
-    for (layout, is_sparse, has_residual) in
-        [(Layout::shaded(Some(1)), true, true), (Layout::shaded(None), false, true), (Layout::radiance(0), true, false)]
-    {
+    let physical = Layout::shaded(Some(1)).physical();
+    for (layout, weights) in [
+        (Layout::shaded(Some(1)), WEIGHTS),
+        (Layout::shaded(None), LossWeights { sparse: 0.0, ..WEIGHTS }),
+        (Layout::radiance(0), WEIGHTS),
+        (physical, WEIGHTS),
+        (physical, LossWeights { metalness: 0.2, ..LossWeights::NONE }),
+    ] {
+        let losses = AttributeLosses::new(&weights, layout);
         let rows = gaussian_rows(layout);
         let planes = rows.chunks(rows.len() / ROWS).flat_map(|row| &row[..layout.plane_count()]).copied();
-        let rows = side_by_side(&planes.collect::<Vec<f32>>(), &unit(8, 2));
-        assert_same(gpu, &AttributeLossesVjp { layout, losses: AttributeLosses { is_sparse, has_residual } }, &rows);
+        let rows = side_by_side(
+            &planes.collect::<Vec<f32>>(),
+            &uniform_rows(8, &[[-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0], [0.0, 2.0]]),
+        );
+        assert_same(gpu, &AttributeLossesVjp { layout, losses }, &rows);
     }
     let bounds = [[-1.0, 1.0], [-0.1, 0.1], [0.0, 0.01], [-1.0, 1.0], [0.001, 0.01], [1e-17, 1e-16]];
     assert_same(gpu, &AdamStep, &uniform_rows(9, &bounds));
@@ -415,19 +424,8 @@ fn gradients_of_splats_are_the_same_bits_in_however_many_turns_and_on_every_exec
     }
 }
 
-const NO_WEIGHTS: LossWeights = LossWeights {
-    absolute: 0.0,
-    squared: 0.0,
-    dssim: 0.0,
-    normal: 0.0,
-    normal_form: NormalForm::Cosine,
-    sparse_coverage: 0.0,
-    residual_image: 0.0,
-    coverage: 0.0,
-    sparse: 0.0,
-    residual: 0.0,
-};
-const WEIGHTS: LossWeights = LossWeights { sparse: 0.02, residual: 0.3, ..NO_WEIGHTS };
+const WEIGHTS: LossWeights =
+    LossWeights { sparse: 0.02, residual: 0.3, metalness: 0.2, mean_light: 0.4, ..LossWeights::NONE };
 
 #[test]
 fn gradients_of_gaussians_are_those_of_the_cpu() {
@@ -436,7 +434,7 @@ fn gradients_of_gaussians_are_those_of_the_cpu() {
     for (seed, (GaussianShading { layout, rules }, _)) in (1..).zip(every_shading()) {
         for count in [0, 1, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed);
-            let weights = if seed % 2 == 0 { WEIGHTS } else { NO_WEIGHTS };
+            let weights = if seed % 2 == 0 { WEIGHTS } else { LossWeights::NONE };
             assert_same_gradients(&mut gpu, &mut cpu, &scene, &weights, SAME_GRADIENT);
         }
     }
@@ -487,7 +485,10 @@ fn gradients_of_gaussians_without_a_picture_are_those_of_their_attributes_alone(
     let (theirs, _) = scene.gradients(&mut CpuExecutor::new(), &none, &WEIGHTS);
     let apart = difference(&losses, &wide(&theirs), 20, &plane_kinds(scene.cloud.layout));
     assert!(apart <= ROUNDING_F32, "{apart:e} apart");
-    assert!(scene.gradients(&mut gpu, &none, &NO_WEIGHTS).0.iter().all(|x| *x == 0.0), "there is nothing to learn");
+    assert!(
+        scene.gradients(&mut gpu, &none, &LossWeights::NONE).0.iter().all(|x| *x == 0.0),
+        "there is nothing to learn"
+    );
 }
 
 #[test]

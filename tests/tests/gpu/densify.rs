@@ -410,13 +410,9 @@ fn weights() -> LossWeights {
         absolute: 0.5,
         squared: 0.3,
         dssim: 0.2,
-        normal: 0.0,
         normal_form: NormalForm::Cosine,
-        sparse_coverage: 0.0,
-        residual_image: 0.0,
         coverage: 0.1,
-        sparse: 0.0,
-        residual: 0.0,
+        ..LossWeights::NONE
     }
 }
 

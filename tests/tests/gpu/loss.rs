@@ -117,6 +117,7 @@ fn weights(normal_form: NormalForm) -> LossWeights {
         coverage: 0.1,
         sparse: 1e-3,
         residual: 1e-2,
+        ..LossWeights::NONE
     }
 }
 
@@ -244,7 +245,7 @@ impl Scene {
         target: &plain::Target<Double>,
         frozen: &FrozenWeights,
     ) -> LossReport {
-        let none = LossWeights { normal_form: self.weights.normal_form, ..NO_WEIGHTS };
+        let none = LossWeights { normal_form: self.weights.normal_form, ..LossWeights::NONE };
         let alone = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
         let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
         let weights = self.weights;
@@ -259,19 +260,6 @@ impl Scene {
         report.with_total(&weights.where_possible(self.has_alpha(), self.channels() > channel::DEPTH))
     }
 }
-
-const NO_WEIGHTS: LossWeights = LossWeights {
-    absolute: 0.0,
-    squared: 0.0,
-    dssim: 0.0,
-    normal: 0.0,
-    normal_form: NormalForm::Distance,
-    sparse_coverage: 0.0,
-    residual_image: 0.0,
-    coverage: 0.0,
-    sparse: 0.0,
-    residual: 0.0,
-};
 
 /// Results of an executor for a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -502,7 +490,7 @@ fn what_is_unknown_of_a_picture_counts_for_nothing() {
 #[test]
 fn each_loss_alone_and_none_at_all_are_those_of_the_plain_pipeline() {
     let Some(mut gpu) = executor() else { return };
-    let none = NO_WEIGHTS;
+    let none = LossWeights::NONE;
     let alone = [
         none,
         LossWeights { absolute: 1.0, ..none },

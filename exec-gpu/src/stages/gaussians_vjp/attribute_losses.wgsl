@@ -9,6 +9,8 @@ struct Attributes {
     gaussian_count: u32,
     sparse: f32,
     residual: f32,
+    metalness: f32,
+    mean_light: f32,
 }
 
 @group(0) @binding(0) var<uniform> attributes: Attributes;
@@ -27,6 +29,10 @@ fn add_to_opacity(number: u32, grad: f32) {
 
 fn add_to_residuals(number: u32, grad: f32) {
     add(RESIDUAL_PLANE + number, grad);
+}
+
+fn add_to_metalness(number: u32, grad: f32) {
+    add(METALNESS_PLANE + number, grad);
 }
 
 @compute @workgroup_size(GROUP)

@@ -114,7 +114,7 @@ formula!(LookupVjp, |this, inputs| lookup_vjp(
 });
 
 /// Gradients of the losses on attributes ([`specula_core::attributes::AttributeLosses`]): of the
-/// opacity and of both normal residuals.
+/// opacity, of both normal residuals and of the metalness.
 #[derive(Clone, Copy, Debug)]
 pub struct AttributeLossesVjp {
     /// Planes of the Gaussians.
@@ -133,10 +133,12 @@ impl<R: Real> AttributeGrads<R> for GradList<R> {
 }
 
 formula!(AttributeLossesVjp, |this, inputs| attribute_losses_vjp(
-    ..planes_field(this.layout), ..[variable("attributes.sparse", 1), variable("attributes.residual", 1)]
+    ..planes_field(this.layout),
+    ..["sparse", "residual", "metalness", "mean_light"].map(|factor| variable(&format!("attributes.{factor}"), 1))
 ) -> (..[
     call("add_to_opacity", usize::from(this.losses.is_sparse)),
-    call("add_to_residuals", this.losses.residual_planes().len())
+    call("add_to_residuals", this.losses.residual_planes().len()),
+    call("add_to_metalness", this.losses.metalness_plane.iter().count())
 ]) {
     let planes = Planes(inputs.slice(this.layout.plane_count()));
     let mut grads = GradList(Vec::new());

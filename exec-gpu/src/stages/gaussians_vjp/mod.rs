@@ -60,6 +60,7 @@ pub(crate) fn attribute_source(losses: &AttributeLossesVjp) -> String {
         .part(|source| planes(source, losses.layout))
         .count("OPACITY_PLANE", OPACITY)
         .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
+        .count("METALNESS_PLANE", losses.losses.metalness_plane.unwrap_or_default())
         .formula(losses)
         .with(include_str!("attribute_losses.wgsl"))
         .text()
@@ -126,6 +127,8 @@ struct Attributes {
     gaussian_count: u32,
     sparse: f32,
     residual: f32,
+    metalness: f32,
+    mean_light: f32,
 }
 
 /// Adds the gradients of the losses on attributes.
@@ -136,15 +139,15 @@ fn add_attribute_losses(
     grads: &ChunkedArray,
 ) -> Result<(), GpuError> {
     let losses = AttributeLosses::new(weights, gaussians.layout);
-    if !losses.is_sparse && !losses.has_residual {
+    if !losses.is_any() {
         return Ok(());
     }
     let losses = AttributeLossesVjp { layout: gaussians.layout, losses };
-    let [sparse, residual] = AttributeLosses::factors(weights, gaussians.count);
+    let [sparse, residual, metalness, mean_light] = AttributeLosses::factors(weights, gaussians.count);
     let (key, source) = (format!("{losses:?}"), || attribute_source(&losses));
     for (chunk, grads) in pairs(gaussians, grads) {
         let count = chunk.gaussians.len();
-        let attributes = Attributes { gaussian_count: count as u32, sparse, residual };
+        let attributes = Attributes { gaussian_count: count as u32, sparse, residual, metalness, mean_light };
         let bindings = [Uniform(bytemuck::bytes_of(&attributes)), Buffer(chunk.array), Buffer(grads)];
         context.dispatch(&key, "attribute_losses", &source, &bindings, Dispatch::Invocations(count))?;
     }
