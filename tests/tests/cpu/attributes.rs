@@ -195,7 +195,6 @@ fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
         residual,
         metalness,
         mean_light: 0.5,
-        ..LossWeights::NONE
     }
 }
 

@@ -7,7 +7,7 @@ use specula_core::{
     camera::Camera,
     double::Double,
     executor::{Executor, Renderer},
-    loss::{LossWeights, NormalForm},
+    loss::LossWeights,
     prefilter::{LevelRange, PrefilterScheme},
     random,
     rules::{Channels, RenderRules},
