@@ -22,6 +22,11 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
     set_start(&mut profile, &args.start)?;
     let profile = with_light(profile, args.start.light, visits)?;
     let profile = with_materials(profile, args.start.relightable)?;
+    if args.losses.lambda_metal.is_some() && profile.physical.is_none() {
+        return Err(Failure::Input(
+            "there is no metalness that --lambda-metal could weigh; add --relightable".to_owned(),
+        ));
+    }
     let mut profile = with_reflections(profile, args.start.reflections)?;
     if args.photographs.exposure {
         profile = profile.exposing(visits);
@@ -134,6 +139,7 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     set(&mut weights.squared, args.lambda_squared);
     set(&mut weights.normal, args.lambda_normal);
     set(&mut weights.coverage, args.lambda_coverage);
+    set(&mut weights.metalness, args.lambda_metal);
     set(profile.sparse_weight_mut(), args.lambda_sparse);
     set(profile.residual_weight_mut(), args.lambda_reg);
     set(&mut profile.normal_from, args.normal_from);

@@ -1,6 +1,5 @@
 //! Steps of the physical materials, beside those of the view-dependent colours.
 
-use crate::profile::PhysicalSchedule;
 use specula_core::{
     loss::LossWeights,
     optimise::AT_REST,
@@ -15,15 +14,15 @@ pub(crate) fn physical_rules(rules: &RenderRules) -> RenderRules {
     RenderRules { shading, sh_degree: None, ..*rules }
 }
 
-/// Weights of the colour losses and of metalness, under a light of a mean radiance: those of the
-/// geometry belong to the other step.
-pub(crate) fn physical_weights(weights: &LossWeights, schedule: &PhysicalSchedule, mean_light: f32) -> LossWeights {
+/// Weights of the colour losses, times a factor, and of metalness, under a light of a mean radiance:
+/// those of the geometry belong to the other step.
+pub(crate) fn physical_weights(weights: &LossWeights, factor: f32, mean_light: f32) -> LossWeights {
     LossWeights {
-        absolute: weights.absolute * schedule.weight,
-        squared: weights.squared * schedule.weight,
-        dssim: weights.dssim * schedule.weight,
+        absolute: weights.absolute * factor,
+        squared: weights.squared * factor,
+        dssim: weights.dssim * factor,
         normal_form: weights.normal_form,
-        metalness: schedule.metal_weight,
+        metalness: weights.metalness,
         mean_light,
         ..LossWeights::NONE
     }
@@ -46,4 +45,25 @@ pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
         resting[first..layout.physical_end()].copy_from_slice(&rates[first..layout.physical_end()]);
     }
     resting
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn materials_have_the_losses_of_colours_and_of_metalness_alone() {
+        let weights = LossWeights {
+            absolute: 0.8,
+            dssim: 0.2,
+            normal: 0.1,
+            coverage: 0.3,
+            sparse: 0.01,
+            residual: 0.01,
+            metalness: 0.1,
+            ..LossWeights::NONE
+        };
+        let expected = LossWeights { absolute: 0.4, dssim: 0.1, metalness: 0.1, mean_light: 2.0, ..LossWeights::NONE };
+        assert_eq!(physical_weights(&weights, 0.5, 2.0), expected);
+    }
 }

@@ -190,14 +190,11 @@ pub struct PhysicalSchedule {
     pub albedo: f32,
     /// Initial metalness.
     pub metalness: f32,
-    /// Weight of the metalness that view-dependent colours suggest
-    /// ([`specula_core::physical::metal_share`]).
-    pub metal_weight: f32,
 }
 
 impl PhysicalSchedule {
     /// Every third iteration from a tenth on, starting from grey dielectrics.
-    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1, metal_weight: 0.1 };
+    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1 };
 
     /// Whether an iteration takes a step of the materials.
     pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
@@ -574,11 +571,12 @@ impl Profile {
     }
 
     /// Loss weights at a progress in \[0, 1\]. The normal loss begins after surfaces have formed,
-    /// and falls at the end, when colours locate them to the pixel.
+    /// and falls at the end, when colours locate them to the pixel. Metalness is a matter of the
+    /// materials' own steps.
     pub fn weights_at(&self, done: f32) -> LossWeights {
         let fallen = (2.0 * done - 1.0).clamp(0.0, 1.0);
         let share = if done < self.normal_from { 0.0 } else { 1.0 - fallen * (1.0 - self.normal_last) };
-        LossWeights { normal: share * self.weights.normal, ..self.weights }
+        LossWeights { normal: share * self.weights.normal, metalness: 0.0, ..self.weights }
     }
 
     /// Weight of the sparsity loss, in the form that this profile uses: of rendered coverage

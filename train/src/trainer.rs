@@ -366,7 +366,7 @@ impl<E: Executor> Trainer<E> {
         let reports = self.fit(&views, &pass)?;
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
-            let weights = physical_weights(&weights, &physical, self.mean_light()?);
+            let weights = physical_weights(&self.settings.profile.weights, physical.weight, self.mean_light()?);
             let pass =
                 Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
             self.fit(&views, &pass)?;
@@ -575,9 +575,11 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Mean radiance of the light over all directions and colours; 0 without a light.
+    /// Mean radiance of the light over all directions and colours, where the loss on metalness
+    /// reads it; else 0.
     fn mean_light(&mut self) -> Result<f32, TrainError<E::Error>> {
-        let Some((light, _)) = &self.state.scene.light else { return Ok(0.0) };
+        let is_read = self.settings.profile.weights.metalness != 0.0;
+        let Some((light, _)) = self.state.scene.light.as_ref().filter(|_| is_read) else { return Ok(0.0) };
         let mean = light_scale::mean_radiance(&download_light(&mut self.exec, light)?);
         Ok(mean.iter().sum::<f32>() / 3.0)
     }

@@ -122,6 +122,7 @@ fn impossible_settings() {
         (&["--resolution", "3"], "1, 2, 4 or 8"),
         (&["--background", "pink"], "black, white"),
         (&["--lambda-normal", "NaN"], "finite"),
+        (&["--lambda-metal", "0.1"], "--relightable"),
         (&["--profile", "other"], "3dgs"),
     ] {
         let mut command = specula();
