@@ -366,7 +366,8 @@ impl<E: Executor> Trainer<E> {
         let reports = self.fit(&views, &pass)?;
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
-            let weights = physical_weights(&self.settings.profile.weights, physical.weight, self.mean_light()?);
+            let mean_light = self.mean_light()?;
+            let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
             let pass =
                 Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
             self.fit(&views, &pass)?;
