@@ -533,8 +533,8 @@ impl AttributeLosses {
     fn suggested<R: Real>(planes: &impl AttributePlanes<R>, factors: [R; 4]) -> R {
         metal_share(planes.vec3(TINT).map(sigmoid), planes.vec3(DIFFUSE).map(sigmoid), factors[3])
     }
-    /// Loss of one Gaussian: [`sparse`] of its opacity, half of the squares of its normal residuals,
-    /// and [`metalness`], each times its factor.
+    /// Loss of one Gaussian: [`sparse`] of its opacity, half of the squares of its normal
+    /// residuals, and [`metalness`], each times its factor.
     #[inline(always)]
     pub fn loss<R: Real>(self, planes: &impl AttributePlanes<R>, factors: [R; 4]) -> R {
         let mut total = factors[0].zero();

@@ -46,8 +46,8 @@ const NO_LIGHT: f32 = 1e-6;
 ///
 /// Metals have no diffuse colour, and are no darker than a few tenths. With a specular tint S and a
 /// diffuse colour D, both linear and means over red, green and blue, under a light of mean radiance
-/// L̄, the share is smoothstep of S L̄ / (S L̄ + D) from 0.12 to 0.3, times smoothstep of S + D / L̄
-/// from 0.1 to 0.3: in the same scale whatever the brightness of the light. 0 without light.
+/// L̄, the share is smoothstep of S L̄ / (S L̄ + D) from 0.12 to 0.3, times that of S + D / L̄ from
+/// 0.1 to 0.3: in the same scale whatever the brightness of the light. 0 without light.
 #[inline(always)]
 pub fn metal_share<R: Real>(tint: Vec3<R>, diffuse: Vec3<R>, mean_light: R) -> R {
     let specular = tint.sum() * mean_light * (1.0 / 3.0);

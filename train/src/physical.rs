@@ -14,8 +14,8 @@ pub(crate) fn physical_rules(rules: &RenderRules) -> RenderRules {
     RenderRules { shading, sh_degree: None, ..*rules }
 }
 
-/// Weights of the colour losses, times a factor, and of metalness, under a light of a mean radiance:
-/// those of the geometry belong to the other step.
+/// Weights of the colour losses, times a factor, and of metalness, under a light of a mean
+/// radiance: those of the geometry belong to the other step.
 pub(crate) fn physical_weights(weights: &LossWeights, factor: f32, mean_light: f32) -> LossWeights {
     LossWeights {
         absolute: weights.absolute * factor,

@@ -424,8 +424,8 @@ pub(crate) struct Losses {
     /// Weight of the difference between rendered coverage and the alpha of the pictures.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_coverage: Option<f32>,
-    /// Weight of the difference between metalness and the share of metal that view-dependent colours
-    /// suggest, with --relightable; 0.1 helps scenes of mirrors [default: 0].
+    /// Weight of the difference between metalness and the share of metal that view-dependent
+    /// colours suggest, with --relightable; 0.1 helps scenes of mirrors [default: 0].
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_metal: Option<f32>,
     /// Fraction of the run after which the normal loss starts.

@@ -199,8 +199,8 @@ fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
 }
 
 /// Mean of ln o + ln(1 − o), of |Δn₁|² + |Δn₂|² and of (m − g)² over the Gaussians, each times its
-/// weight. Under a light of 0.5, g is smoothstep of the specular share from 0.12 to 0.3, times that of
-/// the reflectance from 0.1 to 0.3.
+/// weight. Under a light of 0.5, g is smoothstep of the specular share from 0.12 to 0.3, times that
+/// of the reflectance from 0.1 to 0.3.
 fn loss_on_attributes(cloud: &Gaussians<Vec<f32>>, weights: &LossWeights) -> f64 {
     let of_one = |index: usize| {
         let active = |plane: usize| 1.0 / (1.0 + (-f64::from(cloud.get::<1>(index, plane)[0])).exp());
