@@ -2,6 +2,7 @@
 
 use crate::{
     covariance::{Quat, rotation, scales},
+    cutoffs::ALPHA_MIN,
     each, random,
     real::Real,
     vector::Vec3,
@@ -19,6 +20,13 @@ pub struct DensifyRules<R = f32> {
     pub opacity_min: R,
     /// Scale, in world units, above which a Gaussian is removed; infinite for never.
     pub scale_max: R,
+}
+
+impl DensifyRules {
+    /// Removal of the Gaussians that no picture shows: their opacity, which bounds alpha in every
+    /// pixel, is below [`ALPHA_MIN`]. They have no gradient either, so none of them comes back.
+    pub const INVISIBLE: Self =
+        Self { grad_min: f32::INFINITY, split_scale: f32::INFINITY, opacity_min: ALPHA_MIN, scale_max: f32::INFINITY };
 }
 
 /// Action of densification on a Gaussian.

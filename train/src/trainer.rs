@@ -9,7 +9,7 @@ use crate::{
     near_field::{self, Unlit},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
     pictures::{PictureError, PictureKey, PictureSource, Pictures, Turn},
-    profile::{KnownLight, Profile, Reflections},
+    profile::{Densification, KnownLight, Profile, Reflections},
     ranks::{Ranks, Traffic},
     schedule::ViewSchedule,
     start::{Point, Silhouette, gaussians, points_within, rates_by_plane},
@@ -43,6 +43,9 @@ pub const TINT_LOGIT_OFF: f32 = -64.0;
 /// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a
 /// few per cent at most, even at the rates of the start.
 const LIGHT_SCALE_EVERY: u32 = 10;
+
+/// Intervals of densification between two removals of invisible Gaussians after its end.
+const INVISIBLE_EVERY: u32 = 10;
 
 /// Turns of pictures that are known ahead at most: those of some passes, or of a part of a long
 /// one.
@@ -496,14 +499,7 @@ impl<E: Executor> Trainer<E> {
         let plan = self.settings.profile.densification;
         let k = self.state.iteration;
         let mut report = DensifyReport::default();
-        if k > plan.from && k < plan.until && k.is_multiple_of(plan.every) {
-            let was_reset = plan.reset_every > 0 && k > plan.reset_every;
-            let rules = DensifyRules {
-                grad_min: plan.grad_min,
-                split_scale: plan.split_share * self.extent,
-                opacity_min: plan.opacity_min,
-                scale_max: if was_reset { plan.prune_share * self.extent } else { f32::INFINITY },
-            };
+        if let Some(rules) = densify_rules(&plan, k, self.settings.iterations, self.extent) {
             let key = RandomKey { seed: self.settings.seed, stream: u64::from(k) };
             let SceneState { gaussians, moments, statistics, .. } = &mut self.state.scene;
             report = self.exec.densify(gaussians, moments, statistics, &rules, plan.count_max, key)?;
@@ -719,6 +715,22 @@ pub struct HostScene {
     pub near_field: Option<NearField<Vec<f32>>>,
 }
 
+/// Thresholds by which Gaussians are refined and removed after an iteration; none where nothing is
+/// due. Once densification has ended, it is those alone that no picture shows any more.
+fn densify_rules(plan: &Densification, iteration: u32, iterations: u32, extent: f32) -> Option<DensifyRules> {
+    if iteration > plan.from && iteration < plan.until && iteration.is_multiple_of(plan.every) {
+        let was_reset = plan.reset_every > 0 && iteration > plan.reset_every;
+        return Some(DensifyRules {
+            grad_min: plan.grad_min,
+            split_scale: plan.split_share * extent,
+            opacity_min: plan.opacity_min,
+            scale_max: if was_reset { plan.prune_share * extent } else { f32::INFINITY },
+        });
+    }
+    let is_due = iteration.is_multiple_of(INVISIBLE_EVERY * plan.every) || iteration == iterations;
+    (iteration >= plan.until && is_due).then_some(DensifyRules::INVISIBLE)
+}
+
 /// Returns whether views at half their size are still large enough to train on.
 fn all_can_be_halved(cameras: &[Camera]) -> bool {
     const SIZE_MIN: u32 = 64;
@@ -749,4 +761,22 @@ fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {
     let first = |index| if empty.is_network() { initial_weight(index, number, seed) } else { number };
     let values = (0..empty.len_of_values()).map(first).collect();
     Some(Environment { values, ..empty })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::by_name;
+
+    #[test]
+    fn invisible_gaussians_are_removed_now_and_then_once_densification_has_ended() {
+        let plan = by_name("specula", 7000).expect("a profile").densification;
+        let rules = |iteration| densify_rules(&plan, iteration, 7000, 2.0);
+        let removals: Vec<u32> = (1..=7000).filter(|k| rules(*k) == Some(DensifyRules::INVISIBLE)).collect();
+        assert_eq!(removals, [4000, 5000, 6000, 7000]);
+        assert!(rules(3500).is_none() && rules(3400).is_some_and(|rules| rules.grad_min == plan.grad_min));
+        let last = |iterations| densify_rules(&plan, iterations, iterations, 2.0);
+        assert_eq!(last(6999), Some(DensifyRules::INVISIBLE));
+        assert_eq!(last(1234), None);
+    }
 }

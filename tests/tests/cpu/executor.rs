@@ -2,14 +2,18 @@
 //! itself on other threads.
 
 use specula_core::{
+    activation::{logit, sigmoid},
     antialias::LowPass,
     camera::Camera,
+    cutoffs::ALPHA_MIN,
+    densify::DensifyRules,
     double::Double,
     environment::texels,
-    executor::{Executor, Renderer, StepReport, TrainingStep},
+    executor::{DensifyReport, Executor, RandomKey, Renderer, StepReport, TrainingStep},
     expose::expose,
     loss::{LossWeights, NormalForm},
     near_field::NearField,
+    optimise::Schedule,
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
@@ -20,7 +24,7 @@ use specula_core::{
     },
     sh,
     shade::ShadingRules,
-    state::{AdamMoments, ExposureState},
+    state::{AdamMoments, ExposureState, Statistics},
     vector::{Vec3, vec3},
 };
 use specula_cpu::{
@@ -477,6 +481,56 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
         }
         (trainer.download().expect("the CPU gives back"), trainer.exposures().cloned())
     })
+}
+
+/// Opacity of a Gaussian that no pixel shows.
+fn is_invisible(cloud: &Gaussians<Vec<f32>>, index: usize) -> bool {
+    cloud.get::<1>(index, OPACITY).map(sigmoid)[0] < ALPHA_MIN
+}
+
+#[test]
+fn what_no_picture_shows_is_removed_without_a_trace() {
+    let mut cloud = random_cloud(300, Layout::shaded(Some(1)), 7);
+    for index in (0..cloud.count).step_by(3) {
+        cloud.set(index, OPACITY, [logit(if index % 2 == 0 { 0.999 * ALPHA_MIN } else { 1e-6 })]);
+    }
+    let invisible = (0..cloud.count).filter(|index| is_invisible(&cloud, *index)).count();
+    let rules = rules(ShadingRules::PAPER, Channels::Layers);
+    let mut exec = CpuExecutor::new();
+    let picture = |exec: &mut CpuExecutor, cloud: &Gaussians<Vec<f32>>| {
+        numbers_of(&render(exec, cloud, None, &camera(64, 64), &rules).expect("the CPU renders"))
+    };
+    let before = picture(&mut exec, &cloud);
+    let zeros = vec![0.0; cloud.values.len()];
+    let mut moments = AdamMoments { mean: zeros.clone(), square: zeros };
+    let mut statistics = Statistics { grad_sum: vec![f32::MAX; cloud.count], view_count: vec![1.0; cloud.count] };
+    let key = RandomKey { seed: 1, stream: 2 };
+    let report = exec
+        .densify(&mut cloud, &mut moments, &mut statistics, &DensifyRules::INVISIBLE, usize::MAX, key)
+        .expect("the CPU densifies");
+    assert_eq!(report, DensifyReport { cloned: 0, split: 0, pruned: invisible });
+    assert!(invisible >= 100 && cloud.count == 300 - invisible, "{invisible} of 300 were invisible");
+    assert!(before == picture(&mut exec, &cloud), "the picture is another");
+}
+
+#[test]
+fn a_training_ends_without_gaussians_that_no_picture_shows() {
+    let mut settings = settings("specula");
+    settings.profile.densification.opacity_min = 0.0;
+    // From one half on, sparsity drives opacities to either side.
+    settings.profile.start.opacity = 0.5;
+    settings.profile.weights.sparse = 1.0;
+    settings.profile.rates.opacity = Schedule::constant(0.3);
+    let (finished, _) = train_with_pause(2, &settings, None);
+    settings.profile.densification.until = 61;
+    let (kept, _) = train_with_pause(2, &settings, None);
+    let invisible = |scene: &HostScene| {
+        let cloud = &scene.gaussians;
+        (0..cloud.count).filter(|index| is_invisible(cloud, *index)).count()
+    };
+    assert_eq!(invisible(&finished), 0, "of {}", finished.gaussians.count);
+    assert!(finished.gaussians.count > 10, "{} are left", finished.gaussians.count);
+    assert!(invisible(&kept) > 100, "{} would be invisible where densification has not ended", invisible(&kept));
 }
 
 #[test]
