@@ -1,7 +1,7 @@
 //! Results: lines on stdout, and files that are written atomically.
 
 use crate::failure::Failure;
-use specula_io::Error;
+use specula_io::{Error, whole_file};
 use std::{
     fs,
     io::{self, Write},
@@ -71,29 +71,11 @@ pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_bytes(path, text.as_bytes())
 }
 
-/// Writes a file atomically, by way of a temporary file beside it.
+/// Writes a file atomically, by way of a temporary file beside it, which the next training of a
+/// model folder sweeps where a killed program left it.
 ///
 /// # Errors
 /// [`Failure::File`] if the file cannot be written.
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let written = fs::create_dir_all(folder).and_then(|()| {
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(bytes)?;
-        make_readable(&file)?;
-        file.persist(path).map_err(|error| error.error)
-    });
-    written.map(drop).map_err(|cause| Error::Write { path: path.to_owned(), cause }.into())
-}
-
-/// Gives a temporary file, which is private, the usual permissions.
-#[cfg(unix)]
-fn make_readable(file: &tempfile::NamedTempFile) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.as_file().set_permissions(fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn make_readable(_file: &tempfile::NamedTempFile) -> io::Result<()> {
-    Ok(())
+    Ok(whole_file::write_bytes(path, bytes)?)
 }

@@ -69,7 +69,7 @@ pub mod splat;
 pub mod spz;
 mod table;
 mod transforms;
-mod whole_file;
+pub mod whole_file;
 
 pub use error::{Error, Result};
 pub use input::Input;

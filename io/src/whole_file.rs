@@ -19,8 +19,13 @@ pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>
     write_beside(path, fill).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
 
-/// Writes a file from bytes.
-pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+/// Writes a file from bytes, creating its folder if needed. The target appears or changes only when
+/// all is written.
+///
+/// # Errors
+///
+/// [`Error::Write`], if the folder or the file cannot be written.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write(path, |out| out.write_all(bytes))
 }
 
