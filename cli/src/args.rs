@@ -30,7 +30,7 @@ use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{
     AT_MOST_1600, Densify, LightKind, LightPer, LightReference, Losses, Photographs, Reflections, ResumeOptions, Start,
-    Train, ViewUntil,
+    Train, ViewUntil, WhitePixels,
 };
 pub(crate) use view::View;
 

@@ -1,7 +1,7 @@
 //! Profile of a training from its arguments.
 
 use crate::{
-    args::{Densify, LightKind, LightPer, Losses, Reflections, Start, Train},
+    args::{Densify, LightKind, LightPer, Losses, Reflections, Start, Train, WhitePixels},
     failure::Failure,
 };
 use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, shade::ShadingForm};
@@ -140,6 +140,7 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     set(&mut weights.normal, args.lambda_normal);
     set(&mut weights.coverage, args.lambda_coverage);
     set(&mut weights.metalness, args.lambda_metal);
+    set(&mut weights.saturates, args.white_pixels.map(|white| white == WhitePixels::Overexposed));
     set(profile.sparse_weight_mut(), args.lambda_sparse);
     set(profile.residual_weight_mut(), args.lambda_reg);
     set(&mut profile.normal_from, args.normal_from);

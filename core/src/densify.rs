@@ -23,8 +23,9 @@ pub struct DensifyRules<R = f32> {
 }
 
 impl DensifyRules {
-    /// Removal of the Gaussians that no picture shows: their opacity, which bounds alpha in every
-    /// pixel, is below [`ALPHA_MIN`]. They have no gradient either, so none of them comes back.
+    /// Removal of the Gaussians that no picture at the default cutoffs shows: their opacity, which
+    /// bounds alpha in every pixel, is below [`ALPHA_MIN`]. The sparsity loss lowers it further and
+    /// no pixel raises it, so none of them comes back.
     pub const INVISIBLE: Self =
         Self { grad_min: f32::INFINITY, split_scale: f32::INFINITY, opacity_min: ALPHA_MIN, scale_max: f32::INFINITY };
 }

@@ -61,6 +61,29 @@ pub fn squared_vjp<R: Real>(x: R, y: R, grad: R) -> R {
     (x - y) * grad * 2.0
 }
 
+/// Numbers of a true picture from this one on are white: the nearest byte is the largest.
+const WHITE_MIN: f32 = 254.5 / 255.0;
+
+/// Rendered number as a picture records it, beside a true number of a pixel of this alpha, both
+/// over the background: min(x, 1) where the true one is white and its pixel opaque.
+///
+/// A picture records no radiance above white, so any rendered radiance from there on agrees with
+/// it. Where the true pixel is darker, or shows the background, the rendered number stays as it is.
+#[inline(always)]
+pub fn recorded<R: Real>(rendered: R, truth: R, alpha: R) -> R {
+    let least = rendered.constant(WHITE_MIN);
+    let is_white = least.less_or_equal(truth) & least.less_or_equal(alpha);
+    R::select(is_white, rendered.min(rendered.constant(1.0)), rendered)
+}
+
+/// Gradient of [`recorded`], from its value and the true number: zero where both are white.
+#[inline(always)]
+pub fn recorded_vjp<R: Real>(recorded: R, truth: R, grad: R) -> R {
+    let white = recorded.constant(1.0);
+    let differs = recorded.less(white) | white.less(recorded);
+    grad.keep(differs | truth.less(truth.constant(WHITE_MIN)))
+}
+
 /// Windowed means that SSIM is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct SsimMoments<R> {
@@ -301,10 +324,12 @@ pub struct LossWeights {
     pub metalness: f32,
     /// Mean linear radiance of the light, for [`Self::metalness`].
     pub mean_light: f32,
+    /// Whether true pictures saturate at white: losses of colour compare [`recorded`] numbers.
+    pub saturates: bool,
 }
 
-/// Names the loss of metalness only where it has a weight: checkpoints hold the text of their
-/// settings.
+/// Names the loss of metalness only where it has a weight, and saturation only where it counts:
+/// checkpoints hold the text of their settings.
 impl core::fmt::Debug for LossWeights {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut text = out.debug_struct("LossWeights");
@@ -314,6 +339,9 @@ impl core::fmt::Debug for LossWeights {
         text.field("coverage", &self.coverage).field("sparse", &self.sparse).field("residual", &self.residual);
         if self.metalness != 0.0 {
             text.field("metalness", &self.metalness).field("mean_light", &self.mean_light);
+        }
+        if self.saturates {
+            text.field("saturates", &self.saturates);
         }
         text.finish()
     }
@@ -334,6 +362,7 @@ impl LossWeights {
         residual: 0.0,
         metalness: 0.0,
         mean_light: 0.0,
+        saturates: false,
     };
 
     /// Without the losses that nothing is there for: of coverage, unless the true picture has an
@@ -356,7 +385,8 @@ pub struct LossReport {
     pub total: f64,
     /// Mean |C − C_gt|.
     pub absolute: f64,
-    /// Mean (C − C_gt)², the picture not limited to \[0, 1\].
+    /// Mean (C − C_gt)², the picture not limited to \[0, 1\] but as [`LossWeights::saturates`] has
+    /// it.
     pub squared: f64,
     /// Mean SSIM.
     pub ssim: f64,

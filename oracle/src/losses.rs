@@ -62,6 +62,17 @@ pub fn freeze_weights<R: Number>(frame: &Frame<R>) -> FrozenWeights {
     FrozenWeights { coverage, surface }
 }
 
+/// Rendered colour that the losses compare with the true one.
+fn compared<R: Number>(frame: &Frame<R>, target: &Target<R>, weights: &LossWeights) -> Vec<R> {
+    let rendered = composite(frame, target.background);
+    if !weights.saturates {
+        return rendered;
+    }
+    let alpha_of = |pixel: usize| target.alpha.as_ref().map_or(R::of(1.0), |alpha| alpha[pixel]);
+    let pairs = rendered.iter().zip(&target.srgb).enumerate();
+    pairs.map(|(index, (x, y))| loss::recorded(*x, *y, alpha_of(index % frame.pixel_count()))).collect()
+}
+
 /// The losses of a picture.
 pub fn frame_loss<R: Number>(
     frame: &Frame<R>,
@@ -71,7 +82,7 @@ pub fn frame_loss<R: Number>(
     frozen: &FrozenWeights,
 ) -> R {
     let size = frame.pixel_count();
-    let rendered = composite(frame, target.background);
+    let rendered = compared(frame, target, weights);
     let mut total = R::of(0.0);
     let of_values = |weight: f32, f: fn(R, R) -> R| {
         let sum = rendered.iter().zip(&target.srgb).fold(R::of(0.0), |sum, (x, y)| sum + f(*x, *y));
@@ -113,7 +124,7 @@ pub fn frame_loss_vjp<R: Number>(
 ) -> Frame<R> {
     let size = frame.pixel_count();
     let last = (frame.channels - 1) * size;
-    let rendered = composite(frame, target.background);
+    let rendered = compared(frame, target, weights);
     let mut grad = Frame { values: vec![R::of(0.0); frame.values.len()], ..*frame };
 
     let of_value = |weight: f32| R::of(f64::from(weight) / (3 * size) as f64);
@@ -125,6 +136,11 @@ pub fn frame_loss_vjp<R: Number>(
         let grad_ssim = -of_value(weights.dssim);
         for (sum, x) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &target.srgb, grad_ssim)) {
             *sum = *sum + x;
+        }
+    }
+    if weights.saturates {
+        for (grad, (x, y)) in grad.values.iter_mut().zip(rendered.iter().zip(&target.srgb)) {
+            *grad = loss::recorded_vjp(*x, *y, *grad);
         }
     }
     for index in 0..3 * size {

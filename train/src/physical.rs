@@ -24,6 +24,7 @@ pub(crate) fn physical_weights(weights: &LossWeights, factor: f32, mean_light: f
         normal_form: weights.normal_form,
         metalness: weights.metalness,
         mean_light,
+        saturates: weights.saturates,
         ..LossWeights::NONE
     }
 }

@@ -430,6 +430,7 @@ fn specula(iterations: u32) -> Profile {
             coverage: 0.1,
             sparse: 1e-4,
             residual: 1e-3,
+            saturates: true,
             ..LossWeights::NONE
         },
         normal_from: 0.05,

@@ -387,6 +387,16 @@ pub(crate) enum Reflections {
     Near,
 }
 
+/// Meaning of white in a true picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum WhitePixels {
+    /// White, or anything brighter.
+    Overexposed,
+    /// White alone.
+    Exact,
+}
+
 /// Sample of a light look-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -424,6 +434,10 @@ pub(crate) struct Losses {
     /// Weight of the difference between rendered coverage and the alpha of the pictures.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_coverage: Option<f32>,
+    /// White pixels of the pictures are `overexposed`, so that brighter colours agree with them as
+    /// well, or `exact` [default: overexposed for specula, exact for others].
+    #[arg(long, hide_possible_values = true, value_name = "WHITE")]
+    pub(crate) white_pixels: Option<WhitePixels>,
     /// Weight of the difference between metalness and the share of metal that view-dependent
     /// colours suggest, with --relightable; 0.1 helps scenes of mirrors [default: 0].
     #[arg(long, value_name = "X", value_parser = weight)]

@@ -195,6 +195,7 @@ fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
         residual,
         metalness,
         mean_light: 0.5,
+        saturates: false,
     }
 }
 

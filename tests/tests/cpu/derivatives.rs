@@ -637,6 +637,20 @@ proptest! {
     }
 
     #[test]
+    fn recorded_numbers_are_derived_right(x in 0.0..2.0_f64, white: bool, opaque: bool, y in 0.0..0.9_f64) {
+        prop_assume!((x - 1.0).abs() > 1e-3);
+        let (truth, alpha) = (if white { 1.0 } else { y }, if opaque { 1.0 } else { y });
+        let recorded = loss::recorded(Double(x), Double(truth), Double(alpha)).0;
+        assert_eq!(recorded, if white && opaque { x.min(1.0) } else { x });
+        assert_vjp(
+            &[x],
+            |x| vec![loss::recorded(x[0], Number::of(truth), Number::of(alpha))],
+            |_, g| vec![loss::recorded_vjp(Double(recorded), Double(truth), g[0])],
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
     fn what_is_limited_is_derived_right(numbers in vec(-2.0..2.0_f64, 3), of_limit in -2.0..2.0_f64) {
         prop_assume!((of_limit.abs() - 1.0).abs() > 1e-3);
         let mut colors = numbers;

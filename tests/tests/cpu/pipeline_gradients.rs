@@ -239,6 +239,25 @@ fn gradients_of_light_added_pixel_by_pixel_are_right() {
     gaussian_gradients_are_right(&scene, &SHADED);
 }
 
+/// Half of the true picture is white, and the light bright enough to outshine it.
+#[test]
+fn gradients_where_pictures_saturate_are_right() {
+    let mut scene = Scene::new(6, Layout::shaded(Some(1)), RadianceActivation::Exponential, NormalForm::Cosine);
+    scene.rules.shading = ShadingRules::DEFERRED;
+    scene.environment.values.iter_mut().for_each(|value| value.0 += 2.0);
+    let alpha = scene.target.alpha.as_mut().expect("the target has one");
+    alpha.iter_mut().for_each(|alpha| alpha.0 = 1.0);
+    scene.target.srgb.iter_mut().step_by(2).for_each(|number| number.0 = 1.0);
+    let loss_of = |scene: &Scene| {
+        let light = prefilter(&scene.environment, &Operator::new(BASE));
+        plain::loss(&scene.gaussians, Some(&light), &scene.view(), None).0
+    };
+    let exact = loss_of(&scene);
+    scene.weights.saturates = true;
+    assert!(loss_of(&scene) < exact, "something is brighter than white");
+    gaussian_gradients_are_right(&scene, &SHADED);
+}
+
 #[test]
 fn gradients_of_physical_materials_are_right() {
     let layout = Layout::shaded(None).physical();

@@ -44,7 +44,13 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     let gpu = &mut gpu;
     let byte = [0.0, 255.0];
     let (share, unit) = ([0.1, 1.0], [0.0, 1.0]);
-    assert_same(gpu, &ComparedColors, &uniform_rows(1, &[unit, unit, byte, byte, unit]));
+    let bright = [[0.0, 2.0], unit, [254.0, 255.0], [254.0, 255.0], unit];
+    for saturates in [false, true] {
+        assert_same(gpu, &ComparedColors { saturates }, &uniform_rows(1, &[unit, unit, byte, byte, unit]));
+        assert_same(gpu, &ComparedColors { saturates }, &uniform_rows(16, &bright));
+        let pairs = uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]);
+        assert_same(gpu, &StructureGrad { saturates }, &pairs);
+    }
     assert_same(gpu, &ColorLoss, &uniform_rows(2, &[unit, unit, share, share]));
     assert_same(gpu, &WithBackground, &uniform_rows(3, &[unit, [-1.0, 1.0], [-1.0, 1.0]]));
     assert_same(gpu, &CoverageLoss, &uniform_rows(4, &[[0.05, 0.95], byte, share, share, share]));
@@ -54,7 +60,6 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &Windows::<4> { name: "means_across", count: 4 }, &uniform_rows(8, &[unit; 56]));
     let means = uniform_rows(9, &[[0.1, 0.5], [0.1, 0.5], [0.6, 0.8], [0.2, 0.3], share]);
     assert_same(gpu, &Structure, &means);
-    assert_same(gpu, &StructureGrad, &uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]));
     assert_same(gpu, &NormalWeight, &uniform_rows(11, &[[0.0, 0.6]; 5]));
     assert_same(gpu, &DepthGrad, &uniform_rows(12, &[[1.0, 4.0], [0.1, 0.9], [-1.0, 1.0]]));
     let mut bounds = vec![[-1.0, 1.0]; 12];
@@ -121,12 +126,15 @@ fn weights(normal_form: NormalForm) -> LossWeights {
     }
 }
 
-/// Bytes without any order, an ellipse before nothing, and waves that nothing shines through.
+/// Bytes without any order, an ellipse before nothing, and waves that nothing shines through, some
+/// of them overexposed.
 #[derive(Clone, Copy, Debug)]
 enum Truth {
     Noise,
     Ellipse,
     Waves,
+    /// Waves with white crests.
+    Overexposed,
 }
 
 impl Truth {
@@ -141,6 +149,7 @@ impl Truth {
             Self::Ellipse if right * right + down * down > 0.15 => [13, 17, 19, 0],
             Self::Ellipse => [wave(5.0), wave(7.0), wave(9.0), 230],
             Self::Waves => [wave(5.0), wave(7.0), wave(9.0), 255],
+            Self::Overexposed => [wave(5.0), wave(7.0), wave(9.0), 191].map(|byte| byte.saturating_add(64)),
         }
     }
 }
@@ -151,14 +160,20 @@ impl Scene {
             PrefilterScheme::Exact => (RadianceActivation::Exponential, 16),
             PrefilterScheme::Official => (RadianceActivation::Identity, 64),
         };
+        let mut weights = weights(FORMS[seed as usize % 3]);
+        let mut environment = random_environment(resolution, activation, seed);
+        if matches!(truth, Truth::Overexposed) {
+            weights.saturates = true;
+            environment.values.iter_mut().for_each(|number| *number += 2.0);
+        }
         Self {
             cloud: random_cloud(count, layout, seed),
-            environment: random_environment(resolution, activation, seed),
+            environment,
             camera: camera(size[0], size[1]),
             rules,
             rgba: truth.rgba(size),
             background: [0.1, 0.23, 0.3],
-            weights: weights(FORMS[seed as usize % 3]),
+            weights,
         }
     }
     fn channels(&self) -> usize {
@@ -221,6 +236,10 @@ impl Scene {
         let report = self.exact_report(&frame, &target, &frozen);
         Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
     }
+    /// Whether the true picture has nothing brighter for this pixel.
+    fn is_overexposed(&self, c: usize, pixel: usize) -> bool {
+        self.weights.saturates && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
+    }
     fn has_alpha(&self) -> bool {
         self.rgba.chunks_exact(4).any(|pixel| pixel[3] < 255)
     }
@@ -245,7 +264,8 @@ impl Scene {
         target: &plain::Target<Double>,
         frozen: &FrozenWeights,
     ) -> LossReport {
-        let none = LossWeights { normal_form: self.weights.normal_form, ..LossWeights::NONE };
+        let LossWeights { normal_form, saturates, .. } = self.weights;
+        let none = LossWeights { normal_form, saturates, ..LossWeights::NONE };
         let alone = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
         let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
         let weights = self.weights;
@@ -385,7 +405,7 @@ fn scenes() -> Vec<(String, Scene)> {
     let color = RenderRules { channels: Channels::Color, ..paper };
     let plain = Layout::radiance(1);
     let mut scenes = Vec::new();
-    for truth in [Truth::Noise, Truth::Ellipse, Truth::Waves] {
+    for truth in [Truth::Noise, Truth::Ellipse, Truth::Waves, Truth::Overexposed] {
         for (name, layout, rules) in [
             ("paper", shaded(), paper),
             ("deferred", shaded(), deferred),
@@ -478,13 +498,35 @@ fn what_is_unknown_of_a_picture_counts_for_nothing() {
         let behind = |pixel: usize| compared.frame[channels * size + pixel];
         let shown = |c: usize, pixel: usize| compared.frame[c * size + pixel] + behind(pixel) * scene.background[c];
         let truth = scene.plain_target().srgb;
-        let apart = |c: usize, pixel: usize| (f64::from(shown(c, pixel)) - truth[c * size + pixel].0).abs();
+        let apart = |c: usize, pixel: usize| {
+            let (shown, truth) = (f64::from(shown(c, pixel)), truth[c * size + pixel].0);
+            (if scene.is_overexposed(c, pixel) { shown.min(1.0) } else { shown } - truth).abs()
+        };
         let known = || (0..size).filter(|pixel| !is_unknown(*pixel));
         let sum: f64 =
             (0..3).flat_map(|c| known().map(move |pixel| (c, pixel))).map(|(c, pixel)| apart(c, pixel)).sum();
         let mean = sum / (3 * size) as f64;
         assert!((compared.report.absolute - mean).abs() < 1e-5, "{} and not {mean}", compared.report.absolute);
     }
+}
+
+#[test]
+fn overexposed_pixels_agree_with_anything_brighter() {
+    let mut cpu = CpuExecutor::new();
+    let mut brighter = 0;
+    for (what, scene) in scenes() {
+        let compared = scene.on_cpu(&mut cpu);
+        let (channels, size) = (scene.channels(), scene.pixel_count());
+        let places = (0..3).flat_map(|c| (0..size).map(move |pixel| (c, pixel)));
+        for (c, pixel) in places.filter(|(c, pixel)| scene.is_overexposed(*c, *pixel)) {
+            let behind = compared.frame[channels * size + pixel];
+            if compared.frame[c * size + pixel] + behind * scene.background[c] > 1.0 {
+                assert_eq!(compared.grad[c * size + pixel], 0.0, "{what}: colour {c} at pixel {pixel}");
+                brighter += 1;
+            }
+        }
+    }
+    assert!(brighter > 100, "{brighter} colours are brighter than white");
 }
 
 #[test]

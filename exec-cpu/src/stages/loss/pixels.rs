@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use specula_core::{
     color::{composite, composite_vjp, over},
     depth_normal::{expected_depth, is_surface},
-    loss::{LossReport, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp},
+    loss::{LossReport, absolute, absolute_vjp, recorded, sparse_coverage_vjp, squared, squared_vjp},
     real::Real,
     rules::channel,
     scene::BLOCK,
@@ -106,6 +106,7 @@ impl Comparison<'_> {
                 None => behind,
             } * inside;
             let truth = over(truth[c], alpha, behind) * inside;
+            let rendered = if weights.saturates { recorded(rendered, truth, alpha) } else { rendered };
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
             if let Some(grad) = &mut grad {

@@ -9,7 +9,9 @@ use crate::{
     planes::{Planes, Row, plane_start},
 };
 use fearless_simd::{Simd, dispatch};
-use specula_core::loss::{SSIM_WINDOW, SsimMoments, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean};
+use specula_core::loss::{
+    SSIM_WINDOW, SsimMoments, recorded_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
+};
 
 /// Half of SSIM's window.
 const REACH: usize = SSIM_WINDOW / 2;
@@ -227,7 +229,7 @@ fn add_grads_of_row<S: Simd>(
         let Some(column) = next.checked_sub(1) else { continue };
         if let Some(slot) = cover.slot(row * columns + column) {
             let tile = &mut grad[(slot - cover.before_row(row)) * len..][..len];
-            add_grads(simd, &strip, &window, planes, [column, row], c, frame, tile);
+            add_grads(simd, &strip, &window, planes, [column, row], c, comparison, tile);
         }
     }
 }
@@ -240,14 +242,17 @@ fn add_grads<S: Simd>(
     planes: &Planes,
     position: [usize; 2],
     c: usize,
-    frame: &Frame,
+    comparison: &Comparison<'_>,
     tile: &mut [Quad],
 ) {
+    let Comparison { frame, weights, .. } = comparison;
     let (rendered, truth) = (planes.plane(position, plane::RENDERED + c), planes.plane(position, plane::TRUTH + c));
     let [columns, rows] = inside(frame, position);
     for row in 0..rows {
         let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
-        let row_grad = ssim_pixel_vjp(x, y, strip.along(simd, window, row)).keep_first(columns);
+        let grad = ssim_pixel_vjp(x, y, strip.along(simd, window, row));
+        let grad = if weights.saturates { recorded_vjp(x, y, grad) } else { grad };
+        let row_grad = grad.keep_first(columns);
         add_to_row(tile, frame.channels, c, row, &row_grad.to_array());
     }
 }

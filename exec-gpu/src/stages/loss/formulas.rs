@@ -8,8 +8,8 @@ use specula_core::{
     color::{composite, composite_vjp, from_byte, over},
     depth_normal::{Cross, expected_depth, expected_depth_vjp, is_surface, rays_around, surface_weight},
     loss::{
-        NormalForm, NormalPatch, SSIM_WINDOW, SsimMoments, absolute, absolute_vjp, normal_loss, sparse_coverage_vjp,
-        squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
+        NormalForm, NormalPatch, SSIM_WINDOW, SsimMoments, absolute, absolute_vjp, normal_loss, recorded, recorded_vjp,
+        sparse_coverage_vjp, squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
     },
     real::Real,
 };
@@ -21,14 +21,19 @@ fn share(name: &str) -> [Field; 1] {
 
 /// Rendered and true colour, both over the background ([`mod@specula_core::color`]).
 #[derive(Clone, Copy, Debug)]
-pub struct ComparedColors;
+pub struct ComparedColors {
+    /// Whether the rendered one is as a picture records it ([`specula_core::loss::recorded`]).
+    pub saturates: bool,
+}
 
-formula!(ComparedColors, |_, inputs| compared_colors(
+formula!(ComparedColors, |this, inputs| compared_colors(
     color: 1, transmittance: 1, color_byte: 1, alpha_byte: 1, background: 1
 ) -> (pair: 2) {
     let [color, transmittance, color_byte, alpha_byte, background] = inputs.array();
-    let truth = over(from_byte(color_byte), from_byte(alpha_byte), background);
-    [composite(color, transmittance, background), truth]
+    let alpha = from_byte(alpha_byte);
+    let truth = over(from_byte(color_byte), alpha, background);
+    let rendered = composite(color, transmittance, background);
+    [if this.saturates { recorded(rendered, truth, alpha) } else { rendered }, truth]
 });
 
 /// L1 and L2 losses of a colour ([`mod@specula_core::loss`]), and their gradient.
@@ -139,11 +144,15 @@ formula!(Structure, |_, inputs| structure_of(means: 4, ..share("structure")) -> 
 
 /// Gradient of a colour through all windows around it ([`specula_core::loss::ssim_pixel_vjp`]).
 #[derive(Clone, Copy, Debug)]
-pub struct StructureGrad;
+pub struct StructureGrad {
+    /// Whether the colours are as a picture records them ([`specula_core::loss::recorded_vjp`]).
+    pub saturates: bool,
+}
 
-formula!(StructureGrad, |_, inputs| structure_grad(pair: 2, grads: 3) -> (grad: 1) {
+formula!(StructureGrad, |this, inputs| structure_grad(pair: 2, grads: 3) -> (grad: 1) {
     let [rendered, truth] = inputs.array();
-    [ssim_pixel_vjp(rendered, truth, inputs.array())]
+    let grad = ssim_pixel_vjp(rendered, truth, inputs.array());
+    [if this.saturates { recorded_vjp(rendered, truth, grad) } else { grad }]
 });
 
 /// Reads the values of a pixel's neighbours: left, right, above, below.

@@ -65,6 +65,8 @@ pub(crate) struct LossVariant {
     pub(crate) has_structure: bool,
     pub(crate) has_residual: bool,
     pub(crate) normals: Option<NormalForm>,
+    /// Whether true pictures saturate at white.
+    pub(crate) saturates: bool,
 }
 
 /// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss.
@@ -109,7 +111,7 @@ pub(crate) fn mark_source(variant: &LossVariant) -> String {
 
 pub(crate) fn structure_source(variant: &LossVariant) -> String {
     windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f")
-        .formula(&ComparedColors)
+        .formula(&ComparedColors { saturates: variant.saturates })
         .formula(&MomentsDown)
         .formula(&means_across::<4>())
         .formula(&Structure)
@@ -122,13 +124,13 @@ pub(crate) fn pixel_source(variant: &LossVariant) -> String {
     windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f")
         .flag("HAS_STRUCTURE", variant.has_structure)
         .flag("HAS_RESIDUAL", variant.has_residual)
-        .formula(&ComparedColors)
+        .formula(&ComparedColors { saturates: variant.saturates })
         .formula(&ColorLoss)
         .formula(&WithBackground)
         .formula(&CoverageLoss)
         .formula(&Windows::<3> { name: "means_down", count: MomentsDown::COUNT })
         .formula(&means_across::<3>())
-        .formula(&StructureGrad)
+        .formula(&StructureGrad { saturates: variant.saturates })
         .with(include_str!("pixels.wgsl"))
         .text()
 }
@@ -277,6 +279,7 @@ impl<'a> Comparison<'a> {
             has_structure: weights.dssim != 0.0,
             has_residual: weights.residual_image != 0.0,
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
+            saturates: weights.saturates,
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
         Ok(Self {
