@@ -430,7 +430,6 @@ fn specula(iterations: u32) -> Profile {
             coverage: 0.1,
             sparse: 1e-4,
             residual: 1e-3,
-            saturates: true,
             ..LossWeights::NONE
         },
         normal_from: 0.05,
@@ -475,6 +474,7 @@ impl Profile {
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
+            self.weights.saturates = true;
             self.densification.split_share = 0.004;
         }
         self
@@ -662,6 +662,7 @@ mod tests {
             assert_eq!(objects != profile, profile.name == "specula", "{}", profile.name);
             assert!(objects.densification.split_share <= profile.densification.split_share);
             assert!(objects.weights.normal >= profile.weights.normal);
+            assert_eq!(objects.weights.saturates, profile.name == "specula");
         }
     }
 

@@ -435,7 +435,7 @@ pub(crate) struct Losses {
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_coverage: Option<f32>,
     /// White pixels of the pictures are `overexposed`, so that brighter colours agree with them as
-    /// well, or `exact` [default: overexposed for specula, exact for others].
+    /// well, or `exact` [default: exact; specula: overexposed of objects cut out by alpha].
     #[arg(long, hide_possible_values = true, value_name = "WHITE")]
     pub(crate) white_pixels: Option<WhitePixels>,
     /// Weight of the difference between metalness and the share of metal that view-dependent
