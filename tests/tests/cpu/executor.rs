@@ -228,7 +228,7 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
     let mut environment = random_environment(RESOLUTION, RadianceActivation::Exponential, seed);
     let rules = RenderRules { traces_near: near_field.is_some(), ..rules(shading, Channels::Training) };
     // Every other scene is overexposed.
-    let saturates = seed % 2 == 0;
+    let saturates = seed.is_multiple_of(2);
     let (camera, weights) = (camera(40, 33), LossWeights { saturates, ..weights() });
     let mut rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     if saturates {
