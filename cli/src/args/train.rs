@@ -434,7 +434,7 @@ pub(crate) struct Losses {
     /// Weight of the difference between rendered coverage and the alpha of the pictures.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_coverage: Option<f32>,
-    /// Take white for overexposed, or exact; see docs/training.md.
+    /// Meaning of white: overexposed or exact; see docs/training.md.
     #[arg(long, hide_possible_values = true, value_name = "WHITE")]
     pub(crate) white_pixels: Option<WhitePixels>,
     /// Weight of the difference between metalness and the share of metal that view-dependent

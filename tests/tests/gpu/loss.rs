@@ -50,6 +50,8 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
         assert_same(gpu, &ComparedColors { saturates }, &uniform_rows(16, &bright));
         let pairs = uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]);
         assert_same(gpu, &StructureGrad { saturates }, &pairs);
+        let whites = uniform_rows(17, &[[1.0, 1.0], [0.99, 1.0], [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]);
+        assert_same(gpu, &StructureGrad { saturates }, &whites);
     }
     assert_same(gpu, &ColorLoss, &uniform_rows(2, &[unit, unit, share, share]));
     assert_same(gpu, &WithBackground, &uniform_rows(3, &[unit, [-1.0, 1.0], [-1.0, 1.0]]));
