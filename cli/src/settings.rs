@@ -4,7 +4,11 @@ use crate::{
     args::{Densify, LightKind, LightPer, Losses, Reflections, Start, Train, WhitePixels},
     failure::Failure,
 };
-use specula_core::{light_network::RESOLUTION_MAX, prefilter::PrefilterScheme, shade::ShadingForm};
+use specula_core::{
+    light_network::RESOLUTION_MAX,
+    prefilter::{self, PrefilterScheme},
+    shade::ShadingForm,
+};
 use specula_train::profile::{self, Ablation, Profile};
 
 /// Requested profile with the other settings of the arguments, for a run of `iterations` on
@@ -66,11 +70,12 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
         };
     }
     if let Some(resolution) = args.light_resolution {
-        let least = profile.scheme.resolution_min();
-        if resolution < least || !resolution.is_power_of_two() {
+        if !profile.scheme.takes(resolution) {
             return Err(Failure::Input(format!(
-                "a light of resolution {resolution} cannot be filtered; let --light-resolution be a power of two, at \
-                 least {least}"
+                "a light of resolution {resolution} cannot be filtered; let --light-resolution be a power of two from \
+                 {} to {}",
+                profile.scheme.resolution_min(),
+                prefilter::RESOLUTION_MAX
             )));
         }
         match &mut profile.light {

@@ -95,6 +95,11 @@ impl Camera {
         }
     }
 
+    /// Width and height of the picture, in pixels.
+    pub fn size_px(&self) -> [f32; 2] {
+        [self.width as f32, self.height as f32]
+    }
+
     /// The direction from the camera through an image point, in camera space, with z = 1.
     pub fn ray_in_camera(&self, x_px: f32, y_px: f32) -> GlamVec3 {
         GlamVec3::new(

@@ -170,8 +170,8 @@ pub struct TexelFootprint<R> {
     pub lower: R,
 }
 
-/// The bilinear footprint of a point on a map of this resolution. Indices are exact up to a
-/// resolution of 1024.
+/// The bilinear footprint of a point on a map of this resolution. Indices are exact up to
+/// [`crate::prefilter::RESOLUTION_MAX`].
 #[inline(always)]
 pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> TexelFootprint<R> {
     let half = resolution * 0.5;

@@ -8,7 +8,7 @@
 
 use crate::{
     attributes::{AttributePlanes, Harmonics, StoredGaussian},
-    bin::{footprint, half_extent},
+    bin::{footprint, half_extent, touches_picture},
     camera::Camera,
     cutoffs::ALPHA_MIN,
     project::{Shape, project},
@@ -38,6 +38,8 @@ pub enum CullReason {
     NonfiniteResidual,
     /// A coefficient of its harmonics is not finite.
     NonfiniteHarmonics,
+    /// A number of its physical material is not finite.
+    NonfiniteMaterial,
     /// The deviation of its filter in space is not finite.
     NonfiniteFilter,
     /// Its opacity is below the least alpha.
@@ -52,7 +54,7 @@ pub enum CullReason {
 
 impl CullReason {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Drawn,
         Self::NonfiniteMean,
         Self::NonfiniteScale,
@@ -62,6 +64,7 @@ impl CullReason {
         Self::NonfiniteRoughness,
         Self::NonfiniteResidual,
         Self::NonfiniteHarmonics,
+        Self::NonfiniteMaterial,
         Self::NonfiniteFilter,
         Self::Faint,
         Self::Near,
@@ -86,6 +89,7 @@ impl CullReason {
             Self::NonfiniteRoughness => "roughness",
             Self::NonfiniteResidual => "normal residual",
             Self::NonfiniteHarmonics => "harmonics",
+            Self::NonfiniteMaterial => "physical material",
             Self::NonfiniteFilter => "filter",
             Self::Faint => "too faint",
             Self::Near => "behind the eye or too near",
@@ -141,12 +145,13 @@ const MATERIAL: [(usize, usize, CullReason); 3] = [
 fn nonfinite<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize) -> Option<CullReason> {
     let layout = gaussians.layout;
     let material = if layout.is_shaded() { &MATERIAL[..] } else { &[] };
-    let harmonics = [
+    let optional = [
         (layout.sh_start(), layout.sh_end(), CullReason::NonfiniteHarmonics),
-        (layout.sh_end(), layout.plane_count(), CullReason::NonfiniteFilter),
+        (layout.sh_end(), layout.physical_end(), CullReason::NonfiniteMaterial),
+        (layout.physical_end(), layout.plane_count(), CullReason::NonfiniteFilter),
     ];
     let is_finite = |plane: usize| gaussians.get::<1>(gaussian, plane)[0].is_finite();
-    let mut attributes = GEOMETRY.iter().chain(material).chain(&harmonics);
+    let mut attributes = GEOMETRY.iter().chain(material).chain(&optional);
     attributes.find(|(first, end, _)| !(*first..*end).all(is_finite)).map(|(_, _, reason)| *reason)
 }
 
@@ -164,14 +169,9 @@ fn in_view<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: &
         CullReason::Near
     } else if reach < 0.0 || !harmonics().sum.is_finite() {
         CullReason::TooLarge
-    } else if misses_picture(splat.mean2d, half_extent(&splat, reach), camera) {
+    } else if !touches_picture(splat.mean2d, half_extent(&splat, reach), camera.size_px()) {
         CullReason::Outside
     } else {
         CullReason::Drawn
     }
-}
-
-fn misses_picture(center: [f32; 2], half: [f32; 2], camera: &Camera) -> bool {
-    let size = [camera.width as f32, camera.height as f32];
-    (0..2).any(|axis| center[axis] + half[axis] < 0.0 || center[axis] - half[axis] > size[axis])
 }

@@ -6,7 +6,7 @@
 
 use crate::real::Real;
 
-/// Least alpha that is drawn: half a step of an 8-bit picture (INRIA's value).
+/// Least alpha that is drawn: a step of an 8-bit picture (INRIA's value).
 pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 /// log₂ of [`ALPHA_MIN`].
 pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;

@@ -573,7 +573,8 @@ pub trait ReadBack: Executor {
     ///
     /// # Errors
     ///
-    /// An upload that the executor refuses.
+    /// [`BufferLength`], where `planes` has not the length of the frame's values; otherwise the
+    /// error of the executor.
     fn upload_frame_grad(&mut self, frame: &Self::Frame, planes: &[f32]) -> Result<Self::FrameGrad, Self::Error>;
 
     /// Reads the gradients of some channels of splats, `channels.len()` numbers for each Gaussian.

@@ -93,7 +93,13 @@ pub fn pack<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, words: &mut [u32]) {
     }
 }
 
-/// Numbers of Gaussians in the order of [`Gaussians`], from what [`pack`] made of them.
+/// Numbers that [`unpack`] makes of this many words.
+pub const fn unpacked_len(words: usize, layout: Layout) -> usize {
+    words / Storage::F16.words(layout) * layout.plane_count()
+}
+
+/// Numbers of Gaussians in the order of [`Gaussians`], [`unpacked_len`] of them, from the words of
+/// [`pack`].
 pub fn unpack(words: &[u32], layout: Layout, values: &mut [f32]) {
     let words_of_block = BLOCK * Storage::F16.words(layout);
     for (numbers, words) in values.chunks_mut(BLOCK * layout.plane_count()).zip(words.chunks(words_of_block)) {

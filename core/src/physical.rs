@@ -9,13 +9,12 @@
 //! C = A · γ((1 − 0.04 F_x − F_y) D/A ⊙ E(n)/π + (F/A F_x + F_y) ⊙ L_s(r, P/A))
 //! ```
 //!
-//! The first factor leaves to the diffuse layer the light that a dielectric's surface does not
-//! reflect: nothing reflects more than it receives, and a white dielectric reflects all of it.
-//!
 //! with the premultiplied sums A of coverage, D of diffuse albedos times ambient transfers, F of
 //! reflectances and P of roughness, the irradiance E along the unit normal n, and the table (F_x,
 //! F_y) of [`mod@crate::split_sum`] at n·v and P/A. Light reaches such a surface in an absolute
-//! scale: a dielectric reflects 4 % of it.
+//! scale: a dielectric reflects 4 % of it. The factor 1 − 0.04 F_x − F_y leaves to the diffuse
+//! layer the light that a dielectric's surface does not reflect: nothing reflects more than it
+//! receives, and a white dielectric reflects all of it.
 //!
 //! The ambient transfer of a Gaussian is the share of the irradiance along its normal that reaches
 //! it past other surfaces, and of what those reflect: 1 in the open. It is no parameter; rays

@@ -197,11 +197,16 @@ impl Plan {
         Self { rules, full: in_full(asked), unlit }
     }
 
-    /// The plan for a scene whose reflected rays are traced against a near field, or are not.
+    /// The plan for a scene whose reflected rays are traced against a near field, or are not. What
+    /// a mirror shows of a rougher surface is looked up as rough as both together, up to the last
+    /// level ([`crate::near_field`]).
     #[must_use]
     pub fn tracing(mut self, traces_near: bool) -> Self {
         self.rules.traces_near = traces_near;
         self.full.traces_near = traces_near;
+        if traces_near && self.rules.levels != LevelRange::NONE {
+            self.rules.levels.end = LevelRange::ALL.end;
+        }
         self
     }
 

@@ -34,6 +34,11 @@ impl PrefilterScheme {
             Self::Official => 4 * RESOLUTION_MIN,
         }
     }
+    /// Tests whether a base of this resolution can be filtered and looked up: a power of two from
+    /// [`PrefilterScheme::resolution_min`] to [`RESOLUTION_MAX`].
+    pub const fn takes(self, resolution: usize) -> bool {
+        self.resolution_min() <= resolution && resolution <= RESOLUTION_MAX && resolution.is_power_of_two()
+    }
 }
 
 /// Some neighbouring levels of a light, by number.
@@ -83,6 +88,9 @@ pub struct Levels {
 const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.0];
 /// No level is coarser than this.
 const RESOLUTION_MIN: usize = 16;
+/// The largest resolution of a base, up to which the index of each texel is an exact `f32`
+/// ([`crate::cubemap::footprint`]).
+pub const RESOLUTION_MAX: usize = 1024;
 /// The official scheme's roughness of the first and of the last but one level.
 const OFFICIAL_ROUGHNESS: [f32; 2] = [0.08, 0.5];
 

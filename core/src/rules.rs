@@ -2,7 +2,7 @@
 
 use crate::{
     prefilter::{LevelRange, PrefilterScheme},
-    scene::{DIFFUSE, Layout, NORMAL_RESIDUAL_1, TINT},
+    scene::{DIFFUSE, Layout, NORMAL_RESIDUAL_1, ROUGHNESS, TINT},
     shade::{ShadingForm, ShadingRules},
 };
 
@@ -106,7 +106,14 @@ impl RenderRules {
             true if self.normal_residuals => layout.sh_start(),
             true => NORMAL_RESIDUAL_1,
         };
-        shading_end + 3 * self.sh_count(layout) + usize::from(layout.is_smoothed)
+        let is_physical = self.shading.form == ShadingForm::Physical && layout.is_physical;
+        let colors = if is_physical && !self.is_color_alone(layout) {
+            // Materials take the place of diffuse colour, tint and harmonics.
+            layout.physical_end() - layout.sh_end() - (ROUGHNESS - DIFFUSE)
+        } else {
+            3 * self.sh_count(layout)
+        };
+        shading_end + colors + usize::from(layout.is_smoothed)
     }
 }
 

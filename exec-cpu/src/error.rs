@@ -2,6 +2,7 @@
 
 use specula_core::{
     executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    prefilter::RESOLUTION_MAX,
 };
 
 /// Why a stage could not run.
@@ -20,7 +21,9 @@ pub enum CpuError {
         found: usize,
     },
     /// A light's resolution cannot be filtered.
-    #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
+    #[error(
+        "a light of resolution {resolution} cannot be filtered; use a power of two from {least} to {RESOLUTION_MAX}"
+    )]
     LightResolution {
         /// Texels along an edge of a face.
         resolution: usize,

@@ -197,8 +197,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
 
 fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), CpuError> {
     let least = scheme.resolution_min();
-    let is_valid = resolution >= least && resolution.is_power_of_two();
-    if is_valid { Ok(()) } else { Err(CpuError::LightResolution { resolution, least }) }
+    if scheme.takes(resolution) { Ok(()) } else { Err(CpuError::LightResolution { resolution, least }) }
 }
 
 impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {

@@ -16,6 +16,7 @@ impl ReadBack for CpuExecutor {
     }
 
     fn upload_frame_grad(&mut self, frame: &Frame, planes: &[f32]) -> Result<FrameGrad, CpuError> {
+        BufferLength::check(frame.len_of_values(), planes).map_err(CpuError::BufferLength)?;
         Ok(frame.grad(planes))
     }
 
@@ -26,7 +27,7 @@ impl ReadBack for CpuExecutor {
         values: &mut [f32],
     ) -> Result<(), CpuError> {
         let count = channels.len();
-        for (gaussian, values) in values.chunks_exact_mut(count).enumerate() {
+        for (gaussian, values) in values.chunks_exact_mut(count.max(1)).enumerate() {
             values.iter_mut().zip(channels.clone()).for_each(|(value, channel)| {
                 *value = grads.of_channel(gaussian, channel);
             });

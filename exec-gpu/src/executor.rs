@@ -51,7 +51,7 @@ use specula_core::{
     light_network::LightNetworkError,
     loss::{LossReport, LossWeights},
     near_field::NearField,
-    pack::{Storage, pack, unpack},
+    pack::{Storage, pack, unpack, unpacked_len},
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
@@ -321,8 +321,7 @@ impl<P: Precision> GpuExecutor<P> {
 
 fn check_resolution(scheme: PrefilterScheme, resolution: usize) -> Result<(), GpuError> {
     let least = scheme.resolution_min();
-    let is_valid = resolution >= least && resolution.is_power_of_two();
-    if is_valid { Ok(()) } else { Err(GpuError::LightResolution { resolution, least }) }
+    if scheme.takes(resolution) { Ok(()) } else { Err(GpuError::LightResolution { resolution, least }) }
 }
 
 impl<P: Precision> Renderer for GpuExecutor<P> {
@@ -358,6 +357,7 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
             BufferLength::check(array.len(), values).map_err(GpuError::BufferLength)?;
             return self.context.download_chunks(array, values);
         };
+        BufferLength::check(unpacked_len(array.len(), layout), values).map_err(GpuError::BufferLength)?;
         let mut words = vec![0; array.len()];
         self.context.download_chunks(array, &mut words)?;
         unpack(&words, layout, values);

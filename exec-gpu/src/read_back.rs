@@ -27,6 +27,7 @@ impl ReadBack for GpuExecutor {
     }
 
     fn upload_frame_grad(&mut self, frame: &Frame, planes: &[f32]) -> Result<FrameGrad, GpuError> {
+        BufferLength::check(frame.len_of_values(), planes).map_err(GpuError::BufferLength)?;
         let values = self.context.upload("gradient of a picture", planes)?;
         Ok(FrameGrad { size: frame.size, channels: frame.channels, values })
     }
@@ -40,7 +41,7 @@ impl ReadBack for GpuExecutor {
         let mut blocks = vec![0.0; grads.values.len()];
         self.context.download_chunks(&grads.values, &mut blocks)?;
         let planes = GEOMETRY + grads.channels;
-        for (gaussian, values) in values.chunks_exact_mut(channels.len()).enumerate() {
+        for (gaussian, values) in values.chunks_exact_mut(channels.len().max(1)).enumerate() {
             let block = &blocks[gaussian / BLOCK * planes * BLOCK..];
             values.iter_mut().zip(channels.clone()).for_each(|(value, channel)| {
                 *value = block[(GEOMETRY + channel) * BLOCK + gaussian % BLOCK];

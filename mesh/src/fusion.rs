@@ -71,16 +71,25 @@ struct Volume {
 }
 
 impl Volume {
-    /// Volume of the Gaussians with an opacity of one half or more, without outliers.
+    /// Volume of the Gaussians with an opacity of one half or more, without outliers and means that
+    /// are not finite.
     fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
-        let is_solid: Vec<bool> = gaussians.plane(OPACITY).map(|logit| sigmoid(logit) >= COVERAGE_SURFACE).collect();
-        let all_are_thin = !is_solid.contains(&true);
+        let somewhere: Vec<[f32; 4]> = (0..gaussians.count)
+            .map(|index| {
+                let [x, y, z] = gaussians.get::<3>(index, MEAN);
+                [x, y, z, gaussians.get::<1>(index, OPACITY)[0]]
+            })
+            .filter(|[x, y, z, _]| x.is_finite() && y.is_finite() && z.is_finite())
+            .collect();
+        let is_solid = |[.., logit]: &[f32; 4]| sigmoid(*logit) >= COVERAGE_SURFACE;
+        let all_are_thin = !somewhere.iter().any(is_solid);
         let bounds = |axis: usize| {
-            let of_solid = gaussians.plane(MEAN + axis).zip(&is_solid).filter(|(_, solid)| **solid || all_are_thin);
-            let mut coordinates: Vec<f32> = of_solid.map(|(x, _)| x).collect();
+            let of_solid = somewhere.iter().filter(|gaussian| all_are_thin || is_solid(gaussian));
+            let mut coordinates: Vec<f32> = of_solid.map(|gaussian| gaussian[axis]).collect();
             coordinates.sort_unstable_by(f32::total_cmp);
             let outliers = (OUTLIER_SHARE * coordinates.len() as f32) as usize;
-            [coordinates[outliers], coordinates[coordinates.len() - 1 - outliers]]
+            let at = |index: usize| coordinates.get(index).copied().unwrap_or_default();
+            [at(outliers), at(coordinates.len().saturating_sub(1 + outliers))]
         };
         let bounds = [bounds(0), bounds(1), bounds(2)];
         let min = Vec3::from(bounds.map(|[min, _]| min));
@@ -229,4 +238,33 @@ fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
         vertex = parents[vertex as usize];
     }
     vertex
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_core::scene::{Layout, len_of_values};
+
+    #[test]
+    fn a_mean_that_is_not_finite_does_not_widen_the_volume() {
+        const COUNT: usize = 50;
+        let layout = Layout::radiance(0);
+        let mut gaussians = Gaussians { count: COUNT, layout, values: vec![0.0; len_of_values(COUNT, layout)] };
+        for index in 0..COUNT {
+            let x = index as f32 / COUNT as f32;
+            gaussians.set(index, MEAN, [x, 2.0 * x, 0.5 - x]);
+            gaussians.set(index, OPACITY, [4.0]);
+        }
+        let size = |gaussians: &Gaussians<Vec<f32>>| Volume::around(gaussians, 40).size;
+        let whole = size(&gaussians);
+        assert!(whole.iter().all(|edge| *edge > 10), "{whole:?}");
+        for broken in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            gaussians.set(7, MEAN, [broken, 0.0, 0.0]);
+            assert_eq!(size(&gaussians), whole, "a mean at {broken}");
+        }
+        for index in 0..COUNT {
+            gaussians.set(index, MEAN, [f32::NAN; 3]);
+        }
+        assert_eq!(size(&gaussians).len(), 3, "no mean is finite");
+    }
 }

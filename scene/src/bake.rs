@@ -99,9 +99,7 @@ pub fn bake_diffuse<E: ReadBack>(
     let mut plain = shapes_of(gaussians, Layout::radiance(0));
     let start = plain.layout.sh_start();
     for gaussian in 0..gaussians.count {
-        let diffuse = shade::diffuse(vector(gaussians.get(gaussian, DIFFUSE)), shading_model.shading);
-        let form = per_gaussian(shading_model.shading).form;
-        let color = shade::shade(form, &Terms::unlit(diffuse, Vector::default()));
+        let color = diffuse_color(gaussians, gaussian, shading_model.shading);
         plain.set(gaussian, start, color.to_array().map(|channel| (channel - 0.5) / Y0));
     }
     Ok(Baked { gaussians: plain, normals })
@@ -125,6 +123,16 @@ impl ActivatedAttributes {
         let Surface { diffuse, tint, .. } = surface(&material, vector([0.0, 0.0, 1.0]), shading);
         Self { diffuse: diffuse.to_array(), tint: tint.to_array(), roughness: sigmoid(material.roughness) }
     }
+}
+
+/// Diffuse colour of a Gaussian as it is shown without light, of a physical material its albedo.
+fn diffuse_color(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Vector<f32> {
+    let diffuse = shade::diffuse(material(gaussians, index, shading).diffuse, shading);
+    let form = match shading.form {
+        ShadingForm::Physical => ShadingForm::Paper,
+        _ => per_gaussian(shading).form,
+    };
+    shade::shade(form, &Terms::unlit(diffuse, Vector::default()))
 }
 
 /// Shading rules under which each Gaussian looks the light up itself.
@@ -186,7 +194,8 @@ impl<E: ReadBack> Baker<E> {
     /// Contributions and colours of Gaussians in a view. By linearity, the gradients of a
     /// Gaussian's channels are sums over the pixels, each times the Gaussian's share αT of the
     /// pixel. So its weight and the light of its pixels are gradients for pictures of coverage and
-    /// of light.
+    /// of light. A Gaussian of a physical material has the mean colour of its pixels, which are lit
+    /// past the scene's surface.
     fn sample_view(&mut self, gaussians: &Gaussians<E::Array>, camera: &Camera) -> Result<ViewSamples, E::Error> {
         let (camera, rules) = (reduced(camera), self.picture_rules);
         let (exec, light) = (&mut self.exec, self.light.as_ref());
@@ -195,7 +204,9 @@ impl<E: ReadBack> Baker<E> {
         let pixels = (camera.width * camera.height) as usize;
         let mut picture = vec![0.0; (channels + 1) * pixels];
         exec.read_frame(&frame, &mut picture)?;
-        let gradient = exec.upload_frame_grad(&frame, &light_and_coverage(&picture, pixels))?;
+        let form = rules.shading.form;
+        let shown = if form == ShadingForm::Physical { channel::COLOR } else { channel::LIGHT };
+        let gradient = exec.upload_frame_grad(&frame, &shown_and_coverage(&picture, shown, pixels))?;
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &gradient, &camera)?;
 
         let mut layers = vec![0.0; gaussians.count * channels];
@@ -203,10 +214,10 @@ impl<E: ReadBack> Baker<E> {
         let mut sums = vec![0.0; gaussians.count * SUMS];
         exec.read_channel_grads(&grads, 0..SUMS, &mut sums)?;
         let (sums, _) = sums.as_chunks::<SUMS>();
-        let is_deferred = rules.is_deferred(gaussians.layout);
-        let color = |(layers, sums): (&[f32], &[f32; SUMS])| match is_deferred {
-            true => under_light_of_pixels(layers, *sums),
-            false => three(layers, channel::COLOR),
+        let color = |(layers, sums): (&[f32], &[f32; SUMS])| match form {
+            ShadingForm::Deferred => under_light_of_pixels(layers, *sums),
+            ShadingForm::Physical => mean_of_pixels(*sums),
+            ShadingForm::Paper | ShadingForm::Official => three(layers, channel::COLOR),
         };
         Ok(ViewSamples {
             position: camera.position,
@@ -248,12 +259,15 @@ impl<E: ReadBack> Baker<E> {
             let chunk = part(gaussians, first, CHUNK.min(gaussians.count - first));
             let around = self.sample_uniform(&chunk)?;
             let shading = self.gaussian_rules.shading;
+            let is_physical = shading.form == ShadingForm::Physical;
             let fitted: Vec<_> = (0..chunk.count)
                 .into_par_iter()
                 .map(|k| {
                     let samples = ColorSamples::new(first + k, chunk.get::<3>(k, MEAN).into(), views);
+                    // Without its pixels a physical material has no light.
+                    let seen = if is_physical { samples.mean_color() } else { None };
                     (
-                        samples.fit(&uniform, |direction| around[direction][k]),
+                        samples.fit(&uniform, |direction| seen.unwrap_or(around[direction][k])),
                         normal(&chunk, k, samples.towards(), shading),
                     )
                 })
@@ -293,23 +307,27 @@ const WEIGHT: usize = 3;
 /// Planes of a gradient that are not zero.
 const SUMS: usize = WEIGHT + 1;
 
-/// Planes of a gradient: light, coverage, then zeros.
-fn light_and_coverage(picture: &[f32], pixels: usize) -> Vec<f32> {
+/// Planes of a gradient: three channels of the picture from `shown` on, coverage, then zeros.
+fn shown_and_coverage(picture: &[f32], shown: usize, pixels: usize) -> Vec<f32> {
     let mut planes = vec![0.0; picture.len()];
-    let light = channel::LIGHT * pixels..(channel::LIGHT + 3) * pixels;
-    planes[..WEIGHT * pixels].copy_from_slice(&picture[light]);
+    planes[..WEIGHT * pixels].copy_from_slice(&picture[shown * pixels..(shown + 3) * pixels]);
     let transmittance = &picture[picture.len() - pixels..];
     planes[WEIGHT * pixels..].iter_mut().zip(transmittance).for_each(|(weight, passed)| *weight = 1.0 - passed);
     planes
 }
 
+/// Mean of the pixels that show a Gaussian, from their sums and that of coverage; black where none
+/// does.
+fn mean_of_pixels([r, g, b, weight]: [f32; SUMS]) -> [f32; 3] {
+    if weight > 0.0 { [r, g, b].map(|sum| sum / weight) } else { [0.0; 3] }
+}
+
 /// Colour of a Gaussian under the mean light of the pixels that show it, from the sums of light and
 /// of coverage.
-fn under_light_of_pixels(layers: &[f32], [r, g, b, weight]: [f32; SUMS]) -> [f32; 3] {
-    let light = if weight > 0.0 { [r, g, b].map(|sum| sum / weight) } else { [0.0; 3] };
+fn under_light_of_pixels(layers: &[f32], sums: [f32; SUMS]) -> [f32; 3] {
     let terms = Terms {
         tint: vector(three(layers, channel::TINT)),
-        specular_light: vector(light),
+        specular_light: vector(mean_of_pixels(sums)),
         ..Terms::unlit(vector(three(layers, channel::DIFFUSE)), vector(three(layers, channel::RESIDUAL)))
     };
     shade::shade(ShadingForm::Paper, &terms).to_array()
@@ -329,6 +347,13 @@ impl ColorSamples {
 
     fn total_weight(&self) -> f64 {
         self.0.iter().map(|(weight, ..)| weight).sum()
+    }
+
+    /// Mean colour over the views; none without any.
+    fn mean_color(&self) -> Option<[f32; 3]> {
+        let total = self.total_weight();
+        let mean = |c: usize| self.0.iter().map(|(weight, _, color)| weight * f64::from(color[c])).sum::<f64>() / total;
+        (total > 0.0).then(|| [0, 1, 2].map(|c| mean(c) as f32))
     }
 
     /// Coefficients of harmonics; `around` gives the colours of the uniform directions.

@@ -2,7 +2,7 @@
 
 use specula_core::{
     environment,
-    prefilter::{Levels, PrefilterScheme},
+    prefilter::{Levels, PrefilterScheme, RESOLUTION_MAX},
     scene::Environment,
 };
 use specula_io::latlong::{self, UpAxis};
@@ -20,10 +20,10 @@ pub fn levels_of(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Leve
     Levels::new(scheme, fitting_resolution(light.resolution, scheme))
 }
 
-/// Least resolution that the prefilter takes and that holds an environment of this one: a power of
-/// two, at least [`PrefilterScheme::resolution_min`].
+/// Least resolution that the prefilter takes and that holds an environment of this one, or the
+/// largest that it takes.
 fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
-    resolution.next_power_of_two().max(scheme.resolution_min())
+    resolution.next_power_of_two().clamp(scheme.resolution_min(), RESOLUTION_MAX)
 }
 
 /// Environment at a resolution that the prefilter takes: other tools also write resolutions that

@@ -148,7 +148,7 @@ pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQu
         name: view.name.clone(),
         psnr: psnr(mean_squared_error(rendered, truth) / share),
         ssim: ssim_of_known(*width, rendered, truth, known.as_deref()),
-        normal_mae: view.normals.as_ref().map(|_| normal_error(image, view)),
+        normal_mae: normal_error(image, view),
     }
 }
 
@@ -226,15 +226,16 @@ pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
     x.iter().zip(y).map(square).sum::<f64>() / x.len().max(1) as f64
 }
 
-/// Mean angle between rendered and ground-truth normals in degrees.
-fn normal_error(image: &Image<Vec<f32>>, view: &View) -> f64 {
-    let Some(normals) = &view.normals else { return f64::NAN };
+/// Mean angle between rendered and ground-truth normals in degrees, over pixels of which more than
+/// half is covered; none without ground truth or such a pixel.
+fn normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64> {
+    let normals = view.normals.as_ref()?;
     let (mut sum, mut count) = (0.0, 0.0);
     for pixel in (0..image.pixel_count()).filter(|pixel| normals.mask[*pixel] && view.rgba[4 * pixel + 3] > 127) {
         sum += normal_angle(image, normals, pixel);
         count += 1.0;
     }
-    sum / f64::max(count, 1.0)
+    (count > 0.0).then(|| sum / count)
 }
 
 /// Mean angle between rendered and ground-truth normals in degrees, weighted by the product of
@@ -379,6 +380,9 @@ mod tests {
             (weighted - expected).abs() < 1e-6,
             "{weighted}°, not {expected}°: what is not rendered does not count"
         );
+
+        let unseen = View { rgba: vec![0; 4 * width], ..view.clone() };
+        assert_eq!(measure_view(&image, &unseen, [1.0; 3]).normal_mae, None, "no pixel is covered");
 
         let values = (0..channels * width).map(|k| if k < (channels - 1) * width { 0.0 } else { 1.0 }).collect();
         let empty = Image { values, ..image.clone() };

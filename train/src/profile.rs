@@ -513,8 +513,10 @@ impl Profile {
     ///
     /// For another number of texels.
     pub fn under(mut self, radiance: Vec<f32>) -> Self {
-        if let Some(LightStart { resolution, .. }) = self.light {
+        if let Some(light) = &mut self.light {
+            let resolution = light.resolution;
             assert_eq!(radiance.len(), 3 * FACE_COUNT * resolution * resolution, "three numbers for each texel");
+            light.radiance_max = f32::INFINITY;
             self.known_light = Some(KnownLight(radiance.into()));
             self.rates.environment = Schedule::constant(0.0);
         }
@@ -526,6 +528,7 @@ impl Profile {
     pub fn with_light_mean(mut self, mean: [f32; 3]) -> Self {
         if let Some(light) = &mut self.light {
             light.radiance = mean.iter().sum::<f32>() / 3.0;
+            light.radiance_max = f32::INFINITY;
             self.light_mean = Some(mean);
         }
         self
@@ -631,6 +634,16 @@ mod tests {
         assert!(one == same && one != other && one.len() < 10_000, "{} characters", one.len());
         let plain = by_name("3dgs", 1000).unwrap();
         assert_eq!(plain.clone().under(Vec::new()), plain, "there is no light");
+    }
+
+    #[test]
+    fn a_known_light_may_be_brighter_than_a_trained_one() {
+        let official = by_name("official", 1000).unwrap();
+        let radiance_max = |profile: &Profile| profile.light.expect("a light").radiance_max;
+        assert_eq!(radiance_max(&official), 1.0);
+        let known = official.clone().under(vec![5.0; 3 * FACE_COUNT * 64 * 64]);
+        assert_eq!(radiance_max(&known), f32::INFINITY);
+        assert_eq!(radiance_max(&official.with_light_mean([5.0; 3])), f32::INFINITY);
     }
 
     #[test]

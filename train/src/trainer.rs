@@ -373,7 +373,8 @@ impl<E: Executor> Trainer<E> {
             let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
             let pass =
                 Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
-            self.fit(&views, &pass)?;
+            let of_materials = self.fit(&views, &pass)?;
+            self.state.nonfinite += of_materials.iter().map(|report| report.nonfinite).sum::<usize>();
         }
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
             self.note(report);

@@ -39,6 +39,11 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
     let source = source_of(args, &opened)?;
+    if args.source_path.is_none() && Split::from(args.split) == Split::Test && opened.test_views() == Some(0) {
+        tracing::warn!(
+            "the model was trained without --eval, so on these views as well: what is measured is no quality of new views"
+        );
+    }
     let (views, truths) = views_of(args, &opened, &source)?;
     let background = background_of(&opened, args.background);
     let method = method_of(args, &opened);

@@ -60,6 +60,20 @@ fn measures_of_other_settings_take_no_ones_place() {
 }
 
 #[test]
+fn views_that_were_trained_on_are_no_held_out_ones() {
+    const TOLD: &str = "without --eval";
+    let tiny = Tiny::new();
+    let told = |model: &str, words: &[&str]| {
+        let assert = specula().arg("eval").arg(tiny.path(model)).args(words).assert().success();
+        String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+    };
+    printed(train(&tiny, "all").arg("--quiet"));
+    assert!(told("all", &[]).contains(TOLD));
+    assert!(!told("all", &["--split", "train"]).contains(TOLD), "these are asked for by their name");
+    assert!(!told(trained(&tiny).to_str().unwrap(), &[]).contains(TOLD));
+}
+
+#[test]
 fn a_page_shows_every_view_beside_its_truth_the_worst_first() {
     let tiny = Tiny::new();
     let model = trained(&tiny);

@@ -20,6 +20,7 @@ use specula_core::{
 };
 use specula_io::{
     cameras, gaussian_ply,
+    latlong::{self, LatLong},
     model_folder::{self, ModelInfo, Snapshot},
 };
 use std::{
@@ -278,6 +279,23 @@ fn a_baked_scene_looks_as_the_scene_does_and_its_error_is_said() {
 }
 
 /// The model's test views as a file of cameras.
+/// A physical material is baked in the light that is asked for: its pixels are those of `render`.
+#[test]
+fn a_physical_ball_is_baked_under_another_light() {
+    /// Gaussians are baked with the colours of whole pixels.
+    const ENOUGH: f64 = 30.0;
+    let ball = Ball::under(soft);
+    let rgb = (0..16 * 8).flat_map(|k| if k % 16 < 8 { [0.9, 0.5, 0.2] } else { [0.1, 0.2, 0.6] }).collect();
+    let sky = ball.tiny.path("two.hdr");
+    latlong::write(&sky, &LatLong { width: 16, height: 8, rgb }).unwrap();
+    let (path, said) = ball.export("relit.ply", &["--env", sky.to_str().unwrap()]);
+    assert!(decibels(&said) > ENOUGH, "{said}");
+    let rows = ply_rows(&path);
+    let (other, _) = ball.export("other.ply", &["--no-error"]);
+    let red = |rows: &[BTreeMap<String, f32>]| rows.iter().map(|row| row["f_dc_0"]).sum::<f32>();
+    assert!(red(&rows) != red(&ply_rows(&other)), "the light is another");
+}
+
 fn test_cameras(ball: &Ball) -> PathBuf {
     let path = ball.tiny.path("test_cameras.json");
     let all = cameras::read(&ball.model().join("cameras.json")).unwrap();

@@ -2,6 +2,7 @@
 
 use specula_core::{
     executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    prefilter::RESOLUTION_MAX,
 };
 
 /// Errors of devices, and of inputs that stages refuse.
@@ -77,7 +78,9 @@ pub enum GpuError {
     #[error(transparent)]
     BufferLength(BufferLength),
     /// A light's resolution cannot be filtered.
-    #[error("a light of resolution {resolution} cannot be filtered; use a power of two, at least {least}")]
+    #[error(
+        "a light of resolution {resolution} cannot be filtered; use a power of two from {least} to {RESOLUTION_MAX}"
+    )]
     LightResolution {
         /// Texels along an edge of a face.
         resolution: usize,

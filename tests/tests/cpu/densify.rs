@@ -1,6 +1,14 @@
 //! Decisions of densification at their thresholds, as literals: both executors run one formula.
 
-use specula_core::densify::{Action, DensifyRules, action};
+use specula_core::{
+    cull::CullReason,
+    densify::{Action, DensifyRules, action},
+    executor::{Executor, Renderer},
+    scene::{BLOCK, Layout, MEAN},
+    state::Statistics,
+};
+use specula_cpu::{CpuExecutor, stages::blend_vjp::SplatGrads};
+use specula_tests::strategies::{camera, random_cloud};
 
 const RULES: DensifyRules = DensifyRules { grad_min: 0.25, split_scale: 0.5, opacity_min: 0.125, scale_max: 2.0 };
 const NAN: f32 = f32::NAN;
@@ -57,4 +65,34 @@ fn without_a_largest_scale_none_is_too_large() {
     let rules = DensifyRules { scale_max: f32::INFINITY, ..RULES };
     assert_eq!(action(&rules, 0.0, 0.5, f32::MAX), Action::Keep);
     assert_eq!(action(&rules, 1.0, 0.5, f32::INFINITY), Action::Split);
+}
+
+/// Gaussians in front of the camera and beside its picture are not seen.
+#[test]
+fn a_view_counts_the_gaussians_in_its_picture() {
+    const COUNT: usize = 400;
+    const COLORS: usize = 3;
+    const GRAD_PLANES: usize = 6 + COLORS;
+    let mut cloud = random_cloud(COUNT, Layout::radiance(0), 23);
+    for index in 0..COUNT {
+        let mean = cloud.get::<3>(index, MEAN).map(|x| 5.0 * x);
+        cloud.set(index, MEAN, mean);
+    }
+    let camera = camera(70, 45);
+    let mut exec = CpuExecutor::new();
+    let splats = exec.project(&cloud, &camera).expect("the CPU projects");
+    let grads = SplatGrads::of_values(COLORS, &vec![1.0; COUNT.next_multiple_of(BLOCK) * GRAD_PLANES]);
+    let mut statistics = Statistics { grad_sum: vec![0.0; COUNT], view_count: vec![0.0; COUNT] };
+    exec.observe(&mut statistics, &splats, &grads, &camera).expect("the CPU observes");
+    let mut found = [0; 2];
+    for (index, count) in statistics.view_count.iter().enumerate() {
+        let reason = CullReason::of(&cloud, index, Some(&camera));
+        assert_eq!(*count, f32::from(u8::from(reason == CullReason::Drawn)), "Gaussian {index}: {reason:?}");
+        match reason {
+            CullReason::Drawn => found[0] += 1,
+            CullReason::Outside => found[1] += 1,
+            _ => {}
+        }
+    }
+    assert!(found.into_iter().all(|count| count > 10), "{found:?} Gaussians in the picture and beside it");
 }

@@ -280,6 +280,9 @@ fn a_plan_reads_only_what_it_uses() {
     assert_eq!(read(&scene), 18 + 3 * 9);
     scene.light = None;
     assert_eq!(read(&scene), 14 + 3 * 9);
+    let physical = Scene::new(Layout::shaded(Some(3)).physical(), ShadingRules::PHYSICAL, Channels::Color, 7);
+    // Mean, scales, quat, opacity; roughness and residuals; albedo, metalness and ambient transfer.
+    assert_eq!(read(&physical), 11 + 7 + 7);
 }
 
 #[test]
@@ -305,6 +308,11 @@ fn levels_are_those_around_the_roughness() {
     }
     assert_eq!(Needs::NOTHING.levels(&levels), LevelRange::NONE);
     assert_eq!(scene.plan().rules.levels, LevelRange { first: 7, end: 11 }, "a level more on either side");
+    scene.fill(ROUGHNESS..ROUGHNESS + 1, -20.0);
+    let last = LevelRange::ALL.end;
+    assert!(scene.plan().rules.levels.end < last, "mirrors read the first levels");
+    assert_eq!(scene.plan().tracing(true).rules.levels.end, last, "surfaces that mirrors show may be rough");
+    assert_eq!(scene.plan().tracing(false), scene.plan());
 }
 
 #[test]

@@ -246,6 +246,18 @@ fn reason(plane: usize) -> CullReason {
 }
 
 #[test]
+fn materials_that_are_not_finite_are_told_from_filters() {
+    let layout = LAYOUT.physical().antialiased();
+    for plane in layout.sh_end()..layout.plane_count() {
+        let mut cloud = random_cloud(COUNT, layout, 54);
+        cloud.set(3, plane, [f32::NAN]);
+        let is_filter = Some(plane) == layout.filter_plane();
+        let expected = if is_filter { CullReason::NonfiniteFilter } else { CullReason::NonfiniteMaterial };
+        assert_eq!(CullReason::of(&cloud, 3, None), expected, "plane {plane}");
+    }
+}
+
+#[test]
 fn what_is_not_finite_is_counted_by_reason() {
     let cloud = random_cloud(COUNT, LAYOUT.antialiased(), 54);
     assert_eq!(CullStats::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");

@@ -70,7 +70,7 @@ pub(super) fn read_checkpoint(
     let refuse = |reason: String| {
         let path = io::checkpoint::path_in(&args.model_path);
         Err(Failure::Input(format!(
-            "the checkpoint {path:?} {reason}, or start anew with --overwrite in path of --resume"
+            "the checkpoint {path:?} {reason}, or start anew with --overwrite in place of --resume"
         )))
     };
     if let Some(difference) = config::contradiction(&facts.config, &earlier.config) {

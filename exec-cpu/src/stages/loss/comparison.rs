@@ -142,6 +142,9 @@ pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Bu
         let is_active = frame.cover.slot(tile).is_some() || !target.is_empty[tile];
         *distance = if is_active { 0 } else { FAR };
     }
+    if distance.is_empty() {
+        return distance;
+    }
     // The larger of two distances along rows and columns: rows first, then columns of what that
     // gives.
     for row in distance.chunks_exact_mut(columns) {
