@@ -62,6 +62,13 @@ pub(crate) fn note_orientation(found: &Orientation) {
     tracing::info!("{}{}", orientation::description(found), correction(found));
 }
 
+/// Prints the up direction where it is a guess, and the option that corrects it.
+pub(crate) fn note_guessed_up(found: &Orientation) {
+    if found.up_source == UpSource::Nothing {
+        note_orientation(found);
+    }
+}
+
 fn correction(Orientation { up_source, error_degrees, .. }: &Orientation) -> &'static str {
     match (up_source, error_degrees) {
         (UpSource::Hand, _) | (UpSource::Upright | UpSource::Height, Some(_)) => "",

@@ -141,6 +141,11 @@ impl LightPlan {
         Ok(Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground })
     }
 
+    /// File of the environment map, if one shines.
+    pub(crate) fn env(&self) -> Option<&Path> {
+        self.env.as_deref()
+    }
+
     /// Name of the light, for a folder: that of the environment map.
     pub(crate) fn name(&self) -> String {
         self.env.as_deref().map_or_else(|| "lamps".to_owned(), output::stem)

@@ -61,7 +61,10 @@ fn open_glb(path: &Path, profile: Option<ProfileName>, low_pass: Option<LowPass>
 /// Shading model of a profile, if one is requested; else that of the model itself.
 fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<ShadingModel, Failure> {
     match profile {
-        None => Ok(ShadingModel::of_model(model)),
+        None => match ShadingModel::refuse_unknown(model) {
+            Ok(()) => Ok(ShadingModel::of_model(model)),
+            Err(error) => Err(Failure::Input(format!("{error}, or name one of this version with --profile"))),
+        },
         Some(ProfileName::Official) => Ok(ShadingModel::OFFICIAL),
         Some(ProfileName::Specula) => Ok(ShadingModel::DEFERRED),
         Some(ProfileName::Paper) => Ok(ShadingModel::PAPER),

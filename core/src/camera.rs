@@ -74,6 +74,17 @@ impl Camera {
         }
     }
 
+    /// The same view with pictures of at most `edge_max` pixels along their longer edge, the other
+    /// rounded up.
+    pub fn limited(&self, edge_max: u32) -> Self {
+        let longest = self.width.max(self.height);
+        if longest <= edge_max {
+            return *self;
+        }
+        let reduced = |edge: u32| (u64::from(edge) * u64::from(edge_max)).div_ceil(u64::from(longest)) as u32;
+        self.resized(reduced(self.width), reduced(self.height))
+    }
+
     /// The view in a frame of another shape, without distortion: all of the picture at the largest
     /// scale that fits, and more of the scene beside it where the frame is wider or taller. Where
     /// the shapes agree up to the rounding of a pixel, [`Camera::resized`].

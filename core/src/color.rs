@@ -4,11 +4,7 @@
 //! channel or a second array. Losses treat both pictures as black there, so SSIM windows agree, and
 //! give such pixels no gradient; measures skip them.
 
-use crate::{
-    each,
-    real::Real,
-    vector::{Vec3, vec3},
-};
+use crate::{each, real::Real, vector::Vec3};
 
 /// Linear values up to this one are encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
@@ -63,12 +59,7 @@ pub fn limited<R: Real>(color: Vec3<R>) -> Vec3<R> {
 /// Gradient of [`limited`]; zero at the limit and beyond.
 #[inline(always)]
 pub fn limited_vjp<R: Real>(color: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let limit = color.x.constant(COLOR_MAX);
-    vec3(
-        grad.x.keep(color.x.abs().less(limit)),
-        grad.y.keep(color.y.abs().less(limit)),
-        grad.z.keep(color.z.abs().less(limit)),
-    )
+    grad.keep_below(color, COLOR_MAX)
 }
 
 /// Linear radiance of an sRGB value, the inverse of [`srgb_from_linear`], for hosts.

@@ -35,6 +35,7 @@ use crate::{
     physical::{PixelFacing, PixelLight, pixel_facing, reflectances, reflected},
     real::Real,
     shade_pixels::{Pixel, PixelSurface, per_coverage, pixel_surface},
+    sphere::GOLDEN_ANGLE,
     vector::{Vec3, normalize_or, vec3},
 };
 use core::f32::consts::{FRAC_1_PI, PI};
@@ -406,7 +407,6 @@ fn cube<R: Real>(number: R) -> R {
 /// Point of a spiral of `count` points: cosine and sine of its angle, area of the disc within it
 /// and area that it stands for, as shares.
 pub fn spiral_point(index: usize, count: usize) -> [f32; 4] {
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     let angle = GOLDEN_ANGLE * index as f64;
     let per_point = 1.0 / count as f64;
     [math::cos64(angle) as f32, math::sin64(angle) as f32, (index as f64 * per_point) as f32, per_point as f32]

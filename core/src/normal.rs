@@ -4,7 +4,7 @@
 use crate::{
     each,
     real::Real,
-    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp, vec3},
+    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp},
 };
 
 /// Axis of a Gaussian that is taken for its normal.
@@ -108,21 +108,12 @@ pub fn facing_vjp<R: Real>(
 ) -> (Vec3<R>, [Vec3<R>; 2]) {
     let grad_sum = normalize_or_vjp(facing.sum, grad_normal);
     let zero = Vec3::zero(grad_residual_squared);
-    let grad_residual = free_vjp(facing.residual, grad_sum.add_scaled(grad_residual_squared * 2.0, facing.residual));
+    // Zero where a residual was limited.
+    let grad_residual =
+        grad_sum.add_scaled(grad_residual_squared * 2.0, facing.residual).keep_below(facing.residual, RESIDUAL_MAX);
     let second = if negate_second { -grad_residual } else { grad_residual };
     (
         Vec3::select(facing.keeps, grad_sum, -grad_sum),
         [Vec3::select(facing.keeps, grad_residual, zero), Vec3::select(facing.keeps, zero, second)],
-    )
-}
-
-/// The gradient of a residual's numbers, zero where they were limited.
-#[inline(always)]
-fn free_vjp<R: Real>(residual: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let limit = residual.x.constant(RESIDUAL_MAX);
-    vec3(
-        grad.x.keep(residual.x.abs().less(limit)),
-        grad.y.keep(residual.y.abs().less(limit)),
-        grad.z.keep(residual.z.abs().less(limit)),
     )
 }

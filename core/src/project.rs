@@ -309,10 +309,5 @@ fn bounded<R: Real>(row: Vec3<R>) -> Vec3<R> {
 /// Gradient of [`bounded`].
 #[inline(always)]
 fn bounded_vjp<R: Real>(row: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let limit = row.x.constant(EXTENT_MAX);
-    vec3(
-        grad.x.keep(row.x.abs().less(limit)),
-        grad.y.keep(row.y.abs().less(limit)),
-        grad.z.keep(row.z.abs().less(limit)),
-    )
+    grad.keep_below(row, EXTENT_MAX)
 }

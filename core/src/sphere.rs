@@ -2,10 +2,12 @@
 
 use crate::math;
 
+/// Turn by which neighbours of a spiral lie farthest from all others: π (3 − √5), in radians.
+pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
 /// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the
 /// same share of it.
 pub fn directions(count: usize) -> impl Iterator<Item = [f64; 3]> {
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     (0..count).map(move |k| {
         let z = 1.0 - (2 * k + 1) as f64 / count as f64;
         let turn = k as f64 * GOLDEN_ANGLE;

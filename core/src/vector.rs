@@ -112,6 +112,17 @@ impl<R: Real> Vec3<R> {
             R::select(mask, if_true.z, if_false.z),
         )
     }
+    /// Components of `self` where those of `number` are below `limit` in magnitude, zero elsewhere:
+    /// the gradient of a number that was limited.
+    #[inline(always)]
+    pub fn keep_below(self, number: Self, limit: f32) -> Self {
+        let limit = number.x.constant(limit);
+        vec3(
+            self.x.keep(number.x.abs().less(limit)),
+            self.y.keep(number.y.abs().less(limit)),
+            self.z.keep(number.z.abs().less(limit)),
+        )
+    }
     /// Mask of vectors whose components are all finite.
     #[inline(always)]
     pub fn is_finite(self) -> R::Mask {
@@ -131,27 +142,26 @@ pub const LENGTH_MIN: f32 = 1e-18;
 /// `v` / |v|, or `fallback` where |v| is below [`LENGTH_MIN`], with a zero gradient there.
 #[inline(always)]
 pub fn normalize_or<R: Real>(v: Vec3<R>, fallback: Vec3<R>) -> Vec3<R> {
-    let (unit, has_direction) = unit_and_mask(v);
+    let (unit, _, has_direction) = unit_and_mask(v);
     Vec3::select(has_direction, unit, fallback)
 }
 
 /// Gradient of [`normalize_or`] with respect to `v`: (I − v̂ v̂ᵀ) g / |v|.
 #[inline(always)]
 pub fn normalize_or_vjp<R: Real>(v: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let length_squared = v.length_squared();
-    let has_direction = v.x.constant(LENGTH_MIN * LENGTH_MIN).less(length_squared);
-    let inverse = R::select(has_direction, length_squared, v.x.constant(1.0)).sqrt().recip();
-    let unit = v * inverse;
+    let (unit, inverse, has_direction) = unit_and_mask(v);
     let tangent = (grad - unit * unit.dot(grad)) * inverse;
     Vec3::select(has_direction, tangent, Vec3::zero(v.x))
 }
 
+/// `v` / |v|, 1 / |v|, and the mask of vectors that are long enough to have a direction; `v` and 1
+/// where they are not.
 #[inline(always)]
-fn unit_and_mask<R: Real>(v: Vec3<R>) -> (Vec3<R>, R::Mask) {
+fn unit_and_mask<R: Real>(v: Vec3<R>) -> (Vec3<R>, R, R::Mask) {
     let length_squared = v.length_squared();
     let has_direction = v.x.constant(LENGTH_MIN * LENGTH_MIN).less(length_squared);
     let inverse = R::select(has_direction, length_squared, v.x.constant(1.0)).sqrt().recip();
-    (v * inverse, has_direction)
+    (v * inverse, inverse, has_direction)
 }
 
 impl<R: Real> Add for Vec3<R> {

@@ -103,6 +103,10 @@ impl Precision for Storage {
 /// The parameter is the storage format. With [`Full`] precision it is an [`Executor`], which
 /// renders and trains; with a [`Storage`] chosen at run time it is a [`Renderer`], which may store
 /// Gaussians and lights as halves.
+///
+/// Contributions of single pixels and Gaussians to the gradient of a texel of the light are clamped
+/// to ± 2¹⁸, where the CPU adds them as they are: sums of them are integers, which do not depend on
+/// their order.
 #[derive(Debug)]
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,

@@ -16,7 +16,10 @@ use crate::{
 };
 use image::{DynamicImage, GrayImage, RgbImage, metadata::Orientation};
 use jpeg_decoder::{Decoder, PixelFormat};
-use std::{io::Read, path::Path};
+use std::{
+    io::{self, Read},
+    path::Path,
+};
 
 /// Most bytes per pixel during decoding: a coefficient of two bytes for each of four channels.
 const BYTES: u64 = 8;
@@ -40,7 +43,7 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
         decoder.exif_data().and_then(Orientation::from_exif_chunk).is_none_or(|turn| turn == Orientation::NoTransforms);
     let is_thin = size.iter().any(|size| *size < BLOCK * downscale);
     let bytes = BYTES * u64::from(size[0]) * u64::from(size[1]);
-    if !is_upright || is_thin || refuse_many_scans(input).is_err() || bytes > PICTURE.of(input.len().ok()?) {
+    if !is_upright || is_thin || refuse_broken_scans(input).is_err() || bytes > PICTURE.of(input.len().ok()?) {
         return None;
     }
     let smaller = size.map(|size| size.div_ceil(side));
@@ -55,25 +58,58 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
     Some((image, size))
 }
 
-/// Refuses pictures of very many scans, each of which costs a pass over all blocks for a few bytes.
+/// Refuses pictures that were cut short, and those of very many scans, each of which costs a pass
+/// over all blocks for a few bytes.
 ///
 /// # Errors
 ///
-/// [`Error::Image`] for more than [`JPEG_SCANS_MAX`] scans.
-pub(crate) fn refuse_many_scans(input: Input<'_>) -> Result<()> {
-    /// Marker of a scan. In scan data a byte 0xff is followed by zero.
-    const START: [u8; 2] = [0xff, 0xda];
-    let (mut scans, mut last) = (0, 0);
-    for byte in input.open()?.bytes() {
-        let byte = byte.map_err(Error::reading(input.path()))?;
-        scans += usize::from([last, byte] == START);
+/// [`Error::Image`] for a file that ends before the picture, or more than [`JPEG_SCANS_MAX`] scans;
+/// [`Error::Read`] for a file that cannot be read.
+pub(crate) fn refuse_broken_scans(input: Input<'_>) -> Result<()> {
+    let refuse = |cause: String| Err(Error::Image { path: input.path().to_owned(), cause });
+    match count_scans(&mut input.open()?) {
+        Ok(scans) if scans <= JPEG_SCANS_MAX => Ok(()),
+        Ok(scans) => refuse(format!("it has {scans} scans, and {JPEG_SCANS_MAX} is the most that is decoded")),
+        Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
+            refuse("the file ends before the picture does; it was cut short".to_owned())
+        }
+        Err(cause) => Err(Error::reading(input.path())(cause)),
+    }
+}
+
+/// Number of scans up to the end of the picture; files may hold more behind it.
+fn count_scans(reader: &mut impl Read) -> io::Result<usize> {
+    const START: u8 = 0xd8;
+    const END: u8 = 0xd9;
+    const SCAN: u8 = 0xda;
+    const PRIVATE: u8 = 0x01;
+    let mut scans = 0;
+    loop {
+        match next_marker(reader)? {
+            END => return Ok(scans),
+            START | PRIVATE => continue,
+            marker => scans += usize::from(marker == SCAN),
+        }
+        let mut len = [0; 2];
+        reader.read_exact(&mut len)?;
+        let len = u64::from(u16::from_be_bytes(len)).saturating_sub(2);
+        if io::copy(&mut reader.take(len), &mut io::sink())? < len {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+    }
+}
+
+/// Next marker behind the data of a scan, in which 0xff is followed by zero or a restart.
+fn next_marker(reader: &mut impl Read) -> io::Result<u8> {
+    const LEAD: u8 = 0xff;
+    let (mut last, mut byte) = ([0], [0]);
+    loop {
+        reader.read_exact(&mut byte)?;
+        if last[0] == LEAD && !matches!(byte[0], 0 | 0xd0..=0xd7 | LEAD) {
+            return Ok(byte[0]);
+        }
         last = byte;
     }
-    if scans <= JPEG_SCANS_MAX {
-        return Ok(());
-    }
-    let cause = format!("it has {scans} scans, and {JPEG_SCANS_MAX} is the most that is decoded");
-    Err(Error::Image { path: input.path().to_owned(), cause })
 }
 
 #[cfg(test)]
@@ -159,13 +195,24 @@ mod tests {
         let png = folder.path().join("a.png");
         picture(128, 96).save(&png).unwrap();
         is_whole(&png, 8, [128, 96]);
+    }
 
-        // A truncated file is reported at every downscaling factor.
-        let bytes = fs::read(saved(folder.path(), &picture(128, 96).into(), None)).unwrap();
-        for share in [0.01, 0.1, 0.5] {
-            fs::write(&path, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
-            let [full, smaller] = [1, 8].map(|downscale| Pixels::open(&path, downscale, |_| None).is_ok());
-            assert_eq!(full, smaller, "{share} of the file");
+    #[test]
+    fn files_that_were_cut_short_are_refused_at_every_size() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = saved(folder.path(), &picture(128, 96).into(), None);
+        let bytes = fs::read(&path).unwrap();
+        for len in [bytes.len() / 100, bytes.len() / 10, bytes.len() / 2, bytes.len() - 1] {
+            fs::write(&path, &bytes[..len]).unwrap();
+            for downscale in [1, 4, 8] {
+                let refused = Pixels::open(&path, downscale, |_| None).map(|_| ()).unwrap_err().to_string();
+                assert!(refused.contains("a.jpg"), "{len} bytes, {downscale} times smaller: {refused}");
+            }
         }
+        let cut = Pixels::open(&path, 1, |_| None).map(|_| ()).unwrap_err().to_string();
+        assert!(cut.contains("cut short"), "{cut}");
+        // Cameras append previews and notes of their own.
+        fs::write(&path, [&bytes[..], &bytes[..bytes.len() / 2], &[0xff, 0xda, 0]].concat()).unwrap();
+        assert!(Pixels::open(&path, 1, |_| None).is_ok() && Pixels::open(&path, 8, |_| None).is_ok());
     }
 }

@@ -388,7 +388,8 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
     Ok(iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max())
 }
 
-/// Opens the newest iteration of a model, or a PLY file, with its light and settings.
+/// Opens the newest iteration of a model, one of its folders `point_cloud/iteration_N`, or a PLY
+/// file, with its light and settings.
 ///
 /// Models of GaussianShader, which have only `brdf_mlp.hdr`, get their light from it; so do models
 /// whose `brdf_mlp.hdr` was replaced by another map, as relighting commonly does.
@@ -397,7 +398,12 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
 ///
 /// An error of [`Error`] for files that are missing, cannot be read or are invalid.
 pub fn open(path: &Path) -> Result<Model> {
-    if path.is_dir() { open_iteration(path, latest_iteration(path)?) } else { open_ply(path) }
+    let of_iteration = path.join("point_cloud.ply");
+    match path.is_dir() {
+        true if iteration_of(path).is_some() && of_iteration.is_file() => open_ply(&of_iteration),
+        true => open_iteration(path, latest_iteration(path)?),
+        false => open_ply(path),
+    }
 }
 
 /// Opens a model at an iteration.

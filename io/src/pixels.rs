@@ -332,7 +332,7 @@ pub(crate) fn ask_for(
     let wanted = pixels.saturating_mul(most).saturating_add(blocks);
     PICTURE.ask(input.path(), input.len()?, format!("a picture of {width} by {height} pixels"), wanted)?;
     if format == Some(ImageFormat::Jpeg) {
-        jpeg::refuse_many_scans(input)?;
+        jpeg::refuse_broken_scans(input)?;
     }
     Ok(decoder.total_bytes())
 }

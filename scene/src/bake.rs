@@ -197,7 +197,7 @@ impl<E: ReadBack> Baker<E> {
     /// of light. A Gaussian of a physical material has the mean colour of its pixels, which are lit
     /// past the scene's surface.
     fn sample_view(&mut self, gaussians: &Gaussians<E::Array>, camera: &Camera) -> Result<ViewSamples, E::Error> {
-        let (camera, rules) = (reduced(camera), self.picture_rules);
+        let (camera, rules) = (camera.limited(EDGE_MAX_PX), self.picture_rules);
         let (exec, light) = (&mut self.exec, self.light.as_ref());
         let Pass { splats, colors, tiles, frame } = render_pass(exec, gaussians, light, &camera, &rules, &mut ())?;
         let channels = rules.blended(gaussians.layout).count();
@@ -419,13 +419,6 @@ fn in_the_origin(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
         centred.set(gaussian, OPACITY, [1.0]);
     }
     centred
-}
-
-/// Camera with pictures of at most [`EDGE_MAX_PX`] along the longer edge.
-fn reduced(camera: &Camera) -> Camera {
-    let longest = camera.width.max(camera.height);
-    let size = |edge: u32| if longest > EDGE_MAX_PX { (edge * EDGE_MAX_PX).div_ceil(longest) } else { edge };
-    camera.resized(size(camera.width), size(camera.height))
 }
 
 fn vector([x, y, z]: [f32; 3]) -> Vector<f32> {

@@ -44,6 +44,9 @@ pub enum SceneError {
     /// Another program trains in the folder of a model; the sentence names it.
     #[error("{0}")]
     Locked(String),
+    /// The files of a model name a shading function that is not known.
+    #[error("the model names the shading function {0:?}, which this version does not know; use a newer one")]
+    UnknownShading(String),
     /// Physical materials were asked for of a scene without any.
     #[error("the scene was trained without physical materials")]
     NoMaterials,

@@ -269,7 +269,7 @@ pub fn fused_surface(
     let rules = RenderRules { channels: Channels::Training, ..unlit };
     let mut fusion = Fusion::around(gaussians, VOXELS);
     for (index, camera) in cameras.iter().enumerate() {
-        let camera = limited(camera);
+        let camera = camera.limited(EDGE_MAX);
         fusion.add(&camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?);
         progress(index + 1, cameras.len());
     }
@@ -337,13 +337,6 @@ fn radiances(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps) -> Vec<Vec3> 
         albedo * irradiance * FRAC_1_PI
     };
     vertices.into_par_iter().map(radiance).collect()
-}
-
-/// Camera of at most [`EDGE_MAX`] pixels along its longest edge.
-fn limited(camera: &Camera) -> Camera {
-    let longest = camera.width.max(camera.height).max(EDGE_MAX);
-    let [width, height] = [camera.width, camera.height].map(|edge| (edge * EDGE_MAX / longest).max(1));
-    camera.resized(width, height)
 }
 
 #[cfg(test)]

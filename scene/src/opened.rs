@@ -46,9 +46,11 @@ impl OpenedModel {
     ///
     /// # Errors
     ///
-    /// A folder without a model, or a file that cannot be read.
-    pub fn open(path: &Path) -> Result<Self> {
+    /// A folder without a model, a file that cannot be read, or a shading function that is not
+    /// known.
+    pub fn open(path: &Path) -> core::result::Result<Self, SceneError> {
         let model = model_folder::open(path)?;
+        ShadingModel::refuse_unknown(&model)?;
         let shading_model = ShadingModel::of_model(&model);
         Ok(Self::under(path, model, shading_model))
     }

@@ -6,6 +6,7 @@
 //! rest of a model is named beside the numbers: the equation that combines the terms, the
 //! base axis of normals, the prefilter of the light.
 
+use crate::error::SceneError;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use specula_core::{
@@ -102,6 +103,24 @@ impl ShadingModel {
         from_info.or_else(from_comments).unwrap_or(Self::OFFICIAL)
     }
 
+    /// Refuses a model whose files name a shading function that is not known here, as those of
+    /// later versions may.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::UnknownShading`] with the name.
+    pub fn refuse_unknown(model: &Model) -> Result<(), SceneError> {
+        let in_info = model.info.as_ref().map(|info| info.shading.clone());
+        let in_comments = || model.comments.iter().find_map(|comment| shading_in(comment));
+        let name = in_info.filter(|name| !name.is_empty()).or_else(in_comments);
+        match name
+            .filter(|name| model.gaussians.layout.is_shaded() && Self::from_names(name, None, None, None).is_none())
+        {
+            None => Ok(()),
+            Some(name) => Err(SceneError::UnknownShading(name)),
+        }
+    }
+
     fn from_names(
         shading: &str,
         axis: Option<&str>,
@@ -135,12 +154,7 @@ impl ShadingModel {
 
     /// Shading model that a comment names; none of other comments.
     pub fn from_comment(comment: &str) -> Option<Self> {
-        let mut words = comment.split_whitespace();
-        if words.next() != Some(COMMENT) {
-            return None;
-        }
-        let pairs: Map<String, Value> =
-            words.filter_map(|word| word.split_once('=')).map(|(key, word)| (key.to_owned(), word.into())).collect();
+        let pairs = named_in(comment)?;
         let word = |key: &str| pairs.get(key).and_then(Value::as_str);
         Self::from_names(word("shading")?, word("axis"), word("prefilter"), word("reflections"))
     }
@@ -201,6 +215,17 @@ fn convert(gaussians: &mut Gaussians<Vec<f32>>, shading: ShadingRules, sign: f32
             gaussians.set(index, NORMAL_RESIDUAL_2, residual.map(|x| -x));
         }
     }
+}
+
+/// Names in a comment of a PLY file by their keys; none in other comments.
+fn named_in(comment: &str) -> Option<Map<String, Value>> {
+    let mut words = comment.split_whitespace();
+    let pairs = |word: &str| word.split_once('=').map(|(key, word)| (key.to_owned(), word.into()));
+    (words.next() == Some(COMMENT)).then(|| words.filter_map(pairs).collect())
+}
+
+fn shading_in(comment: &str) -> Option<String> {
+    named_in(comment)?.get("shading")?.as_str().map(str::to_owned)
 }
 
 #[cfg(test)]

@@ -48,7 +48,7 @@ pub fn fused<Error>(
     if gaussians.count == 0 {
         return Ok(None);
     }
-    let cameras: Vec<Camera> = evenly_spaced(cameras).map(limited).collect();
+    let cameras: Vec<Camera> = evenly_spaced(cameras).map(|camera| camera.limited(EDGE_MAX)).collect();
     let mut fusion = Fusion::around(gaussians, voxels);
     for camera in &cameras {
         fusion.add(camera, &render(camera, Unlit::Depths)?);
@@ -118,16 +118,6 @@ fn evenly_spaced(cameras: &[Camera]) -> impl Iterator<Item = &Camera> {
     (0..count).map(move |k| &cameras[k * cameras.len() / count])
 }
 
-/// Camera of at most [`EDGE_MAX`] pixels along its longest edge.
-fn limited(camera: &Camera) -> Camera {
-    let longest = camera.width.max(camera.height);
-    if longest <= EDGE_MAX {
-        return *camera;
-    }
-    let [width, height] = [camera.width, camera.height].map(|edge| (edge * EDGE_MAX / longest).max(1));
-    Camera { near: camera.near, ..camera.resized(width, height) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -140,8 +130,8 @@ mod tests {
         let taken: Vec<f32> = evenly_spaced(&all).map(|camera| camera.position.x).collect();
         assert_eq!((taken.len(), taken[0], taken[99]), (VIEWS_MAX, 0.0, 247.0));
         assert_eq!(evenly_spaced(&all[..3]).count(), 3);
-        let small = limited(&all[0]);
+        let small = all[0].limited(EDGE_MAX);
         assert_eq!((small.width, small.height), (800, 200));
-        assert_eq!(limited(&small), small);
+        assert_eq!(small.limited(EDGE_MAX), small);
     }
 }

@@ -50,14 +50,16 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
-    /// Silhouette of a picture; none where no pixel is transparent.
+    /// Silhouette of a picture; none where no pixel is transparent, or all are, as those of a failed
+    /// mask.
     pub fn of(rgba: &[u8]) -> Option<Self> {
         let is_solid = |pixel: &[u8]| pixel[3] > 0 || is_unknown(pixel);
         let byte = |pixels: &[u8]| {
             let bits = pixels.chunks_exact(4).enumerate();
             bits.fold(0, |byte, (place, pixel)| byte | u8::from(is_solid(pixel)) << place)
         };
-        has_alpha(rgba).then(|| Self { bits: rgba.chunks(4 * 8).map(byte).collect() })
+        let shows_something = rgba.chunks_exact(4).any(is_solid);
+        (shows_something && has_alpha(rgba)).then(|| Self { bits: rgba.chunks(4 * 8).map(byte).collect() })
     }
 
     /// Silhouette of the bytes that another machine gave.
@@ -110,6 +112,15 @@ pub fn points_within(count: usize, cameras: &[Camera], silhouettes: &[Option<Sil
         draw += 1;
     }
     points
+}
+
+/// At most `count` points, evenly spaced in their order.
+pub fn thinned(points: Vec<Point>, count: usize) -> Vec<Point> {
+    if points.len() <= count {
+        return points;
+    }
+    let all = points.len();
+    (0..count).map(|k| points[(k as u128 * all as u128 / count as u128) as usize]).collect()
 }
 
 /// Pixels of a picture that points behind a cloud are drawn through.
@@ -299,6 +310,29 @@ mod tests {
     use super::*;
     use glam::Vec3;
     use specula_core::color::UNKNOWN;
+
+    #[test]
+    fn a_picture_that_shows_nothing_carves_nothing() {
+        const CLEAR: [u8; 4] = [9, 9, 9, 0];
+        const SOLID: [u8; 4] = [9, 9, 9, 255];
+        assert_eq!(Silhouette::of([CLEAR; 64].as_flattened()), None, "nothing is shown");
+        assert_eq!(Silhouette::of([SOLID; 64].as_flattened()), None, "nothing is transparent");
+        let mut one = [CLEAR; 64];
+        one[9] = SOLID;
+        assert_eq!(Silhouette::of(one.as_flattened()).expect("a silhouette").bytes(), [0, 2, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn points_are_thinned_evenly() {
+        let points = |count: usize| -> Vec<Point> {
+            (0..count).map(|k| Point { position: [k as f32, 0.0, 0.0], color: [0.5; 3] }).collect()
+        };
+        let kept =
+            |count: usize| -> Vec<f32> { thinned(points(10), count).iter().map(|point| point.position[0]).collect() };
+        assert_eq!(kept(4), [0.0, 2.0, 5.0, 7.0]);
+        assert_eq!(kept(10).len(), 10);
+        assert_eq!(kept(11).len(), 10, "there are no more");
+    }
 
     #[test]
     fn points_behind_lie_in_their_picture_beyond_what_is_seen() {

@@ -12,11 +12,11 @@ pub(crate) enum Preset {
     /// Glossy Synthetic (NeRO), converted by scripts/glossy-synthetic.py: white, 800 × 800,
     /// 30000 iterations.
     GlossySynthetic,
-    /// Tanks and Temples as published: photographs, black, full size, every 8th held out,
-    /// 30000 iterations.
+    /// Tanks and Temples as published: photographs, black, full size, 30000 iterations; with
+    /// --eval every 8th held out.
     TanksAndTemples,
-    /// Photographs, for a quick result: black, a quarter of the size, every 8th held out, 5000
-    /// background points, 7000 iterations.
+    /// Photographs, for a quick result: black, a quarter of the size, 5000 background points, 7000
+    /// iterations; with --eval every 8th held out.
     Photos,
 }
 

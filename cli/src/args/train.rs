@@ -40,10 +40,10 @@ Profiles:
 Presets:
   nerf-synthetic, shiny-blender, glossy-synthetic
                       white background, full size, 30000 iterations
-  tanks-and-temples   photographs: black background, full size, every 8th held out,
-                      30000 iterations
-  photos              photographs, quick: black background, -r 4, every 8th held out,
-                      5000 background points, 7000 iterations
+  tanks-and-temples   photographs: black background, full size, 30000 iterations;
+                      with --eval every 8th held out
+  photos              photographs, quick: black background, -r 4, 5000 background points,
+                      7000 iterations; with --eval every 8th held out
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7k
   specula train data/garden -m out/garden --eval -r 4       photographs with COLMAP cameras

@@ -2,10 +2,11 @@
 
 use crate::{
     args::{ProfileName, Relight, ViewOptions},
+    dataset::note_guessed_up,
     failure::Failure,
     lights::{LightPlan, Shone},
     output, progress,
-    scene::{self, backdrop_of, layers_of, render_pictures, shade},
+    scene::{self, backdrop_of, layers_of, refuse_options_without_light, render_pictures, shade},
 };
 use glam::Vec3;
 use specula_io::{
@@ -36,12 +37,15 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
+    refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     if let Some(count) = args.lights.turn_light {
         set = of_one_camera(set, count);
     }
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
-    let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);
+    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
+    note_guessed_up(&orientation);
+    let up = orientation::up(&orientation);
     let options = RenderOptions::from(&scene_options.renderer);
     let shading = args.views.shading.shading();
     plan.refuse_view_dependent(shading)?;

@@ -2,7 +2,8 @@
 
 use crate::{
     args::{ProfileName, Render, ViewOptions},
-    certified, dataset,
+    certified,
+    dataset::{self, note_guessed_up},
     failure::Failure,
     output,
     scene::{
@@ -31,7 +32,9 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_oddities(&opened);
-    let up = orientation::up(&opened.orientation(scene_options.scene_up.map(Into::into))?);
+    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
+    note_guessed_up(&orientation);
+    let up = orientation::up(&orientation);
     let light_options = LightOptions::from(&args.env_options);
     let mut map = None;
     if let Some(env) = &args.env {

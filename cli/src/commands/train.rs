@@ -35,7 +35,12 @@ use specula_scene::{
     training::{Checkpoints, Lock, Outcome, Start, Training, model_info},
 };
 use specula_train::{
-    exchange::Exchange, picture_store::PictureStore, profile::Profile, ranks::Traffic, start::Point, trainer::Settings,
+    exchange::Exchange,
+    picture_store::PictureStore,
+    profile::Profile,
+    ranks::Traffic,
+    start::{Point, thinned},
+    trainer::Settings,
 };
 use specula_viewer::{LiveTraining, PhotographSource, ViewedScene};
 use std::{
@@ -111,7 +116,10 @@ impl Prepared {
         } else {
             None
         };
-        let points = if saved.is_some() { Vec::new() } else { data.take_points(points_of(&args), seed) };
+        let points = match saved {
+            Some(_) => Vec::new(),
+            None => thinned_points(data.take_points(points_of(&args), seed), &settings.profile),
+        };
         let lock = if is_first {
             output::make_folder(&args.model_path)?;
             let lock = lock.map_or_else(|| folder::lock(&args), Ok)?;
@@ -351,17 +359,32 @@ fn points_of(args: &Train) -> InitialPoints {
     InitialPoints { random: args.start.random_points, background: args.start.background_points }
 }
 
+/// Points to start from, no more than the profile lets a scene have.
+fn thinned_points(points: Vec<Point>, profile: &Profile) -> Vec<Point> {
+    let (found, most) = (points.len(), profile.densification.count_max.max(1));
+    if found > most {
+        tracing::warn!("{most} of {found} starting points are used: --max-gaussians allows no more");
+    }
+    thinned(points, most)
+}
+
 fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInfo, Failure> {
     let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
-    info.rest.insert("command".into(), std::env::args().skip(1).collect::<Vec<_>>().join(" ").into());
+    info.rest.insert("command".into(), command_line().into());
     Ok(ModelInfo {
         eval: args.eval,
         downscale: args.resolution,
         source_path: output::absolute(source_of(args)?),
         ..info
     })
+}
+
+/// Arguments of the program, what is no Unicode replaced.
+fn command_line() -> String {
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    words.join(" ")
 }
 
 fn save_inputs(args: &Train, profile: &Profile, data: &Capture, points: &[Point]) -> Result<(), Failure> {

@@ -90,6 +90,7 @@ fn options_that_would_change_nothing_are_refused() {
     for (words, said) in [
         (&["render", "--exposure", "2"][..], "--env"),
         (&["export", "-o", "x.ply", "--exposure", "2"], "--env"),
+        (&["relight", "--sun", "30,45", "--exposure", "2"], "--env"),
         (&["render", "--max-error", "5"], "1, which is white"),
         (&["render", "--max-error", "0.1", "--layers", "normal"], "add rgb"),
     ] {
@@ -99,4 +100,52 @@ fn options_that_would_change_nothing_are_refused() {
     let light = model.join("light/iteration_30/environment.exr");
     let sentence = refusal(&["relight", "--env", light.to_str().unwrap()], &model);
     assert!(sentence.contains("six faces") && sentence.contains("brdf_mlp.hdr"), "{sentence}");
+}
+
+#[test]
+fn an_earlier_iteration_is_opened_by_its_folder() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").args(["--eval", "--executor", "cpu", "--save-iterations", "10"]).assert().success();
+    let model = tiny.path("model");
+    let shown = |scene: &Path, out: &str| {
+        let out = tiny.path(out);
+        specula().arg("render").arg(scene).args(["--layers", "rgb", "-o"]).arg(&out).assert().success();
+        fs::read(out.join("rgb/00000.png")).unwrap()
+    };
+    let folder = model.join("point_cloud/iteration_10");
+    let early = shown(&folder, "folder");
+    assert_eq!(early, shown(&folder.join("point_cloud.ply"), "file"));
+    assert_ne!(early, shown(&model, "last"));
+}
+
+#[test]
+fn a_shading_function_of_another_version_is_refused() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let path = model.join("specula.json");
+    let mut info: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    info["shading"] = "neural".into();
+    fs::write(&path, info.to_string()).unwrap();
+    let sentence = refusal(&["render"], &model);
+    assert!(sentence.contains("neural") && sentence.contains("--profile"), "{sentence}");
+    specula().arg("render").arg(&model).args(["--profile", "specula", "--layers", "rgb"]).assert().success();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_model_folder_may_have_any_name() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+    let tiny = Tiny::new();
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("").join(OsStr::from_bytes(b"b\xff")));
+    command.args(["--iterations", "2", "--executor", "cpu", "--quiet"]).assert().success();
+}
+
+#[test]
+fn no_more_points_than_gaussians_are_started_from() {
+    let tiny = Tiny::new();
+    let mut command = train(&tiny, "model");
+    let output = command.args(["--max-gaussians", "40"]).assert().success().get_output().clone();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("40 of") && said.contains("--max-gaussians"), "{said}");
 }

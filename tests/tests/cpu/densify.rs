@@ -8,7 +8,7 @@ use specula_core::{
     state::Statistics,
 };
 use specula_cpu::{CpuExecutor, stages::blend_vjp::SplatGrads};
-use specula_tests::strategies::{camera, random_cloud};
+use specula_tests::{formulas::camera, strategies::random_cloud};
 
 const RULES: DensifyRules = DensifyRules { grad_min: 0.25, split_scale: 0.5, opacity_min: 0.125, scale_max: 2.0 };
 const NAN: f32 = f32::NAN;
