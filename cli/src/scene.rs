@@ -87,6 +87,13 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
     }
 }
 
+/// Notes a shaded scene without a light, and the remedy.
+pub(crate) fn note_missing_light(scene: &Scene, remedy: &str) {
+    if scene.gaussians.layout.is_shaded() && scene.light.is_none() {
+        tracing::warn!("the scene has no light, so nothing specular is shown; {remedy}");
+    }
+}
+
 /// Requested background, else that of the training, else black.
 pub(crate) fn background_of(opened: &OpenedModel, requested: Option<BackgroundColor>) -> BackgroundColor {
     requested.unwrap_or(BackgroundColor(opened.background()))

@@ -398,12 +398,17 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
 ///
 /// An error of [`Error`] for files that are missing, cannot be read or are invalid.
 pub fn open(path: &Path) -> Result<Model> {
-    let of_iteration = path.join("point_cloud.ply");
-    match path.is_dir() {
-        true if iteration_of(path).is_some() && of_iteration.is_file() => open_ply(&of_iteration),
-        true => open_iteration(path, latest_iteration(path)?),
-        false => open_ply(path),
+    match gaussians_in(path) {
+        Some(gaussians) => open_ply(&gaussians),
+        None if path.is_dir() => open_iteration(path, latest_iteration(path)?),
+        None => open_ply(path),
     }
+}
+
+/// Gaussians in a folder `point_cloud/iteration_N` of a model; none in other folders.
+pub fn gaussians_in(folder: &Path) -> Option<PathBuf> {
+    iteration_of(folder)?;
+    Some(folder.join("point_cloud.ply")).filter(|path| path.is_file())
 }
 
 /// Opens a model at an iteration.

@@ -216,10 +216,13 @@ fn background_of(info: &ModelInfo) -> [f32; 3] {
     }
 }
 
-/// Folder of the model that a PLY file belongs to, if there is one around it.
+/// Folder of the model that a PLY file or the folder of an iteration belongs to, if there is one
+/// around it.
 fn folder_of(path: &Path, model: &Model) -> Option<PathBuf> {
-    if path.is_dir() {
+    let file = model_folder::gaussians_in(path);
+    if path.is_dir() && file.is_none() {
         return Some(path.to_owned());
     }
-    model.iteration.and_then(|_| Some(path.canonicalize().ok()?.ancestors().nth(3)?.to_owned()))
+    let file = file.unwrap_or_else(|| path.to_owned());
+    model.iteration.and_then(|_| Some(file.canonicalize().ok()?.ancestors().nth(3)?.to_owned()))
 }

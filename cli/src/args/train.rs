@@ -76,7 +76,7 @@ pub(crate) struct Train {
     /// Model and training settings.
     #[arg(long, value_enum, default_value_t = ProfileName::Specula)]
     pub(crate) profile: ProfileName,
-    /// Number of iterations, such as 30000, 30k or 3e4; all schedules scale with it.
+    /// Number of iterations, such as 30000, 30k or 3e4; schedules stretch with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
     /// Fit this many views in each iteration, with gradients at the same parameters, which several
@@ -498,7 +498,7 @@ pub(crate) struct Densify {
     /// 0.01, with specula of objects cut out by alpha 0.004.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) percent_dense: Option<f32>,
-    /// Maximum number of Gaussians.
+    /// Maximum number of Gaussians [default: 1000000].
     #[arg(long, alias = "max-splats", value_name = "N", value_parser = count::<usize>)]
     pub(crate) max_gaussians: Option<usize>,
 }

@@ -7,7 +7,7 @@ use crate::{
     dataset,
     failure::Failure,
     output, progress,
-    scene::{self, background_of, note_oddities, relight, shade},
+    scene::{self, background_of, note_missing_light, note_oddities, relight, shade},
     truth::{measure_light, measure_materials, up_of},
 };
 use glam::Vec3;
@@ -38,6 +38,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
     shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
+    note_missing_light(&opened.scene, "open the folder of its model");
     let source = source_of(args, &opened)?;
     if args.source_path.is_none() && Split::from(args.split) == Split::Test && opened.test_views() == Some(0) {
         tracing::warn!(

@@ -44,13 +44,13 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
     let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
-    note_guessed_up(&orientation);
     let up = orientation::up(&orientation);
     let options = RenderOptions::from(&scene_options.renderer);
     let shading = args.views.shading.shading();
     plan.refuse_view_dependent(shading)?;
     let Shone { map, occluder } = plan.shine(&mut opened, up, &options)?;
     shade(&mut opened.scene, shading)?;
+    note_guessed_up(&orientation);
     let mut parts = differences(&opened, &options, *background, scene_options.profile.map(ProfileName::name));
     parts.extend(shading.map(|shading| shading.name().to_owned()));
     parts.extend(plan.differences());

@@ -7,7 +7,8 @@ use crate::{
     failure::Failure,
     output,
     scene::{
-        self, backdrop_of, layers_of, note_oddities, refuse_options_without_light, relight, render_pictures, shade,
+        self, backdrop_of, layers_of, note_missing_light, note_oddities, refuse_options_without_light, relight,
+        render_pictures, shade,
     },
 };
 use specula_core::shade::ShadingForm;
@@ -33,16 +34,16 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_oddities(&opened);
     let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
-    note_guessed_up(&orientation);
     let up = orientation::up(&orientation);
     let light_options = LightOptions::from(&args.env_options);
     let mut map = None;
     if let Some(env) = &args.env {
         map = Some(relight(&mut opened.scene, env, light_options, up)?);
-    } else if opened.scene.gaussians.layout.is_shaded() && opened.scene.light.is_none() {
-        tracing::warn!("the scene has no light, so nothing specular is shown; name one with --env");
+    } else {
+        note_missing_light(&opened.scene, "name one with --env");
     }
     shade(&mut opened.scene, args.views.shading.shading())?;
+    note_guessed_up(&orientation);
     let layers = layers_of(&args.layers, &opened.scene);
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
