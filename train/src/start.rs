@@ -50,8 +50,8 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
-    /// Silhouette of a picture; none where no pixel is transparent, or all are, as those of a failed
-    /// mask.
+    /// Silhouette of a picture; none where no pixel is transparent, or all of them are, as a failed
+    /// mask leaves them.
     pub fn of(rgba: &[u8]) -> Option<Self> {
         let is_solid = |pixel: &[u8]| pixel[3] > 0 || is_unknown(pixel);
         let byte = |pixels: &[u8]| {
