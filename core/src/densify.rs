@@ -77,7 +77,7 @@ pub fn grad_length<R: Real>(grad: [R; 2], half_size: [R; 2]) -> R {
     x.mul_add(x, y * y).sqrt()
 }
 
-/// Mean over the views that saw a Gaussian; zero for none.
+/// Mean over the views that were counted for a Gaussian; zero for none.
 #[inline(always)]
 pub fn mean_grad<R: Real>(grad_sum: R, view_count: R) -> R {
     grad_sum / view_count.max(view_count.constant(1.0))

@@ -24,8 +24,8 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn in the
-/// picture and that is finite.
+/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is
+/// finite.
 pub(crate) fn observe(
     context: &Context,
     statistics: &mut Statistics<Vec<f32>>,
@@ -40,7 +40,7 @@ pub(crate) fn observe(
         dispatch!(context.level, simd => {
             let lengths = grad_lengths(simd, grads.block(block), half_size);
             for (lane, (sum, count)) in sum.iter_mut().zip(count).enumerate() {
-                if splats.is_in_picture(block, lane, camera) && lengths[lane].is_finite() {
+                if splats.is_drawn(block, lane) && lengths[lane].is_finite() {
                     *sum += lengths[lane];
                     *count += 1.0;
                 }

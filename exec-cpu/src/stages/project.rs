@@ -5,7 +5,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     attributes::AttributePlanes,
-    bin::{footprint_within, half_extent, touches_picture},
+    bin::{footprint_within, half_extent},
     camera::Camera,
     cutoffs::{BlendOrder, Cutoffs, ProjectionModel},
     order::{ResponseDepth, response_depth},
@@ -96,13 +96,9 @@ impl Splats {
         let blocks = records.zip(self.drawn.par_chunks_mut(BLOCKS_AT_ONCE));
         blocks.map(|(records, drawn)| SplatBlocks { records, drawn })
     }
-    /// Whether a Gaussian of a block is drawn, and its box touches the picture.
-    pub(crate) fn is_in_picture(&self, block: usize, lane: usize, camera: &Camera) -> bool {
-        let is_drawn = self.drawn[block] >> lane & 1 != 0;
-        is_drawn && {
-            let record = &self.records[block * BLOCK + lane];
-            touches_picture(record.mean2d, record.half_extent, camera.size_px())
-        }
+    /// Whether a Gaussian of a block is drawn.
+    pub(crate) fn is_drawn(&self, block: usize, lane: usize) -> bool {
+        self.drawn[block] >> lane & 1 != 0
     }
 }
 

@@ -18,7 +18,7 @@ use specula_gpu::{
     GpuExecutor, SplatGrads,
     stages::{
         densify::formulas::{CellAt, Decide, MeasuresOf, SplitChild},
-        observe::formulas::{GradLength, TouchesPicture},
+        observe::formulas::GradLength,
     },
 };
 use specula_tests::{
@@ -40,8 +40,6 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let Some(mut gpu) = executor() else { return };
     let gpu = &mut gpu;
     assert_same(gpu, &GradLength, &uniform_rows(1, &[[-1e-3, 1e-3], [-1e-3, 1e-3], [20.0, 400.0], [20.0, 400.0]]));
-    let (centers, halves, edges) = ([-100.0, 200.0], [0.0, 50.0], [80.0, 100.0]);
-    assert_same(gpu, &TouchesPicture, &uniform_rows(1, &[centers, centers, halves, halves, edges, edges]));
     assert_same(gpu, &CellAt, &uniform_rows(2, &[[-1.0, 1.0], [-1.2, -1.0], [1.0, 1.1]]));
     assert_same(gpu, &Decide, &uniform_rows(5, &[[0.0, 1.0]; 7]));
     for layout in [Layout::radiance(0), Layout::shaded(Some(3))] {

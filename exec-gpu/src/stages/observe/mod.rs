@@ -18,19 +18,18 @@ use crate::{
         step_counters::{StepCounters, step_counters},
     },
 };
-use formulas::{GradLength, TouchesPicture};
+use formulas::GradLength;
 use specula_core::{camera::Camera, state::Statistics};
 
 pub mod formulas;
 
 pub(crate) fn source(channels: usize) -> String {
-    let source =
-        Source::new().part(camera).part(splat).part(step_counters).bits().formula(&GradLength).formula(&TouchesPicture);
+    let source = Source::new().part(camera).part(splat).part(step_counters).bits().formula(&GradLength);
     source.count("GRAD_PLANES", GEOMETRY + channels).with(include_str!("observe.wgsl")).text()
 }
 
 /// Adds the length of the gradient of each projected centre, if it is finite and the Gaussian is
-/// drawn in the picture.
+/// drawn.
 ///
 /// # Errors
 ///

@@ -25,9 +25,7 @@ fn observe(
     let index = camera.first_gaussian + gaussian;
     let first = gaussian / BLOCK * GRAD_PLANES * BLOCK + gaussian % BLOCK;
     let length = grad_length(vec2f(grads[first], grads[first + BLOCK]), vec2f(camera.size) / 2.0);
-    let splat = splats[index];
-    let is_seen = splat.reach > 0.0 && touches_picture(splat.mean2d, splat.half_extent, vec2f(camera.size)) != 0.0;
-    if is_seen && is_finite(length) {
+    if splats[index].reach > 0.0 && is_finite(length) {
         grad_sums[index] += length;
         view_counts[index] += 1.0;
     }
