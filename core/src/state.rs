@@ -24,9 +24,9 @@ pub struct Statistics<A> {
     /// Sum over the views of the gradient's length at the projected centre, in normalised device
     /// coordinates.
     pub grad_sum: A,
-    /// Number of views in front of whose camera the Gaussian lay, in the picture or beside it. Those
-    /// beside add no gradient, so that places at the edge of a capture, which few views see, are
-    /// refined less; INRIA's code counts those that touch a tile.
+    /// Number of views in front of whose camera the Gaussian lay, in the picture or beside it.
+    /// Beside the picture no gradient is added, so that places at the edge of a capture, which few
+    /// views see, are refined less; INRIA's code counts Gaussians that touch a tile.
     pub view_count: A,
 }
 
