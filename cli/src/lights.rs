@@ -247,7 +247,7 @@ fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Ar
         work.finish();
     }
     if surface.is_none() {
-        tracing::warn!("no view shows a surface, so there are no shadows");
+        tracing::warn!("no view shows a surface, so there are no shadows and no ground");
     }
     Ok(surface)
 }

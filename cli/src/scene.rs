@@ -99,7 +99,7 @@ pub(crate) fn background_of(opened: &OpenedModel, requested: Option<BackgroundCo
     requested.unwrap_or(BackgroundColor(opened.background()))
 }
 
-/// Background of pictures: a colour, the light of a file, or the scene's own.
+/// Background of pictures: a colour, the light of a file, the scene's own, or none.
 pub(crate) fn backdrop_of(
     options: &ViewOptions,
     set: &CameraSet,
@@ -114,6 +114,7 @@ pub(crate) fn backdrop_of(
         (Some(BackgroundChoice::Environment), None) => scene_light().map(Backdrop::Environment).ok_or_else(|| {
             Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
         }),
+        (Some(BackgroundChoice::Transparent), _) => Ok(Backdrop::Transparent),
         (requested, _) => Ok(Backdrop::Color(background_of(opened, requested.and_then(BackgroundChoice::color)))),
     }
 }

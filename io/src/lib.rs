@@ -11,7 +11,7 @@
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
 //!   for other programs
 //! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs; [`mesh`]: surfaces
-//! * [`picture`]: PNGs, comparisons, animations
+//! * [`picture`]: PNGs, comparisons, animations; [`planes`]: numbers of pictures as OpenEXR
 //! * [`model_folder`]: the output of a training, in the field's layout
 //! * [`exposure`]: exposures of the training photographs
 //! * [`checkpoint`]: the state of an interrupted training
@@ -63,6 +63,7 @@ pub mod orientation;
 mod photographs;
 pub mod picture;
 pub mod pixels;
+pub mod planes;
 pub mod points_ply;
 mod shot;
 pub mod splat;

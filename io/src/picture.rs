@@ -11,7 +11,7 @@ use colorous::Gradient;
 use core::time::Duration;
 use font8x8::UnicodeFonts;
 use image::{
-    DynamicImage, ExtendedColorType, Frame, GrayImage, ImageEncoder, ImageFormat, Rgb, RgbaImage,
+    ExtendedColorType, Frame, GrayImage, ImageEncoder, ImageFormat, Rgb,
     codecs::{self, gif, png::CompressionType},
     imageops,
 };
@@ -20,7 +20,7 @@ use std::{
     path::Path,
 };
 
-pub use image::RgbImage;
+pub use image::{DynamicImage, RgbImage, RgbaImage};
 
 /// Coverage up to which a pixel shows the background.
 const COVERED: f32 = 0.5;
@@ -47,6 +47,14 @@ pub(crate) fn byte(value: f32) -> u8 {
 pub fn rgb(width: usize, height: usize, planes: &[f32]) -> RgbImage {
     let size = checked_size(width, height, planes, 3);
     image_of(width, height, |pixel| core::array::from_fn(|channel| byte(planes[channel * size + pixel])))
+}
+
+/// Image of three sRGB planes and straight alpha.
+pub fn rgba(width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> RgbaImage {
+    checked_size(width, height, alpha, 1);
+    let opaque = rgb(width, height, planes);
+    let bytes = opaque.pixels().zip(alpha).flat_map(|(Rgb([r, g, b]), a)| [*r, *g, *b, byte(*a)]).collect();
+    RgbaImage::from_raw(width as u32, height as u32, bytes).expect("four bytes a pixel")
 }
 
 /// Normals as colours 0.5 + 0.5 n; grey where coverage is at most one half.
@@ -109,12 +117,10 @@ pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
 ///
 /// [`Error::Write`], where the file cannot be written.
 pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha: Option<&[f32]>) -> Result<()> {
-    let opaque = rgb(width, height, planes);
-    let Some(alpha) = alpha else { return write(path, &opaque) };
-    checked_size(width, height, alpha, 1);
-    let rgba = opaque.pixels().zip(alpha).flat_map(|(Rgb([r, g, b]), a)| [*r, *g, *b, byte(*a)]).collect();
-    let image = RgbaImage::from_raw(width as u32, height as u32, rgba).expect("four bytes a pixel");
-    write_png(path, &image.into())
+    match alpha {
+        Some(alpha) => write(path, &rgba(width, height, planes, alpha)),
+        None => write(path, &rgb(width, height, planes)),
+    }
 }
 
 /// Writes a plane as a grey PNG.
@@ -152,7 +158,7 @@ pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alp
 /// # Errors
 ///
 /// [`Error::Write`], where the file cannot be written.
-pub fn write(path: &Path, image: &RgbImage) -> Result<()> {
+pub fn write(path: &Path, image: &(impl Clone + Into<DynamicImage>)) -> Result<()> {
     write_png(path, &image.clone().into())
 }
 
@@ -277,15 +283,17 @@ fn draw_letter(row: &mut RgbImage, left: u32, top: u32, letter: char) {
 
 /// Writes an endless animation of frames of equal size, each shown for `frame_ms` milliseconds.
 ///
-/// `.png` is an animated PNG in full colour, which every browser plays; `.gif` has 256 colours per
-/// frame.
+/// `.png` is an animated PNG in full colour, with alpha if the first frame has it, which every
+/// browser plays; `.gif` has 256 colours per frame.
 ///
 /// # Errors
 ///
 /// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
-pub fn write_animation(path: &Path, frames: &[RgbImage], frame_ms: u16) -> Result<()> {
+pub fn write_animation(path: &Path, frames: &[impl Clone + Into<DynamicImage>], frame_ms: u16) -> Result<()> {
     assert!(!frames.is_empty(), "an animation has at least one frame");
-    assert!(frames.iter().all(|frame| frame.dimensions() == frames[0].dimensions()), "frames are of equal size");
+    let frames: Vec<DynamicImage> = frames.iter().cloned().map(Into::into).collect();
+    let size = |frame: &DynamicImage| [frame.width(), frame.height()];
+    assert!(frames.iter().all(|frame| size(frame) == size(&frames[0])), "frames are of equal size");
     let bytes = match ending(path).as_deref() {
         Some("png" | "apng") => animated_png(frames, frame_ms).map_err(|error| unwritable(path, error))?,
         Some("gif") => animated_gif(frames, frame_ms).map_err(|error| unwritable(path, error))?,
@@ -294,22 +302,24 @@ pub fn write_animation(path: &Path, frames: &[RgbImage], frame_ms: u16) -> Resul
     whole_file::write_bytes(path, &bytes)
 }
 
-fn animated_png(frames: &[RgbImage], frame_ms: u16) -> core::result::Result<Vec<u8>, png::EncodingError> {
+fn animated_png(frames: Vec<DynamicImage>, frame_ms: u16) -> core::result::Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, frames[0].width(), frames[0].height());
-    encoder.set_color(png::ColorType::Rgb);
+    let has_alpha = frames[0].color().has_alpha();
+    encoder.set_color(if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb });
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_animated(frames.len() as u32, 0)?;
     encoder.set_frame_delay(frame_ms, 1000)?;
     let mut writer = encoder.write_header()?;
     for frame in frames {
-        writer.write_image_data(frame.as_raw())?;
+        let bytes = if has_alpha { frame.into_rgba8().into_raw() } else { frame.into_rgb8().into_raw() };
+        writer.write_image_data(&bytes)?;
     }
     writer.finish()?;
     Ok(bytes)
 }
 
-fn animated_gif(frames: &[RgbImage], frame_ms: u16) -> image::ImageResult<Vec<u8>> {
+fn animated_gif(frames: Vec<DynamicImage>, frame_ms: u16) -> image::ImageResult<Vec<u8>> {
     /// Quality from 1, best, to 30; the encoder's default.
     const SPEED: i32 = 10;
     let mut bytes = Vec::new();
@@ -317,8 +327,7 @@ fn animated_gif(frames: &[RgbImage], frame_ms: u16) -> image::ImageResult<Vec<u8
     encoder.set_repeat(gif::Repeat::Infinite)?;
     let delay = image::Delay::from_saturating_duration(Duration::from_millis(frame_ms.into()));
     for frame in frames {
-        let rgba = DynamicImage::from(frame.clone()).into_rgba8();
-        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay))?;
+        encoder.encode_frame(Frame::from_parts(frame.into_rgba8(), 0, 0, delay))?;
     }
     drop(encoder);
     Ok(bytes)

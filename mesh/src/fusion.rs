@@ -60,6 +60,14 @@ impl Fusion {
     }
 }
 
+/// `voxels` along the longest edge of a scene, or as many as the longest edge of the largest picture
+/// of these cameras has pixels, if that is less: finer voxels would tell apart nothing that the
+/// pictures do.
+pub fn voxels_resolved(voxels: u16, cameras: &[Camera]) -> u16 {
+    let pixels = cameras.iter().map(|camera| camera.width.max(camera.height)).max();
+    pixels.and_then(|pixels| u16::try_from(pixels).ok()).map_or(voxels, |pixels| voxels.min(pixels.max(1)))
+}
+
 /// Grid of voxels, x fastest.
 #[derive(Clone, Debug)]
 struct Volume {
@@ -266,5 +274,15 @@ mod tests {
             gaussians.set(index, MEAN, [f32::NAN; 3]);
         }
         assert_eq!(size(&gaussians).len(), 3, "no mean is finite");
+    }
+
+    #[test]
+    fn voxels_are_no_finer_than_pixels() {
+        let camera = |width, height| Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 0.7, width, height);
+        let voxels = |cameras: &[Camera]| voxels_resolved(160, cameras);
+        assert_eq!(voxels(&[camera(32, 48), camera(40, 16)]), 48, "the longest edge of any picture");
+        assert_eq!(voxels(&[camera(400, 300)]), 160);
+        assert_eq!(voxels(&[camera(100_000, 1)]), 160, "more pixels than voxels can be");
+        assert_eq!(voxels(&[]), 160, "no pictures");
     }
 }

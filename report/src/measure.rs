@@ -102,8 +102,15 @@ impl From<ViewQuality> for ViewMeasures {
     }
 }
 
+impl ViewMeasures {
+    /// The measures of a view; none if no pixel of it is known.
+    pub fn of_known(self, view: &View) -> Self {
+        if view.is_unknown() { Self { values: [None; MEASURES.len()], ..self } } else { self }
+    }
+}
+
 /// Measures every view over a background in sRGB; once more after the exposure that fits it best,
-/// if `is_exposed`. `progress` is given the number of measured views.
+/// if `is_exposed`. Views without a known pixel have no measures. `progress` is given the number of measured views.
 ///
 /// # Errors
 ///
@@ -118,7 +125,7 @@ pub fn measure_views(
     renderer.render_views(views, progress, |view, image| {
         let mut measured: ViewMeasures = measure_view(image, view, background).into();
         measured.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background));
-        Ok(measured)
+        Ok(measured.of_known(view))
     })
 }
 
@@ -194,9 +201,22 @@ fn object(values: &Values) -> Map<String, Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::{camera::Camera, color::UNKNOWN};
 
     fn view(psnr: f64, mae: Option<f64>) -> ViewMeasures {
         ViewQuality { name: "one".into(), psnr, ssim: 0.5, normal_mae: mae }.into()
+    }
+
+    #[test]
+    fn a_view_without_a_known_pixel_has_no_measures() {
+        let camera = Camera::look_at(glam::Vec3::X, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 2, 1);
+        let of = |rgba: [u8; 8]| {
+            let seen = View { name: "one".into(), camera, rgba: rgba.to_vec(), normals: None };
+            view(f64::INFINITY, None).of_known(&seen).values
+        };
+        let [r, g, b, a] = UNKNOWN;
+        assert_eq!(of([r, g, b, a, r, g, b, a]), [None; MEASURES.len()]);
+        assert_eq!(of([r, g, b, a, 0, 0, 0, 0])[PSNR], Some(f64::INFINITY), "a transparent pixel is known");
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Background of pictures: a colour, or the unfiltered radiance of an environment behind each
-//! pixel.
+//! Background of pictures: a colour, the unfiltered radiance of an environment behind each pixel, or
+//! none, in transparent pictures.
 
 use crate::{
     environment::radiance,
@@ -14,7 +14,7 @@ use specula_core::{
 };
 use specula_io::{
     latlong::{self, LatLong, MapOrientation},
-    picture::{self, RgbImage},
+    picture::{self, DynamicImage, RgbaImage},
 };
 use specula_train::{evaluate::over_background, view::View};
 use std::sync::Arc;
@@ -69,18 +69,21 @@ impl fmt::Display for BackgroundColor {
 
 serialize_as_text!(BackgroundColor);
 
-/// Background that is asked for: a colour, or `env` for the environment light.
+/// Background that is asked for: a colour, `env` for the environment light, or `transparent` for
+/// none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BackgroundChoice {
     /// A colour.
     Color(BackgroundColor),
     /// Light that the scene reflects.
     Environment,
+    /// None: pictures have alpha.
+    Transparent,
 }
 
 /// Text that names no [`BackgroundChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("use black, white, env, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
+#[error("use black, white, env, transparent, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
 pub struct InvalidBackground;
 
 impl BackgroundChoice {
@@ -88,7 +91,7 @@ impl BackgroundChoice {
     pub const fn color(self) -> Option<BackgroundColor> {
         match self {
             Self::Color(color) => Some(color),
-            Self::Environment => None,
+            Self::Environment | Self::Transparent => None,
         }
     }
 }
@@ -97,10 +100,11 @@ impl FromStr for BackgroundChoice {
     type Err = InvalidBackground;
 
     fn from_str(text: &str) -> Result<Self, InvalidBackground> {
-        if text == "env" {
-            return Ok(Self::Environment);
+        match text {
+            "env" => Ok(Self::Environment),
+            "transparent" => Ok(Self::Transparent),
+            color => color.parse().map(Self::Color).map_err(|_: InvalidColor| InvalidBackground),
         }
-        text.parse().map(Self::Color).map_err(|_: InvalidColor| InvalidBackground)
     }
 }
 
@@ -111,6 +115,8 @@ pub enum Backdrop {
     Color(BackgroundColor),
     /// Light at infinite distance.
     Environment(Environment<Vec<f32>>),
+    /// None: pictures have straight alpha.
+    Transparent,
     /// Another background, and a ground on it that catches shadows.
     Ground(Box<Self>, Arc<Ground>),
 }
@@ -131,14 +137,21 @@ impl Backdrop {
         Self::Environment(Environment { resolution, activation: RadianceActivation::Identity, values })
     }
 
-    /// Rendered view over the background, with 8 bits a channel.
-    pub fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> RgbImage {
+    /// Rendered view over the background, with 8 bits a channel; without a background, with straight
+    /// alpha.
+    pub fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> DynamicImage {
         let planes = match self {
             Self::Color(BackgroundColor(color)) => over_background(image, *color),
             Self::Environment(light) => over_environment(image, light, camera),
+            Self::Transparent => return transparent(image, |_| 1.0).into(),
+            Self::Ground(behind, ground) if matches!(**behind, Self::Transparent) => {
+                let shares = ground.shares(camera);
+                let passed = |pixel: usize| srgb_from_linear(shares[pixel].iter().sum::<f32>() / 3.0);
+                return transparent(image, passed).into();
+            }
             Self::Ground(..) => over_colors(image, &self.colors(camera)),
         };
-        picture::rgb(image.width, image.height, &planes)
+        picture::rgb(image.width, image.height, &planes).into()
     }
 
     /// Colours behind each pixel of a camera, row by row, in sRGB.
@@ -146,6 +159,7 @@ impl Backdrop {
         match self {
             Self::Color(BackgroundColor(color)) => vec![*color; (camera.width * camera.height) as usize],
             Self::Environment(light) => environment_colors(light, camera),
+            Self::Transparent => vec![[0.0; 3]; (camera.width * camera.height) as usize],
             Self::Ground(behind, ground) => {
                 let mut colors = behind.colors(camera);
                 let shadowed = |color: f32, share: f32| match share {
@@ -160,24 +174,40 @@ impl Backdrop {
         }
     }
 
-    /// Photograph over the background, with 8 bits a channel.
-    pub fn photograph(&self, view: &View) -> RgbImage {
+    /// Photograph over the background, with 8 bits a channel; without a background, as it is.
+    pub fn photograph(&self, view: &View) -> DynamicImage {
+        let Camera { width, height, .. } = view.camera;
         let planes = match self {
             Self::Color(BackgroundColor(color)) => view.over(*color),
             Self::Environment(light) => photograph_over_environment(view, light),
+            Self::Transparent => {
+                return RgbaImage::from_raw(width, height, view.rgba.clone()).expect("four bytes a pixel").into();
+            }
             Self::Ground(behind, _) => return behind.photograph(view),
         };
-        picture::rgb(view.camera.width as usize, view.camera.height as usize, &planes)
+        picture::rgb(width as usize, height as usize, &planes).into()
     }
 
-    /// Colour of the background; black for an environment.
+    /// Colour of the background; black for an environment and without a background.
     pub fn color(&self) -> BackgroundColor {
         match self {
             Self::Color(color) => *color,
-            Self::Environment(_) => BackgroundColor::BLACK,
+            Self::Environment(_) | Self::Transparent => BackgroundColor::BLACK,
             Self::Ground(behind, _) => behind.color(),
         }
     }
+}
+
+/// Rendered view with straight alpha in front of black that lets a share of the background through,
+/// `passed` at each pixel: with premultiplied colours C and transmittance T, alpha is a = 1 − T ·
+/// passed, and colours are C / a.
+fn transparent(image: &Image<Vec<f32>>, passed: impl Fn(usize) -> f32) -> RgbaImage {
+    let transmittance = image.plane(image.channels - 1);
+    let alpha: Vec<f32> = (0..).zip(transmittance).map(|(pixel, t)| 1.0 - t * passed(pixel)).collect();
+    let straight =
+        |c: usize| image.plane(c).iter().zip(&alpha).map(|(color, a)| if *a > 0.0 { color / a } else { 0.0 });
+    let planes: Vec<f32> = (0..3).flat_map(straight).collect();
+    picture::rgba(image.width, image.height, &planes, &alpha)
 }
 
 /// Colours of a photograph over a light, as three planes in sRGB.
@@ -269,8 +299,35 @@ mod tests {
     }
 
     #[test]
+    fn a_transparent_picture_over_a_colour_is_the_picture_over_that_colour() {
+        /// Rounding of a colour and of alpha to 8 bits, and of the result.
+        const ROUNDING: f32 = 1.5 / 255.0;
+        let camera = Camera::look_at(glam::Vec3::X * 4.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.6, 4, 1);
+        let alphas = [0.0, 0.25, 0.5, 1.0];
+        let colors = alphas.map(|alpha| [0.9 * alpha, 0.5 * alpha, 0.1 * alpha]);
+        let mut values: Vec<f32> = (0..3).flat_map(|c| colors.map(|color| color[c])).collect();
+        values.extend(alphas.map(|alpha| 1.0 - alpha));
+        let image = Image { width: 4, height: 1, channels: 4, values };
+        let clear = Backdrop::Transparent.picture(&image, &camera).into_rgba8();
+        assert_eq!(clear.get_pixel(0, 0).0, [0; 4], "nothing is there");
+        assert!(clear.pixels().zip(alphas).all(|(pixel, alpha)| pixel.0[3] == (255.0 * alpha + 0.5) as u8));
+        for background in [[0.0; 3], [1.0; 3], [0.2, 0.7, 0.4]] {
+            let shown = Backdrop::Color(BackgroundColor(background)).picture(&image, &camera).into_rgb8();
+            for (clear, shown) in clear.pixels().zip(shown.pixels()) {
+                for c in 0..3 {
+                    let [value, alpha, shown] =
+                        [clear.0[c], clear.0[3], shown.0[c]].map(|byte| f32::from(byte) / 255.0);
+                    let composited = over(value, alpha, background[c]);
+                    assert!((composited - shown).abs() <= ROUNDING, "{clear:?} is not {shown} over {background:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_background_is_a_colour_or_the_light() {
         assert_eq!("env".parse(), Ok(BackgroundChoice::Environment));
+        assert_eq!("transparent".parse(), Ok(BackgroundChoice::Transparent));
         assert_eq!("white".parse(), Ok(BackgroundChoice::Color(BackgroundColor::WHITE)));
         assert!("sky".parse::<BackgroundChoice>().is_err_and(|error| error.to_string().contains("env")));
     }

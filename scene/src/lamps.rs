@@ -16,7 +16,11 @@ use specula_core::{
     scene::Gaussians,
 };
 use specula_io::latlong::MapOrientation;
-use specula_mesh::{fusion::Fusion, near_field::SurfaceMeans, surface::Surface};
+use specula_mesh::{
+    fusion::{Fusion, voxels_resolved},
+    near_field::SurfaceMeans,
+    surface::Surface,
+};
 use std::sync::Arc;
 
 /// Irradiance of a sun of which only the direction is given: about that under which a white surface
@@ -28,7 +32,7 @@ const SUN_DIAMETER: f32 = 0.53;
 const VIEWS: u32 = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
-/// Voxels along the longest edge of the volume.
+/// Voxels along the longest edge of the volume, of views with that many pixels.
 const VOXELS: u16 = 160;
 
 /// Shadow rays from which lamps' light is reflected from surface to surface. Fewer are a preview.
@@ -267,10 +271,10 @@ pub fn fused_surface(
     let cameras = evenly_spaced(if cameras.is_empty() { &around } else { cameras }, VIEWS as usize);
     let unlit = RenderRules { is_lit: false, traces_near: false, illuminates: false, ..*renderer.rules() };
     let rules = RenderRules { channels: Channels::Training, ..unlit };
-    let mut fusion = Fusion::around(gaussians, VOXELS);
+    let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.limited(EDGE_MAX)).collect();
+    let mut fusion = Fusion::around(gaussians, voxels_resolved(VOXELS, &cameras));
     for (index, camera) in cameras.iter().enumerate() {
-        let camera = camera.limited(EDGE_MAX);
-        fusion.add(&camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?);
+        fusion.add(camera, &renderer.render_lit(SceneRenderer::SCENE_LIGHT, camera, &rules)?);
         progress(index + 1, cameras.len());
     }
     Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Surface::shared))

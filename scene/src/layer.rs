@@ -2,12 +2,15 @@
 
 use core::str::FromStr;
 use specula_core::{
-    color::srgb_from_linear,
+    color::{linear_from_srgb, srgb_from_linear},
     rules::{Channels, LightLayer, channel},
     scene::{Image, Layout},
     shade::ShadingForm,
 };
-use specula_io::picture::{self, RgbImage};
+use specula_io::{
+    picture::{self, RgbImage},
+    planes::NamedPlane,
+};
 use specula_train::evaluate::over_background;
 
 /// Picture of one component of a view.
@@ -170,6 +173,58 @@ impl Layer {
     }
 }
 
+impl Layer {
+    /// Numbers of a view that was rendered with [`Layer::light_layer`], by the channels of OpenEXR,
+    /// without a background:
+    ///
+    /// | layer | channels |
+    /// |---|---|
+    /// | [`Layer::Rgb`] | R, G, B in linear light, premultiplied, and A |
+    /// | [`Layer::Normal`] | X, Y, Z of unit normals in the world, 0 where nothing is covered |
+    /// | [`Layer::Depth`] | Z, distance along the optical axis in units of the scene, infinite where nothing is covered |
+    /// | [`Layer::Alpha`] | A, coverage |
+    /// | other colours | R, G, B as the shading function has them, premultiplied |
+    /// | other numbers | Y, premultiplied |
+    pub fn planes(self, image: &Image<Vec<f32>>) -> Vec<NamedPlane> {
+        let rgb = |first: usize| -> Vec<NamedPlane> {
+            [("R", 0), ("G", 1), ("B", 2)].map(|(name, k)| (name, image.plane(first + k).to_vec())).into()
+        };
+        let gray = |channel: usize| vec![("Y", image.plane(channel).to_vec())];
+        match self {
+            Self::Rgb | Self::All => {
+                let alpha = alpha(image);
+                let mut planes = rgb(0);
+                for (_, plane) in &mut planes {
+                    plane.iter_mut().zip(&alpha).for_each(|(color, alpha)| *color = linear(*color, *alpha));
+                }
+                planes.push(("A", alpha));
+                planes
+            }
+            Self::Normal => ["X", "Y", "Z"].into_iter().zip(unit_normals(image)).collect(),
+            Self::Depth => {
+                let depth = |(depth, alpha): (&f32, f32)| if alpha > 0.0 { depth / alpha } else { f32::INFINITY };
+                vec![("Z", image.plane(channel::DEPTH).iter().zip(alpha(image)).map(depth).collect())]
+            }
+            Self::Alpha => vec![("A", alpha(image))],
+            Self::Diffuse | Self::Albedo => rgb(channel::DIFFUSE),
+            Self::Specular => rgb(channel::SPECULAR),
+            Self::Residual => rgb(channel::RESIDUAL),
+            Self::Tint => rgb(channel::TINT),
+            Self::Light | Self::Indirect | Self::Irradiance => rgb(channel::LIGHT),
+            Self::Roughness => gray(channel::ROUGHNESS),
+            Self::Visibility => gray(channel::LIGHT),
+            Self::Metallic => gray(channel::METALNESS),
+            Self::Ambient => gray(channel::AMBIENT),
+        }
+    }
+}
+
+/// Premultiplied colour in linear light of one that was premultiplied in sRGB, as splats are
+/// blended.
+fn linear(color: f32, alpha: f32) -> f32 {
+    if alpha > 0.0 { alpha * linear_from_srgb(color / alpha) } else { 0.0 }
+}
+
 impl FromStr for Layer {
     type Err = String;
 
@@ -204,16 +259,19 @@ fn colors(image: &Image<Vec<f32>>, first: usize, is_linear: bool) -> RgbImage {
 
 /// Blended normals, normalised.
 fn normals(image: &Image<Vec<f32>>) -> RgbImage {
-    let [x, y, z] = [0, 1, 2].map(|axis| image.plane(channel::NORMAL + axis));
-    let scale: Vec<f32> = (0..image.pixel_count())
-        .map(|pixel| {
-            let length = (x[pixel] * x[pixel] + y[pixel] * y[pixel] + z[pixel] * z[pixel]).sqrt();
-            if length > 0.0 { length.recip() } else { 0.0 }
-        })
-        .collect();
-    let planes: Vec<f32> =
-        [x, y, z].into_iter().flat_map(|plane| plane.iter().zip(&scale).map(|(n, s)| n * s)).collect();
-    picture::normals(image.width, image.height, &planes, &alpha(image))
+    picture::normals(image.width, image.height, &unit_normals(image).concat(), &alpha(image))
+}
+
+/// Three planes of the blended normals, normalised; 0 where there is none.
+fn unit_normals(image: &Image<Vec<f32>>) -> [Vec<f32>; 3] {
+    let planes = [0, 1, 2].map(|axis| image.plane(channel::NORMAL + axis));
+    let [x, y, z] = planes;
+    let scale = |pixel: usize| {
+        let length = (x[pixel] * x[pixel] + y[pixel] * y[pixel] + z[pixel] * z[pixel]).sqrt();
+        if length > 0.0 { length.recip() } else { 0.0 }
+    };
+    let scales: Vec<f32> = (0..image.pixel_count()).map(scale).collect();
+    planes.map(|plane| plane.iter().zip(&scales).map(|(n, scale)| n * scale).collect())
 }
 
 /// Blended depths divided by coverage.

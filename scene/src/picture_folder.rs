@@ -59,6 +59,7 @@ pub fn differences(
     };
     let background = background.and_then(|requested| match requested {
         BackgroundChoice::Environment => Some("on-env".to_owned()),
+        BackgroundChoice::Transparent => Some("on-nothing".to_owned()),
         BackgroundChoice::Color(color) => {
             (color != BackgroundColor(opened.background())).then(|| format!("on-{color}"))
         }
@@ -118,6 +119,11 @@ impl PictureFolder {
         self.path.join(folder).join(picture_name(index))
     }
 
+    /// Path of the numbers of a layer's view.
+    pub fn numbers(&self, layer: Layer, index: usize) -> PathBuf {
+        self.picture(layer, index).with_extension("exr")
+    }
+
     /// Path of the true picture of a view.
     pub fn true_picture(&self, index: usize) -> PathBuf {
         self.path.join("gt").join(picture_name(index))
@@ -128,8 +134,8 @@ impl PictureFolder {
         self.path.join(ANIMATION)
     }
 
-    /// Lists the cameras beside the pictures, and removes an earlier rendering's pictures if its
-    /// cameras differ, or if its light may differ.
+    /// Lists the cameras beside the pictures, and removes the numbers of an earlier rendering, and its
+    /// pictures if its cameras differ, or if its light may differ.
     ///
     /// # Errors
     ///
@@ -140,26 +146,28 @@ impl PictureFolder {
         cameras::write(&path, &set.cameras)?;
         let now = fs::read(&path).ok();
         if before.is_some() && (may_be_relit || before != now) {
-            self.remove_pictures();
+            self.remove("png");
+            let _ = fs::remove_file(self.animation());
         }
+        self.remove("exr");
         Ok(())
     }
 
-    /// Removes numbered pictures of all layers. Failures show when the pictures are written.
-    fn remove_pictures(&self) {
+    /// Removes numbered files of all layers with this extension. Failures show when files are
+    /// written.
+    fn remove(&self, extension: &str) {
         let layers = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS);
         for folder in layers.map(|name| self.path.join(name)) {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-            entries.filter(|path| is_numbered(path)).for_each(|path| drop(fs::remove_file(path)));
+            entries.filter(|path| is_numbered(path, extension)).for_each(|path| drop(fs::remove_file(path)));
         }
-        let _ = fs::remove_file(self.animation());
     }
 }
 
-/// Returns whether a file has a name of [`picture_name`].
-fn is_numbered(path: &Path) -> bool {
+/// Returns whether a file has a name of [`picture_name`] with this extension.
+fn is_numbered(path: &Path, extension: &str) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    path.extension().is_some_and(|extension| extension == "png")
+    path.extension().is_some_and(|own| own == extension)
         && stem.len() >= 5
         && stem.bytes().all(|byte| byte.is_ascii_digit())
 }
@@ -171,11 +179,12 @@ mod tests {
     #[test]
     fn names_of_pictures_are_numbers() {
         for name in ["00000.png", "123456.png"] {
-            assert!(is_numbered(Path::new(name)), "{name}");
+            assert!(is_numbered(Path::new(name), "png"), "{name}");
         }
-        assert!(is_numbered(Path::new(&picture_name(7))));
-        for name in ["0000.png", "00000.jpg", "a0000.png", "00000"] {
-            assert!(!is_numbered(Path::new(name)), "{name}");
+        assert!(is_numbered(Path::new(&picture_name(7)), "png"));
+        assert!(is_numbered(Path::new("00007.exr"), "exr"));
+        for name in ["0000.png", "00000.jpg", "00000.exr", "a0000.png", "00000"] {
+            assert!(!is_numbered(Path::new(name), "png"), "{name}");
         }
     }
 }

@@ -14,7 +14,8 @@ use specula_core::{
 };
 use specula_io::{
     Result,
-    picture::{self, RgbImage},
+    picture::{self, DynamicImage},
+    planes,
 };
 use specula_train::{evaluate::largest_difference, view::View};
 
@@ -32,6 +33,8 @@ pub struct PictureJob<'a> {
     pub backdrop: &'a Backdrop,
     /// Folder.
     pub folder: &'a PictureFolder,
+    /// Whether the numbers of the layers are written as well ([`Layer::planes`]).
+    pub has_numbers: bool,
 }
 
 impl PictureJob<'_> {
@@ -74,7 +77,7 @@ impl PictureJob<'_> {
             Ok(colors.filter(|_| *is_turntable))
         };
         let frames = overlap(cameras.len(), progress, render, finish)?;
-        let frames: Vec<RgbImage> = frames.into_iter().flatten().collect();
+        let frames: Vec<DynamicImage> = frames.into_iter().flatten().collect();
         if frames.len() > 1 {
             picture::write_animation(&folder.animation(), &frames, FRAME_MS).map_err(SceneError::from)?;
         }
@@ -94,14 +97,18 @@ impl PictureJob<'_> {
         light: LightLayer,
         image: &Image<Vec<f32>>,
         form: ShadingForm,
-    ) -> Result<Option<RgbImage>> {
+    ) -> Result<Option<DynamicImage>> {
         let mut colors = None;
         for layer in self.layers_with(light) {
             let picture = match layer {
                 Layer::Rgb => self.backdrop.picture(image, &self.cameras.cameras[index].1),
-                other => other.picture(image, form, self.backdrop.color().0),
+                other => other.picture(image, form, self.backdrop.color().0).into(),
             };
             picture::write(&self.folder.picture(layer, index), &picture)?;
+            if self.has_numbers {
+                let path = self.folder.numbers(layer, index);
+                planes::write_exr(&path, image.width, image.height, layer.planes(image))?;
+            }
             if layer == Layer::Rgb {
                 colors = Some(picture);
             }

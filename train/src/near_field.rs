@@ -8,7 +8,13 @@ use specula_core::{
     near_field::NearField,
     scene::{AMBIENT, Gaussians, Image, MEAN},
 };
-use specula_mesh::{ambient::Ambient, fusion::Fusion, near_field::SurfaceMeans, sky::Sky, surface::Surface};
+use specula_mesh::{
+    ambient::Ambient,
+    fusion::{Fusion, voxels_resolved},
+    near_field::SurfaceMeans,
+    sky::Sky,
+    surface::Surface,
+};
 
 /// Largest number of views that are fused.
 const VIEWS_MAX: usize = 100;
@@ -49,7 +55,7 @@ pub fn fused<Error>(
         return Ok(None);
     }
     let cameras: Vec<Camera> = evenly_spaced(cameras).map(|camera| camera.limited(EDGE_MAX)).collect();
-    let mut fusion = Fusion::around(gaussians, voxels);
+    let mut fusion = Fusion::around(gaussians, voxels_resolved(voxels, &cameras));
     for camera in &cameras {
         fusion.add(camera, &render(camera, Unlit::Depths)?);
     }

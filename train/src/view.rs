@@ -71,6 +71,11 @@ impl View {
         known.contains(&false).then_some(known)
     }
 
+    /// Whether no pixel is known.
+    pub fn is_unknown(&self) -> bool {
+        self.rgba.chunks_exact(4).all(is_unknown)
+    }
+
     /// Composites the picture over a background into three planes in \[0, 1\]; unknown pixels show
     /// the background.
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {

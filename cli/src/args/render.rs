@@ -34,6 +34,7 @@ Examples:
   specula render out/chair --layers rgb --max-error 0.01 --no-verify
   specula render out/chair --layers rgb --projection ray
   specula render out/chair --layers all -o pictures
+  specula render out/chair --layers rgb,depth --exr -o numbers
   specula render scene.ply --turntable 36 --size 640,480 -o turn
   specula render scene.ply --cameras cameras.json -o pictures")]
 pub(crate) struct Render {
@@ -48,6 +49,10 @@ pub(crate) struct Render {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
     pub(crate) layers: Vec<Layer>,
+    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR: depth
+    /// in units of the scene, normals, colours in linear light with alpha, without a background.
+    #[arg(long)]
+    pub(crate) exr: bool,
     /// Environment map that replaces the light of the scene: lat-long, .hdr or .exr (.png, .jpg and
     /// .webp have no radiance above white).
     #[arg(long, value_name = "FILE")]
@@ -93,6 +98,7 @@ Examples:
   specula relight out/spheres --env sunset.hdr --exposure -2 --sun 30,20,4,2:ffcc99
   specula relight out/spheres --lamp 1,0,2,5,0.2 --lamp -2,1,1,3:88aaff
   specula relight out/spheres --sun 30,45,3,4 --ground --background white
+  specula relight out/spheres --sun 30,45,3,4 --ground --background transparent
   specula relight out/spheres --env sunset.hdr --layers rgb,irradiance,visibility
   specula relight out/spheres --lights evening.toml --turn-light 48 -o evening
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
@@ -112,6 +118,10 @@ pub(crate) struct Relight {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
     pub(crate) layers: Vec<Layer>,
+    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR: depth
+    /// in units of the scene, normals, colours in linear light with alpha, without a background.
+    #[arg(long)]
+    pub(crate) exr: bool,
     /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) truth: Option<PathBuf>,
@@ -137,9 +147,9 @@ pub(crate) struct ViewOptions {
     /// shows more of the scene and does not stretch it.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Background: a colour, or env for the environment light; by default that of the training,
-    /// else black.
-    #[arg(long, value_name = "black|white|R,G,B|env")]
+    /// Background: a colour, env for the environment light, or transparent for pictures with alpha; by
+    /// default that of the training, else black.
+    #[arg(long, value_name = "black|white|R,G,B|env|transparent")]
     pub(crate) background: Option<BackgroundChoice>,
     #[command(flatten)]
     pub(crate) shading: ShadingOption,

@@ -92,6 +92,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     evaluation.views = renderer.render_views(&views, progress, |view, image| -> Result<_, Failure> {
         let mut evaluated = EvaluatedView::new(view, image, background.0, with_pictures);
         evaluated.measures.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        evaluated.measures = evaluated.measures.of_known(view);
         Ok(evaluated)
     })?;
     work.finish();

@@ -11,12 +11,11 @@ use crate::{
 use glam::Vec3;
 use specula_io::{
     latlong::LatLong,
-    picture::{self, RgbImage},
+    picture::{self, DynamicImage},
 };
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
     Layer, OpenedModel, RenderOptions, SceneRenderer, Surface,
-    backdrop::BackgroundChoice,
     camera_set::CameraSet,
     light_file::write_light_preview,
     orientation,
@@ -26,13 +25,14 @@ use specula_scene::{
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
-    if args.truth.is_some() && args.views.background == Some(BackgroundChoice::Environment) {
+    let is_over_color = args.views.background.is_none_or(|background| background.color().is_some());
+    if args.truth.is_some() && !is_over_color {
         return Err(Failure::Input(
-            "true pictures are compared over a colour; use --truth without --background env".into(),
+            "true pictures are compared over a colour; use --truth without --background env or transparent".into(),
         ));
     }
-    if args.lights.turn_light.is_some() && args.layers != [Layer::Rgb] {
-        return Err(Failure::Input("--turn-light shows colours alone; use it without --layers".into()));
+    if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.exr) {
+        return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
     }
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
@@ -70,7 +70,8 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
     let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
     let layers = layers_of(&args.layers, &opened.scene);
-    let job = PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder };
+    let job =
+        PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder, has_numbers: args.exr };
     let form = opened.scene.shading_model.shading.form;
     let mut renderer = SceneRenderer::new(opened.scene, Layer::channels(&layers), &options)?;
     let mut pairs = Vec::new();
@@ -117,7 +118,7 @@ impl TurningLight<'_> {
         let mut renderer = SceneRenderer::new(opened.scene.clone(), Layer::channels(&[Layer::Rgb]), options)?;
         let rules = *renderer.rules();
         let work = progress::work("rendering", set.cameras.len() as u64);
-        let mut frames: Vec<RgbImage> = Vec::with_capacity(set.cameras.len());
+        let mut frames: Vec<DynamicImage> = Vec::with_capacity(set.cameras.len());
         for (index, (_, camera)) in set.cameras.iter().enumerate() {
             let further = 360.0 * index as f32 / set.cameras.len() as f32;
             if let Some(lamps) = &mut opened.scene.lamps {

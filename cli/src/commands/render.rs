@@ -16,6 +16,7 @@ use specula_io::model_folder::ModelInfo;
 use specula_report::certificate::CertifiedScene;
 use specula_scene::{
     ExecutorChoice, Layer, OpenedModel, RenderOptions, SceneRenderer,
+    backdrop::BackgroundChoice,
     camera_set::CameraSet,
     dataset::options_of,
     light_file::{LightOptions, write_light_preview},
@@ -55,7 +56,8 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     }
 
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(light_options.up.orientation(up))))?;
-    let job = PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder };
+    let job =
+        PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder, has_numbers: args.exr };
     let true_views = if args.env.is_none() { true_views(&opened, &set) } else { Vec::new() };
     job.write_true_pictures(&true_views)?;
     let channels = Layer::channels(&layers);
@@ -84,6 +86,11 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
+    }
+    if args.max_error.is_some() && args.views.background == Some(BackgroundChoice::Transparent) {
+        return Err(Failure::Input(
+            "--max-error is of colours over a background; use it without --background transparent".into(),
+        ));
     }
     Ok(())
 }

@@ -28,6 +28,7 @@ fn pictures_of_another_setting_lie_in_a_folder_of_their_own() {
     for (words, folder) in [
         (["--background", "black"], "ours_30_on-0,0,0"),
         (["--background", "env"], "ours_30_on-env"),
+        (["--background", "transparent"], "ours_30_on-nothing"),
         (["--storage", "f16"], "ours_30_f16"),
         (["--projection", "ray"], "ours_30_ray"),
         (["--order", "pixel"], "ours_30_pixel-order"),
@@ -148,4 +149,73 @@ fn no_more_points_than_gaussians_are_started_from() {
     let output = command.args(["--max-gaussians", "40"]).assert().success().get_output().clone();
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.contains("40 of") && said.contains("--max-gaussians"), "{said}");
+}
+
+#[test]
+fn pictures_without_a_background_lie_over_any() {
+    /// Two roundings of 8 bits.
+    const ROUNDING: f32 = 1.5;
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    let shown = |background: &str| {
+        let out = tiny.path(background);
+        let mut render = specula();
+        render.arg("render").arg(&model).arg("-o").arg(&out).args(["--executor", "cpu", "--layers", "rgb"]);
+        render.args(["--background", background, "--turntable", "2"]).assert().success();
+        assert!(out.join("turntable.png").is_file(), "there is an animation");
+        image::open(out.join("rgb/00000.png")).unwrap()
+    };
+    let clear = shown("transparent");
+    assert!(clear.color().has_alpha());
+    let (clear, white) = (clear.into_rgba8(), shown("white").into_rgb8());
+    assert!(clear.pixels().any(|pixel| pixel.0[3] == 0) && clear.pixels().any(|pixel| pixel.0[3] > 200));
+    for (clear, white) in clear.pixels().zip(white.pixels()) {
+        let share = f32::from(clear.0[3]) / 255.0;
+        let over = |value: u8| f32::from(value) * share + 255.0 * (1.0 - share);
+        let is_same = |c: usize| (over(clear.0[c]) - f32::from(white.0[c])).abs() <= ROUNDING;
+        assert!((0..3).all(is_same), "{clear:?} over white is not {white:?}");
+    }
+
+    for words in
+        [&["render", "--max-error", "0.1", "--layers", "rgb"][..], &["relight", "--env", "none", "--truth", "truth"]]
+    {
+        let said = refusal(&[words, &["--background", "transparent"]].concat(), &model);
+        assert!(said.contains("transparent"), "{words:?}: {said}");
+    }
+}
+
+#[test]
+fn numbers_of_layers_lie_beside_their_pictures_and_do_not_outlive_them() {
+    let tiny = Tiny::new();
+    let (model, out) = (trained(&tiny), tiny.path("out"));
+    let render = |words: &[&str]| {
+        let mut render = specula();
+        render.arg("render").arg(&model).arg("-o").arg(&out).args(["--executor", "cpu"]).args(words);
+        render.assert().success();
+    };
+    render(&["--layers", "rgb,normal,depth,roughness", "--exr"]);
+    let planes = |layer: &str| -> Vec<(String, Vec<f32>)> {
+        let path = out.join(layer).join("00000.exr");
+        let read = exr::prelude::read_first_flat_layer_from_file(path).unwrap().layer_data;
+        let channels = read.channel_data.list.into_iter();
+        channels.map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect()
+    };
+    let names = |layer: &str| planes(layer).into_iter().map(|(name, _)| name).collect::<Vec<_>>();
+    assert_eq!(names("rgb"), ["A", "B", "G", "R"]);
+    assert_eq!(names("normal"), ["X", "Y", "Z"]);
+    assert_eq!(names("roughness"), ["Y"]);
+
+    // The camera is 4 away from a ball of radius 1 at the origin.
+    let colors = planes("rgb");
+    let depths = &planes("depth")[0].1;
+    let alpha = &colors[0].1;
+    assert!(alpha.iter().zip(depths).all(|(alpha, depth)| (*alpha > 0.0) == depth.is_finite()));
+    let covered: Vec<f32> =
+        alpha.iter().zip(depths).filter(|(alpha, _)| **alpha > 0.9).map(|(_, depth)| *depth).collect();
+    assert!(!covered.is_empty() && covered.iter().all(|depth| (2.0..6.0).contains(depth)), "{covered:?}");
+    assert!(colors[1..].iter().all(|(_, plane)| plane.iter().zip(alpha).all(|(color, alpha)| *color <= alpha + 1e-3)));
+
+    render(&["--layers", "depth"]);
+    assert!(out.join("depth/00000.png").is_file() && !out.join("depth/00000.exr").exists(), "numbers of before");
+    assert!(refusal(&["relight", "--env", "none", "--turn-light", "2", "--exr"], &model).contains("--exr"));
 }

@@ -5,6 +5,7 @@ use specula_io::{
     latlong::{self, LatLong},
     picture::{self, Panel},
     pixels::Pixels,
+    planes,
 };
 use std::{
     fs::File,
@@ -119,6 +120,39 @@ fn animations_play_every_frame() {
 
     let sentence = picture::write_animation(&folder.path().join("a.mp4"), &frames, 40).unwrap_err().to_string();
     assert!(sentence.contains("a.mp4") && sentence.contains(".gif"), "{sentence}");
+}
+
+#[test]
+fn an_animation_of_transparent_frames_is_transparent() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = [40_u8, 200].map(|alpha| image::RgbaImage::from_pixel(4, 4, image::Rgba([250, 100, 7, alpha])));
+    let apng = folder.path().join("a.png");
+    picture::write_animation(&apng, &frames, 40).unwrap();
+    let decoder = codecs::png::PngDecoder::new(BufReader::new(File::open(&apng).unwrap())).unwrap();
+    let read = decoder.apng().unwrap().into_frames().collect_frames().unwrap();
+    let alphas: Vec<u8> = read.iter().map(|frame| frame.buffer().get_pixel(1, 1).0[3]).collect();
+    assert_eq!(alphas, [40, 200]);
+}
+
+#[test]
+fn numbers_are_read_back_to_the_bit_by_the_name_of_their_channel() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    let depths = vec![0.1, 3.5e9, f32::INFINITY, -0.0, 1e-30, 2.0];
+    let shares: Vec<f32> = (0..6).map(|k| k as f32 / 5.0).collect();
+    planes::write_exr(&path, 3, 2, vec![("Z", depths.clone()), ("A", shares.clone())]).unwrap();
+    let read = exr::prelude::read_first_flat_layer_from_file(&path).unwrap().layer_data;
+    assert_eq!([read.size.width(), read.size.height()], [3, 2]);
+    let channel = |name: &str| -> Vec<f32> {
+        let found = read.channel_data.list.iter().find(|channel| channel.name.eq(name)).expect("the channel is named");
+        found.sample_data.values_as_f32().collect()
+    };
+    assert_eq!([channel("Z"), channel("A")], [depths, shares]);
+
+    let nowhere = folder.path().join("a file").join("depth.exr");
+    std::fs::write(folder.path().join("a file"), "").unwrap();
+    let sentence = planes::write_exr(&nowhere, 1, 1, vec![("Z", vec![1.0])]).unwrap_err().to_string();
+    assert!(sentence.contains("depth.exr"), "{sentence}");
 }
 
 #[test]

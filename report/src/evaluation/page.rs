@@ -55,9 +55,9 @@ fn picture_path(index: usize, kind: &str) -> String {
     format!("{PICTURES}/{index:05}-{kind}.jpg")
 }
 
-/// Indices of views by increasing PSNR.
+/// Indices of views by increasing PSNR, those without one last.
 fn worst_first(views: &[EvaluatedView]) -> Vec<usize> {
-    let psnr = |index: &usize| views[*index].measures.values[PSNR].unwrap_or(f64::NEG_INFINITY);
+    let psnr = |index: &usize| views[*index].measures.values[PSNR].unwrap_or(f64::INFINITY);
     let mut order: Vec<usize> = (0..views.len()).collect();
     order.sort_by(|one, other| psnr(one).total_cmp(&psnr(other)).then(one.cmp(other)));
     order
