@@ -127,6 +127,14 @@ pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: LightO
     Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()))
 }
 
+/// Refuses a transparent background where no colours are rendered, which alone have one.
+pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -> Result<(), Failure> {
+    if views.background != Some(BackgroundChoice::Transparent) || Layer::expanded(layers).contains(&Layer::Rgb) {
+        return Ok(());
+    }
+    Err(Failure::Input("--background transparent is of colours; add rgb to --layers".into()))
+}
+
 /// Opens a model. The error for another file or folder names what to open instead, if it is known.
 fn open_model(path: &Path) -> Result<Model, Failure> {
     const EXPORTS: [&str; 3] = ["splat", "spz", "obj"];

@@ -178,7 +178,7 @@ pub enum Error {
         transforms: PathBuf,
     },
     /// A file cannot be decoded as an image.
-    #[error("cannot decode {path:?}: {cause}; save the image again, or remove its frame")]
+    #[error("cannot decode {path:?}: {cause}; save the image again, or leave it out")]
     Image {
         /// The image.
         path: PathBuf,
@@ -186,7 +186,7 @@ pub enum Error {
         cause: String,
     },
     /// An image has no pixels.
-    #[error("image {path:?} has no pixels; save it again, or remove its frame")]
+    #[error("image {path:?} has no pixels; save it again, or leave it out")]
     EmptyImage {
         /// The image.
         path: PathBuf,

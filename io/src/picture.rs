@@ -284,16 +284,15 @@ fn draw_letter(row: &mut RgbImage, left: u32, top: u32, letter: char) {
 /// Writes an endless animation of frames of equal size, each shown for `frame_ms` milliseconds.
 ///
 /// `.png` is an animated PNG in full colour, with alpha if the first frame has it, which every
-/// browser plays; `.gif` has 256 colours per frame.
+/// browser plays; `.gif` has 256 colours per frame, and pixels are either opaque
+/// or clear.
 ///
 /// # Errors
 ///
 /// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
 pub fn write_animation(path: &Path, frames: &[impl Clone + Into<DynamicImage>], frame_ms: u16) -> Result<()> {
     assert!(!frames.is_empty(), "an animation has at least one frame");
-    let frames: Vec<DynamicImage> = frames.iter().cloned().map(Into::into).collect();
-    let size = |frame: &DynamicImage| [frame.width(), frame.height()];
-    assert!(frames.iter().all(|frame| size(frame) == size(&frames[0])), "frames are of equal size");
+    let frames = frames.iter().cloned().map(Into::into);
     let bytes = match ending(path).as_deref() {
         Some("png" | "apng") => animated_png(frames, frame_ms).map_err(|error| unwritable(path, error))?,
         Some("gif") => animated_gif(frames, frame_ms).map_err(|error| unwritable(path, error))?,
@@ -302,16 +301,23 @@ pub fn write_animation(path: &Path, frames: &[impl Clone + Into<DynamicImage>], 
     whole_file::write_bytes(path, &bytes)
 }
 
-fn animated_png(frames: Vec<DynamicImage>, frame_ms: u16) -> core::result::Result<Vec<u8>, png::EncodingError> {
+fn animated_png(
+    frames: impl ExactSizeIterator<Item = DynamicImage>,
+    frame_ms: u16,
+) -> core::result::Result<Vec<u8>, png::EncodingError> {
+    let count = frames.len() as u32;
+    let mut frames = frames.peekable();
+    let first = frames.peek().expect("an animation has at least one frame");
+    let (size, has_alpha) = ([first.width(), first.height()], first.color().has_alpha());
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, frames[0].width(), frames[0].height());
-    let has_alpha = frames[0].color().has_alpha();
+    let mut encoder = png::Encoder::new(&mut bytes, size[0], size[1]);
     encoder.set_color(if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb });
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_animated(frames.len() as u32, 0)?;
+    encoder.set_animated(count, 0)?;
     encoder.set_frame_delay(frame_ms, 1000)?;
     let mut writer = encoder.write_header()?;
     for frame in frames {
+        assert_eq!([frame.width(), frame.height()], size, "frames are of equal size");
         let bytes = if has_alpha { frame.into_rgba8().into_raw() } else { frame.into_rgb8().into_raw() };
         writer.write_image_data(&bytes)?;
     }
@@ -319,7 +325,7 @@ fn animated_png(frames: Vec<DynamicImage>, frame_ms: u16) -> core::result::Resul
     Ok(bytes)
 }
 
-fn animated_gif(frames: Vec<DynamicImage>, frame_ms: u16) -> image::ImageResult<Vec<u8>> {
+fn animated_gif(frames: impl Iterator<Item = DynamicImage>, frame_ms: u16) -> image::ImageResult<Vec<u8>> {
     /// Quality from 1, best, to 30; the encoder's default.
     const SPEED: i32 = 10;
     let mut bytes = Vec::new();

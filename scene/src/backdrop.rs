@@ -9,7 +9,7 @@ use crate::{
 use core::{fmt, str::FromStr};
 use specula_core::{
     camera::Camera,
-    color::{composite, linear_from_srgb, over, srgb_from_linear},
+    color::{composite, is_unknown, linear_from_srgb, over, srgb_from_linear},
     scene::{Environment, Image, RadianceActivation},
 };
 use specula_io::{
@@ -181,7 +181,9 @@ impl Backdrop {
             Self::Color(BackgroundColor(color)) => view.over(*color),
             Self::Environment(light) => photograph_over_environment(view, light),
             Self::Transparent => {
-                return RgbaImage::from_raw(width, height, view.rgba.clone()).expect("four bytes a pixel").into();
+                let mut rgba = view.rgba.clone();
+                rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.fill(0));
+                return RgbaImage::from_raw(width, height, rgba).expect("four bytes a pixel").into();
             }
             Self::Ground(behind, _) => return behind.photograph(view),
         };
@@ -200,7 +202,7 @@ impl Backdrop {
 
 /// Rendered view with straight alpha in front of black that lets a share of the background through,
 /// `passed` at each pixel: with premultiplied colours C and transmittance T, alpha is a = 1 − T ·
-/// passed, and colours are C / a.
+/// passed, and colours are C / a, at most white.
 fn transparent(image: &Image<Vec<f32>>, passed: impl Fn(usize) -> f32) -> RgbaImage {
     let transmittance = image.plane(image.channels - 1);
     let alpha: Vec<f32> = (0..).zip(transmittance).map(|(pixel, t)| 1.0 - t * passed(pixel)).collect();

@@ -193,8 +193,13 @@ impl Ground {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::{cubemap::FACE_COUNT, scene::RadianceActivation};
+    use crate::backdrop::{Backdrop, BackgroundColor};
+    use specula_core::{
+        cubemap::FACE_COUNT,
+        scene::{Image, RadianceActivation},
+    };
     use specula_mesh::{Mesh, near_field::SurfaceMeans, surface::Surface};
+    use std::sync::Arc;
 
     /// Square of this half edge at a height above the origin, whose front is below.
     fn roof(half: f32, height: f32) -> NearField<Vec<f32>> {
@@ -270,5 +275,28 @@ mod tests {
         assert!(shares.contains(&[0.0; 3]) && shares.contains(&[1.0; 3]));
         let below = Camera::look_at(Vec3::new(4.0, 0.0, -3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
         assert!(ground.shares(&below).iter().all(|share| *share == [1.0; 3]));
+    }
+
+    #[test]
+    fn a_shadow_without_a_background_lies_on_white_as_it_is_on_white() {
+        /// Rounding of alpha and of the result to 8 bits.
+        const ROUNDING: f32 = 1.5;
+        let light = sky(0.7);
+        let ground = Arc::new(Ground::new(&roof(0.5, 0.3), Vec3::Z, Some(0.0), Some(&light), None).unwrap());
+        let camera = Camera::look_at(Vec3::new(4.0, 0.0, 3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
+        let size = (camera.width * camera.height) as usize;
+        // Nothing but the ground.
+        let values = [vec![0.0; 3 * size], vec![1.0; size]].concat();
+        let image = Image { width: 32, height: 24, channels: 4, values };
+        let on = |behind: Backdrop| Backdrop::Ground(Box::new(behind), ground.clone()).picture(&image, &camera);
+        let (clear, white) =
+            (on(Backdrop::Transparent).into_rgba8(), on(Backdrop::Color(BackgroundColor::WHITE)).into_rgb8());
+        assert!(clear.pixels().any(|pixel| pixel.0[3] > 30), "there is a shadow");
+        assert!(clear.pixels().any(|pixel| pixel.0[3] == 0), "and an end of it");
+        for (clear, white) in clear.pixels().zip(white.pixels()) {
+            let [r, g, b, alpha] = clear.0.map(f32::from);
+            assert_eq!([r, g, b], [0.0; 3], "shadows are black");
+            assert!((255.0 - alpha - f32::from(white.0[0])).abs() <= ROUNDING, "{clear:?} on white is not {white:?}");
+        }
     }
 }

@@ -32,7 +32,7 @@ const SUN_DIAMETER: f32 = 0.53;
 const VIEWS: u32 = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
-/// Voxels along the longest edge of the volume, of views with that many pixels.
+/// Voxels along the longest edge of the volume, no more than the views have pixels along theirs.
 const VOXELS: u16 = 160;
 
 /// Shadow rays from which lamps' light is reflected from surface to surface. Fewer are a preview.

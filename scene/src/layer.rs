@@ -280,3 +280,43 @@ fn depths(image: &Image<Vec<f32>>) -> RgbImage {
     let depths: Vec<f32> = image.plane(channel::DEPTH).iter().zip(&alpha).map(|(depth, alpha)| depth / alpha).collect();
     picture::depth(image.width, image.height, &depths, &alpha)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_linear_premultiplied_unit_and_in_units_of_the_scene() {
+        /// Decoding of a power, in `f32`.
+        const ROUNDING: f32 = 1e-6;
+        let channels = Channels::Training.count() + 1;
+        let mut image = Image { width: 2, height: 1, channels, values: vec![0.0; 2 * channels] };
+        // A pixel half covered in middle grey, at depth 4, whose normals blend to a short one; and an empty one.
+        for (channel, number) in [
+            (0, 0.25),
+            (1, 0.5),
+            (2, 0.0),
+            (channel::NORMAL, 0.3),
+            (channel::NORMAL + 2, -0.4),
+            (channel::DEPTH, 2.0),
+            (channels - 1, 0.5),
+        ] {
+            image.plane_mut(channel)[0] = number;
+        }
+        image.plane_mut(channels - 1)[1] = 1.0;
+        let near = |one: f32, other: f32| (one - other).abs() <= ROUNDING || one == other;
+        let holds = |layer: Layer, expected: &[(&str, [f32; 2])]| {
+            let planes = layer.planes(&image);
+            assert_eq!(planes.len(), expected.len(), "{layer:?}");
+            for ((name, plane), (wanted, numbers)) in planes.iter().zip(expected) {
+                let is_right = name == wanted && plane.iter().zip(numbers).all(|(one, other)| near(*one, *other));
+                assert!(is_right, "{layer:?}: {name} {plane:?} is not {wanted} {numbers:?}");
+            }
+        };
+        // An sRGB of one half is 0.21404 in linear light (IEC 61966-2-1).
+        holds(Layer::Rgb, &[("R", [0.107_020_6, 0.0]), ("G", [0.5, 0.0]), ("B", [0.0, 0.0]), ("A", [0.5, 0.0])]);
+        holds(Layer::Normal, &[("X", [0.6, 0.0]), ("Y", [0.0, 0.0]), ("Z", [-0.8, 0.0])]);
+        holds(Layer::Depth, &[("Z", [4.0, f32::INFINITY])]);
+        holds(Layer::Alpha, &[("A", [0.5, 0.0])]);
+    }
+}

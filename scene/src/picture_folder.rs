@@ -115,8 +115,7 @@ impl PictureFolder {
 
     /// Path of a layer's picture of a view.
     pub fn picture(&self, layer: Layer, index: usize) -> PathBuf {
-        let folder = if layer == Layer::Rgb { self.rgb } else { layer.name() };
-        self.path.join(folder).join(picture_name(index))
+        self.path.join(self.folder_of(layer)).join(picture_name(index))
     }
 
     /// Path of the numbers of a layer's view.
@@ -134,30 +133,38 @@ impl PictureFolder {
         self.path.join(ANIMATION)
     }
 
-    /// Lists the cameras beside the pictures, and removes the numbers of an earlier rendering, and its
-    /// pictures if its cameras differ, or if its light may differ.
+    /// Lists the cameras beside the pictures, and removes pictures and numbers of an earlier rendering:
+    /// the numbers of `layers`, or all of every layer if its cameras differ, or if its light may
+    /// differ. Nothing is removed from a folder without a list.
     ///
     /// # Errors
     ///
     /// A list that cannot be written.
-    pub fn claim(&self, set: &CameraSet, may_be_relit: bool) -> Result<()> {
+    pub fn claim(&self, set: &CameraSet, layers: &[Layer], may_be_relit: bool) -> Result<()> {
         let path = self.path.join(CAMERAS);
         let before = fs::read(&path).ok();
         cameras::write(&path, &set.cameras)?;
         let now = fs::read(&path).ok();
         if before.is_some() && (may_be_relit || before != now) {
-            self.remove("png");
+            let every: Vec<&str> = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS).collect();
+            self.remove(&every, "png");
+            self.remove(&every, "exr");
             let _ = fs::remove_file(self.animation());
+        } else if before.is_some() {
+            self.remove(&layers.iter().map(|layer| self.folder_of(*layer)).collect::<Vec<_>>(), "exr");
         }
-        self.remove("exr");
         Ok(())
     }
 
-    /// Removes numbered files of all layers with this extension. Failures show when files are
-    /// written.
-    fn remove(&self, extension: &str) {
-        let layers = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS);
-        for folder in layers.map(|name| self.path.join(name)) {
+    /// Name of a layer's folder.
+    fn folder_of(&self, layer: Layer) -> &'static str {
+        if layer == Layer::Rgb { self.rgb } else { layer.name() }
+    }
+
+    /// Removes numbered files with this extension from folders of these names. Failures show when
+    /// files are written.
+    fn remove(&self, names: &[&str], extension: &str) {
+        for folder in names.iter().map(|name| self.path.join(name)) {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
             entries.filter(|path| is_numbered(path, extension)).for_each(|path| drop(fs::remove_file(path)));
         }

@@ -29,6 +29,7 @@ mod error;
 pub mod evaluate;
 pub mod exchange;
 mod exposure;
+mod fingerprint;
 mod light_scale;
 pub mod near_field;
 mod physical;

@@ -5,6 +5,7 @@
 //! that weights the normal loss is not quantised to 8 bits; one rasterisation replaces five; and
 //! the gradient of the mip chain is its true adjoint.
 
+use crate::fingerprint::fingerprint;
 use core::fmt;
 use specula_core::{
     cubemap::FACE_COUNT,
@@ -123,10 +124,7 @@ pub struct KnownLight(pub Arc<[f32]>);
 
 impl fmt::Debug for KnownLight {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // FNV-1a over the bits of the numbers.
-        let mix = |sum: u64, number: &f32| (sum ^ u64::from(number.to_bits())).wrapping_mul(0x0100_0000_01b3);
-        let sum = self.0.iter().fold(0xcbf2_9ce4_8422_2325, mix);
-        write!(out, "KnownLight({} numbers, {sum:016x})", self.0.len())
+        write!(out, "KnownLight({} numbers, {:016x})", self.0.len(), fingerprint(&self.0))
     }
 }
 

@@ -92,7 +92,6 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     evaluation.views = renderer.render_views(&views, progress, |view, image| -> Result<_, Failure> {
         let mut evaluated = EvaluatedView::new(view, image, background.0, with_pictures);
         evaluated.measures.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
-        evaluated.measures = evaluated.measures.of_known(view);
         Ok(evaluated)
     })?;
     work.finish();
@@ -101,6 +100,9 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     }
     if let Some(network) = &network {
         measure_lpips(network, &mut renderer, &views, background, &mut evaluation.views)?;
+    }
+    for (view, evaluated) in views.iter().zip(&mut evaluation.views) {
+        evaluated.measures = evaluated.measures.clone().of_known(view);
     }
     if let (Some((folder, method)), Split::Test) = (results, split) {
         let quality = measure::quality(&evaluation.measures());

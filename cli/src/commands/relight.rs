@@ -6,7 +6,9 @@ use crate::{
     failure::Failure,
     lights::{LightPlan, Shone},
     output, progress,
-    scene::{self, backdrop_of, layers_of, refuse_options_without_light, render_pictures, shade},
+    scene::{
+        self, backdrop_of, layers_of, refuse_options_without_light, refuse_transparent_layers, render_pictures, shade,
+    },
 };
 use glam::Vec3;
 use specula_io::{
@@ -34,6 +36,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.exr) {
         return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
     }
+    refuse_transparent_layers(&args.views, &args.layers)?;
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
@@ -57,7 +60,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let group = format!("relight/{}", plan.name());
     let folder = PictureFolder::of(&opened, args.output.as_deref(), &group, &set, &parts)?;
     output::make_folder(&folder.path)?;
-    folder.claim(&set, true)?;
+    folder.claim(&set, &Layer::EACH, true)?;
     if let Some(light) = &opened.scene.light {
         write_light_preview(&folder.path.join("light.png"), light, up)?;
     }

@@ -7,8 +7,8 @@ use crate::{
     failure::Failure,
     output,
     scene::{
-        self, backdrop_of, layers_of, note_missing_light, note_oddities, refuse_options_without_light, relight,
-        render_pictures, shade,
+        self, backdrop_of, layers_of, note_missing_light, note_oddities, refuse_options_without_light,
+        refuse_transparent_layers, relight, render_pictures, shade,
     },
 };
 use specula_core::shade::ShadingForm;
@@ -50,7 +50,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &parts)?;
     output::make_folder(&folder.path)?;
-    folder.claim(&set, args.env.is_some())?;
+    folder.claim(&set, &layers, args.env.is_some())?;
     if let Some(light) = opened.scene.light.as_ref().filter(|_| layers.contains(&Layer::Light)) {
         write_light_preview(&folder.path.join("light.png"), light, up)?;
     }
@@ -87,11 +87,13 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
     }
-    if args.max_error.is_some() && args.views.background == Some(BackgroundChoice::Transparent) {
+    let is_transparent = args.views.background == Some(BackgroundChoice::Transparent);
+    if args.max_error.is_some() && (is_transparent || args.exr) {
         return Err(Failure::Input(
-            "--max-error is of colours over a background; use it without --background transparent".into(),
+            "--max-error is of colours over a background; use it without --background transparent and --exr".into(),
         ));
     }
+    refuse_transparent_layers(&args.views, &args.layers)?;
     Ok(())
 }
 

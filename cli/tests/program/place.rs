@@ -176,9 +176,12 @@ fn pictures_without_a_background_lie_over_any() {
         assert!((0..3).all(is_same), "{clear:?} over white is not {white:?}");
     }
 
-    for words in
-        [&["render", "--max-error", "0.1", "--layers", "rgb"][..], &["relight", "--env", "none", "--truth", "truth"]]
-    {
+    for words in [
+        &["render", "--max-error", "0.1", "--layers", "rgb"][..],
+        &["render", "--layers", "normal"],
+        &["relight", "--env", "none", "--truth", "truth"],
+        &["relight", "--env", "none", "--layers", "depth"],
+    ] {
         let said = refusal(&[words, &["--background", "transparent"]].concat(), &model);
         assert!(said.contains("transparent"), "{words:?}: {said}");
     }
@@ -210,6 +213,9 @@ fn numbers_of_layers_lie_beside_their_pictures_and_do_not_outlive_them() {
     let depths = &planes("depth")[0].1;
     let alpha = &colors[0].1;
     assert!(alpha.iter().zip(depths).all(|(alpha, depth)| (*alpha > 0.0) == depth.is_finite()));
+    let normals = planes("normal");
+    let square = |pixel: usize| normals.iter().map(|(_, plane)| plane[pixel] * plane[pixel]).sum::<f32>();
+    assert!((0..alpha.len()).all(|pixel| alpha[pixel] < 0.5 || (square(pixel) - 1.0).abs() < 1e-3), "unit normals");
     let covered: Vec<f32> =
         alpha.iter().zip(depths).filter(|(alpha, _)| **alpha > 0.9).map(|(_, depth)| *depth).collect();
     assert!(!covered.is_empty() && covered.iter().all(|depth| (2.0..6.0).contains(depth)), "{covered:?}");
@@ -217,5 +223,14 @@ fn numbers_of_layers_lie_beside_their_pictures_and_do_not_outlive_them() {
 
     render(&["--layers", "depth"]);
     assert!(out.join("depth/00000.png").is_file() && !out.join("depth/00000.exr").exists(), "numbers of before");
+    assert!(out.join("normal/00000.exr").is_file(), "numbers beside their pictures");
+    render(&["--layers", "depth", "--turntable", "2"]);
+    assert!(!out.join("normal/00000.exr").exists(), "numbers of other cameras");
+
+    let foreign = tiny.path("foreign");
+    fs::create_dir_all(foreign.join("depth")).unwrap();
+    fs::write(foreign.join("depth/00007.exr"), "mine").unwrap();
+    specula().arg("render").arg(&model).arg("-o").arg(&foreign).args(["--layers", "depth"]).assert().success();
+    assert!(foreign.join("depth/00007.exr").is_file(), "a file that the program did not write");
     assert!(refusal(&["relight", "--env", "none", "--turn-light", "2", "--exr"], &model).contains("--exr"));
 }

@@ -127,9 +127,7 @@ impl Exporter<'_> {
     fn still(&self, viewed: &ViewedScene) -> Result<Vec<u8>, Failure> {
         let StartView { known, first, start, .. } = StartView::new(&viewed.orientation, viewed.views.clone());
         let camera = first.and_then(|first| known.get(first)).map_or(start, |(_, camera)| *camera);
-        let longer = camera.width.max(camera.height);
-        let scaled = |edge: u32| (edge * STILL_EDGE.min(longer) / longer).max(1);
-        let camera = camera.resized(scaled(camera.width), scaled(camera.height));
+        let camera = camera.limited(STILL_EDGE);
         let options: RenderOptions = self.options();
         let mut renderer = SceneRenderer::new(viewed.scene.clone(), Channels::Color, &options)?;
         Ok(picture::to_jpeg(&renderer.picture(&camera, viewed.background)?, STILL_QUALITY))
