@@ -60,9 +60,9 @@ impl Fusion {
     }
 }
 
-/// `voxels` along the longest edge of a scene, or as many as the longest edge of the largest picture
-/// of these cameras has pixels, if that is less: where pictures show the whole scene, finer voxels
-/// would tell apart nothing that these do.
+/// `voxels` along the longest edge of a scene, or as many as the longest edge of the largest
+/// picture of these cameras has pixels, if that is less: where pictures show the whole scene, finer
+/// voxels would tell apart nothing that these do.
 pub fn voxels_resolved(voxels: u16, cameras: &[Camera]) -> u16 {
     let pixels = cameras.iter().map(|camera| camera.width.max(camera.height)).max();
     pixels.and_then(|pixels| u16::try_from(pixels).ok()).map_or(voxels, |pixels| voxels.min(pixels.max(1)))

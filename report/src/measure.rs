@@ -110,7 +110,8 @@ impl ViewMeasures {
 }
 
 /// Measures every view over a background in sRGB; once more after the exposure that fits it best,
-/// if `is_exposed`. Views without a known pixel have no measures. `progress` is given the number of measured views.
+/// if `is_exposed`. Views without a known pixel have no measures. `progress` is given the number of
+/// measured views.
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! Background of pictures: a colour, the unfiltered radiance of an environment behind each pixel, or
-//! none, in transparent pictures.
+//! Background of pictures: a colour, the unfiltered radiance of an environment behind each pixel,
+//! or none, in transparent pictures.
 
 use crate::{
     environment::radiance,
@@ -137,8 +137,8 @@ impl Backdrop {
         Self::Environment(Environment { resolution, activation: RadianceActivation::Identity, values })
     }
 
-    /// Rendered view over the background, with 8 bits a channel; without a background, with straight
-    /// alpha.
+    /// Rendered view over the background, with 8 bits a channel; without a background, with
+    /// straight alpha.
     pub fn picture(&self, image: &Image<Vec<f32>>, camera: &Camera) -> DynamicImage {
         let planes = match self {
             Self::Color(BackgroundColor(color)) => over_background(image, *color),

@@ -175,13 +175,13 @@ impl Layer {
 
 impl Layer {
     /// Numbers of a view that was rendered with [`Layer::light_layer`], by the channels of OpenEXR,
-    /// without a background:
+    /// without a background. Where nothing is covered normals are 0 and depths infinite.
     ///
     /// | layer | channels |
     /// |---|---|
     /// | [`Layer::Rgb`] | R, G, B in linear light, premultiplied, and A |
-    /// | [`Layer::Normal`] | X, Y, Z of unit normals in the world, 0 where nothing is covered |
-    /// | [`Layer::Depth`] | Z, distance along the optical axis in units of the scene, infinite where nothing is covered |
+    /// | [`Layer::Normal`] | X, Y, Z of unit normals in the world |
+    /// | [`Layer::Depth`] | Z, distance along the optical axis in units of the scene |
     /// | [`Layer::Alpha`] | A, coverage |
     /// | other colours | R, G, B as the shading function has them, premultiplied |
     /// | other numbers | Y, premultiplied |
@@ -291,7 +291,7 @@ mod tests {
         const ROUNDING: f32 = 1e-6;
         let channels = Channels::Training.count() + 1;
         let mut image = Image { width: 2, height: 1, channels, values: vec![0.0; 2 * channels] };
-        // A pixel half covered in middle grey, at depth 4, whose normals blend to a short one; and an empty one.
+        // A pixel half covered, at depth 4, whose normals blend to a short one; and an empty one.
         for (channel, number) in [
             (0, 0.25),
             (1, 0.5),

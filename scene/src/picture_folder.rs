@@ -133,9 +133,9 @@ impl PictureFolder {
         self.path.join(ANIMATION)
     }
 
-    /// Lists the cameras beside the pictures, and removes pictures and numbers of an earlier rendering:
-    /// the numbers of `layers`, or all of every layer if its cameras differ, or if its light may
-    /// differ. Nothing is removed from a folder without a list.
+    /// Lists the cameras beside the pictures, and removes pictures and numbers of an earlier
+    /// rendering: the numbers of `layers`, or all of every layer if its cameras differ, or if its
+    /// light may differ. Nothing is removed from a folder without a list.
     ///
     /// # Errors
     ///

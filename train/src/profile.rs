@@ -158,7 +158,8 @@ pub struct NearFieldSchedule {
     pub from: f32,
     /// Share of the training between two of them.
     pub every: f32,
-    /// Voxels along the longest edge of the scene, no more than the pictures have pixels along theirs.
+    /// Voxels along the longest edge of the scene, no more than the pictures have pixels along
+    /// theirs.
     pub voxels: u16,
 }
 

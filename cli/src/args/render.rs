@@ -49,9 +49,9 @@ pub(crate) struct Render {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
     pub(crate) layers: Vec<Layer>,
-    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR: depth
-    /// in units of the scene, normals, colours in linear light with alpha, without background and
-    /// ground.
+    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
+    /// depth in units of the scene, normals, colours in linear light with alpha, without background
+    /// and ground.
     #[arg(long)]
     pub(crate) exr: bool,
     /// Environment map that replaces the light of the scene: lat-long, .hdr or .exr (.png, .jpg and
@@ -119,9 +119,9 @@ pub(crate) struct Relight {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
     pub(crate) layers: Vec<Layer>,
-    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR: depth
-    /// in units of the scene, normals, colours in linear light with alpha, without background and
-    /// ground.
+    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
+    /// depth in units of the scene, normals, colours in linear light with alpha, without background
+    /// and ground.
     #[arg(long)]
     pub(crate) exr: bool,
     /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
@@ -149,8 +149,8 @@ pub(crate) struct ViewOptions {
     /// shows more of the scene and does not stretch it.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Background of the colours: black, white or R,G,B; env for the environment light; or transparent
-    /// for alpha. By default that of the training, else black.
+    /// Background of the colours: black, white or R,G,B; env for the environment light; or
+    /// transparent for alpha. By default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B|env|transparent")]
     pub(crate) background: Option<BackgroundChoice>,
     #[command(flatten)]
