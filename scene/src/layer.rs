@@ -171,9 +171,7 @@ impl Layer {
             Self::Ambient => gray(image, image.plane(channel::AMBIENT)),
         }
     }
-}
 
-impl Layer {
     /// Numbers of a view that was rendered with [`Layer::light_layer`], by the channels of OpenEXR,
     /// without a background. Where nothing is covered normals are 0 and depths infinite.
     ///
@@ -201,10 +199,7 @@ impl Layer {
                 planes
             }
             Self::Normal => ["X", "Y", "Z"].into_iter().zip(unit_normals(image)).collect(),
-            Self::Depth => {
-                let depth = |(depth, alpha): (&f32, f32)| if alpha > 0.0 { depth / alpha } else { f32::INFINITY };
-                vec![("Z", image.plane(channel::DEPTH).iter().zip(alpha(image)).map(depth).collect())]
-            }
+            Self::Depth => vec![("Z", mean_depths(image, &alpha(image)))],
             Self::Alpha => vec![("A", alpha(image))],
             Self::Diffuse | Self::Albedo => rgb(channel::DIFFUSE),
             Self::Specular => rgb(channel::SPECULAR),
@@ -274,11 +269,16 @@ fn unit_normals(image: &Image<Vec<f32>>) -> [Vec<f32>; 3] {
     planes.map(|plane| plane.iter().zip(&scales).map(|(n, scale)| n * scale).collect())
 }
 
-/// Blended depths divided by coverage.
+/// Blended depths divided by coverage, as a picture.
 fn depths(image: &Image<Vec<f32>>) -> RgbImage {
     let alpha = alpha(image);
-    let depths: Vec<f32> = image.plane(channel::DEPTH).iter().zip(&alpha).map(|(depth, alpha)| depth / alpha).collect();
-    picture::depth(image.width, image.height, &depths, &alpha)
+    picture::depth(image.width, image.height, &mean_depths(image, &alpha), &alpha)
+}
+
+/// Blended depths divided by coverage; infinite where nothing is covered.
+fn mean_depths(image: &Image<Vec<f32>>, alpha: &[f32]) -> Vec<f32> {
+    let mean = |(depth, alpha): (&f32, &f32)| if *alpha > 0.0 { depth / alpha } else { f32::INFINITY };
+    image.plane(channel::DEPTH).iter().zip(alpha).map(mean).collect()
 }
 
 #[cfg(test)]
