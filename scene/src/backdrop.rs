@@ -174,8 +174,8 @@ impl Backdrop {
         }
     }
 
-    /// Photograph over the background, with 8 bits a channel; without a background, as it is, unknown
-    /// pixels clear.
+    /// Photograph over the background, with 8 bits a channel; without a background, as it is,
+    /// unknown pixels clear.
     pub fn photograph(&self, view: &View) -> DynamicImage {
         let Camera { width, height, .. } = view.camera;
         let planes = match self {
