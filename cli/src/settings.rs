@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
 };
 use specula_core::{
-    light_network::RESOLUTION_MAX,
+    light_network::NETWORK_RESOLUTION_MAX,
     prefilter::{self, PrefilterScheme},
     shade::ShadingForm,
 };
@@ -93,8 +93,8 @@ fn with_light(profile: Profile, kind: LightKind, iterations: u32) -> Result<Prof
         (LightKind::Mlp, Some(_)) if profile.scheme == PrefilterScheme::Official => {
             format!("--profile {} has a prefilter for cube maps alone; use --profile paper or specula", profile.name)
         }
-        (LightKind::Mlp, Some(light)) if light.resolution > RESOLUTION_MAX => format!(
-            "--light mlp is evaluated in cube maps of a resolution up to {RESOLUTION_MAX}; set a smaller \
+        (LightKind::Mlp, Some(light)) if light.resolution > NETWORK_RESOLUTION_MAX => format!(
+            "--light mlp is evaluated in cube maps of a resolution up to {NETWORK_RESOLUTION_MAX}; set a smaller \
              --light-resolution"
         ),
         (LightKind::Mlp, Some(_)) => return Ok(profile.with_light_network(iterations)),

@@ -31,7 +31,7 @@ pub const LAYER_STARTS: [usize; 4] = {
 pub const WEIGHT_COUNT: usize = LAYER_STARTS[3];
 /// Finest cube map that a network is evaluated in: beyond the detail of its harmonics, a device
 /// would only need more memory.
-pub const RESOLUTION_MAX: usize = 128;
+pub const NETWORK_RESOLUTION_MAX: usize = 128;
 
 /// Weights beyond this size count as this size, and have no gradient.
 pub const WEIGHT_MAX: f32 = 1e6;
@@ -294,7 +294,7 @@ impl LightNetworkError {
         let resolution = light.resolution;
         if scheme != PrefilterScheme::Exact {
             Err(Self::Scheme)
-        } else if resolution > RESOLUTION_MAX {
+        } else if resolution > NETWORK_RESOLUTION_MAX {
             Err(Self::Resolution { resolution })
         } else if found != WEIGHT_COUNT {
             Err(Self::Count { found })
@@ -326,7 +326,7 @@ impl core::fmt::Display for LightNetworkError {
             ),
             Self::Resolution { resolution } => write!(
                 out,
-                "a light's network is evaluated in cube maps of a resolution up to {RESOLUTION_MAX}, not {resolution}"
+                "a light's network is evaluated in cube maps of a resolution up to {NETWORK_RESOLUTION_MAX}, not {resolution}"
             ),
             Self::Count { found } => write!(out, "a light's network has {WEIGHT_COUNT} weights, not {found}"),
             Self::Nonfinite { count } => write!(out, "{count} weights of the light's network are NaN or infinite"),

@@ -6,15 +6,16 @@ use crate::{
     error::{Error, Result},
     input::Input,
     pixels::{Future, ask_for, decode, refuse_many_attributes, with_pixels},
+    planes::{self, NamedPlane},
     whole_file,
 };
 use core::f64::consts::PI;
 use glam::{DQuat, DVec3};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Rgb, codecs};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgb, codecs};
 use rayon::prelude::*;
-use specula_core::cubemap;
+use specula_core::{color::linear_from_srgb, cubemap};
 use std::{
-    io::{self, Cursor, Read},
+    io::{self, Read},
     path::Path,
 };
 
@@ -420,11 +421,6 @@ fn floats(image: DynamicImage) -> Vec<f32> {
     }
 }
 
-/// IEC 61966-2-1.
-fn linear_from_srgb(srgb: f32) -> f32 {
-    if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
-}
-
 /// Replaces values that are no radiance, and counts them.
 fn clean(values: &mut [f32]) -> Cleaned {
     let largest = values.iter().filter(|value| value.is_finite()).fold(LARGEST_HALF, |most, value| most.max(*value));
@@ -463,22 +459,18 @@ fn rounded_up_half(rgb: [f32; 3]) -> [f32; 3] {
 }
 
 fn write_exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<()> {
-    whole_file::write_bytes(path, &exr(path, width, height, rgb)?)
+    planes::write_exr(path, width, height, planes_of(rgb))
 }
 
 /// Bytes of [`write_cube_exr`], for embedding in another file.
 pub(crate) fn cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<Vec<u8>> {
-    exr(path, resolution, 6 * resolution, values)
+    planes::exr(path, resolution, 6 * resolution, planes_of(values))
 }
 
-/// Encodes OpenEXR in memory, since the encoder seeks.
-fn exr(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
-    let encoder = codecs::openexr::OpenExrEncoder::new(&mut bytes);
-    encoder
-        .write_image(bytemuck::cast_slice(rgb), width as u32, height as u32, ExtendedColorType::Rgb32F)
-        .map_err(|error| Error::Write { path: path.to_owned(), cause: io::Error::other(error) })?;
-    Ok(bytes.into_inner())
+/// Red, green and blue by themselves.
+fn planes_of(rgb: &[f32]) -> Vec<NamedPlane> {
+    let plane = |k: usize| rgb.iter().skip(k).step_by(3).copied().collect();
+    vec![("R", plane(0)), ("G", plane(1)), ("B", plane(2))]
 }
 
 pub(crate) fn ending(path: &Path) -> Option<String> {

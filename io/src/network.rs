@@ -20,7 +20,7 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use specula_core::{
     environment::texels,
-    light_network::{CHANNELS, ENCODING, LAYER_STARTS, LightNetworkError, RESOLUTION_MAX, WEIGHT_COUNT, WIDTH},
+    light_network::{CHANNELS, ENCODING, LAYER_STARTS, LightNetworkError, NETWORK_RESOLUTION_MAX, WEIGHT_COUNT, WIDTH},
     scene::{Environment, RadianceActivation},
 };
 use std::{collections::HashMap, path::Path};
@@ -107,8 +107,8 @@ fn read(path: &Path) -> Result<Environment<Vec<f32>>> {
     if format != FORMAT {
         return Err(refuse(&format_args!("it is of format {format}, and this program knows format {FORMAT}")));
     }
-    if !(1..=RESOLUTION_MAX).contains(&resolution) {
-        return Err(refuse(&format_args!("its resolution is {resolution}, not 1 to {RESOLUTION_MAX}")));
+    if !(1..=NETWORK_RESOLUTION_MAX).contains(&resolution) {
+        return Err(refuse(&format_args!("its resolution is {resolution}, not 1 to {NETWORK_RESOLUTION_MAX}")));
     }
     let file = SafeTensors::deserialize(&bytes).map_err(|error| refuse(&error))?;
     let mut values = vec![0.0; WEIGHT_COUNT];

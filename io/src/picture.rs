@@ -15,6 +15,7 @@ use image::{
     codecs::{self, gif, png::CompressionType},
     imageops,
 };
+use specula_core::color::srgb_from_linear;
 use std::{
     io::{self, Cursor, Write},
     path::Path,
@@ -205,11 +206,6 @@ fn image_of(width: usize, height: usize, color: impl Fn(usize) -> [u8; 3]) -> Rg
 
 fn gradient(gradient: Gradient, position: f32) -> [u8; 3] {
     gradient.eval_continuous(f64::from(position.clamp(0.0, 1.0))).into_array()
-}
-
-/// IEC 61966-2-1.
-fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// An image of a montage with its caption.

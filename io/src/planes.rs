@@ -23,14 +23,18 @@ pub type NamedPlane = (&'static str, Vec<f32>);
 ///
 /// Without channels, or with a channel of another size.
 pub fn write_exr(path: &Path, width: usize, height: usize, planes: Vec<NamedPlane>) -> Result<()> {
+    whole_file::write_bytes(path, &exr(path, width, height, planes)?)
+}
+
+/// Bytes of [`write_exr`], encoded in memory, since the encoder seeks.
+pub(crate) fn exr(path: &Path, width: usize, height: usize, planes: Vec<NamedPlane>) -> Result<Vec<u8>> {
     assert!(!planes.is_empty(), "an image has channels");
     assert!(planes.iter().all(|(_, numbers)| numbers.len() == width * height), "channels have a number for each pixel");
     let channel = |(name, numbers): NamedPlane| AnyChannel::new(name, FlatSamples::F32(numbers));
     let channels = AnyChannels::sort(planes.into_iter().map(channel).collect());
     let layer = Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
-    // The encoder seeks.
     let mut bytes = Cursor::new(Vec::new());
     let written = Image::from_layer(layer).write().to_buffered(&mut bytes);
     written.map_err(|error| Error::Write { path: path.to_owned(), cause: io::Error::other(error) })?;
-    whole_file::write_bytes(path, bytes.get_ref())
+    Ok(bytes.into_inner())
 }

@@ -68,6 +68,12 @@ pub fn voxels_resolved(voxels: u16, cameras: &[Camera]) -> u16 {
     pixels.and_then(|pixels| u16::try_from(pixels).ok()).map_or(voxels, |pixels| voxels.min(pixels.max(1)))
 }
 
+/// At most `count_max` items in their order, evenly spaced.
+pub fn evenly_spaced<T: Copy>(items: &[T], count_max: usize) -> Vec<T> {
+    let count = items.len().min(count_max);
+    (0..count).map(|k| items[(2 * k + 1) * items.len() / (2 * count)]).collect()
+}
+
 /// Grid of voxels, x fastest.
 #[derive(Clone, Debug)]
 struct Volume {
@@ -284,5 +290,15 @@ mod tests {
         assert_eq!(voxels(&[camera(400, 300)]), 160);
         assert_eq!(voxels(&[camera(100_000, 1)]), 160, "more pixels than voxels can be");
         assert_eq!(voxels(&[]), 160, "no pictures");
+    }
+
+    #[test]
+    fn items_are_taken_from_the_whole_slice() {
+        let all: Vec<usize> = (0..250).collect();
+        let taken = evenly_spaced(&all, 100);
+        assert_eq!((taken.len(), taken[0], taken[99]), (100, 1, 248));
+        assert!(taken.is_sorted_by(|a, b| a < b));
+        assert_eq!(evenly_spaced(&all[..3], 100), [0, 1, 2]);
+        assert_eq!(evenly_spaced(&all, 0), [0; 0]);
     }
 }

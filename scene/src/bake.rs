@@ -9,7 +9,7 @@
 //! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it,
 //! whose mean normals are smoother than its own.
 
-use crate::{Scene, ShadingModel, environment::fitting, orbit::evenly_spaced, renderer::upload_near_field};
+use crate::{Scene, ShadingModel, environment::fitting, renderer::upload_near_field};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -28,6 +28,7 @@ use specula_core::{
     sphere::directions,
     vector::{Vec3 as Vector, vec3},
 };
+use specula_mesh::fusion::evenly_spaced;
 
 /// Number of uniform directions around each Gaussian.
 const UNIFORM_COUNT: usize = 256;

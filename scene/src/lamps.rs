@@ -1,9 +1,6 @@
 //! Lamps of a scene: suns and spheres as users name them, and the surface that casts their shadows.
 
-use crate::{
-    OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer,
-    orbit::{self, evenly_spaced},
-};
+use crate::{OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit};
 use core::{f32::consts::FRAC_1_PI, fmt, str::FromStr};
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -17,7 +14,7 @@ use specula_core::{
 };
 use specula_io::latlong::MapOrientation;
 use specula_mesh::{
-    fusion::{Fusion, voxels_resolved},
+    fusion::{Fusion, evenly_spaced, voxels_resolved},
     near_field::SurfaceMeans,
     surface::Surface,
 };

@@ -14,6 +14,8 @@ use specula_core::{
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
 use specula_train::view::extent_of_cameras;
 
+pub use specula_mesh::fusion::evenly_spaced;
+
 /// Width and height of pictures of a scene without cameras, in pixels.
 pub const DEFAULT_SIZE: [u32; 2] = [800, 800];
 /// Cameras in the orbit of a scene without cameras.
@@ -199,12 +201,6 @@ impl Orbit {
 fn horizon(up: Vec3) -> [Vec3; 2] {
     let east = up.any_orthonormal_vector();
     [east, up.cross(east)]
-}
-
-/// At most `count_max` items, evenly spaced in the slice.
-pub fn evenly_spaced<T: Copy>(items: &[T], count_max: usize) -> Vec<T> {
-    let count = items.len().min(count_max);
-    (0..count).map(|k| items[(2 * k + 1) * items.len() / (2 * count)]).collect()
 }
 
 #[cfg(test)]

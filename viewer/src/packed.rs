@@ -22,6 +22,7 @@ use specula_core::{
     antialias::LowPass,
     camera::Camera,
     near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_BASE, VERTEX_LEN, VERTEX_NORMAL},
+    prefilter::RESOLUTION_MAX,
     scene::{
         AMBIENT, Appearance, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY,
         QUAT, RadianceActivation, len_of_values,
@@ -58,8 +59,6 @@ const ATTRIBUTE_STEP: f64 = 1.0 / 64.0;
 const SH_START: usize = Layout::shaded(None).sh_start();
 /// Largest number of Gaussians.
 const GAUSSIANS_MAX: usize = 1 << 25;
-/// Largest resolution of a light.
-const RESOLUTION_MAX: usize = 1 << 12;
 
 /// Precision of the numbers of a packed scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

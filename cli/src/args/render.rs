@@ -49,11 +49,6 @@ pub(crate) struct Render {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
     pub(crate) layers: Vec<Layer>,
-    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
-    /// depth in units of the scene, normals, colours in linear light with alpha, without background
-    /// and ground.
-    #[arg(long)]
-    pub(crate) exr: bool,
     /// Environment map that replaces the light of the scene: lat-long, .hdr or .exr (.png, .jpg and
     /// .webp have no radiance above white).
     #[arg(long, value_name = "FILE")]
@@ -119,11 +114,6 @@ pub(crate) struct Relight {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
     pub(crate) layers: Vec<Layer>,
-    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
-    /// depth in units of the scene, normals, colours in linear light with alpha, without background
-    /// and ground.
-    #[arg(long)]
-    pub(crate) exr: bool,
     /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) truth: Option<PathBuf>,
@@ -132,7 +122,7 @@ pub(crate) struct Relight {
     pub(crate) json: bool,
 }
 
-/// Cameras, size and background of pictures.
+/// Cameras, size, background and files of pictures.
 #[derive(Args, Debug)]
 pub(crate) struct ViewOptions {
     /// Camera file: transforms.json, or cameras.json in INRIA's format.
@@ -153,6 +143,11 @@ pub(crate) struct ViewOptions {
     /// transparent for alpha. By default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B|env|transparent")]
     pub(crate) background: Option<BackgroundChoice>,
+    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
+    /// depth in units of the scene, normals, colours in linear light with alpha, without background
+    /// and ground.
+    #[arg(long)]
+    pub(crate) exr: bool,
     #[command(flatten)]
     pub(crate) shading: ShadingOption,
     #[command(flatten)]

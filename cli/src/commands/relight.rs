@@ -33,7 +33,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
             "true pictures are compared over a colour; use --truth without --background env or transparent".into(),
         ));
     }
-    if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.exr) {
+    if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.views.exr) {
         return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
@@ -73,8 +73,13 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
     let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
     let layers = layers_of(&args.layers, &opened.scene);
-    let job =
-        PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder, has_numbers: args.exr };
+    let job = PictureJob {
+        cameras: &set,
+        layers: &layers,
+        backdrop: &backdrop,
+        folder: &folder,
+        has_numbers: args.views.exr,
+    };
     let form = opened.scene.shading_model.shading.form;
     let mut renderer = SceneRenderer::new(opened.scene, Layer::channels(&layers), &options)?;
     let mut pairs = Vec::new();

@@ -56,8 +56,13 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     }
 
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(light_options.up.orientation(up))))?;
-    let job =
-        PictureJob { cameras: &set, layers: &layers, backdrop: &backdrop, folder: &folder, has_numbers: args.exr };
+    let job = PictureJob {
+        cameras: &set,
+        layers: &layers,
+        backdrop: &backdrop,
+        folder: &folder,
+        has_numbers: args.views.exr,
+    };
     let true_views = if args.env.is_none() { true_views(&opened, &set) } else { Vec::new() };
     job.write_true_pictures(&true_views)?;
     let channels = Layer::channels(&layers);
@@ -88,7 +93,7 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
         return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
     }
     let is_transparent = args.views.background == Some(BackgroundChoice::Transparent);
-    if args.max_error.is_some() && (is_transparent || args.exr) {
+    if args.max_error.is_some() && (is_transparent || args.views.exr) {
         return Err(Failure::Input(
             "--max-error is of colours over a background; use it without --background transparent and --exr".into(),
         ));

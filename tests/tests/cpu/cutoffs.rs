@@ -106,7 +106,7 @@ fn the_largest_difference_is_seen_wherever_it_is() {
 fn ordinary_pictures_in_f32_are_those_in_f64() {
     for projection in [ProjectionModel::Affine, ProjectionModel::Tangent, ProjectionModel::Ray] {
         let cutoffs = Cutoffs::REFERENCE.with_projection(projection);
-        for seed in 1..6 {
+        for seed in 1..4 {
             let cloud = random_cloud(300, Layout::shaded(Some(3)), seed);
             let difference = largest_difference(
                 &wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud)),
