@@ -1,6 +1,6 @@
 //! Measures, files and pages of `eval` on a data set of a few pixels.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{SIZE, Tiny, specula, train};
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
 use std::{
@@ -71,6 +71,44 @@ fn views_that_were_trained_on_are_no_held_out_ones() {
     assert!(told("all", &[]).contains(TOLD));
     assert!(!told("all", &["--split", "train"]).contains(TOLD), "these are asked for by their name");
     assert!(!told(trained(&tiny).to_str().unwrap(), &[]).contains(TOLD));
+}
+
+/// The data set in nerfstudio's form, with a mask over all of its second test view.
+fn write_masked(tiny: &Tiny) -> PathBuf {
+    let list = |split: &str| json(&tiny.file(&format!("transforms_{split}.json")));
+    let [train, mut test] = ["train", "test"].map(|split| list(split)["frames"].as_array().unwrap().clone());
+    test[1]["mask_path"] = "mask.png".into();
+    let names: Vec<Value> = test.iter().map(|frame| frame["file_path"].clone()).collect();
+    let frames = [train, test].concat();
+    let transforms = serde_json::json!({
+        "camera_angle_x": list("test")["camera_angle_x"], "frames": frames, "test_filenames": names,
+    });
+    fs::write(tiny.file("transforms.json"), transforms.to_string()).unwrap();
+    image::GrayImage::new(SIZE, SIZE).save(tiny.file("mask.png")).unwrap();
+    for split in ["train", "test"] {
+        fs::remove_file(tiny.file(&format!("transforms_{split}.json"))).unwrap();
+    }
+    tiny.data()
+}
+
+#[test]
+fn views_without_a_known_pixel_have_no_measures() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny);
+    eval(&model, &[]);
+    let of_views = || json(&model.join("per_view.json"))["ours_30"]["PSNR"].as_object().unwrap().clone();
+    let before: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    assert_eq!(before.iter().flatten().count(), 3, "every view has a measure");
+
+    let masked = write_masked(&tiny);
+    eval(&model, &["-s", masked.to_str().unwrap()]);
+    let after: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    assert_eq!(after.iter().flatten().count(), 2, "one view has none: {after:?}");
+    let mean = after.iter().flatten().sum::<f64>() / 2.0;
+    let told = json(&model.join("results.json"))["ours_30"]["PSNR"].as_f64().unwrap();
+    assert!((told - mean).abs() < 1e-4, "{told} is the mean of {after:?}");
+    let known = |psnr: &f64| before.iter().flatten().any(|whole| (whole - psnr).abs() < 1e-4);
+    assert!(after.iter().flatten().all(known), "what has no mask is measured as before: {before:?}, {after:?}");
 }
 
 #[test]

@@ -52,6 +52,12 @@ fn suns_and_lamps_shine_on_models_with_materials() {
     assert_eq!([turned.width(), turned.height()], [sunny.width(), sunny.height()]);
     assert!(tiny.path("turned/rgb/00002.png").is_file() && !tiny.path("turned/rgb/00003.png").exists());
     assert!(tiny.path("turned/turntable.png").is_file(), "there is an animation");
+    let over_nothing = ["--sun", "30,60", "--turn-light", "2", "--ground", "-2", "--background", "transparent"];
+    picture(&over_nothing, "clear");
+    let clear = |index: u32| image::open(tiny.path("clear").join(format!("rgb/{index:05}.png"))).unwrap();
+    assert!(clear(0).color().has_alpha() && clear(1).color().has_alpha());
+    let alpha = |index: u32| clear(index).into_rgba8().pixels().map(|pixel| pixel.0[3]).collect::<Vec<_>>();
+    assert!(alpha(0) != alpha(1), "the shadow turns with the light");
 
     let mut view = specula();
     view.arg("relight").arg(&model).args(["--sun", "0,30", "--shading", "view"]);
