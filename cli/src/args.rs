@@ -6,6 +6,7 @@
 pub(crate) mod demo;
 mod export;
 mod info;
+mod light_reference;
 mod lights;
 mod measure;
 mod parse;
@@ -20,6 +21,7 @@ use clap::{Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};
+pub(crate) use light_reference::LightReference;
 pub(crate) use lights::{EnvChoice, LampOptions, Lights};
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
@@ -29,8 +31,8 @@ pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{
-    AT_MOST_1600, Densify, LightKind, LightPer, LightReference, Losses, Photographs, Reflections, ResumeOptions, Start,
-    Train, ViewUntil, WhitePixels,
+    AT_MOST_1600, Densify, LightKind, LightPer, Losses, Photographs, Reflections, ResumeOptions, Start, Train,
+    ViewUntil, WhitePixels,
 };
 pub(crate) use view::View;
 

@@ -1,7 +1,6 @@
 //! Notes and progress on stderr. Notes are the `tracing` events of the program and its libraries,
 //! printed as one line each. Progress is a bar on a terminal, else a line every few seconds.
 
-use crate::ranks;
 use core::{fmt, time::Duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
@@ -24,6 +23,9 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 /// crates.
 const TARGET: &str = "specula";
 
+/// Target of the notes that every rank of a training prints.
+pub(crate) const RANKS_TARGET: &str = "specula::ranks";
+
 /// Bars on the terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
@@ -33,11 +35,10 @@ pub(crate) fn init(quiet: bool, is_first: bool) {
 }
 
 /// Subscriber that prints notes; only errors if `quiet`. Of several ranks, those after the first
-/// print errors, and notes of the target [`ranks::TARGET`].
+/// print errors, and notes of the target [`RANKS_TARGET`].
 pub(crate) fn subscriber(quiet: bool, is_first: bool) -> impl Subscriber + Send + Sync {
     let level = |is_quiet| if is_quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
-    let targets =
-        Targets::new().with_target(TARGET, level(quiet || !is_first)).with_target(ranks::TARGET, level(quiet));
+    let targets = Targets::new().with_target(TARGET, level(quiet || !is_first)).with_target(RANKS_TARGET, level(quiet));
     let lines =
         tracing_subscriber::fmt::layer().event_format(Sentence).with_writer(|| BetweenBars).log_internal_errors(false);
     tracing_subscriber::registry().with(targets).with(lines)

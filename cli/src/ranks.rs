@@ -12,9 +12,6 @@ use std::{
     thread::{self, ScopedJoinHandle},
 };
 
-/// Target of the notes that every rank prints.
-pub(crate) const TARGET: &str = "specula::ranks";
-
 /// Variables with the number of a rank among those of its machine, of Open MPI, Intel MPI, MVAPICH
 /// and MPICH, then of Slurm, whose number is that of the launcher where another one starts ranks.
 const LOCAL_VARIABLES: [&str; 5] = [

@@ -5,7 +5,7 @@ use crate::{
     failure::Failure,
     interrupt,
     progress::{self, Work},
-    ranks::{self, Ranks},
+    ranks::Ranks,
 };
 use core::fmt;
 use specula_scene::{
@@ -133,7 +133,7 @@ impl Observer for Session<'_> {
                 tracing::info!("{note}; --executor cpu is faster");
             }
             Note::StartsOnGpu { place: Some(_), .. } => {
-                tracing::info!(target: ranks::TARGET, "{}{note}", self.prefix);
+                tracing::info!(target: progress::RANKS_TARGET, "{}{note}", self.prefix);
             }
             Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
             Note::GpuFailed { checkpoint: Some(_), .. } => {

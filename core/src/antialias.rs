@@ -96,13 +96,11 @@ pub fn smoothed_vjp<R: Real>(
     let wider = widened(scales, deviation);
     let share = share(scales, wider);
     let through_opacity = grad_opacity * opacity * share;
-    let along = |scale: R, wider: R, grad: R| {
-        grad * (scale / wider) + through_opacity * ((deviation / wider).squared() / scale)
-    };
+    let added = each!(wider, wider => (deviation / wider).squared());
     let grad = vec3(
-        along(scales.x, wider.x, grad_scales.x),
-        along(scales.y, wider.y, grad_scales.y),
-        along(scales.z, wider.z, grad_scales.z),
+        grad_scales.x * (scales.x / wider.x) + through_opacity * (added.x / scales.x),
+        grad_scales.y * (scales.y / wider.y) + through_opacity * (added.y / scales.y),
+        grad_scales.z * (scales.z / wider.z) + through_opacity * (added.z / scales.z),
     );
     (grad, grad_opacity * share)
 }

@@ -21,6 +21,7 @@ use crate::{
     activation::sigmoid,
     camera::CameraOf,
     covariance::{Quat, rotation},
+    each,
     loss::{LossWeights, metalness, metalness_vjp, residual_vjp, sparse, sparse_vjp},
     normal::{AxisRule, axis, facing},
     physical::{metal_share, reflectances, reflectances_vjp},
@@ -531,7 +532,7 @@ impl AttributeLosses {
     /// Share of metal that the view-dependent colours suggest.
     #[inline(always)]
     fn suggested<R: Real>(planes: &impl AttributePlanes<R>, factors: [R; 4]) -> R {
-        metal_share(planes.vec3(TINT).map(sigmoid), planes.vec3(DIFFUSE).map(sigmoid), factors[3])
+        metal_share(each!(planes.vec3(TINT), x => sigmoid(x)), each!(planes.vec3(DIFFUSE), x => sigmoid(x)), factors[3])
     }
     /// Loss of one Gaussian: [`sparse`] of its opacity, half of the squares of its normal
     /// residuals, and [`metalness`], each times its factor.

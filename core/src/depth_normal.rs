@@ -53,17 +53,20 @@ pub fn surface_weight<R: Real>(coverage: R, around: &Cross<R>) -> R {
 /// Camera-space rays through the neighbours of the pixel with this centre, with z = 1.
 #[inline(always)]
 pub fn rays_around<R: Real>(camera: &CameraOf<R>, x_px: R, y_px: R) -> Cross<Vec3<R>> {
-    let ray = |x: R, y: R| {
-        let across = (x - camera.principal_px[0]) / camera.focal_px[0];
-        let down = (y - camera.principal_px[1]) / camera.focal_px[1];
-        vec3(across, down, x.constant(1.0))
-    };
     Cross {
-        left: ray(x_px - 1.0, y_px),
-        right: ray(x_px + 1.0, y_px),
-        above: ray(x_px, y_px - 1.0),
-        below: ray(x_px, y_px + 1.0),
+        left: ray_through(camera, x_px - 1.0, y_px),
+        right: ray_through(camera, x_px + 1.0, y_px),
+        above: ray_through(camera, x_px, y_px - 1.0),
+        below: ray_through(camera, x_px, y_px + 1.0),
     }
+}
+
+/// Camera-space ray through a point of the picture, with z = 1.
+#[inline(always)]
+fn ray_through<R: Real>(camera: &CameraOf<R>, x_px: R, y_px: R) -> Vec3<R> {
+    let across = (x_px - camera.principal_px[0]) / camera.focal_px[0];
+    let down = (y_px - camera.principal_px[1]) / camera.focal_px[1];
+    vec3(across, down, x_px.constant(1.0))
 }
 
 /// Unit normal in camera space, towards the camera, of the surface through four neighbours:

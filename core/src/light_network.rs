@@ -10,7 +10,7 @@
 //! Executors evaluate the network in each texel of the roughness levels of a cube map; the gradient
 //! of the levels goes back to the weights.
 
-use crate::{math, prefilter::PrefilterScheme, random, real::Real, scene::Environment, vector::Vec3};
+use crate::{math, prefilter::PrefilterScheme, random, real::Real, vector::Vec3};
 
 /// Degrees of the harmonics.
 pub const DEGREES: [usize; 4] = [1, 2, 4, 8];
@@ -285,13 +285,12 @@ pub enum LightNetworkError {
 }
 
 impl LightNetworkError {
-    /// Checks scheme, resolution and number of weights.
+    /// Checks the resolution of the cube maps, the number of weights and the scheme.
     ///
     /// # Errors
     ///
     /// The first of them that no network has.
-    pub fn check<A>(light: &Environment<A>, found: usize, scheme: PrefilterScheme) -> Result<(), Self> {
-        let resolution = light.resolution;
+    pub fn check(resolution: usize, found: usize, scheme: PrefilterScheme) -> Result<(), Self> {
         if scheme != PrefilterScheme::Exact {
             Err(Self::Scheme)
         } else if resolution > NETWORK_RESOLUTION_MAX {

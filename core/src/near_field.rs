@@ -199,7 +199,10 @@ impl<R: Real> Hits<R> {
         Self {
             distance: R::select(mask, crossing.distance, self.distance),
             triangle: R::select(mask, index, self.triangle),
-            weights: core::array::from_fn(|k| R::select(mask, crossing.weights[k], self.weights[k])),
+            weights: [
+                R::select(mask, crossing.weights[0], self.weights[0]),
+                R::select(mask, crossing.weights[1], self.weights[1]),
+            ],
         }
     }
 }
@@ -282,8 +285,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
 
     #[inline(always)]
     fn position<R: Real>(&self, vertex: usize, like: R) -> Vec3<R> {
-        let [x, y, z] = self.numbers(self.vertices_start() + VERTEX_LEN * vertex).map(|x| like.constant(x));
-        vec3(x, y, z)
+        constant(self.numbers(self.vertices_start() + VERTEX_LEN * vertex), like)
     }
 
     /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
@@ -373,11 +375,8 @@ impl<A: AsRef<[f32]>> NearField<A> {
         let mut index = 0;
         while index < self.node_count {
             let node = self.numbers::<NODE_LEN>(NODE_LEN * index);
-            let corner = |first: usize| {
-                let [x, y, z] = [node[first], node[first + 1], node[first + 2]].map(|x| reach.constant(x));
-                vec3(x, y, z)
-            };
-            let [min, max] = [corner(0), corner(4)];
+            let min = constant([node[0], node[1], node[2]], reach);
+            let max = constant([node[4], node[5], node[6]], reach);
             let [enter, leave] = box_span(min, max, origin, inverse);
             let (first, count) = (node[3] as usize, node[7] as usize);
             let is_met = enter.less_or_equal(leave) & enter.less(reach);
@@ -387,7 +386,9 @@ impl<A: AsRef<[f32]>> NearField<A> {
                 continue;
             }
             for triangle in first..first + count {
-                let corners = self.corners(triangle).map(|vertex| self.position(vertex, reach));
+                // No closures, which compilers leave without the instructions of a wider machine.
+                let [a, b, c] = self.corners(triangle);
+                let corners = [self.position(a, reach), self.position(b, reach), self.position(c, reach)];
                 let crossing = crossing(corners, origin, direction, back_depth);
                 let is_nearer = is_met & crossing.distance.less(reach);
                 if is_nearer.any() {
@@ -406,6 +407,12 @@ impl<A: AsRef<[f32]>> NearField<A> {
         let vertices = self.corners(hit.triangle).map(lifted);
         surface_within(&vertices, hit.weights)
     }
+}
+
+/// A vector in every lane.
+#[inline(always)]
+fn constant<R: Real>([x, y, z]: [f32; 3], like: R) -> Vec3<R> {
+    vec3(like.constant(x), like.constant(y), like.constant(z))
 }
 
 /// A number as an index.
@@ -483,8 +490,8 @@ pub struct NearSurface<R> {
 /// Surface at a vertex, from its numbers.
 #[inline(always)]
 pub fn vertex_surface<R: Real>(numbers: [R; VERTEX_LEN]) -> NearSurface<R> {
-    let at = |first: usize| vec3(numbers[first], numbers[first + 1], numbers[first + 2]);
-    NearSurface { normal: at(3), base: at(6), tint: at(9), roughness: numbers[12] }
+    let [_, _, _, a, b, c, d, e, f, g, h, i, roughness, ..] = numbers;
+    NearSurface { normal: vec3(a, b, c), base: vec3(d, e, f), tint: vec3(g, h, i), roughness }
 }
 
 /// Surface inside a triangle of three vertices; `weights` are those of the second and the third.
@@ -493,11 +500,10 @@ pub fn surface_within<R: Real>(vertices: &[NearSurface<R>; 3], weights: [R; 2]) 
     let [a, b, c] = vertices;
     let [u, v] = weights;
     let w = -(u + v) + 1.0;
-    let vector = |a: Vec3<R>, b: Vec3<R>, c: Vec3<R>| (a * w).add_scaled(u, b).add_scaled(v, c);
     NearSurface {
-        normal: vector(a.normal, b.normal, c.normal),
-        base: vector(a.base, b.base, c.base),
-        tint: vector(a.tint, b.tint, c.tint),
+        normal: (a.normal * w).add_scaled(u, b.normal).add_scaled(v, c.normal),
+        base: (a.base * w).add_scaled(u, b.base).add_scaled(v, c.base),
+        tint: (a.tint * w).add_scaled(u, b.tint).add_scaled(v, c.tint),
         roughness: a.roughness * w + b.roughness * u + c.roughness * v,
     }
 }
@@ -558,8 +564,11 @@ impl<R: Real> Reflection<R> {
     /// This reflection where the mask holds, the other elsewhere.
     #[inline(always)]
     pub fn or(&self, other: &Self, mask: R::Mask) -> Self {
-        let (own, other) = (self.to_array(), other.to_array());
-        Self::from_array(core::array::from_fn(|k| R::select(mask, own[k], other[k])))
+        let (mut either, other) = (self.to_array(), other.to_array());
+        for (number, other) in either.iter_mut().zip(other) {
+            *number = R::select(mask, *number, other);
+        }
+        Self::from_array(either)
     }
 
     /// The numbers, in the order of [`Reflection::LEN`].
@@ -594,6 +603,13 @@ impl<R: Real> Reflection<R> {
     pub fn light_vjp(&self, grad: Vec3<R>) -> [Vec3<R>; 2] {
         [grad * self.far, self.tint.times(grad)]
     }
+}
+
+/// Mask of pixels whose reflected rays count: where something is covered, and smooth enough that
+/// [`share_of_near`] is above zero.
+#[inline(always)]
+pub fn is_traced<R: Real>(coverage: R, roughness: R) -> R::Mask {
+    coverage.zero().less(coverage) & roughness.less(roughness.constant(BLURRED))
 }
 
 /// Share of the surface that a single ray meets in what a surface of some roughness reflects: 1 for

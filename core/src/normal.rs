@@ -4,7 +4,7 @@
 use crate::{
     each,
     real::Real,
-    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp},
+    vector::{Mat3, Vec3, normalize_or, normalize_or_vjp, vec3},
 };
 
 /// Axis of a Gaussian that is taken for its normal.
@@ -31,12 +31,23 @@ type Ranks<R> = [[R; 3]; 3];
 pub fn axis<R: Real>(rule: AxisRule, rotation: &Mat3<R>, log_scales: Vec3<R>) -> Vec3<R> {
     let ranks = ranks(log_scales);
     let [a, b, c] = rotation.rows;
-    let pick = |row: Vec3<R>, k: usize| row.x * ranks[k][0] + row.y * ranks[k][1] + row.z * ranks[k][2];
     match rule {
-        AxisRule::Shortest => Vec3 { x: pick(a, 0), y: pick(b, 0), z: pick(c, 0) },
-        AxisRule::SortedRow => Vec3 { x: pick(a, 0), y: pick(a, 1), z: pick(a, 2) },
+        AxisRule::Shortest => vec3(pick(a, ranks[0]), pick(b, ranks[0]), pick(c, ranks[0])),
+        AxisRule::SortedRow => vec3(pick(a, ranks[0]), pick(a, ranks[1]), pick(a, ranks[2])),
         AxisRule::None => Vec3::zero(a.x),
     }
+}
+
+/// Component of a row in the column that is marked.
+#[inline(always)]
+fn pick<R: Real>(row: Vec3<R>, [x, y, z]: [R; 3]) -> R {
+    row.x * x + row.y * y + row.z * z
+}
+
+/// Gradient of [`pick`] with respect to the row.
+#[inline(always)]
+fn pick_vjp<R: Real>([x, y, z]: [R; 3], grad: R) -> Vec3<R> {
+    vec3(x * grad, y * grad, z * grad)
 }
 
 /// Gradient of [`axis`] with respect to the rotation; the order of the scales is locally constant.
@@ -44,10 +55,14 @@ pub fn axis<R: Real>(rule: AxisRule, rotation: &Mat3<R>, log_scales: Vec3<R>) ->
 pub fn axis_vjp<R: Real>(rule: AxisRule, log_scales: Vec3<R>, grad: Vec3<R>) -> Mat3<R> {
     let ranks = ranks(log_scales);
     let zero = Vec3::zero(grad.x);
-    let spread = |k: usize, g: R| Vec3 { x: ranks[k][0] * g, y: ranks[k][1] * g, z: ranks[k][2] * g };
     match rule {
-        AxisRule::Shortest => Mat3 { rows: [spread(0, grad.x), spread(0, grad.y), spread(0, grad.z)] },
-        AxisRule::SortedRow => Mat3 { rows: [spread(0, grad.x) + spread(1, grad.y) + spread(2, grad.z), zero, zero] },
+        AxisRule::Shortest => {
+            Mat3 { rows: [pick_vjp(ranks[0], grad.x), pick_vjp(ranks[0], grad.y), pick_vjp(ranks[0], grad.z)] }
+        }
+        AxisRule::SortedRow => {
+            let row = pick_vjp(ranks[0], grad.x) + pick_vjp(ranks[1], grad.y) + pick_vjp(ranks[2], grad.z);
+            Mat3 { rows: [row, zero, zero] }
+        }
         AxisRule::None => Mat3 { rows: [zero; 3] },
     }
 }
@@ -57,9 +72,8 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     let Vec3 { x, y, z } = scales;
     let one = x.constant(1.0);
     let (xy, xz, yz) = (x.less_or_equal(y), x.less_or_equal(z), y.less_or_equal(z));
-    let mark = |mask: R::Mask| one.keep(mask);
-    let first = [mark(xy & xz), mark(!xy & yz), mark(!xz & !yz)];
-    let last = [mark(!xy & !xz), mark(xy & !yz), mark(xz & yz)];
+    let first = [one.keep(xy & xz), one.keep(!xy & yz), one.keep(!xz & !yz)];
+    let last = [one.keep(!xy & !xz), one.keep(xy & !yz), one.keep(xz & yz)];
     let middle = [one - first[0] - last[0], one - first[1] - last[1], one - first[2] - last[2]];
     [first, middle, last]
 }

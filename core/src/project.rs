@@ -102,6 +102,17 @@ struct EwaProjection<R> {
     compensation: Option<Compensation<R>>,
 }
 
+impl<R: Real> EwaProjection<R> {
+    /// An opacity, or its gradient, times the factor of the compensation, if there is one.
+    #[inline(always)]
+    fn compensated(&self, opacity: R) -> R {
+        match &self.compensation {
+            Some(compensation) => opacity * compensation.factor,
+            None => opacity,
+        }
+    }
+}
+
 /// Compensation of a splat's opacity for its low-pass: √(det Σ₂ / det(Σ₂ + b I)), no less than the
 /// root of [`COMPENSATION_MIN`].
 #[derive(Clone, Copy, Debug)]
@@ -152,7 +163,7 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
         ],
         root_conic: [xx, yx, yy],
         depth: R::select(is_drawn, p.mean_in_camera.z, p.inverse_depth.constant(-1.0)),
-        opacity: p.compensation.map_or(p.opacity, |compensation| p.opacity * compensation.factor),
+        opacity: p.compensated(p.opacity),
         variance: [p.variance_x, p.variance_y],
     }
 }
@@ -193,14 +204,18 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
         grad.depth - (along_x * m.x + along_y * m.y + grad_half_times_half) * p.inverse_depth,
     );
 
-    let turn = |k: usize| camera.camera_from_world.transform_transposed(grad_columns[k]);
+    let [x, y, z] = grad_columns;
+    let turned = [
+        camera.camera_from_world.transform_transposed(x),
+        camera.camera_from_world.transform_transposed(y),
+        camera.camera_from_world.transform_transposed(z),
+    ];
     let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
-    let grad_opacity = p.compensation.map_or(grad.opacity, |compensation| grad.opacity * compensation.factor);
-    let (log_scales, opacity_logit) = shape.scales_and_opacity_vjp(grad_scales, grad_opacity);
+    let (log_scales, opacity_logit) = shape.scales_and_opacity_vjp(grad_scales, p.compensated(grad.opacity));
     let grad = Shape {
         mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
         log_scales,
-        quat: rotation_vjp(shape.quat, &Mat3::from_columns([turn(0), turn(1), turn(2)])),
+        quat: rotation_vjp(shape.quat, &Mat3::from_columns(turned)),
         opacity_logit,
         low_pass: shape.low_pass,
         filter: None,
@@ -217,13 +232,18 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
 
     let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
     let limit = camera.slope_limit;
-    let limited = |i: usize| free_slope[i].max(-limit[i]).min(limit[i]);
-    let is_free = |i: usize| one.keep(free_slope[i].abs().less(limit[i]));
-    let (slope, slope_is_free) = ([limited(0), limited(1)], [is_free(0), is_free(1)]);
+    let (mut slope, mut slope_is_free) = (free_slope, [one; 2]);
+    for i in 0..2 {
+        slope[i] = free_slope[i].max(-limit[i]).min(limit[i]);
+        slope_is_free[i] = one.keep(free_slope[i].abs().less(limit[i]));
+    }
 
-    let world_from_local = rotation(shape.quat);
-    let turn = |k: usize| camera.camera_from_world.transform(world_from_local.column(k));
-    let camera_from_local = Mat3::from_columns([turn(0), turn(1), turn(2)]);
+    let [x, y, z] = rotation(shape.quat).columns();
+    let camera_from_local = Mat3::from_columns([
+        camera.camera_from_world.transform(x),
+        camera.camera_from_world.transform(y),
+        camera.camera_from_world.transform(z),
+    ]);
     let (scales, opacity) = shape.scales_and_opacity();
     let [x, y, z] = camera_from_local.rows;
     let half = [
@@ -237,10 +257,11 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let blur = shape.low_pass.variance();
     let unblurred = normal.length_squared();
     let determinant = unblurred + (first + second) * blur + blur * blur;
-    let compensation = shape.low_pass.is_compensated().then(|| {
-        let added = (first + second) * blur + blur * blur;
-        Compensation::new(unblurred, added, determinant)
-    });
+    let compensation = if shape.low_pass.is_compensated() {
+        Some(Compensation::new(unblurred, (first + second) * blur + blur * blur, determinant))
+    } else {
+        None
+    };
     EwaProjection {
         mean_in_camera,
         inverse_depth,

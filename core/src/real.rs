@@ -139,10 +139,12 @@ pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412
 /// each other.
 #[inline(always)]
 pub fn exp2_fraction<R: Real>(x: R) -> R {
-    let c = |k: usize| x.constant(EXP2_COEFFICIENTS[k]);
-    let pair = |k: usize| c(k + 1).mul_add(x, c(k));
+    let c = EXP2_COEFFICIENTS;
+    let first = x.constant(c[1]).mul_add(x, x.constant(c[0]));
+    let second = x.constant(c[3]).mul_add(x, x.constant(c[2]));
+    let third = x.constant(c[5]).mul_add(x, x.constant(c[4]));
     let x2 = x * x;
-    pair(4).mul_add(x2, pair(2)).mul_add(x2, pair(0))
+    third.mul_add(x2, second).mul_add(x2, first)
 }
 
 /// The polynomial of [`Real::log2`], for a mantissa in [√½, √2].

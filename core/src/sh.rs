@@ -102,6 +102,10 @@ pub fn radiance<R: Real>(sum: Vec3<R>) -> Vec3<R> {
 /// Gradient of [`radiance`]; zero where the colour was limited.
 #[inline(always)]
 pub fn radiance_vjp<R: Real>(sum: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
-    let gate = |x: R, g: R| g.keep(x.constant(-0.5).less(x) & x.less(x.constant(COLOR_MAX)));
-    vec3(gate(sum.x, grad.x), gate(sum.y, grad.y), gate(sum.z, grad.z))
+    let [lowest, highest] = [grad.x.constant(-0.5), grad.x.constant(COLOR_MAX)];
+    vec3(
+        grad.x.keep(lowest.less(sum.x) & sum.x.less(highest)),
+        grad.y.keep(lowest.less(sum.y) & sum.y.less(highest)),
+        grad.z.keep(lowest.less(sum.z) & sum.z.less(highest)),
+    )
 }

@@ -240,8 +240,8 @@ impl<R: Real> Mat3<R> {
     /// A column.
     #[inline(always)]
     pub fn column(&self, index: usize) -> Vec3<R> {
-        let pick = |row: Vec3<R>| row.to_array()[index];
-        vec3(pick(self.rows[0]), pick(self.rows[1]), pick(self.rows[2]))
+        let [a, b, c] = self.rows;
+        vec3(a.to_array()[index], b.to_array()[index], c.to_array()[index])
     }
     /// All columns.
     #[inline(always)]

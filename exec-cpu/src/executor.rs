@@ -166,7 +166,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         levels: LevelRange,
     ) -> Result<Light, CpuError> {
         let Environment { resolution, values, .. } = environment;
-        LightNetworkError::check(environment, values.len(), scheme).map_err(CpuError::LightNetwork)?;
+        LightNetworkError::check(*resolution, values.len(), scheme).map_err(CpuError::LightNetwork)?;
         LightNetworkError::check_weights(values).map_err(CpuError::LightNetwork)?;
         check_resolution(scheme, *resolution)?;
         let encoded = match &self.encoded {
@@ -283,11 +283,11 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(trace(&self.context, surface, light, camera))
+        Ok(trace(&self.context, surface, light.near_field.as_deref(), camera))
     }
 
     fn illuminate(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(illuminate(&self.context, surface, light, camera))
+        Ok(illuminate(&self.context, surface, light.lamps.as_deref(), camera))
     }
 
     fn shade_pixels(

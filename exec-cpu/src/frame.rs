@@ -77,12 +77,22 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
-/// Visits the quads, or the lanes of one, whose bits are set.
-#[inline(always)]
-pub(crate) fn for_each_bit(mut quads: u16, mut visit: impl FnMut(usize)) {
-    while quads != 0 {
-        visit(quads.trailing_zeros() as usize % QUADS);
-        quads &= quads - 1;
+/// Quads, or lanes of one, whose bits are set. To be walked by `for`: what a closure does may be
+/// compiled without the instructions of the machine.
+#[derive(Clone, Copy)]
+pub(crate) struct Bits(pub(crate) u16);
+
+impl Iterator for Bits {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
+        }
+        let bit = self.0.trailing_zeros() as usize % QUADS;
+        self.0 &= self.0 - 1;
+        Some(bit)
     }
 }
 

@@ -54,6 +54,7 @@ mod parts;
 mod planes;
 mod read_back;
 pub mod stages;
+mod texel;
 
 pub use error::CpuError;
 pub use executor::{CpuExecutor, CpuViewer};

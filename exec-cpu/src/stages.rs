@@ -20,4 +20,5 @@ pub(crate) mod sampling;
 pub mod shade;
 pub(crate) mod shade_pixels;
 mod splat_batch;
+pub(crate) mod surface;
 pub(crate) mod trace;

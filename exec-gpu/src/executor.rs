@@ -24,12 +24,12 @@ use crate::{
         gaussians_vjp::{BackwardInputs, gaussians_vjp},
         illuminate::{Lamps, illuminate},
         light::LightGrad,
-        light_network::{NetworkTexels, evaluate},
+        light_network::NetworkTexels,
         limit_plane::limit_plane,
         loss::{Losses, Target, loss},
         observe::observe,
         optimise::{optimise, optimise_environment},
-        prefilter::{Light, Weights, prefilter},
+        prefilter::{Light, Weights, evaluated, prefilter},
         prefilter_vjp::prefilter_vjp,
         project::{Splats, project},
         sampling::sampling,
@@ -311,7 +311,7 @@ impl<P: Precision> GpuExecutor<P> {
         levels: LevelRange,
     ) -> Result<Light, GpuError> {
         let resolution = environment.resolution;
-        LightNetworkError::check(environment, environment.values.len(), scheme).map_err(GpuError::LightNetwork)?;
+        LightNetworkError::check(resolution, environment.values.len(), scheme).map_err(GpuError::LightNetwork)?;
         check_resolution(scheme, resolution)?;
         let network = match &self.network {
             Some(network) if network.key() == (resolution, levels) => network.clone(),
@@ -319,7 +319,7 @@ impl<P: Precision> GpuExecutor<P> {
         };
         self.network = Some(network.clone());
         let environment = environment.with_values(environment.values.whole());
-        evaluate(&mut self.context, &network, &environment, self.precision.storage())
+        evaluated(&mut self.context, &network, &environment, self.precision.storage())
     }
 }
 
@@ -434,11 +434,11 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {
-        trace(&mut self.context, surface, light, camera)
+        trace(&mut self.context, surface, light.near_field.as_deref(), camera)
     }
 
     fn illuminate(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {
-        illuminate(&mut self.context, surface, light, camera)
+        illuminate(&mut self.context, surface, light.lamps.as_deref(), camera)
     }
 
     fn shade_pixels(

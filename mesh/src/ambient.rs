@@ -10,26 +10,23 @@
 //!
 //! channel by channel. Errors of the few rays are mostly those of numerator and denominator alike.
 
-use crate::{sky::Sky, surface::Surface};
+use crate::{
+    sight::{RAYS, rays},
+    sky::Sky,
+    surface::Surface,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
-    near_field::{NearField, VERTEX_LEN, vertex_surface},
-    random,
+    near_field::{NearField, vertex_surface},
     shade::reflect,
     vector::{Vec3 as Real3, normalize_or},
 };
 
-/// Rays of a vertex.
-pub const RAYS: usize = 64;
 /// Largest transfer: light that others reflect is seldom brighter than the sky.
 const TRANSFER_MAX: f32 = 4.0;
 /// Sum of radiances below which nothing is to be transferred.
 const DARK: f32 = 1e-6;
-/// Stream of the rotations of the rays.
-const ROTATIONS: u64 = 0x616d_6269;
-/// Fractional parts of multiples of these fill a square evenly (the R₂ sequence; Roberts 2018).
-const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
 /// Transfers of the vertices of a near field, and the share of their rays that meet it.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,22 +48,6 @@ impl Ambient {
         let rays = (RAYS * found.len()).max(1);
         Self { transfers: found.into_iter().map(|(transfer, _)| transfer).collect(), met: met as f64 / rays as f64 }
     }
-}
-
-/// Starts and directions of the rays of a vertex, weighted by their cosine; none without a normal.
-pub(crate) fn rays(near_field: &NearField<Vec<f32>>, vertex: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
-    let numbers: [f32; VERTEX_LEN] = near_field.vertex(vertex);
-    let position = Vec3::from_slice(&numbers);
-    let normal = Vec3::from_slice(&numbers[3..]).normalize_or_zero();
-    let count = if normal == Vec3::ZERO { 0 } else { RAYS };
-    let start = position + near_field.offset * normal;
-    let [tangent, bitangent] = if count == 0 { [Vec3::ZERO; 2] } else { normal.any_orthonormal_pair().into() };
-    let rotation = [0, 1].map(|axis| random::uniform(0, ROTATIONS, 2 * vertex as u64 + axis));
-    (0..count).map(move |ray| {
-        let [u, v] = [0, 1].map(|axis: usize| (rotation[axis] + R2[axis] * ray as f32).fract());
-        let (sine, cosine) = (core::f32::consts::TAU * v).sin_cos();
-        (start, u.sqrt() * (cosine * tangent + sine * bitangent) + (1.0 - u).sqrt() * normal)
-    })
 }
 
 /// Transfer of a vertex that looks at others, and its rays that meet the surface.

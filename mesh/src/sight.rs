@@ -1,10 +1,19 @@
-//! Sight of a surface by itself: the vertices that each vertex looks at, along the rays of
-//! [`crate::ambient`]. Found once, it carries light of any lamps from surface to surface.
+//! Sight of a surface by itself: the vertices that each vertex looks at, along rays weighted by
+//! their cosine. Found once, it carries light of any lamps from surface to surface.
 
-use crate::ambient::{RAYS, rays};
 use glam::Vec3;
 use rayon::prelude::*;
-use specula_core::near_field::NearField;
+use specula_core::{
+    near_field::{NearField, VERTEX_LEN},
+    random,
+};
+
+/// Rays of a vertex.
+pub const RAYS: usize = 64;
+/// Stream of the rotations of the rays.
+const ROTATIONS: u64 = 0x616d_6269;
+/// Fractional parts of multiples of these fill a square evenly (the R₂ sequence; Roberts 2018).
+const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
 /// Vertex that a ray into the open looks at.
 const OPEN: u32 = u32::MAX;
@@ -45,6 +54,22 @@ impl Sight {
         // Rays are weighted by their cosine.
         self.seen.par_chunks(RAYS).map(|seen| seen.iter().map(of).sum::<Vec3>() / RAYS as f32).collect()
     }
+}
+
+/// Starts and directions of the rays of a vertex, weighted by their cosine; none without a normal.
+pub(crate) fn rays(near_field: &NearField<Vec<f32>>, vertex: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
+    let numbers: [f32; VERTEX_LEN] = near_field.vertex(vertex);
+    let position = Vec3::from_slice(&numbers);
+    let normal = Vec3::from_slice(&numbers[3..]).normalize_or_zero();
+    let count = if normal == Vec3::ZERO { 0 } else { RAYS };
+    let start = position + near_field.offset * normal;
+    let [tangent, bitangent] = if count == 0 { [Vec3::ZERO; 2] } else { normal.any_orthonormal_pair().into() };
+    let rotation = [0, 1].map(|axis| random::uniform(0, ROTATIONS, 2 * vertex as u64 + axis));
+    (0..count).map(move |ray| {
+        let [u, v] = [0, 1].map(|axis: usize| (rotation[axis] + R2[axis] * ray as f32).fract());
+        let (sine, cosine) = (core::f32::consts::TAU * v).sin_cos();
+        (start, u.sqrt() * (cosine * tangent + sine * bitangent) + (1.0 - u).sqrt() * normal)
+    })
 }
 
 #[cfg(test)]

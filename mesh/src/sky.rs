@@ -8,7 +8,7 @@ use specula_core::{
     scene::Environment,
 };
 
-/// Texels along an edge of a face: 5.6° each, the mean distance of [`RAYS`](crate::ambient::RAYS)
+/// Texels along an edge of a face: 5.6° each, the mean distance of [`RAYS`](crate::sight::RAYS)
 /// rays over a hemisphere is 18°.
 const RESOLUTION: usize = 16;
 

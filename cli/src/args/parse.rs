@@ -1,6 +1,5 @@
 //! Parsers of option values. Errors are sentences that name the valid values.
 
-use super::train::LightReference;
 use core::net::{Ipv4Addr, SocketAddr};
 use specula_core::{
     cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX},
@@ -104,22 +103,6 @@ pub(super) fn order(text: &str) -> Result<BlendOrder, String> {
     }
 }
 
-/// File of a light, or its mean radiance: one number or three. A file whose name is a number is
-/// written with its folder.
-pub(super) fn light_reference(text: &str) -> Result<LightReference, String> {
-    let numbers: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse::<f32>()).collect();
-    let mean = match numbers.as_deref() {
-        Ok(&[grey]) => [grey; 3],
-        Ok(&[red, green, blue]) => [red, green, blue],
-        _ => return Ok(LightReference::Map(text.into())),
-    };
-    if mean.iter().all(|number| *number > 0.0 && number.is_finite()) {
-        Ok(LightReference::Mean(mean))
-    } else {
-        Err("use a mean radiance above zero, or the file of a light".into())
-    }
-}
-
 pub(super) fn executor(text: &str) -> Result<ExecutorChoice, String> {
     text.parse().map_err(|error: InvalidExecutor| format!("{error}, where `specula doctor` lists the names"))
 }
@@ -167,22 +150,6 @@ mod tests {
         assert_eq!(order("window:8"), Ok(BlendOrder::Window(8)));
         for text in ["", "Mean", "window:", "window:0", "window:65", "window:-1", "window8", "pixel:3"] {
             assert!(order(text).is_err_and(|words| words.contains("window:N")), "{text:?} passed for an order");
-        }
-    }
-
-    #[test]
-    fn a_light_is_known_from_a_file_or_by_its_mean() {
-        let mean = |numbers| Ok(LightReference::Mean(numbers));
-        assert_eq!(light_reference("0.8"), mean([0.8; 3]));
-        assert_eq!(light_reference("0.8,1, 1.25"), mean([0.8, 1.0, 1.25]));
-        for file in ["probe.hdr", "./0.8", "1,2", "1,2,3,4", "a,b,c", ""] {
-            assert_eq!(light_reference(file), Ok(LightReference::Map(file.into())));
-        }
-        for text in ["0", "-1", "nan", "inf", "1,0,1"] {
-            assert!(light_reference(text).is_err_and(|words| words.contains("above zero")), "{text}");
-        }
-        for text in ["0.8", "0.8,1,1.25"] {
-            assert_eq!(light_reference(text).unwrap().to_string(), text, "as it is stored");
         }
     }
 

@@ -2,13 +2,14 @@
 //! `config.toml`.
 
 use super::{
-    parse::{address, count, downscale, error_bound, executor, light_reference, positive, share, token, weight},
+    light_reference::LightReference,
+    parse::{address, count, downscale, error_bound, executor, positive, share, token, weight},
     preset::Preset,
     scene::ProfileName,
     view,
 };
 use clap::{Args, ValueEnum, builder::ArgPredicate};
-use core::{fmt, net::SocketAddr};
+use core::net::SocketAddr;
 use serde::{Serialize, Serializer};
 use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
 use std::{
@@ -326,38 +327,13 @@ pub(crate) struct Start {
     /// (.hdr or .exr), its upper edge the scene's up direction, which stays as it is; or its mean
     /// linear radiance alone, one number or R,G,B, while its shape is found. With it --relightable
     /// finds materials in absolute terms.
-    #[arg(long, value_name = "FILE|MEAN|R,G,B", value_parser = light_reference)]
+    #[arg(long, value_name = "FILE|MEAN|R,G,B")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) light_reference: Option<LightReference>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
     #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]
     pub(crate) light_resolution: Option<usize>,
-}
-
-/// Knowledge of a light before the training.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum LightReference {
-    /// All of it: a lat-long map in a file.
-    Map(PathBuf),
-    /// Its mean linear radiance.
-    Mean([f32; 3]),
-}
-
-impl fmt::Display for LightReference {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Map(path) => path.display().fmt(out),
-            Self::Mean([red, green, blue]) if red == green && green == blue => red.fmt(out),
-            Self::Mean([red, green, blue]) => write!(out, "{red},{green},{blue}"),
-        }
-    }
-}
-
-impl Serialize for LightReference {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
 }
 
 /// Representation of a light.

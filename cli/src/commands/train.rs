@@ -9,8 +9,8 @@ use crate::{
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
-    interrupt, memory, output,
-    ranks::{self, Ranks, share_among_threads},
+    interrupt, memory, output, progress,
+    ranks::{Ranks, share_among_threads},
     scene, settings,
     training::Session,
 };
@@ -228,7 +228,7 @@ fn note_traffic(ranks: &Ranks<'_>, training: &Training, outcome: Outcome) {
     let Some(Traffic { sent, seconds }) = training.traffic() else { return };
     let megabytes = sent as f64 / 1e6;
     tracing::info!(
-        target: ranks::TARGET,
+        target: progress::RANKS_TARGET,
         "rank {} sent {megabytes:.1} MB to others, and sent or waited for {seconds:.1} of {:.1} s",
         ranks.rank,
         outcome.seconds

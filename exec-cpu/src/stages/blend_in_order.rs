@@ -10,7 +10,7 @@
 //! bits.
 
 use crate::{
-    frame::{QUADS, Quad, for_each_bit},
+    frame::{Bits, QUADS, Quad},
     lanes::Lanes,
     stages::{
         project::ResponseRecord,
@@ -140,7 +140,9 @@ fn blend_tile<S: Simd, T: BatchedSplat>(simd: S, ordered: &Ordered<'_, T>, pixel
     let mut batches = Vec::with_capacity(count);
     let mut least_after = Vec::new();
     if window.is_none() {
-        batches.extend((0..count).map(|index| ordered.batch(simd, index)));
+        for index in 0..count {
+            batches.push(ordered.batch(simd, index));
+        }
         least_after = least_after_batches(simd, &batches, ordered.list.len());
     }
     let mut weights = vec![[0.0; BLOCK]; ordered.list.len()];
@@ -173,13 +175,13 @@ fn blend_tile<S: Simd, T: BatchedSplat>(simd: S, ordered: &Ordered<'_, T>, pixel
                 let depths = batch.responses.depth(simd, k, centers).to_array();
                 let position = index * SPLATS_AT_ONCE + k;
                 turn.weights[position] = [0.0; BLOCK];
-                for_each_bit(hits as u16, |lane| {
+                for lane in Bits(hits as u16) {
                     let hit = Hit { depth: depths[lane], alpha: alphas[lane], position: position as u32 };
                     match window {
                         Some(window) => waiting[lane].insert(hit, window),
                         None => waiting[lane].push(hit),
                     }
-                });
+                }
             }
             if let Some(least) = least_after.get(index) {
                 waiting.iter_mut().for_each(|waiting| waiting.release_before(*least));
@@ -232,12 +234,12 @@ impl<S: Simd> Turn<'_, S> {
             let Composite { weight, behind } = cutoffs.step(Lanes::from_array(simd, alphas), self.state);
             self.state = behind;
             let weights = weight.to_array();
-            for_each_bit(alive as u16, |lane| {
+            for lane in Bits(alive as u16) {
                 if let Some(hit) = waiting[lane].released.get(round) {
                     self.weights[hit.position as usize][lane] = weights[lane];
                     self.seen[hit.position as usize] |= 1 << self.quad;
                 }
-            });
+            }
         }
         waiting.iter_mut().for_each(|waiting| waiting.released.clear());
     }

@@ -6,7 +6,7 @@
 use crate::{
     buffer::Buffer,
     context::Context,
-    frame::{Frame, FrameGrad, QUADS, Quad, for_each_bit, tile_len},
+    frame::{Bits, Frame, FrameGrad, QUADS, Quad, tile_len},
     lanes::{Lanes, sum_each},
     parts::{Pieces, each_part},
     stages::{
@@ -227,7 +227,7 @@ fn splat_vjp<S: Simd, const C: usize>(
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = OffsetMoments::zero(zero);
-    for_each_bit(seen, |index| {
+    for index in Bits(seen) {
         let offset = offset_from(of_corner, splat.root, centers_of(simd, index));
         let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);
@@ -241,16 +241,16 @@ fn splat_vjp<S: Simd, const C: usize>(
         behind.remaining.store(&mut quad.remaining);
         weight.store(&mut weights[index]);
         moments = moments.with(log_strength, offset);
-    });
+    }
     // Channels in a loop of their own: there are too many sums to keep all of them in registers at
     // once.
     let mut grad_colors = [zero; C];
-    for_each_bit(seen, |index| {
+    for index in Bits(seen) {
         let weight = Lanes::load(simd, &weights[index]);
         for c in 0..C {
             grad_colors[c] = weight.mul_add(Lanes::load(simd, &grad[index][c]), grad_colors[c]);
         }
-    });
+    }
     let OffsetMoments { first, second, sum } = moments;
     let mut sums = [zero; GEOMETRY + CHANNELS_MAX];
     sums[..GEOMETRY].copy_from_slice(&[first[0], first[1], second[0], second[1], second[2], sum]);

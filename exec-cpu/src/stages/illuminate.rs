@@ -5,10 +5,7 @@ use crate::{
     error::CpuError,
     frame::{Frame, PIXEL_X, PIXEL_Y, QUADS, Quad, quad_origin, tile_len},
     lanes::Lanes,
-    stages::{
-        prefilter::Light,
-        shade_pixels::{BlendedQuad, SurfaceQuad},
-    },
+    stages::surface::{BlendedQuad, SurfaceQuad},
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -75,10 +72,10 @@ impl Lamps {
 }
 
 /// Finds the light of lamps on the pixels of a frame; one without all layers stays as it is, as
-/// does one under a light without lamps.
-pub(crate) fn illuminate(context: &Context, mut surface: Frame, light: &Light, camera: &Camera) -> Frame {
+/// does one without lamps.
+pub(crate) fn illuminate(context: &Context, mut surface: Frame, lamps: Option<&Lamps>, camera: &Camera) -> Frame {
     let has_layers = Channels::of_count(surface.channels) == Channels::Layers;
-    let Some(lamps) = light.lamps.as_deref().filter(|_| has_layers) else { return surface };
+    let Some(lamps) = lamps.filter(|_| has_layers) else { return surface };
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut direct = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);
     let tiles = surface.blended.par_chunks(tile_len(channels)).zip(direct.par_chunks_mut(QUADS * LEN));
@@ -119,8 +116,7 @@ fn illuminate_tile<S: Simd>(
         };
         let mut sum = DirectLight::none(depth);
         for (index, lamp) in lamps.lamps.iter().enumerate() {
-            let seen =
-                toward(&LampOf::from_array(lamp.numbers.map(|x| depth.constant(x))), lit.point, lit.facing.normal);
+            let seen = toward(&LampOf::from_array(constants(lamp.numbers, depth)), lit.point, lit.facing.normal);
             let share = match &lamps.occluder {
                 Some(occluder) => share_of(occluder, &lamps.spiral, index, lamp.rays, &place, &lit, &seen),
                 None => depth.constant(1.0),
@@ -185,7 +181,7 @@ fn share_of<S: Simd>(
     let (mut all, mut reaching) = (like.zero(), like.zero());
     let is_covered = like.zero().less(like);
     for point in &spiral[..rays] {
-        let ray = shadow_ray(normal, seen, axes, &shift, point.map(|x| like.constant(x)));
+        let ray = shadow_ray(normal, seen, axes, &shift, constants(*point, like));
         let weight = ray.weight.keep(is_covered);
         let is_shining = like.zero().less(weight);
         if !is_shining.any() {
@@ -208,5 +204,19 @@ pub(crate) fn direct_of_tile(direct: &[Quad], slot: usize) -> &[Quad] {
 #[inline(always)]
 pub(crate) fn direct_of_quad<S: Simd>(simd: S, direct: &[Quad], quad: usize) -> DirectLight<Lanes<S>> {
     let numbers = &direct[quad * LEN..(quad + 1) * LEN];
-    DirectLight::from_array(core::array::from_fn(|k| Lanes::load(simd, &numbers[k])))
+    let mut lanes = [Lanes::splat(simd, 0.0); LEN];
+    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
+        *lanes = Lanes::load(simd, numbers);
+    }
+    DirectLight::from_array(lanes)
+}
+
+/// Numbers in every lane.
+#[inline(always)]
+fn constants<S: Simd, const N: usize>(numbers: [f32; N], like: Lanes<S>) -> [Lanes<S>; N] {
+    let mut lanes = [like; N];
+    for (lanes, number) in lanes.iter_mut().zip(numbers) {
+        *lanes = like.constant(number);
+    }
+    lanes
 }

@@ -1,7 +1,6 @@
 //! A light's network, evaluated in the texels of all levels, and the gradient of its weights.
 
-use super::prefilter::Texel;
-use crate::context::Context;
+use crate::{context::Context, texel::Texel};
 use fearless_simd::dispatch;
 use rayon::prelude::*;
 use specula_core::{

@@ -88,6 +88,13 @@ impl<S: Simd> Corners<S> {
         let at = |index: usize| f32x4::simd_from(simd, texels[index]);
         [at(a), at(b), at(c), at(d)]
     }
+
+    /// Weights of the four texels, times a share, of each lane.
+    #[inline(always)]
+    fn weights(&self, share: Lanes<S>) -> [[f32; BLOCK]; 4] {
+        let [a, b, c, d] = bilinear_weights(self.footprint.right, self.footprint.lower);
+        [(a * share).to_array(), (b * share).to_array(), (c * share).to_array(), (d * share).to_array()]
+    }
 }
 
 /// Radiance of sixteen footprints in one level, and how it changes to the right and downwards.
@@ -160,12 +167,8 @@ pub(crate) fn radiance<S: Simd>(
     roughness: Lanes<S>,
 ) -> Vec3<Lanes<S>> {
     let footprints = Footprints::new(simd, light, direction, roughness);
-    let weights = |corners: &Corners<S>, share: Lanes<S>| {
-        let [a, b, c, d] = bilinear_weights(corners.footprint.right, corners.footprint.lower);
-        [(a * share).to_array(), (b * share).to_array(), (c * share).to_array(), (d * share).to_array()]
-    };
-    let sharp = weights(&footprints.sharp, -footprints.share + 1.0);
-    let blurred = weights(&footprints.blurred, footprints.share);
+    let sharp = footprints.sharp.weights(-footprints.share + 1.0);
+    let blurred = footprints.blurred.weights(footprints.share);
     let mut mixed = [[0.0; 4]; BLOCK];
     for lane in 0..BLOCK {
         let (near, far) =
@@ -273,28 +276,35 @@ struct TableFetch<S: Simd> {
 
 #[inline(always)]
 fn table_fetch<S: Simd>(simd: S, n_dot_v: Lanes<S>, roughness: Lanes<S>) -> TableFetch<S> {
+    let ((column, right, free_x), (row, lower, free_y)) = (table_cell(n_dot_v), table_cell(roughness));
+    let (column, row) = (column.to_array(), row.to_array());
+    let mut entries = [[[0.0; BLOCK]; 2]; 4];
+    for lane in 0..BLOCK {
+        let first = row[lane] as usize * RESOLUTION + column[lane] as usize;
+        for (entry, offset) in entries.iter_mut().zip(CORNERS) {
+            [entry[0][lane], entry[1][lane]] = SPLIT_SUM[first + offset];
+        }
+    }
+    let mut corners = [[n_dot_v.zero(); 2]; 4];
+    for k in 0..4 {
+        corners[k] = [Lanes::from_array(simd, entries[k][0]), Lanes::from_array(simd, entries[k][1])];
+    }
+    TableFetch { corners, right, lower, is_free: [free_x, free_y] }
+}
+
+/// Places of a cell's corners in the table, from the first one.
+const CORNERS: [usize; 4] = [0, 1, RESOLUTION, RESOLUTION + 1];
+
+/// Cell of the table in which a coordinate lies, how far, and 1 where it is not clamped.
+#[inline(always)]
+fn table_cell<S: Simd>(x: Lanes<S>) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
     let size = RESOLUTION as f32;
     let last = size - 1.0;
-    let cell_of = |x: Lanes<S>| {
-        let free = x * size - 0.5;
-        let inside = free.zero().less(free) & free.less(free.constant(last));
-        let limited = free.clamp(0.0, last);
-        let cell = limited.floor().min(limited.constant(last - 1.0));
-        (cell, limited - cell, free.constant(1.0).keep(inside))
-    };
-    let ((column, right, free_x), (row, lower, free_y)) = (cell_of(n_dot_v), cell_of(roughness));
-    let (column, row) = (column.to_array(), row.to_array());
-    let corner = |dx: usize, dy: usize| {
-        let entry: [[f32; 2]; BLOCK] =
-            core::array::from_fn(|k| SPLIT_SUM[(row[k] as usize + dy) * RESOLUTION + column[k] as usize + dx]);
-        [Lanes::from_array(simd, entry.map(|e| e[0])), Lanes::from_array(simd, entry.map(|e| e[1]))]
-    };
-    TableFetch {
-        corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
-        right,
-        lower,
-        is_free: [free_x, free_y],
-    }
+    let free = x * size - 0.5;
+    let inside = free.zero().less(free) & free.less(free.constant(last));
+    let limited = free.clamp(0.0, last);
+    let cell = limited.floor().min(limited.constant(last - 1.0));
+    (cell, limited - cell, free.constant(1.0).keep(inside))
 }
 
 /// (F_x, F_y) at n·v and roughness.

@@ -19,8 +19,7 @@ use specula_core::{
 use specula_prefilter::{Operator, encoded::EncodedTexels, sparse::Sparse};
 use std::sync::Arc;
 
-/// Red, green, blue and nothing: a texel as wide as a small vector.
-pub type Texel = [f32; 4];
+pub use crate::texel::Texel;
 
 /// A light filtered into levels, each with its apron.
 #[derive(Clone, Debug)]

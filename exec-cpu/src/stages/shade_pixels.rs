@@ -2,14 +2,16 @@
 
 use crate::{
     context::Context,
-    frame::{Frame, FrameGrad, PIXEL_X, PIXEL_Y, QUADS, Quad, RGB, at, quad_origin, tile_len},
+    frame::{Frame, FrameGrad, QUADS, Quad, RGB, at, tile_len},
     lanes::Lanes,
     stages::{
         illuminate::{direct_of_quad, direct_of_tile},
         lookup::{
-            LIGHT_PARTS, look_up, look_up_irradiance, look_up_vjp, radiance, split_sum, split_sum_vjp, sum_parts,
+            LIGHT_PARTS, Lookup, look_up, look_up_irradiance, look_up_vjp, radiance, split_sum, split_sum_vjp,
+            sum_parts,
         },
         prefilter::{Light, LightGrad, Texel},
+        surface::{BlendedQuad, SurfaceQuad},
         trace::{LEN, reflection_of_quad},
     },
 };
@@ -22,8 +24,8 @@ use specula_core::{
     physical::{self, PixelFacing, PixelLight, pixel_facing, pixel_facing_vjp, reflected},
     rules::{Channels, LightLayer, RenderRules, channel},
     shade::ShadingForm,
-    shade_pixels::{Pixel, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
-    vector::{Vec3, vec3},
+    shade_pixels::{PixelSurface, pixel_color, pixel_color_vjp, pixel_surface, pixel_surface_vjp, unlit_pixel_color},
+    vector::Vec3,
 };
 
 pub(crate) fn shade_pixels(
@@ -109,74 +111,6 @@ pub(crate) fn shade_pixels_vjp(
     (grad, light.map(|_| sum_parts(texels, texel_count, count.div_ceil(part_len))))
 }
 
-/// The numbers of a quad of a tile, by the channels of all layers.
-#[derive(Clone, Copy)]
-pub(crate) struct BlendedQuad<'a, S: Simd> {
-    simd: S,
-    tile: &'a [Quad],
-    quad: usize,
-    channels: Channels,
-}
-
-impl<'a, S: Simd> BlendedQuad<'a, S> {
-    #[inline(always)]
-    pub(crate) fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
-        Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
-    }
-    /// A channel; zero if it is left out, which is what nothing needs.
-    #[inline(always)]
-    pub(crate) fn load(&self, channel: usize) -> Lanes<S> {
-        match self.channels.index_of(channel) {
-            Some(index) => Lanes::load(self.simd, &self.tile[at(self.channels.count(), self.quad, index)]),
-            None => Lanes::splat(self.simd, 0.0),
-        }
-    }
-    #[inline(always)]
-    fn load3(&self, channel: usize) -> Vec3<Lanes<S>> {
-        vec3(self.load(channel), self.load(channel + 1), self.load(channel + 2))
-    }
-    #[inline(always)]
-    fn transmittance(&self) -> Lanes<S> {
-        let count = self.channels.count();
-        Lanes::load(self.simd, &self.tile[at(count, self.quad, count)])
-    }
-}
-
-/// Surface that was blended into a quad, and its view directions.
-pub(crate) struct SurfaceQuad<S: Simd> {
-    pub(crate) pixel: Pixel<Lanes<S>>,
-    pub(crate) view_dir: Vec3<Lanes<S>>,
-}
-
-impl<S: Simd> SurfaceQuad<S> {
-    /// A quad of a tile; none if nothing covers it.
-    #[inline(always)]
-    pub(crate) fn new(
-        simd: S,
-        tile: &[Quad],
-        quad: usize,
-        origin: [f32; 2],
-        camera: &CameraOf<Lanes<S>>,
-    ) -> Option<Self> {
-        let blended = BlendedQuad::new(simd, tile, quad);
-        let coverage = -blended.transmittance() + 1.0;
-        if !coverage.any_positive() {
-            return None;
-        }
-        let pixel = Pixel {
-            base: blended.load3(channel::COLOR),
-            normal: blended.load3(channel::NORMAL),
-            tint: blended.load3(channel::TINT),
-            roughness: blended.load(channel::ROUGHNESS),
-            coverage,
-        };
-        let [x, y] = quad_origin(quad);
-        let x = Lanes::from_array(simd, PIXEL_X) + (origin[0] + x as f32);
-        let y = Lanes::from_array(simd, PIXEL_Y) + (origin[1] + y as f32);
-        Some(Self { pixel, view_dir: camera.view_dir(x, y) })
-    }
-}
-
 #[inline(always)]
 fn shade_tile<S: Simd>(
     simd: S,
@@ -253,9 +187,8 @@ fn shade_tile<S: Simd>(
 /// black.
 #[inline(always)]
 fn unlit_tile<S: Simd>(simd: S, channels: usize, rules: &RenderRules, tile: &mut [Quad], shaded: &mut [Quad]) {
-    let blended = Channels::of_count(channels);
     for quad in 0..QUADS {
-        let pixel = BlendedQuad { simd, tile, quad, channels: blended };
+        let pixel = BlendedQuad::new(simd, tile, quad);
         let (base, coverage) = (pixel.load3(channel::COLOR), -pixel.transmittance() + 1.0);
         let base = if rules.shading.form == ShadingForm::Physical { Vec3::zero(coverage) } else { base };
         store(unlit_pixel_color(base, coverage), &mut shaded[quad * RGB..(quad + 1) * RGB]);
@@ -273,6 +206,90 @@ fn store<S: Simd>(v: Vec3<Lanes<S>>, quads: &mut [Quad]) {
     v.x.store(&mut quads[0]);
     v.y.store(&mut quads[1]);
     v.z.store(&mut quads[2]);
+}
+
+/// Light that a quad reflects as a mirror, with what its gradient needs.
+struct Reflected<'a, S: Simd> {
+    light: &'a Light,
+    own: Lookup<S>,
+    /// Surface that the rays meet, where they were traced, and the far light that it reflects.
+    reflection: Option<Reflection<Lanes<S>>>,
+    of_near: Option<Lookup<S>>,
+}
+
+impl<'a, S: Simd> Reflected<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, lighting: &Lighting<'a>, quad: usize, surface: &PixelSurface<Lanes<S>>) -> Self {
+        let light = lighting.light;
+        let reflection = lighting.reflection(simd, quad);
+        let of_near = match &reflection {
+            Some(reflection) if has_second_lookup(reflection) => {
+                Some(look_up(simd, light, reflection.direction, reflection.roughness))
+            }
+            _ => None,
+        };
+        Self { light, own: look_up(simd, light, surface.reflection_dir, surface.roughness), reflection, of_near }
+    }
+    #[inline(always)]
+    fn light(&self) -> Vec3<Lanes<S>> {
+        let own = self.own.radiance();
+        match (&self.reflection, &self.of_near) {
+            (Some(reflection), Some(of_near)) => reflection.light(own, of_near.radiance()),
+            (Some(reflection), None) => reflection.light(own, Vec3::zero(own.x)),
+            (None, _) => own,
+        }
+    }
+    /// Gradient with respect to the direction of the reflection and to roughness; adds to the
+    /// light's. What a ray meets is taken as fixed: the light alone learns from it.
+    #[inline(always)]
+    fn vjp(
+        &self,
+        simd: S,
+        roughness: Lanes<S>,
+        grad: Vec3<Lanes<S>>,
+        light_grad: &mut [Texel],
+    ) -> (Vec3<Lanes<S>>, Lanes<S>) {
+        let [of_own, of_second] = match &self.reflection {
+            Some(reflection) => reflection.light_vjp(grad),
+            None => [grad; 2],
+        };
+        let of_surface = look_up_vjp(simd, self.light, &self.own, roughness, of_own, light_grad);
+        if let (Some(reflection), Some(of_near)) = (&self.reflection, &self.of_near) {
+            look_up_vjp(simd, self.light, of_near, reflection.roughness, of_second, light_grad);
+        }
+        of_surface
+    }
+}
+
+/// Irradiance of a quad of physical materials, with what its gradient needs.
+struct Ambient<'a, S: Simd> {
+    light: &'a Light,
+    facing: PixelFacing<Lanes<S>>,
+    irradiance: Lookup<S>,
+}
+
+impl<'a, S: Simd> Ambient<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, light: &'a Light, facing: PixelFacing<Lanes<S>>) -> Self {
+        Self { light, irradiance: look_up_irradiance(simd, light, facing.normal), facing }
+    }
+    /// Gradient with respect to the facing; adds to that of the surface's roughness, and to the
+    /// light's.
+    #[inline(always)]
+    fn vjp(
+        &self,
+        simd: S,
+        surface: &PixelSurface<Lanes<S>>,
+        grad: &PixelLight<Lanes<S>>,
+        grad_surface: &mut PixelSurface<Lanes<S>>,
+        light_grad: &mut [Texel],
+    ) -> PixelFacing<Lanes<S>> {
+        let (normal, _) =
+            look_up_vjp(simd, self.light, &self.irradiance, surface.roughness, grad.irradiance, light_grad);
+        let [n_dot_v, roughness] = split_sum_vjp(simd, self.facing.n_dot_v, surface.roughness, grad.split_sum);
+        grad_surface.roughness = grad_surface.roughness + roughness;
+        PixelFacing { normal, n_dot_v }
+    }
 }
 
 /// The gradient of a tile of the picture becomes that of the blended surface; adds to the light's.
@@ -293,20 +310,13 @@ fn tile_vjp<S: Simd>(
             continue;
         };
         let surface = pixel_surface(&pixel, view_dir);
-        let lookup = lighting.map(|lighting| {
-            let own = look_up(simd, lighting.light, surface.reflection_dir, surface.roughness);
-            let reflection = lighting.reflection(simd, quad);
-            let of_near = reflection
-                .filter(has_second_lookup)
-                .map(|reflection| look_up(simd, lighting.light, reflection.direction, reflection.roughness));
-            (lighting.light, own, reflection, of_near)
-        });
+        let reflected = match &lighting {
+            Some(lighting) => Some(Reflected::new(simd, lighting, quad, &surface)),
+            None => None,
+        };
         let none = Vec3::zero(pixel.coverage);
-        let light = match &lookup {
-            Some((_, own, Some(reflection), of_near)) => {
-                reflection.light(own.radiance(), of_near.as_ref().map_or(none, |of_near| of_near.radiance()))
-            }
-            Some((_, own, None, _)) => own.radiance(),
+        let light = match &reflected {
+            Some(reflected) => reflected.light(),
             None => none,
         };
 
@@ -314,16 +324,18 @@ fn tile_vjp<S: Simd>(
         // Physical materials that no light reaches are black, whatever they are.
         let is_black = form == ShadingForm::Physical && lighting.is_none();
         let grad_color = if is_black { none } else { of_picture.load3(channel::COLOR) };
-        let ambient = lighting.filter(|_| form == ShadingForm::Physical).map(|lighting| {
-            let facing = pixel_facing(&pixel, view_dir);
-            (lighting.light, facing, look_up_irradiance(simd, lighting.light, facing.normal))
-        });
+        let ambient = match &lighting {
+            Some(lighting) if form == ShadingForm::Physical => {
+                Some(Ambient::new(simd, lighting.light, pixel_facing(&pixel, view_dir)))
+            }
+            _ => None,
+        };
         let (mut grad_surface, grad_light, grad_coverage, of_ambient) = match &ambient {
-            Some((_, facing, irradiance)) => {
+            Some(ambient) => {
                 let light = PixelLight {
                     specular: light,
-                    irradiance: irradiance.radiance(),
-                    split_sum: split_sum(simd, facing.n_dot_v, surface.roughness),
+                    irradiance: ambient.irradiance.radiance(),
+                    split_sum: split_sum(simd, ambient.facing.n_dot_v, surface.roughness),
                 };
                 let (surface, light, coverage) =
                     physical::pixel_color_vjp(&surface, &light, pixel.coverage, grad_color);
@@ -334,23 +346,14 @@ fn tile_vjp<S: Simd>(
                 (surface, light, coverage, None)
             }
         };
-        if let Some((light, own, reflection, of_near)) = &lookup {
-            let [of_own, of_second] =
-                reflection.map_or([grad_light, none], |reflection| reflection.light_vjp(grad_light));
-            let (direction, roughness) = look_up_vjp(simd, light, own, surface.roughness, of_own, light_grad);
-            grad_surface.reflection_dir = direction;
-            grad_surface.roughness = roughness;
-            // What a ray meets is taken as fixed: the light alone learns from it.
-            if let (Some(reflection), Some(of_near)) = (reflection, of_near) {
-                look_up_vjp(simd, light, of_near, reflection.roughness, of_second, light_grad);
-            }
+        if let Some(reflected) = &reflected {
+            (grad_surface.reflection_dir, grad_surface.roughness) =
+                reflected.vjp(simd, surface.roughness, grad_light, light_grad);
         }
         let mut of_facing = none;
-        if let (Some((light, facing, irradiance)), Some(of_light)) = (&ambient, of_ambient) {
-            let (normal, _) = look_up_vjp(simd, light, irradiance, surface.roughness, of_light.irradiance, light_grad);
-            let [n_dot_v, roughness] = split_sum_vjp(simd, facing.n_dot_v, surface.roughness, of_light.split_sum);
-            grad_surface.roughness = grad_surface.roughness + roughness;
-            of_facing = pixel_facing_vjp(&pixel, view_dir, &PixelFacing { normal, n_dot_v });
+        if let (Some(ambient), Some(of_light)) = (&ambient, &of_ambient) {
+            let facing = ambient.vjp(simd, &surface, of_light, &mut grad_surface, light_grad);
+            of_facing = pixel_facing_vjp(&pixel, view_dir, &facing);
         }
         let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
         let normal = of_picture.load3(channel::NORMAL) + of_surface.normal + of_facing;

@@ -4,17 +4,14 @@ use crate::{
     context::Context,
     frame::{Frame, QUADS, Quad, tile_len},
     lanes::Lanes,
-    stages::{
-        prefilter::Light,
-        shade_pixels::{BlendedQuad, SurfaceQuad},
-    },
+    stages::surface::{BlendedQuad, SurfaceQuad},
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     near_field::{
-        FINISHED, Hits, NOTHING, NearField, NearSurface, Reflection, VERTEX_LEN, ray_origin, surface_within,
+        FINISHED, Hits, NOTHING, NearField, NearSurface, Reflection, VERTEX_LEN, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
     real::{AnyLane, Real},
@@ -26,11 +23,16 @@ use specula_core::{
 /// Numbers of a reflection.
 pub(crate) const LEN: usize = Reflection::<f32>::LEN;
 
-/// Traces the pixels of a frame; one without depths stays as it is, as does one under a light
-/// without a near field.
-pub(crate) fn trace(context: &Context, mut surface: Frame, light: &Light, camera: &Camera) -> Frame {
+/// Traces the pixels of a frame; one without depths stays as it is, as does one without a near
+/// field.
+pub(crate) fn trace(
+    context: &Context,
+    mut surface: Frame,
+    near_field: Option<&NearField<Vec<f32>>>,
+    camera: &Camera,
+) -> Frame {
     let has_depth = Channels::of_count(surface.channels).index_of(channel::DEPTH).is_some();
-    let Some(near_field) = light.near_field.as_deref().filter(|_| has_depth) else { return surface };
+    let Some(near_field) = near_field.filter(|_| has_depth) else { return surface };
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut reflections = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);
     let tiles = surface.blended.par_chunks(tile_len(channels)).zip(reflections.par_chunks_mut(QUADS * LEN));
@@ -62,8 +64,8 @@ fn trace_tile<S: Simd>(
         let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
         let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
         let (direction, roughness) = (surface.reflection_dir, surface.roughness);
-        let is_covered = depth.zero().less(pixel.coverage);
-        let reach = Lanes::select(is_covered, depth.constant(NOTHING), depth.constant(FINISHED));
+        let reach =
+            Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(NOTHING), depth.constant(FINISHED));
         let hits = near_field.first_hits(start, direction, reach);
         let far = Reflection::of_far(direction, roughness);
         let is_near = hits.is_hit();
@@ -80,19 +82,37 @@ fn trace_tile<S: Simd>(
 /// Surfaces that rays meet; any where they meet nothing.
 #[inline(always)]
 fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lanes<S>>) -> NearSurface<Lanes<S>> {
-    let corners = hits.triangle.to_array().map(|triangle| near_field.corners(triangle as usize));
-    let all = near_field.vertices();
-    let vertices = [0, 1, 2].map(|k| {
-        let vertices: [&[f32; VERTEX_LEN]; BLOCK] = core::array::from_fn(|lane| &all[corners[lane][k]]);
-        let number = |index: usize| Lanes::from_array(simd, core::array::from_fn(|lane| vertices[lane][index]));
-        vertex_surface(core::array::from_fn(number))
-    });
-    surface_within(&vertices, hits.weights)
+    let (triangles, all) = (hits.triangle.to_array(), near_field.vertices());
+    let mut numbers = [[[0.0; BLOCK]; VERTEX_LEN]; 3];
+    for lane in 0..BLOCK {
+        let corners = near_field.corners(triangles[lane] as usize);
+        for (numbers, corner) in numbers.iter_mut().zip(corners) {
+            for (number, value) in numbers.iter_mut().zip(&all[corner]) {
+                number[lane] = *value;
+            }
+        }
+    }
+    let [a, b, c] = &numbers;
+    surface_within(&[vertex_of(simd, a), vertex_of(simd, b), vertex_of(simd, c)], hits.weights)
+}
+
+/// Surface at a vertex, of each lane.
+#[inline(always)]
+fn vertex_of<S: Simd>(simd: S, numbers: &[[f32; BLOCK]; VERTEX_LEN]) -> NearSurface<Lanes<S>> {
+    let mut lanes = [Lanes::splat(simd, 0.0); VERTEX_LEN];
+    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
+        *lanes = Lanes::load(simd, numbers);
+    }
+    vertex_surface(lanes)
 }
 
 /// Reflection of a quad of a tile.
 #[inline(always)]
 pub(crate) fn reflection_of_quad<S: Simd>(simd: S, reflections: &[Quad], quad: usize) -> Reflection<Lanes<S>> {
     let numbers = &reflections[quad * LEN..(quad + 1) * LEN];
-    Reflection::from_array(core::array::from_fn(|k| Lanes::load(simd, &numbers[k])))
+    let mut lanes = [Lanes::splat(simd, 0.0); LEN];
+    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
+        *lanes = Lanes::load(simd, numbers);
+    }
+    Reflection::from_array(lanes)
 }

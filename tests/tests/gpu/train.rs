@@ -166,7 +166,7 @@ fn trainings_on_both_executors_end_as_good() {
 #[test]
 fn trainings_under_a_network_end_as_good_on_both_executors_and_the_same_twice() {
     /// Fewer than other trainings take: a software driver needs a second for each.
-    const STEPS: [u32; 2] = [60, 12];
+    const STEPS: [u32; 2] = [40, 8];
     let mut settings = settings_for("paper", STEPS[0]);
     settings.profile = settings.profile.with_light_network(STEPS[0]);
     settings.profile.densification.until = 0;

@@ -14,7 +14,6 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::Frame,
-        prefilter::Light,
         shade_pixels::formulas::SurfaceOfPixel,
         trace::{NearFieldUniform, traversal},
     },
@@ -114,7 +113,7 @@ impl Lamps {
 }
 
 /// Finds the light of lamps in all pixels; a frame without all layers stays as it is, as does one
-/// under a light without lamps.
+/// without lamps.
 ///
 /// # Errors
 ///
@@ -122,12 +121,12 @@ impl Lamps {
 pub(crate) fn illuminate(
     context: &mut Context,
     mut frame: Frame,
-    light: &Light,
+    lamps: Option<&Lamps>,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
     let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
     let has_layers = surface.blended == Channels::Layers;
-    let Some(lamps) = light.lamps.as_deref().filter(|_| has_layers) else { return Ok(frame) };
+    let Some(lamps) = lamps.filter(|_| has_layers) else { return Ok(frame) };
     let nothing = context.allocate("no near field", VECTOR)?;
     let (near_field, numbers) = match lamps.occluder.as_deref() {
         Some(occluder) => (NearFieldUniform::new(occluder), &occluder.values),

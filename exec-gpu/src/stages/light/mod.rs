@@ -10,12 +10,22 @@ use specula_core::{
     pack::{Storage, pack2, unpack2},
     split_sum::RESOLUTION,
 };
+use specula_prefilter::Operator;
 
 pub mod formulas;
+pub(crate) mod matrix;
 pub(crate) mod sums;
 
 /// Numbers of a texel: red, green, blue and padding.
 pub(crate) const TEXEL_LEN: usize = 4;
+
+/// Words of a texel of a filtered light.
+pub(crate) fn texel_words(storage: Storage) -> usize {
+    match storage {
+        Storage::F32 => TEXEL_LEN,
+        Storage::F16 => TEXEL_LEN / 2,
+    }
+}
 
 /// Gradient of a filtered light, texel by texel.
 #[derive(Debug)]
@@ -37,6 +47,18 @@ pub(crate) struct LightLayout {
 }
 
 impl LightLayout {
+    /// Levels of an operator in a storage format.
+    pub(crate) fn of(operator: &Operator, storage: Storage) -> Self {
+        let levels = operator.levels().to_vec();
+        let offsets = operator.offsets();
+        let maps = offsets[..offsets.len() - 1].iter().enumerate();
+        Self {
+            maps: maps.map(|(level, first)| (*first, operator.resolution(level))).collect(),
+            levels: LevelOf { levels },
+            storage,
+        }
+    }
+
     /// Appends the lookup of the light.
     pub(crate) fn lookup(&self, source: Source) -> Source {
         let table = |name: &str, numbers: &mut dyn Iterator<Item = usize>| {

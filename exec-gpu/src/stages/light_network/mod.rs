@@ -12,8 +12,12 @@ use crate::{
         memory::Array,
     },
     stages::{
-        light::{LightGrad, TEXEL_LEN},
-        prefilter::{Light, LightSource, Matrix, Out, formulas::RadianceOf, layout_of, texel_words},
+        light::{
+            LightGrad, LightLayout, TEXEL_LEN,
+            matrix::{Matrix, Out},
+            texel_words,
+        },
+        prefilter::formulas::RadianceOf,
         prefilter_vjp::formulas::RadianceVjp,
     },
 };
@@ -152,17 +156,17 @@ impl NetworkTexels {
     }
 }
 
-/// Evaluates a network in the texels of all kept levels.
+/// Evaluates a network in the texels of all kept levels, in a layout with their aprons.
 ///
 /// # Errors
 ///
 /// See [`Context::allocate`] and [`Context::dispatch`].
 pub(crate) fn evaluate(
     context: &mut Context,
-    network: &Arc<NetworkTexels>,
+    network: &NetworkTexels,
     environment: &Environment<&Array>,
     storage: Storage,
-) -> Result<Light, GpuError> {
+) -> Result<(LightLayout, Array), GpuError> {
     let operator = network.encoded.operator();
     let nodes = context.zeros("texels of a light", network.node_len())?;
     let texels = network.texels();
@@ -172,10 +176,7 @@ pub(crate) fn evaluate(
     context.dispatch("light_network", "evaluate_network", &evaluate_source, &bindings, invocations)?;
     let texels = context.allocate("levels of a light", texel_words(storage) * operator.padded_count())?;
     network.aprons.apply(context, &nodes, 0, Out::Other(&texels, storage))?;
-    let split_sum = context.upload("split sums", &[[0.0_f32; 2]])?;
-    let layout = layout_of(operator, storage);
-    let source = LightSource::Network(network.clone());
-    Ok(Light { layout, texels, split_sum, source, near_field: None, lamps: None })
+    Ok((LightLayout::of(operator, storage), texels))
 }
 
 /// Gradient of a network's weights from that of its filtered light.

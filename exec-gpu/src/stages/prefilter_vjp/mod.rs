@@ -12,9 +12,12 @@ use crate::{
         memory::Array,
     },
     stages::{
-        light::{LightGrad, TEXEL_LEN},
+        light::{
+            LightGrad, TEXEL_LEN,
+            matrix::{Matrix, Out},
+        },
         light_network::evaluate_vjp,
-        prefilter::{Light, LightSource, Matrix, Out, apply_parts, radiance, texel_count},
+        prefilter::{Light, LightSource, apply_parts, radiance, texel_count},
     },
 };
 use formulas::RadianceVjp;

@@ -9,7 +9,7 @@ use crate::{
 };
 use specula_core::{
     near_field::{
-        Crossing, Reflection, VERTEX_LEN, box_span, crossing, inverse_direction, ray_origin, surface_within,
+        Crossing, Reflection, VERTEX_LEN, box_span, crossing, inverse_direction, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
     real::Real,
@@ -21,8 +21,8 @@ use specula_core::{
 pub(crate) const REFLECTION_LEN: usize = Reflection::<f32>::LEN;
 
 /// Reflected ray of a pixel ([`specula_core::near_field::ray_origin`]), from its blended channels,
-/// and the roughness of its surface. `is_traced` is 1 where the pixel shows a surface and the ray
-/// is finite, else 0.
+/// and the roughness of its surface. `is_traced` is 1 where the ray counts
+/// ([`specula_core::near_field::is_traced`]) and is finite, else 0.
 #[derive(Clone, Copy, Debug)]
 pub struct RayOfPixel(pub SurfaceOfPixel);
 
@@ -39,7 +39,7 @@ formula!(RayOfPixel, |this, inputs| ray_of_pixel(
     let depth = this.0.blended.index_of(channel::DEPTH).map_or(offset.zero(), |index| numbers[index]);
     let origin = ray_origin(&camera, &pixel, depth, view_dir, offset);
     let direction = surface.reflection_dir;
-    let is_traced = offset.zero().less(pixel.coverage) & origin.is_finite() & direction.is_finite();
+    let is_traced = is_traced(pixel.coverage, surface.roughness) & origin.is_finite() & direction.is_finite();
     (origin, direction, [surface.roughness, offset.constant(1.0).keep(is_traced)])
 });
 

@@ -14,7 +14,6 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::Frame,
-        prefilter::Light,
         shade_pixels::formulas::SurfaceOfPixel,
     },
 };
@@ -110,7 +109,7 @@ pub(crate) fn upload_near_field(
 }
 
 /// Traces the reflected rays of all pixels; a frame without depths stays as it is, as does one
-/// under a light without a near field.
+/// without a near field.
 ///
 /// # Errors
 ///
@@ -118,12 +117,12 @@ pub(crate) fn upload_near_field(
 pub(crate) fn trace(
     context: &mut Context,
     mut frame: Frame,
-    light: &Light,
+    near_field: Option<&NearField<Array>>,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
     let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
     let has_depth = surface.blended.index_of(channel::DEPTH).is_some();
-    let Some(near_field) = light.near_field.as_deref().filter(|_| has_depth) else { return Ok(frame) };
+    let Some(near_field) = near_field.filter(|_| has_depth) else { return Ok(frame) };
     let (view, numbers) = (CameraUniform::new(camera, 0), NearFieldUniform::new(near_field));
     let reflections = context.allocate("reflections", REFLECTION_LEN * frame.pixel_count())?;
     let bindings = [

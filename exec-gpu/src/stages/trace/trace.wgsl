@@ -4,7 +4,7 @@
 // Inputs: camera, blended surface attributes, near field.
 // Outputs: reflections, plane by plane.
 // Variants: blended channels.
-// Early exit: pixels without a splat have no ray and reflect far light.
+// Early exit: pixels without a splat, and rough ones, have no ray and reflect far light.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(2) var<storage, read> frame: array<f32>;

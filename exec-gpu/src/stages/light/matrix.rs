@@ -1,0 +1,152 @@
+//! Sparse matrices over the texels of a light.
+
+use crate::{
+    codegen::source::Source,
+    device::{
+        context::Context,
+        error::GpuError,
+        kernels::{
+            Binding::{Buffer, Uniform},
+            Dispatch,
+        },
+        memory::Array,
+    },
+    stages::light::texels,
+};
+use core::ops::Range;
+use specula_core::pack::Storage;
+use specula_prefilter::sparse::Sparse;
+
+/// Partial sums of a row of a sparse matrix.
+const ROW_SUMS: usize = 4;
+
+/// Kernel of a matrix product, named `entry`; `destination` appends the function `store_product`.
+fn product_source(entry: &str, destination: impl FnOnce(Source) -> Source) -> String {
+    let kernel = include_str!("product.wgsl").replace("fn multiply_rows(", &format!("fn {entry}("));
+    Source::new().count("ROW_SUMS", ROW_SUMS).with(&kernel).part(destination).text()
+}
+
+const STORED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] = texel;\n}\n";
+const ADDED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] += texel;\n}\n";
+const PADDED: &str = "@group(0) @binding(5) var<storage, read_write> padded: array<Texel>;
+fn store_product(index: u32, texel: vec4f) {
+    padded[index] = texel_of(texel);
+}
+";
+
+/// Destination of a matrix product.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Out<'a> {
+    /// The texels themselves, from this index on.
+    Texels(usize),
+    /// The texels themselves, from this index on, to which the product is added.
+    AddedTexels(usize),
+    /// Another array, in a storage format.
+    Other(&'a Array, Storage),
+}
+
+impl Out<'_> {
+    /// Name of the kernel.
+    fn entry(self) -> &'static str {
+        match self {
+            Self::Texels(_) => "filter_texels",
+            Self::AddedTexels(_) => "add_filtered_texels",
+            Self::Other(..) => "pad_texels",
+        }
+    }
+
+    /// Variant of the kernel.
+    fn key(self) -> String {
+        match self {
+            Self::Texels(_) | Self::AddedTexels(_) => "prefilter".to_owned(),
+            Self::Other(_, storage) => format!("prefilter {storage:?}"),
+        }
+    }
+
+    /// Source of the kernel.
+    fn source(self) -> String {
+        product_source(self.entry(), |source| match self {
+            Self::Texels(_) => source.with(STORED),
+            Self::AddedTexels(_) => source.with(ADDED),
+            Self::Other(_, storage) => texels(source, storage).with(PADDED),
+        })
+    }
+}
+
+/// Sparse matrix on the device, in parts that fit into arrays.
+#[derive(Debug)]
+pub(crate) struct Matrix {
+    parts: Vec<RowRange>,
+}
+
+/// Some rows of a matrix.
+#[derive(Debug)]
+struct RowRange {
+    first_row: usize,
+    row_count: usize,
+    starts: Array,
+    columns: Array,
+    weights: Array,
+}
+
+impl Matrix {
+    pub(crate) fn new(context: &mut Context, sparse: &Sparse) -> Result<Self, GpuError> {
+        // `starts` has one number more, for the end of the last row.
+        let most = (context.gpu.binding_max() / 4) as usize - 1;
+        let parts: Result<Vec<RowRange>, GpuError> =
+            sparse.ranges(most).into_iter().map(|rows| RowRange::new(context, sparse, rows)).collect();
+        Ok(Self { parts: parts? })
+    }
+
+    /// Multiplies the matrix with the texels from index `first` on.
+    pub(crate) fn apply(
+        &self,
+        context: &mut Context,
+        texels: &Array,
+        first: usize,
+        out: Out<'_>,
+    ) -> Result<(), GpuError> {
+        self.parts.iter().try_for_each(|rows| rows.apply(context, texels, first, out))
+    }
+}
+
+impl RowRange {
+    fn new(context: &mut Context, sparse: &Sparse, rows: Range<usize>) -> Result<Self, GpuError> {
+        let first = sparse.starts[rows.start];
+        let weights = first..sparse.starts[rows.end];
+        let starts: Vec<u32> =
+            sparse.starts[rows.start..=rows.end].iter().map(|start| (*start - first) as u32).collect();
+        Ok(Self {
+            first_row: rows.start,
+            row_count: rows.len(),
+            starts: context.upload("starts of a prefilter's rows", &starts)?,
+            columns: context.upload("columns of a prefilter", &sparse.columns[weights.clone()])?,
+            weights: context.upload("weights of a prefilter", &sparse.weights[weights])?,
+        })
+    }
+
+    fn apply(&self, context: &mut Context, source: &Array, first: usize, out: Out<'_>) -> Result<(), GpuError> {
+        let out_first = match out {
+            Out::Texels(first) | Out::AddedTexels(first) => first,
+            Out::Other(..) => 0,
+        };
+        let settings = [self.row_count as u32, first as u32, (out_first + self.first_row) as u32];
+        let mut bindings = vec![
+            Uniform(bytemuck::cast_slice(&settings)),
+            Buffer(&self.starts),
+            Buffer(&self.columns),
+            Buffer(&self.weights),
+            Buffer(source),
+        ];
+        if let Out::Other(array, _) = out {
+            bindings.push(Buffer(array));
+        }
+        context.dispatch(
+            &out.key(),
+            out.entry(),
+            &|| out.source(),
+            &bindings,
+            Dispatch::Invocations(ROW_SUMS * self.row_count),
+        )
+    }
+}
