@@ -21,6 +21,9 @@ const MARGIN: f32 = 0.05;
 const COVERAGE_SURFACE: f32 = 0.5;
 /// Coverage below which a pixel shows free space.
 const COVERAGE_FREE: f32 = 0.05;
+/// Views that are integrated at once: a volume is larger than caches are, and passes through memory
+/// once for all of them.
+const VIEWS_AT_ONCE: usize = 8;
 /// Share of all triangles up to which a connected component is removed.
 const COMPONENT_SHARE_MIN: f32 = 0.002;
 
@@ -28,6 +31,8 @@ const COMPONENT_SHARE_MIN: f32 = 0.002;
 #[derive(Clone, Debug)]
 pub struct Fusion {
     volume: Volume,
+    /// Views that the volume lacks.
+    waiting: Vec<View>,
 }
 
 impl Fusion {
@@ -37,7 +42,7 @@ impl Fusion {
     ///
     /// Without Gaussians.
     pub fn around(gaussians: &Gaussians<Vec<f32>>, voxels: u16) -> Self {
-        Self { volume: Volume::around(gaussians, voxels) }
+        Self { volume: Volume::around(gaussians, voxels), waiting: Vec::with_capacity(VIEWS_AT_ONCE) }
     }
 
     /// Adds a view: its channels, those of training or more, premultiplied, then transmittance.
@@ -46,7 +51,15 @@ impl Fusion {
     ///
     /// Without a channel of depths.
     pub fn add(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
-        self.volume.integrate(&View::new(camera, image));
+        self.waiting.push(View::new(camera, image));
+        if self.waiting.len() == VIEWS_AT_ONCE {
+            self.integrate();
+        }
+    }
+
+    fn integrate(&mut self) {
+        self.volume.integrate(&self.waiting);
+        self.waiting.clear();
     }
 
     /// Edge length of a voxel.
@@ -55,7 +68,8 @@ impl Fusion {
     }
 
     /// Surface of all views, without small components.
-    pub fn mesh(&self) -> Mesh {
+    pub fn mesh(&mut self) -> Mesh {
+        self.integrate();
         without_small_components(self.volume.surface())
     }
 }
@@ -123,25 +137,30 @@ impl Volume {
         (z * self.size[1] + y) * self.size[0] + x
     }
 
-    /// Adds the distances and colours of a view to the voxels that it shows.
-    fn integrate(&mut self, view: &View<'_>) {
+    /// Adds the distances and colours of views, one after the other, to the voxels that they show.
+    fn integrate(&mut self, views: &[View]) {
         let [width, height, _] = self.size;
         let mut voxels = core::mem::take(&mut self.voxels);
         voxels.par_chunks_mut(width).enumerate().for_each(|(row, voxels)| {
             for (x, voxel) in voxels.iter_mut().enumerate() {
-                if let Some((depth, pixel)) = view.pixel(self.point([x, row % height, row / height])) {
-                    *voxel = match view.coverage[pixel] {
-                        coverage if coverage >= COVERAGE_SURFACE => {
-                            let distance = (view.depths[pixel] - depth) / (TRUNCATION_VOXELS * self.step);
-                            voxel.seen(distance, view.colors[pixel], coverage)
-                        }
-                        coverage if coverage < COVERAGE_FREE => voxel.seen(f32::INFINITY, [0.0; 3], 1.0),
-                        _ => *voxel,
-                    };
-                }
+                let point = self.point([x, row % height, row / height]);
+                *voxel = views.iter().fold(*voxel, |voxel, view| self.seen_in(view, point, voxel));
             }
         });
         self.voxels = voxels;
+    }
+
+    /// A voxel at a point after a view.
+    fn seen_in(&self, view: &View, point: Vec3, voxel: Voxel) -> Voxel {
+        let Some((depth, pixel)) = view.pixel(point) else { return voxel };
+        match view.coverage[pixel] {
+            coverage if coverage >= COVERAGE_SURFACE => {
+                let distance = (view.depths[pixel] - depth) / (TRUNCATION_VOXELS * self.step);
+                voxel.seen(distance, view.colors[pixel], coverage)
+            }
+            coverage if coverage < COVERAGE_FREE => voxel.seen(f32::INFINITY, [0.0; 3], 1.0),
+            _ => voxel,
+        }
     }
 
     /// Zero level set by surface nets: a vertex in each cell whose corners were all seen, and two

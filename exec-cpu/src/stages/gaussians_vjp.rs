@@ -24,7 +24,7 @@ use specula_core::{
     loss::LossWeights,
     real::Real,
     rules::{Channels, channel},
-    scene::{BLOCK, Gaussians, Layout},
+    scene::{BLOCK, Gaussians, Layout, OPACITY},
     splat::SplatGrad,
     state::AdamMoments,
 };
@@ -39,7 +39,7 @@ pub(crate) fn gaussians_vjp(
     grads: &SplatGrads,
 ) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
     let mut out = context.take::<f32>(gaussians.values.len());
-    let from = Backwards { splats, scene, weights, grads, count: gaussians.count };
+    let from = Backwards { splats, scene, weights, grads, count: gaussians.count, moves_shape: true };
     let block_len = gaussians.block_len();
     let parts = from.parts(gaussians.values.len() / block_len);
     let mut texels = from.texels(context);
@@ -76,7 +76,7 @@ pub(crate) fn update(
     size: &StepSize,
 ) -> (usize, Option<LightGrad>) {
     let count = gaussians.count;
-    let from = Backwards { splats, scene, weights, grads, count };
+    let from = Backwards { splats, scene, weights, grads, count, moves_shape: size.moves_any(0..=OPACITY) };
     let block_len = gaussians.block_len();
     let parts = from.parts(gaussians.values.len() / block_len);
     let mut texels = from.texels(context);
@@ -125,6 +125,8 @@ struct Backwards<'a> {
     grads: &'a SplatGrads,
     /// Gaussians.
     count: usize,
+    /// Whether anything uses the gradients of shapes: steps of materials let them rest.
+    moves_shape: bool,
 }
 
 impl Backwards<'_> {
@@ -158,7 +160,7 @@ impl Backwards<'_> {
         out.fill(0.0);
         if self.splats.block_is_drawn(number) {
             let grads = SplatGradLanes::new(simd, self.grads, number);
-            block_vjp(simd, block, camera, self.scene, &grads, out, light_grad);
+            block_vjp(simd, block, camera, self, &grads, out, light_grad);
         }
         add_attribute_losses(simd, block, self.scene.shading.layout, self.weights, self.count, out);
     }
@@ -203,11 +205,12 @@ fn block_vjp<S: Simd>(
     simd: S,
     block: &[f32],
     camera: &CameraOf<Lanes<S>>,
-    scene: Scene<'_>,
+    from: &Backwards<'_>,
     grads: &SplatGradLanes<S>,
     out: &mut [f32],
     light_grad: &mut [Texel],
 ) {
+    let scene = from.scene;
     let is_touched = grads.is_touched;
     if is_touched.bits() == 0 {
         return;
@@ -219,6 +222,9 @@ fn block_vjp<S: Simd>(
     } else {
         scene.shading.radiance_vjp(&planes, camera.position, &grads.channels, &mut out)
     };
+    if !from.moves_shape {
+        return;
+    }
     let g = grads.geometry;
     let splat_grad = SplatGrad {
         mean2d: [g[0], g[1]],

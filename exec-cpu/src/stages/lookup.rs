@@ -350,9 +350,8 @@ pub(crate) fn sum_parts(mut texels: Buffer<Texel>, texel_count: usize, part_coun
     sum.par_chunks_mut(TEXELS_AT_ONCE).enumerate().for_each(|(chunk, sum)| {
         for part in others.chunks_exact(texel_count) {
             let texels = &part[chunk * TEXELS_AT_ONCE..][..sum.len()];
-            sum.iter_mut().zip(texels).for_each(|(sum, texel)| {
-                sum.iter_mut().zip(texel).for_each(|(sum, x)| *sum += x);
-            });
+            let numbers = sum.as_flattened_mut().iter_mut().zip(texels.as_flattened());
+            numbers.for_each(|(sum, x)| *sum += x);
         }
     });
     texels.truncate(texel_count);

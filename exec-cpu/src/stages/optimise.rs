@@ -21,6 +21,10 @@ pub(crate) struct StepSize {
 }
 
 impl StepSize {
+    /// Whether any of these planes moves.
+    pub(crate) fn moves_any(&self, mut planes: core::ops::RangeInclusive<usize>) -> bool {
+        planes.any(|plane| self.rates[plane] >= 0.0)
+    }
     /// For the step of this number, from 1.
     pub(crate) fn new(context: &Context, rates: &[f32], step: u32) -> Self {
         let mut corrected = context.take::<f32>(rates.len());
