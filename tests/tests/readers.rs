@@ -485,6 +485,14 @@ const CUBE: Target = Target {
     read: |folder| latlong::read_cube_exr(&folder.join("a.exr")).map(|_| ()).map_err(sentence),
     ..EXR
 };
+/// The same in tiles, as other programs may write it.
+const TILED_CUBE: Target = Target {
+    make: |folder| {
+        let image = image::Rgb32FImage::from_raw(4, 24, numbers(10, 18 * 4 * 4)).unwrap();
+        image.save(folder.join("a.exr")).unwrap();
+    },
+    ..CUBE
+};
 
 const GLB: Target = Target {
     file: "a.glb",
@@ -640,7 +648,7 @@ fn images_that_are_missed_elsewhere_are_missed_by_a_data_set() {
 #[test]
 fn a_tile_far_larger_than_its_picture_is_refused() {
     const BYTES_OF_TILE: u32 = 2_000_000_000;
-    let place = Place::new(&CUBE);
+    let place = Place::new(&TILED_CUBE);
     let mut bytes = place.right.clone();
     let after = |name: &[u8]| place.right.windows(name.len()).position(|window| window == name).unwrap() + name.len();
     // Behind the attribute's length stands the tile's width; the only block begins where the table
