@@ -418,6 +418,11 @@ fn gradients_of_splats_are_the_same_bits_in_however_many_turns_and_on_every_exec
             gpu.set_replay_division(ReplayDivision { slots_max, ..parts });
             assert!(scene.splat_grads(&mut gpu) == first, "{kernels:?}: {slots_max} slots at once change nothing");
         }
+        for (slots_max, segments_max) in [(usize::MAX, 7), (97, 5), (1000, 1)] {
+            gpu.set_replay_division(ReplayDivision { slots_max, segments_max, ..parts });
+            let what = format!("{kernels:?}: {segments_max} segments and {slots_max} slots at once");
+            assert!(scene.splat_grads(&mut gpu) == first, "{what} change nothing");
+        }
         let mut another = executor().expect("there was one before");
         another.set_replay_division(ReplayDivision { slots_max: 300, ..parts });
         assert!(scene.splat_grads(&mut another) == first, "{kernels:?}: a new executor computes the same");

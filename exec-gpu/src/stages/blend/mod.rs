@@ -39,6 +39,32 @@ pub(crate) fn pixels(source: Source, block: PixelBlock) -> Source {
         .with(include_str!("pixels.wgsl"))
 }
 
+/// Appends the channels of the splat that is composited, and `read_color`, which reads those of a
+/// Gaussian.
+pub(crate) fn color(source: Source, channel_count: usize) -> Source {
+    let vectors = channel_count.div_ceil(4);
+    source.with(include_str!("color.wgsl")).unrolled("read_color(gaussian: u32)", vectors, |k| {
+        format!("color[{k}] = colors[gaussian * {vectors}u + {k}u];")
+    })
+}
+
+/// Splats of a batch in workgroup memory: 8 KiB with 24 channels.
+pub(crate) const BATCH: usize = 64;
+/// Splats of a batch that a rasteriser composites between two tests whether its pixels have
+/// terminated; divides [`BATCH`].
+const SPLATS_A_ROUND: usize = 4;
+
+/// Appends batches of splats in workgroup memory, and `read_staged_color`, which reads channels
+/// there.
+pub(crate) fn staging(source: Source, channel_count: usize) -> Source {
+    let vectors = channel_count.div_ceil(4);
+    source.count("BATCH", BATCH).count("SPLATS_A_ROUND", SPLATS_A_ROUND).with(include_str!("staging.wgsl")).unrolled(
+        "read_staged_color(k: u32)",
+        vectors,
+        |vector| format!("color[{vector}] = staged_colors[k * {vectors}u + {vector}u];"),
+    )
+}
+
 /// Source of a rasteriser: its inputs, the state of its pixels, and the picture.
 pub(crate) fn rasteriser(block: PixelBlock, channel_count: usize) -> Source {
     Source::new()
@@ -51,20 +77,31 @@ pub(crate) fn rasteriser(block: PixelBlock, channel_count: usize) -> Source {
         .formula(&BlendStart { block })
         .formula(&BlendEnd { block })
         .with(include_str!("rasteriser.wgsl"))
-        .with(include_str!("color.wgsl"))
+        .unrolled("store_channels(vector: u32, size: u32, index: u32)", channel_count, |c| {
+            format!("frame[{c}u * size + index] = sums[vector + {}u].{};", c / 4, ["x", "y", "z", "w"][c % 4])
+        })
+        .part(|source| color(source, channel_count))
 }
-
-/// Splats of a batch in workgroup memory: 8 KiB with 24 channels.
-const BATCH: usize = 64;
 
 pub(crate) fn source(kernels: KernelSet, channel_count: usize) -> String {
     let block = block_of(kernels);
     let source = rasteriser(block, channel_count).formula(&BlendSplat { block, channels: channel_count });
     let source = match kernels {
         KernelSet::Software => source.with(include_str!("blend.wgsl")),
-        KernelSet::Hardware => source.count("BATCH", BATCH).with(include_str!("staged.wgsl")),
+        KernelSet::Hardware => source
+            .part(|source| staging(source, channel_count))
+            .with(include_str!("staged.wgsl"))
+            .with(&round("blend_round", "blend_staged")),
     };
     source.text()
+}
+
+/// A function that takes the staged splats of a round one after the other; returns the last
+/// result.
+pub(crate) fn round(name: &str, step: &str) -> String {
+    let steps: String = (0..SPLATS_A_ROUND - 1).map(|k| format!("    {step}(first + {k}u, point);\n")).collect();
+    let last = SPLATS_A_ROUND - 1;
+    format!("fn {name}(first: u32, point: vec2f) -> f32 {{\n{steps}    return {step}(first + {last}u, point);\n}}\n")
 }
 
 /// Composites the splats of all tiles.

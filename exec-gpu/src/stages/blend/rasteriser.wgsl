@@ -18,8 +18,6 @@ fn store_pixel(pixel: u32, value: f32) {
     let at = pixel_at(pixel);
     let size = camera.size.x * camera.size.y;
     let index = at.y * camera.size.x + at.x;
-    for (var c = 0u; c < CHANNELS; c++) {
-        frame[c * size + index] = sums[pixel * CHANNEL_VECTORS + c / 4u][c % 4u];
-    }
+    store_channels(pixel * CHANNEL_VECTORS, size, index);
     frame[CHANNELS * size + index] = value;
 }

@@ -6,40 +6,18 @@
 // Variants: size of the block, number of channels.
 // Early exit: once the transmittance of all pixels of the tile is below TRANSMITTANCE_MIN.
 
-// Splat in workgroup memory.
-struct StagedSplat {
-    mean2d: vec2f,
-    log2_opacity: f32,
-    root: vec3f,
+fn blend_staged(k: u32, point: vec2f) -> f32 {
+    let splat = staged[k];
+    read_staged_color(k);
+    return blend_splat(splat.root, splat.log2_opacity, point - splat.mean2d);
 }
 
-var<workgroup> staged: array<StagedSplat, BATCH>;
-// The vectors of one splat after the other.
-var<workgroup> staged_colors: array<vec4f, BATCH * CHANNEL_VECTORS>;
-// Invocations whose pixels take further splats.
-var<workgroup> active_count: atomic<u32>;
-var<workgroup> is_over: u32;
-
-fn stage_splats(first: u32, count: u32, local: u32) {
-    for (var k = local; k < count; k += BLOCKS) {
-        let splat = splats[gaussians_of[first + k]];
-        staged[k] = StagedSplat(splat.mean2d, splat.log2_opacity, splat.root);
-    }
-    for (var k = local; k < count * CHANNEL_VECTORS; k += BLOCKS) {
-        let gaussian = gaussians_of[first + k / CHANNEL_VECTORS];
-        staged_colors[k] = colors[gaussian * CHANNEL_VECTORS + k % CHANNEL_VECTORS];
-    }
-}
-
-// Composites a batch of splats; returns whether pixels take further splats.
+// Composites a batch of splats; returns whether pixels take further splats. Splats of a round do
+// not wait for each other's falloffs; those behind a terminated pixel change nothing.
 fn blend_splats(count: u32) -> bool {
     let point = vec2f(corner) + 0.5;
-    for (var k = 0u; k < count; k++) {
-        let splat = staged[k];
-        for (var vector = 0u; vector < CHANNEL_VECTORS; vector++) {
-            color[vector] = staged_colors[k * CHANNEL_VECTORS + vector];
-        }
-        if blend_splat(splat.root, splat.log2_opacity, point - splat.mean2d) < TRANSMITTANCE_MIN {
+    for (var k = 0u; k < count; k += SPLATS_A_ROUND) {
+        if blend_round(k, point) < TRANSMITTANCE_MIN {
             return false;
         }
     }

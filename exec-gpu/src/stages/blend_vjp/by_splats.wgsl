@@ -1,13 +1,27 @@
-// Gradient of the tile rasteriser, splat by splat: replays the splats of each tile, front to back.
+// Gradient of the tile rasteriser, splat by splat: replays the splats of each segment, front to
+// back.
 //
-// Threads: one workgroup a tile, one invocation every SPLATS-th splat. Blocks of BLOCK_WIDTH ×
+// Threads: one workgroup a segment, one invocation every SPLATS-th splat. Blocks of BLOCK_WIDTH ×
 // BLOCK_HEIGHT pixels pass from invocation to invocation: in step s, invocation k has block
 // (s − k) % BLOCKS. After its last block it goes on with its next splat, while the first blocks
 // come back to it, so that only the first and the last steps have idle invocations.
 // Memory: states of the pixels in workgroup memory, with their gradients where these fit; sums of
-// a splat in registers, then in its slot, at its emission index. There is nothing to add up.
+// a splat in registers, then in its slot, at its emission index. There is nothing to add up. The
+// next splat is on its way while one is replayed.
+// Inputs: segments, and the states of the pixels in front of them.
 // Variants: size of the block, number of splats, number of channels.
 // Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> batch: Batch;
+@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(3) var<storage, read> colors: array<vec4f>;
+@group(0) @binding(4) var<storage, read> gaussians_of: array<u32>;
+@group(0) @binding(5) var<storage, read> emissions_of: array<u32>;
+@group(0) @binding(6) var<storage, read> frame_grad: array<f32>;
+@group(0) @binding(7) var<storage, read_write> slots: array<f32>;
+@group(0) @binding(8) var<storage, read> segments: array<Segment>;
+@group(0) @binding(9) var<storage, read> states: array<vec2f>;
 
 // Steps between two tests whether all pixels have terminated.
 const STEPS_AT_ONCE: u32 = 8u;
@@ -20,36 +34,41 @@ var<workgroup> grads: array<vec4f, select(1u, BLOCK_VECTORS * BLOCKS, KEEPS_GRAD
 var<workgroup> over_at: u32;
 
 var<private> sums: array<f32, SLOT>;
+// First state of the segment.
+var<private> first_state: u32;
+
+// Splat that is replayed next, its emission and its channels.
+var<private> next_splat: Splat;
+var<private> next_emission: u32;
+var<private> next_color: array<vec4f, CHANNEL_VECTORS>;
 
 fn store_sum(number: u32, value: f32) {
     sums[number] += value;
 }
 
-// Stores the state of all blocks in front of the first splat.
+fn state(pixel: u32) -> vec2f {
+    let at = pixel_at(pixel) % TILE_EDGE;
+    return states[first_state + at.y * TILE_EDGE + at.x];
+}
+
+fn transmittance_in_front(pixel: u32) -> f32 {
+    return state(pixel).x;
+}
+
+fn remaining_in_front(pixel: u32) -> f32 {
+    return state(pixel).y;
+}
+
+// Reads the state of all blocks in front of the segment.
 fn start_blocks(tile: vec2u, local: u32) {
     for (var block = local; block < BLOCKS; block += SPLATS) {
         corner = corner_of(tile, block);
-        replay_start();
+        replay_resume();
         transmittances[block] = transmittance;
         remainders[block] = remaining;
         if KEEPS_GRADS {
-            for (var k = 0u; k < BLOCK_VECTORS; k++) {
-                grads[k * BLOCKS + block] = pixel_grads[k];
-            }
-        }
-    }
-}
-
-fn read_grads(block: u32) {
-    if KEEPS_GRADS {
-        for (var k = 0u; k < BLOCK_VECTORS; k++) {
-            pixel_grads[k] = grads[k * BLOCKS + block];
-        }
-        return;
-    }
-    for (var pixel = 0u; pixel < BLOCK_PIXELS; pixel++) {
-        for (var c = 0u; c < CHANNELS; c++) {
-            pixel_grads[pixel * CHANNEL_VECTORS + c / 4u][c % 4u] = grad_of_blended(pixel * (CHANNELS + 1u) + c);
+            read_pixel_grads();
+            keep_grads(block);
         }
     }
 }
@@ -57,7 +76,11 @@ fn read_grads(block: u32) {
 // Replays a splat over a block; returns the sum of the transmittances behind it.
 fn replay_block(tile: vec2u, block: u32, splat: Splat) -> f32 {
     corner = corner_of(tile, block);
-    read_grads(block);
+    if KEEPS_GRADS {
+        read_kept_grads(block);
+    } else {
+        read_pixel_grads();
+    }
     transmittance = transmittances[block];
     remaining = remainders[block];
     let over = replay_splat(splat.root, splat.log2_opacity, vec2f(corner) + 0.5 - splat.mean2d);
@@ -66,19 +89,19 @@ fn replay_block(tile: vec2u, block: u32, splat: Splat) -> f32 {
     return over.transmittance_sum;
 }
 
-fn write_slot(splat: u32) {
-    let emission = emissions_of[splat];
-    if has_slot(emission) {
-        for (var number = 0u; number < SLOT; number++) {
-            slots[(emission - batch.first) * SLOT + number] = sums[number];
-        }
+fn read_next(pair: u32, end: u32) {
+    if pair < end {
+        let gaussian = gaussians_of[pair];
+        next_emission = emissions_of[pair];
+        next_splat = splats[gaussian];
+        read_next_color(gaussian);
     }
 }
 
-// The first splat of a tile behind the batch of emissions, which ascend within a tile.
-fn end_of_batch(range: vec2u) -> u32 {
-    var low = range.x;
-    var high = range.y;
+// The first splat of a segment behind the batch of emissions, which ascend within a tile.
+fn end_of_batch(segment: Segment) -> u32 {
+    var low = segment.first;
+    var high = segment.end;
     if low < high && emissions_of[high - 1u] < batch.end {
         return high;
     }
@@ -102,32 +125,54 @@ fn steps_of(count: u32) -> u32 {
 }
 
 @compute @workgroup_size(SPLATS)
-fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) local: u32) {
-    let range = ranges[tile.y * camera.tiles.x + tile.x];
-    let end = end_of_batch(range);
-    start_blocks(tile.xy, local);
+fn blend_vjp(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let number = group.y * groups.x + group.x;
+    if number >= arrayLength(&segments) {
+        return;
+    }
+    let segment = segments[number];
+    let end = end_of_batch(segment);
+    if segment.first == end || emissions_of[end - 1u] < batch.first {
+        return;
+    }
+    if segment.is_over != 0u {
+        clear_slots(segment.first, end, local, SPLATS);
+        return;
+    }
+    let tile = vec2u(segment.tile % camera.tiles.x, segment.tile / camera.tiles.x);
+    first_state = number * TILE_EDGE * TILE_EDGE;
+    start_blocks(tile, local);
     if local == 0u {
         over_at = end;
     }
     workgroupBarrier();
 
-    let steps = steps_of(end - range.x);
-    var own = range.x + local;
+    let steps = steps_of(end - segment.first);
+    var own = segment.first + local;
+    read_next(own, end);
     var splat: Splat;
+    var emission: u32;
     var transmittance_sum = 0.0;
     for (var step = 0u; step < steps; step++) {
         if local <= step && own < end {
             let block = (step - local) % BLOCKS;
             if block == 0u {
-                let gaussian = gaussians_of[own];
-                splat = splats[gaussian];
-                read_color(gaussian);
+                splat = next_splat;
+                emission = next_emission;
+                color = next_color;
                 sums = array<f32, SLOT>();
                 transmittance_sum = 0.0;
+                read_next(own + SPLATS, end);
             }
-            transmittance_sum += replay_block(tile.xy, block, splat);
+            transmittance_sum += replay_block(tile, block, splat);
             if block == BLOCKS - 1u {
-                write_slot(own);
+                if has_slot(emission) {
+                    write_slot((emission - batch.first) * SLOT);
+                }
                 // At most one invocation ends a splat in a step, and splats end in their order.
                 if transmittance_sum == 0.0 {
                     over_at = min(over_at, own + 1u);

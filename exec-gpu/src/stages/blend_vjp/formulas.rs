@@ -6,6 +6,7 @@ use crate::{
 };
 use specula_core::{
     blend::{OffsetMoments, Replay, falloff, moments_vjp, step_vjp},
+    real::Real,
     splat::Splat2d,
 };
 
@@ -59,6 +60,68 @@ formula!(ReplayStart, |this, inputs| replay_start(..[
     (transmittances, remaining, pixel_grads)
 });
 
+/// State of the pixels in front of a segment.
+#[derive(Clone, Copy, Debug)]
+pub struct ReplayResume {
+    /// Pixels of the invocation.
+    pub block: PixelBlock,
+}
+
+formula!(ReplayResume, |this, inputs| replay_resume(
+    ..[call("transmittance_in_front", this.block.count()), call("remaining_in_front", this.block.count())]
+) -> (..state_fields(this.block)) {
+    let count = this.block.count();
+    (inputs.slice(count).to_vec(), inputs.slice(count).to_vec())
+});
+
+/// Gradients of the channels in each pixel of an invocation.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelGrads {
+    /// Pixels of the invocation.
+    pub block: PixelBlock,
+    /// Number of blended channels.
+    pub channels: usize,
+}
+
+formula!(PixelGrads, |this, inputs| read_pixel_grads(
+    ..[call("grad_of_blended", this.block.count() * (this.channels + 1))]
+) -> (..pixel_grad_fields(this.block, this.channels)) {
+    let planes = this.channels + 1;
+    let grads = inputs.slice(this.block.count() * planes);
+    grads.chunks(planes).flat_map(|grads| &grads[..this.channels]).copied().collect::<Vec<R>>()
+});
+
+/// Product of a splat's channels and a pixel's gradients.
+fn dot<R: Real>(color: &[R], grads: &[R], zero: R) -> R {
+    color.iter().zip(grads).fold(zero, |sum, (color, grad)| color.mul_add(*grad, sum))
+}
+
+/// State of a pixel behind one splat, without sums.
+#[derive(Clone, Copy, Debug)]
+pub struct ReplayState {
+    /// Number of blended channels.
+    pub channels: usize,
+}
+
+impl ReplayState {
+    /// The pixel.
+    pub(crate) const BLOCK: PixelBlock = PixelBlock { width: 1, height: 1 };
+}
+
+formula!(ReplayState, |this, inputs| replay_state(
+    root: 3, log2_opacity: 1, delta: 2,
+    ..state_fields(ReplayState::BLOCK),
+    ..color_fields(this.channels),
+    ..pixel_grad_fields(ReplayState::BLOCK, this.channels)
+) -> (..state_fields(ReplayState::BLOCK)) {
+    let (root, log2_opacity, [dx, dy]) = (inputs.array(), inputs.number(), inputs.array());
+    let splat = Splat2d { mean2d: [dx.zero(); 2], root, log2_opacity };
+    let replay = Replay { transmittance: inputs.number(), remaining: inputs.number() };
+    let along = dot(inputs.slice(this.channels), inputs.slice(this.channels), dx.zero());
+    let behind = step_vjp(falloff(&splat, dx, dy).log2_strength, replay, along).behind;
+    ([behind.transmittance], [behind.remaining])
+});
+
 /// Replay of one splat over the pixels of an invocation, and the sums over them
 /// ([`specula_core::blend::step_vjp`]). The weight of the splat tells whether it contributed to any
 /// pixel, the sum of transmittances whether all pixels have terminated.
@@ -91,7 +154,7 @@ formula!(ReplaySplat, |this, inputs| replay_splat(
         let grads = inputs.slice(this.channels);
         let [column, row] = this.block.position(pixel);
         let falloff = falloff(&splat, dx + column as f32, dy + row as f32);
-        let along = color.iter().zip(grads).fold(dx.zero(), |sum, (color, grad)| color.mul_add(*grad, sum));
+        let along = dot(color, grads, dx.zero());
         let replay = Replay { transmittance: transmittances[pixel], remaining: remainders[pixel] };
         let step = step_vjp(falloff.log2_strength, replay, along);
         (transmittances[pixel], remainders[pixel]) = (step.behind.transmittance, step.behind.remaining);

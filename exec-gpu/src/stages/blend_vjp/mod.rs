@@ -3,6 +3,10 @@
 //! Every tile-splat pair has a slot for its sums over the tile's pixels, at its emission index, so
 //! that the slots of a Gaussian are adjacent. Pairs beyond the largest array are processed in
 //! batches of emissions; every Gaussian adds its slots in the same order for any number of batches.
+//!
+//! Where invocations own splats, a tile is divided into segments of [`BATCH`] splats, which are
+//! replayed side by side: the states of the pixels in front of them come from a first pass, which
+//! needs no sums.
 
 use crate::{
     codegen::source::Source,
@@ -19,7 +23,7 @@ use crate::{
     },
     stages::{
         bin::Tiles,
-        blend::{formulas::PixelBlock, pixels},
+        blend::{BATCH, color, formulas::PixelBlock, pixels, round, staging},
         camera::{CameraUniform, camera},
         frame::{Frame, FrameGrad},
         project::{Splats, splat},
@@ -27,7 +31,7 @@ use crate::{
     },
 };
 use core::ops::Range;
-use formulas::{GEOMETRY, MOMENTS, MomentsVjp, ReplaySplat, ReplayStart};
+use formulas::{GEOMETRY, MOMENTS, MomentsVjp, PixelGrads, ReplayResume, ReplaySplat, ReplayStart, ReplayState};
 use specula_core::{bin::TILE_SIZE, camera::Camera, scene::BLOCK};
 
 pub mod formulas;
@@ -60,6 +64,8 @@ pub struct ReplayDivision {
     /// Largest number of slots that are kept at once, if an array holds as many. Results do not
     /// depend on it.
     pub slots_max: usize,
+    /// Largest number of segments whose states are kept at once, likewise.
+    pub segments_max: usize,
 }
 
 impl ReplayDivision {
@@ -70,7 +76,7 @@ impl ReplayDivision {
             KernelSet::Software => ReplayBy::Pixels(PixelBlock { width: 4, height: 4 }),
             KernelSet::Hardware => ReplayBy::Splats { block: PixelBlock { width: 4, height: 1 }, count: 32 },
         };
-        Self { by, slots_max: usize::MAX }
+        Self { by, slots_max: usize::MAX, segments_max: usize::MAX }
     }
 }
 
@@ -98,32 +104,72 @@ pub struct SplatGrads {
     pub(crate) values: ChunkedArray,
 }
 
-pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
-    let (ReplayBy::Pixels(block) | ReplayBy::Splats { block, .. }) = by;
-    if let ReplayBy::Splats { count, .. } = by {
-        assert!(count <= block_count(block), "no two invocations have the same block in a step");
-    }
-    let source = Source::new()
+/// Source of the replay of splats by `block`s of pixels, without bindings.
+fn replay(block: PixelBlock, channel_count: usize) -> Source {
+    Source::new()
         .real()
         .part(camera)
         .part(splat)
         .part(|source| channels(source, channel_count))
-        .count("SLOT", MOMENTS + channel_count)
         .part(|source| pixels(source, block))
         .with(include_str!("replay.wgsl"))
-        .with(include_str!("../blend/color.wgsl"))
-        .formula(&ReplayStart { block, channels: channel_count })
-        .formula(&ReplaySplat { block, channels: channel_count });
+        .part(|source| color(source, channel_count))
+}
+
+/// Source of the kernel that replays the splats of tiles or segments into slots.
+pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
+    let (ReplayBy::Pixels(block) | ReplayBy::Splats { block, .. }) = by;
+    let slot = MOMENTS + channel_count;
+    let source = replay(block, channel_count)
+        .formula(&ReplaySplat { block, channels: channel_count })
+        .count("SLOT", slot)
+        .with(include_str!("batch.wgsl"));
     let source = match by {
-        ReplayBy::Pixels(_) => {
-            source.count("SPLATS_AT_ONCE", splats_at_once(block, channel_count)).with(include_str!("by_pixels.wgsl"))
+        ReplayBy::Pixels(_) => source
+            .with(include_str!("start.wgsl"))
+            .formula(&ReplayStart { block, channels: channel_count })
+            .count("SPLATS_AT_ONCE", splats_at_once(block, channel_count))
+            .with(include_str!("by_pixels.wgsl")),
+        ReplayBy::Splats { count, .. } => {
+            assert!(count <= block_count(block), "no two invocations have the same block in a step");
+            let vectors = channel_count.div_ceil(4);
+            let keeps_grads = keeps_grads(block, channel_count);
+            let kept = if keeps_grads { vectors * block.count() } else { 0 };
+            source
+                .formula(&ReplayResume { block })
+                .formula(&PixelGrads { block, channels: channel_count })
+                .count("SPLATS", count)
+                .flag("KEEPS_GRADS", keeps_grads)
+                .with(include_str!("segments.wgsl"))
+                .with(include_str!("by_splats.wgsl"))
+                .unrolled("keep_grads(block: u32)", kept, |k| {
+                    format!("grads[{k}u * BLOCKS + block] = pixel_grads[{k}];")
+                })
+                .unrolled("read_kept_grads(block: u32)", kept, |k| {
+                    format!("pixel_grads[{k}] = grads[{k}u * BLOCKS + block];")
+                })
+                .unrolled("read_next_color(gaussian: u32)", vectors, |k| {
+                    format!("next_color[{k}] = colors[gaussian * {vectors}u + {k}u];")
+                })
+                .unrolled("write_slot(first: u32)", slot, |k| format!("slots[first + {k}u] = sums[{k}];"))
         }
-        ReplayBy::Splats { count, .. } => source
-            .count("SPLATS", count)
-            .flag("KEEPS_GRADS", keeps_grads(block, channel_count))
-            .with(include_str!("by_splats.wgsl")),
     };
     source.text()
+}
+
+/// Source of the kernel that replays the splats of tiles for the states in front of segments.
+pub(crate) fn state_source(channel_count: usize) -> String {
+    let block = ReplayState::BLOCK;
+    replay(block, channel_count)
+        .with(include_str!("start.wgsl"))
+        .formula(&ReplayStart { block, channels: channel_count })
+        .formula(&ReplayState { channels: channel_count })
+        .count("SEGMENT", BATCH)
+        .with(include_str!("segments.wgsl"))
+        .part(|source| staging(source, channel_count))
+        .with(include_str!("states.wgsl"))
+        .with(&round("replay_round", "replay_staged"))
+        .text()
 }
 
 pub(crate) fn slot_source(channel_count: usize) -> String {
@@ -155,13 +201,44 @@ pub(crate) fn blend_vjp(
     let slots_at_once = division.slots_max.max(1).min((context.gpu.binding_max() / 4) as usize / slot);
     let slots = context.allocate("gradients of splats in tiles", tiles.count_max.min(slots_at_once) * slot)?;
     let view = CameraUniform::new(camera, splats.count);
-    let replay = Replay { by: division.by, splats, colors, tiles, frame, grad, slots, sums, view };
+    let segments = match division.by {
+        ReplayBy::Pixels(_) => None,
+        ReplayBy::Splats { .. } => Some(Segments::new(context, division.segments_max, tiles, &view)?),
+    };
+    let replay = Replay { by: division.by, splats, colors, tiles, frame, grad, slots, sums, segments, view };
     // At least one batch, so that all sums are written.
     for first in (0..tiles.count_max.max(1)).step_by(slots_at_once) {
-        replay.run_batch(context, [first, (first + slots_at_once).min(tiles.count_max)])?;
+        replay.run_batch(context, [first, (first + slots_at_once).min(tiles.count_max)], first == 0)?;
     }
     replay.finish(context)?;
     Ok(SplatGrads { channels, values: replay.sums })
+}
+
+/// States in front of segments; those that are kept at once.
+struct Segments {
+    /// Number of all segments, at most.
+    count: usize,
+    at_once: usize,
+    segments: Array,
+    states: Array,
+}
+
+/// Words of a segment, and of a state in front of it.
+const SEGMENT_WORDS: usize = 4;
+const STATE_WORDS: usize = 2 * (TILE_SIZE * TILE_SIZE) as usize;
+
+impl Segments {
+    fn new(context: &Context, most: usize, tiles: &Tiles, view: &CameraUniform) -> Result<Self, GpuError> {
+        // A first segment of each tile, and those that begin at multiples.
+        let count = view.tile_count() + tiles.count_max.div_ceil(BATCH);
+        let at_once = most.max(1).min((context.gpu.binding_max() / 4) as usize / STATE_WORDS).min(count);
+        Ok(Self {
+            count,
+            at_once,
+            segments: context.allocate("segments of tiles", SEGMENT_WORDS * at_once)?,
+            states: context.allocate("states of segments", STATE_WORDS * at_once)?,
+        })
+    }
 }
 
 /// Inputs and outputs of the replay.
@@ -174,40 +251,83 @@ struct Replay<'a> {
     grad: &'a FrameGrad,
     slots: Array,
     sums: ChunkedArray,
+    /// None where invocations own pixels.
+    segments: Option<Segments>,
     view: CameraUniform,
 }
 
 impl Replay<'_> {
     /// Replays a range of emissions into their slots, and adds the slots to the sums.
-    fn run_batch(&self, context: &mut Context, batch: [usize; 2]) -> Result<(), GpuError> {
+    fn run_batch(&self, context: &mut Context, batch: [usize; 2], is_first: bool) -> Result<(), GpuError> {
         let batch = batch.map(|emission| emission as u32);
-        let channels = self.colors.channels;
+        match &self.segments {
+            None => {
+                let others = [&self.tiles.ranges, &self.frame.blended];
+                self.run_replay(context, batch, others, Dispatch::Grid(self.view.tiles()))?;
+            }
+            Some(segments) => {
+                for first in (0..segments.count).step_by(segments.at_once) {
+                    let end = (first + segments.at_once).min(segments.count);
+                    if is_first || segments.at_once < segments.count {
+                        self.run_states(context, segments, [first as u32, end as u32])?;
+                    }
+                    let others = [&segments.segments, &segments.states];
+                    self.run_replay(context, batch, others, Dispatch::Workgroups(end - first))?;
+                }
+            }
+        }
+        let lanes = self.splats.count.next_multiple_of(BLOCK);
+        for chunk in self.sums.chunks(self.splats.count) {
+            self.run_slots(context, "sum_slots", batch, &chunk, lanes * (GEOMETRY + self.colors.channels))?;
+        }
+        Ok(())
+    }
+
+    /// Replays splats into the slots of a batch of emissions; `others` are bound behind the arrays
+    /// of every replay.
+    fn run_replay(
+        &self,
+        context: &mut Context,
+        batch: [u32; 2],
+        [first, second]: [&Array; 2],
+        size: Dispatch,
+    ) -> Result<(), GpuError> {
+        let (by, channels) = (self.by, self.colors.channels);
         let bindings = [
             Uniform(self.view.bytes()),
             Uniform(bytemuck::cast_slice(&batch)),
             Buffer(&self.splats.splats),
             Buffer(&self.colors.values),
-            Buffer(&self.tiles.ranges),
             Buffer(&self.tiles.gaussians),
             Buffer(&self.tiles.emissions),
-            Buffer(&self.frame.blended),
             Buffer(&self.grad.values),
             Buffer(&self.slots),
+            Buffer(first),
+            Buffer(second),
         ];
-        let by = self.by;
         let key = format!("{channels} channels, {by:?}");
-        context.dispatch(
-            &key,
-            "blend_vjp",
-            &|| replay_source(by, channels),
-            &bindings,
-            Dispatch::Grid(self.view.tiles()),
-        )?;
-        let lanes = self.splats.count.next_multiple_of(BLOCK);
-        for chunk in self.sums.chunks(self.splats.count) {
-            self.run_slots(context, "sum_slots", batch, &chunk, lanes * (GEOMETRY + channels))?;
-        }
-        Ok(())
+        context.dispatch(&key, "blend_vjp", &|| replay_source(by, channels), &bindings, size)
+    }
+
+    /// Finds a range of segments, and the states in front of them.
+    fn run_states(&self, context: &mut Context, segments: &Segments, kept: [u32; 2]) -> Result<(), GpuError> {
+        let channels = self.colors.channels;
+        context.clear(&segments.segments, 0);
+        let bindings = [
+            Uniform(self.view.bytes()),
+            Uniform(bytemuck::cast_slice(&kept)),
+            Buffer(&self.splats.splats),
+            Buffer(&self.colors.values),
+            Buffer(&self.tiles.gaussians),
+            Buffer(&self.grad.values),
+            Buffer(&self.tiles.ranges),
+            Buffer(&self.frame.blended),
+            Buffer(&segments.segments),
+            Buffer(&segments.states),
+        ];
+        let key = format!("{channels} channels");
+        let size = Dispatch::Grid(self.view.tiles());
+        context.dispatch(&key, "replay_states", &|| state_source(channels), &bindings, size)
     }
 
     /// Converts the moments to gradients, once all sums are complete.

@@ -5,6 +5,7 @@ use crate::{
     device::{
         context::Context,
         error::GpuError,
+        kernel_set::KernelSet,
         kernels::{
             Binding::{Buffer, Uniform},
             Dispatch,
@@ -17,13 +18,19 @@ use core::ops::Range;
 use specula_core::pack::Storage;
 use specula_prefilter::sparse::Sparse;
 
-/// Partial sums of a row of a sparse matrix.
-const ROW_SUMS: usize = 4;
+/// Partial sums of a row of a sparse matrix, a power of two: hardware hides the waits of the
+/// longest rows by many, a software driver takes one after the other.
+const fn row_sums(kernels: KernelSet) -> usize {
+    match kernels {
+        KernelSet::Software => 4,
+        KernelSet::Hardware => 32,
+    }
+}
 
 /// Kernel of a matrix product, named `entry`; `destination` appends the function `store_product`.
-fn product_source(entry: &str, destination: impl FnOnce(Source) -> Source) -> String {
+fn product_source(kernels: KernelSet, entry: &str, destination: impl FnOnce(Source) -> Source) -> String {
     let kernel = include_str!("product.wgsl").replace("fn multiply_rows(", &format!("fn {entry}("));
-    Source::new().count("ROW_SUMS", ROW_SUMS).with(&kernel).part(destination).text()
+    Source::new().count("ROW_SUMS", row_sums(kernels)).with(&kernel).part(destination).text()
 }
 
 const STORED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] = texel;\n}\n";
@@ -56,16 +63,16 @@ impl Out<'_> {
     }
 
     /// Variant of the kernel.
-    fn key(self) -> String {
+    fn key(self, kernels: KernelSet) -> String {
         match self {
-            Self::Texels(_) | Self::AddedTexels(_) => "prefilter".to_owned(),
-            Self::Other(_, storage) => format!("prefilter {storage:?}"),
+            Self::Texels(_) | Self::AddedTexels(_) => format!("prefilter, {kernels:?}"),
+            Self::Other(_, storage) => format!("prefilter {storage:?}, {kernels:?}"),
         }
     }
 
     /// Source of the kernel.
-    fn source(self) -> String {
-        product_source(self.entry(), |source| match self {
+    fn source(self, kernels: KernelSet) -> String {
+        product_source(kernels, self.entry(), |source| match self {
             Self::Texels(_) => source.with(STORED),
             Self::AddedTexels(_) => source.with(ADDED),
             Self::Other(_, storage) => texels(source, storage).with(PADDED),
@@ -141,12 +148,13 @@ impl RowRange {
         if let Out::Other(array, _) = out {
             bindings.push(Buffer(array));
         }
+        let kernels = context.kernels;
         context.dispatch(
-            &out.key(),
+            &out.key(kernels),
             out.entry(),
-            &|| out.source(),
+            &|| out.source(kernels),
             &bindings,
-            Dispatch::Invocations(ROW_SUMS * self.row_count),
+            Dispatch::Invocations(row_sums(kernels) * self.row_count),
         )
     }
 }

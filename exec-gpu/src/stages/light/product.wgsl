@@ -1,7 +1,7 @@
 // Product of a sparse matrix with texels (stages `prefilter` and `prefilter_vjp`).
 //
-// Threads: ROW_SUMS invocations a row, each with every fourth tap, as some rows are very long.
-// Memory: partial sums of the rows in workgroup memory.
+// Threads: ROW_SUMS invocations a row, each with every ROW_SUMS-th tap, as some rows are very long.
+// Memory: partial sums of the rows in workgroup memory, added up in pairs.
 // Inputs: rows of the matrix, texels.
 // Outputs: texels, in place.
 // Variants: the product is stored, added, or stored in another array as levels with aprons.
@@ -30,9 +30,14 @@ fn product_of_row(row: u32, local: u32) -> vec4f {
         }
     }
     sums[local] = sum;
-    workgroupBarrier();
-    let first = local - local % ROW_SUMS;
-    return (sums[first] + sums[first + 1u]) + (sums[first + 2u] + sums[first + 3u]);
+    for (var apart = 1u; apart < ROW_SUMS; apart *= 2u) {
+        workgroupBarrier();
+        if local % (2u * apart) == 0u {
+            sum += sums[local + apart];
+            sums[local] = sum;
+        }
+    }
+    return sum;
 }
 
 // `store_product` is the kernel's destination.
