@@ -92,6 +92,17 @@ pub(crate) fn run(is_quick: bool) -> Result<(), Box<dyn Error>> {
     Ok(fs::remove_dir_all(&travel.scratch)?)
 }
 
+/// TEMPORARY
+pub(crate) fn run_divisions() -> Result<(), Box<dyn Error>> {
+    let travel = Travel::new(FULL)?;
+    let ceilings = GpuExecutor::new(travel.gpu.clone()).ceilings()?.ok_or("no")?;
+    for case in [Case("3dgs", 800, 100_000), Case("specula", 400, 30_000), Case("specula", 800, 1_000_000)] {
+        let like = Reference::new(&case);
+        travel.divisions(&case, &like, &ceilings)?;
+    }
+    Ok(())
+}
+
 type Part = fn(&Travel) -> Result<(), Box<dyn Error>>;
 
 fn row(part: impl Display, what: impl Display, measured: impl Display, beside: impl Display) {
@@ -214,16 +225,26 @@ impl Travel {
     /// The gradient of compositing in other divisions than the one in use.
     fn divisions(&self, case: &Case, like: &Reference, ceilings: &Ceilings) -> Result<(), Box<dyn Error>> {
         let block = |width, height| PixelBlock { width, height };
-        let by_splats = |width, height, count| ReplayBy::Splats { block: block(width, height), count };
-        let divisions = [ReplayBy::Pixels(block(2, 2)), by_splats(2, 1, 64), by_splats(4, 1, 64), by_splats(8, 1, 32)];
+        let by_splats =
+            |width, height, count, segment| ReplayBy::Splats { block: block(width, height), count, segment };
+        let divisions = [
+            ReplayBy::Pixels(block(2, 2)),
+            by_splats(4, 1, 32, 64), by_splats(2, 1, 32, 64),
+            by_splats(4, 1, 32, 128),
+            by_splats(4, 1, 32, 256),
+            by_splats(4, 1, 64, 128),
+            by_splats(4, 1, 64, 256),
+            by_splats(8, 1, 32, 64),
+            by_splats(8, 1, 32, 128),
+        ];
         let exec = &mut GpuExecutor::new(self.gpu.clone());
         for by in divisions {
             exec.set_replay_division(ReplayDivision { by, ..exec.replay_division() });
             let (_, _, times) = measure_steps(exec, case, like)?;
             let name = match by {
                 ReplayBy::Pixels(PixelBlock { width, height }) => format!("{width} × {height} pixels an invocation"),
-                ReplayBy::Splats { block: PixelBlock { width, height }, count } => {
-                    format!("{count} splats at once, {width} × {height} pixels a step")
+                ReplayBy::Splats { block: PixelBlock { width, height }, count, segment } => {
+                    format!("{count} of {segment} splats at once, {width} × {height} pixels a step")
                 }
             };
             let replays = times.iter().filter(|time| time.stage == Stage::BlendVjp);

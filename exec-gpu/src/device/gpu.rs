@@ -181,6 +181,11 @@ impl Gpu {
         self.limits.max_compute_workgroups_per_dimension
     }
 
+    /// Alignment of uniforms in a buffer, in bytes.
+    pub(crate) fn uniform_alignment(&self) -> usize {
+        self.limits.min_uniform_buffer_offset_alignment as usize
+    }
+
     /// Returns the error that was reported since the last call, if any. The loss of a device is
     /// permanent.
     pub(crate) fn check(&self) -> Result<(), GpuError> {

@@ -2,19 +2,14 @@
 
 use crate::{
     codegen::source::WORKGROUP_SIZE,
-    device::{
-        cache::Kernel,
-        error::GpuError,
-        gpu::Gpu,
-        memory::{Array, filled},
-        timer::KernelTimer,
-    },
+    device::{cache::Kernel, error::GpuError, gpu::Gpu, memory::Array, timer::KernelTimer},
 };
-use core::mem;
+use core::{mem, num::NonZero, ops::Range};
 use wgpu::{
-    BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType,
-    BufferBindingType, BufferUsages, CommandEncoder, ComputePassDescriptor, ComputePipelineDescriptor,
-    PipelineCompilationOptions, PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
+    BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
+    BindingResource, BindingType, Buffer, BufferBinding, BufferBindingType, BufferDescriptor, BufferUsages,
+    CommandEncoder, ComputePassDescriptor, ComputePipelineDescriptor, PipelineCompilationOptions,
+    PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
 };
 
 /// Resource of a kernel's binding; a kernel's bindings are numbered in the order in which they are
@@ -41,10 +36,64 @@ pub(crate) enum Dispatch {
 /// Passes of a submission: the device computes one submission while the next is recorded.
 const PASSES_PER_SUBMISSION: usize = 32;
 
+/// Bytes of the uniforms of a submission: enough for its passes.
+const UNIFORM_BYTES: usize = 32 << 10;
+
+/// Uniforms of a submission, which share a buffer: a buffer for each would take longer to create
+/// than most kernels to run.
+#[derive(Debug, Default)]
+struct Uniforms {
+    buffer: Option<Buffer>,
+    bytes: Vec<u8>,
+}
+
+impl Uniforms {
+    /// Whether uniforms of these sizes fit behind those of the submission.
+    fn have_room(&self, gpu: &Gpu, sizes: impl Iterator<Item = usize>) -> bool {
+        let alignment = gpu.uniform_alignment();
+        let all: usize = sizes.map(|size| size.next_multiple_of(alignment)).sum();
+        self.bytes.len().next_multiple_of(alignment) + all <= UNIFORM_BYTES
+    }
+
+    /// Appends a uniform; returns its place in the buffer.
+    fn push(&mut self, gpu: &Gpu, uniform: &[u8]) -> Range<u64> {
+        let start = self.bytes.len().next_multiple_of(gpu.uniform_alignment());
+        self.bytes.resize(start, 0);
+        self.bytes.extend_from_slice(uniform);
+        self.bytes.resize(start + uniform.len().next_multiple_of(UNIFORM_STEP), 0);
+        start as u64..self.bytes.len() as u64
+    }
+
+    /// Buffer of the uniforms.
+    fn buffer(&mut self, gpu: &Gpu) -> &Buffer {
+        self.buffer.get_or_insert_with(|| {
+            gpu.device.create_buffer(&BufferDescriptor {
+                label: Some("uniforms"),
+                size: UNIFORM_BYTES as u64,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        })
+    }
+
+    /// Writes the uniforms in front of the next submission; the buffer then takes those of another,
+    /// which the device keeps in order.
+    fn write(&mut self, gpu: &Gpu) {
+        if let Some(buffer) = &self.buffer {
+            gpu.queue.write_buffer(buffer, 0, &self.bytes);
+        }
+        self.bytes.clear();
+    }
+}
+
+/// Sizes of uniforms are multiples of the largest alignment in them.
+const UNIFORM_STEP: usize = 16;
+
 /// Commands that are recorded but not submitted.
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
     encoder: Option<CommandEncoder>,
+    uniforms: Uniforms,
     /// Compute passes in the encoder.
     passes: usize,
     /// Timer of the kernels, while they are timed.
@@ -65,6 +114,7 @@ impl Recorder {
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
         self.passes = 0;
         if let Some(mut encoder) = mem::take(&mut self.encoder) {
+            self.uniforms.write(gpu);
             let timestamps = self.timer.as_ref().map(|timer| timer.resolve(gpu, &mut encoder));
             gpu.queue.submit([encoder.finish()]);
             if let (Some(timer), Some(timestamps)) = (&mut self.timer, &timestamps) {
@@ -94,29 +144,46 @@ impl Recorder {
             return Ok(());
         }
         let kernel = gpu.kernel_cache.get(key, entry, || compile(gpu, entry, &source()))?;
-        let uniforms: Vec<Option<wgpu::Buffer>> =
-            bindings.iter().map(|binding| uniform(gpu, *binding)).collect::<Result<_, _>>()?;
+        let sizes = bindings.iter().filter_map(|binding| match binding {
+            Binding::Uniform(bytes) => Some(bytes.len()),
+            Binding::Buffer(_) => None,
+        });
+        // Each timed submission blocks until it is done, so passes are submitted only when the
+        // timer is full.
+        let is_full = self.timer.as_ref().map_or(self.passes >= PASSES_PER_SUBMISSION, KernelTimer::is_full);
+        if is_full || !self.uniforms.have_room(gpu, sizes) {
+            self.submit(gpu)?;
+        }
+        let places: Vec<Option<Range<u64>>> = bindings
+            .iter()
+            .map(|binding| match binding {
+                Binding::Uniform(bytes) => Some(self.uniforms.push(gpu, bytes)),
+                Binding::Buffer(_) => None,
+            })
+            .collect();
+        let uniforms = self.uniforms.buffer(gpu);
         let layout = &kernel.layout;
         let entries: Vec<BindGroupEntry<'_>> = bindings
             .iter()
-            .zip(&uniforms)
+            .zip(places)
             .enumerate()
-            .map(|(number, (binding, uniform))| BindGroupEntry {
+            .map(|(number, (binding, place))| BindGroupEntry {
                 binding: number as u32,
-                resource: match (binding, uniform) {
+                resource: match (binding, place) {
                     (Binding::Buffer(array), _) => array.buffer().as_entire_binding(),
-                    (Binding::Uniform(_), Some(buffer)) => buffer.as_entire_binding(),
-                    (Binding::Uniform(_), None) => unreachable!("uniforms have buffers"),
+                    (Binding::Uniform(_), place) => {
+                        let Range { start, end } = place.unwrap_or_default();
+                        BindingResource::Buffer(BufferBinding {
+                            buffer: uniforms,
+                            offset: start,
+                            size: NonZero::new(end - start),
+                        })
+                    }
                 },
             })
             .collect();
         let group =
             gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
-        // Each timed submission blocks until it is done, so passes are submitted only when the
-        // timer is full.
-        if self.timer.as_ref().map_or(self.passes >= PASSES_PER_SUBMISSION, KernelTimer::is_full) {
-            self.submit(gpu)?;
-        }
         self.passes += 1;
         let encoder = self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
         let timestamp_writes = self.timer.as_mut().map(|timer| timer.next_pass(entry));
@@ -125,13 +192,6 @@ impl Recorder {
         pass.set_bind_group(0, &group, &[]);
         pass.dispatch_workgroups(x, y, 1);
         Ok(())
-    }
-}
-
-fn uniform(gpu: &Gpu, binding: Binding<'_>) -> Result<Option<wgpu::Buffer>, GpuError> {
-    match binding {
-        Binding::Uniform(bytes) => filled(gpu, bytes, BufferUsages::UNIFORM).map(Some),
-        Binding::Buffer(_) => Ok(None),
     }
 }
 

@@ -23,7 +23,7 @@ use specula_gpu::{
         blend::formulas::PixelBlock,
         blend_vjp::{
             ReplayBy, ReplayDivision,
-            formulas::{MomentsVjp, ReplaySplat, ReplayStart},
+            formulas::{MomentsVjp, PixelGrads, ReplayResume, ReplaySplat, ReplayStart, ReplayState},
         },
         gaussians_vjp::formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp},
         optimise::formulas::AdamStep,
@@ -69,10 +69,17 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     ] {
         let len = block.count() * (2 * channels + 3);
         assert_same(gpu, &ReplayStart { block, channels }, &unit(1, len));
+        assert_same(gpu, &ReplayResume { block }, &unit(1, 2 * block.count()));
+        assert_same(gpu, &PixelGrads { block, channels }, &unit(1, block.count() * (channels + 1)));
         let mut bounds = vec![[0.1, 0.8], [-0.5, 0.5], [0.1, 0.8], [-3.0, 0.0], [-3.0, 3.0], [-3.0, 3.0]];
         bounds.extend(vec![[0.05, 1.0]; block.count()]);
         bounds.extend(vec![[-1.0, 1.0]; block.count() + channels + block.count() * channels]);
         assert_same(gpu, &ReplaySplat { block, channels }, &uniform_rows(2, &bounds));
+    }
+    for channels in [3, 12] {
+        let mut bounds = vec![[0.1, 0.8], [-0.5, 0.5], [0.1, 0.8], [-3.0, 0.0], [-3.0, 3.0], [-3.0, 3.0], [0.05, 1.0]];
+        bounds.extend(vec![[-1.0, 1.0]; 1 + 2 * channels]);
+        assert_same(gpu, &ReplayState { channels }, &uniform_rows(4, &bounds));
     }
     let mut bounds = vec![[0.1, 2.0], [-1.0, 1.0], [0.1, 2.0], [0.1, 1.0]];
     bounds.extend([[-1.0, 1.0]; 6]);
@@ -135,7 +142,7 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/gaussians_vjp/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/optimise/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("back.rs"), 7);
+    assert_every_formula_has_a_case(&formulas, include_str!("back.rs"), 10);
 }
 
 /// A scene and the gradient of its picture.
@@ -392,8 +399,14 @@ fn many_channels_and_deep_tiles_go_back_as_on_the_cpu_however_they_are_divided()
         let theirs = wide(&scene.splat_grads(&mut cpu));
         let block = |width, height| PixelBlock { width, height };
         let by_pixels = [block(2, 2), block(4, 2), block(4, 4)].map(ReplayBy::Pixels);
-        let by_splats = [(block(4, 1), 32), (block(2, 2), 64), (block(8, 1), 32), (block(2, 1), 64), (block(4, 4), 3)];
-        let by_splats = by_splats.map(|(block, count)| ReplayBy::Splats { block, count });
+        let by_splats = [
+            (block(4, 1), 32, 64),
+            (block(2, 2), 64, 128),
+            (block(8, 1), 32, 64),
+            (block(2, 1), 64, 256),
+            (block(4, 4), 3, 64),
+        ];
+        let by_splats = by_splats.map(|(block, count, segment)| ReplayBy::Splats { block, count, segment });
         for by in by_pixels.into_iter().chain(by_splats) {
             gpu.set_replay_division(ReplayDivision { by, ..gpu.replay_division() });
             let ours = scene.splat_grads(&mut gpu);

@@ -39,6 +39,8 @@ use specula_tests::{
 /// Both executors round a few hundred operations, each in its own order; a pixel on the other side
 /// of the cut at 1/255 brings a small picture down to 85 dB.
 const SAME_FRAME: f64 = 80.0;
+/// A few units in the last place of white.
+const SAME_PIXEL: f64 = 2e-6;
 const RESOLUTION: usize = 16;
 
 fn shading(rules: ShadingRules, channels: Channels) -> GaussianShading {
@@ -265,9 +267,11 @@ fn pictures_do_not_depend_on_the_variants_of_the_kernels() {
             gpu.set_kernels(kernels);
             scene.picture(&mut gpu)
         });
-        // Compilers of hardware may join a product and a sum in one kernel and not in another.
+        // Compilers may join a product and a sum in one kernel and not in another, which on hardware
+        // can move a splat over the cut.
+        let apart = one.iter().zip(&other).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
         if gpu.gpu().is_software() {
-            let worst = one.iter().zip(&other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max); let n = one.iter().zip(&other).filter(|(a, b)| a != b).count(); println!("{count} {channels:?} {worst:e} {n} of {}", one.len());
+            assert!(apart <= SAME_PIXEL, "{count} splats with {channels:?}: {apart:e} apart");
         }
         assert_psnr(&one, &other, SAME_FRAME);
     }

@@ -4,8 +4,7 @@
 //! that the slots of a Gaussian are adjacent. Pairs beyond the largest array are processed in
 //! batches of emissions; every Gaussian adds its slots in the same order for any number of batches.
 //!
-//! Where invocations own splats, a tile is divided into segments of [`BATCH`] splats, which are
-//! replayed side by side: the states of the pixels in front of them come from a first pass, which
+//! Where invocations own splats, a tile is divided into segments of splats, which are replayed side by side: the states of the pixels in front of them come from a first pass, which
 //! needs no sums.
 
 use crate::{
@@ -53,6 +52,9 @@ pub enum ReplayBy {
         /// Invocations of a workgroup, at most as many as a tile has blocks. More of them are idle
         /// in tiles of few splats.
         count: usize,
+        /// Splats of a segment, a multiple of [`BATCH`]. Segments are replayed side by side; longer
+        /// ones have fewer idle invocations, and fewer states in front of them.
+        segment: usize,
     },
 }
 
@@ -74,7 +76,9 @@ impl ReplayDivision {
     pub(crate) fn new(kernels: KernelSet) -> Self {
         let by = match kernels {
             KernelSet::Software => ReplayBy::Pixels(PixelBlock { width: 4, height: 4 }),
-            KernelSet::Hardware => ReplayBy::Splats { block: PixelBlock { width: 4, height: 1 }, count: 32 },
+            KernelSet::Hardware => {
+                ReplayBy::Splats { block: PixelBlock { width: 4, height: 1 }, count: 32, segment: BATCH }
+            }
         };
         Self { by, slots_max: usize::MAX, segments_max: usize::MAX }
     }
@@ -158,13 +162,13 @@ pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
 }
 
 /// Source of the kernel that replays the splats of tiles for the states in front of segments.
-pub(crate) fn state_source(channel_count: usize) -> String {
+pub(crate) fn state_source(segment: usize, channel_count: usize) -> String {
     let block = ReplayState::BLOCK;
     replay(block, channel_count)
         .with(include_str!("start.wgsl"))
         .formula(&ReplayStart { block, channels: channel_count })
         .formula(&ReplayState { channels: channel_count })
-        .count("SEGMENT", BATCH)
+        .count("SEGMENT", segment)
         .with(include_str!("segments.wgsl"))
         .part(|source| staging(source, channel_count))
         .with(include_str!("states.wgsl"))
@@ -203,7 +207,7 @@ pub(crate) fn blend_vjp(
     let view = CameraUniform::new(camera, splats.count);
     let segments = match division.by {
         ReplayBy::Pixels(_) => None,
-        ReplayBy::Splats { .. } => Some(Segments::new(context, division.segments_max, tiles, &view)?),
+        ReplayBy::Splats { segment, .. } => Some(Segments::new(context, segment, division.segments_max, tiles, &view)?),
     };
     let replay = Replay { by: division.by, splats, colors, tiles, frame, grad, slots, sums, segments, view };
     // At least one batch, so that all sums are written.
@@ -216,6 +220,8 @@ pub(crate) fn blend_vjp(
 
 /// States in front of segments; those that are kept at once.
 struct Segments {
+    /// Splats of a segment.
+    length: usize,
     /// Number of all segments, at most.
     count: usize,
     at_once: usize,
@@ -228,11 +234,18 @@ const SEGMENT_WORDS: usize = 4;
 const STATE_WORDS: usize = 2 * (TILE_SIZE * TILE_SIZE) as usize;
 
 impl Segments {
-    fn new(context: &Context, most: usize, tiles: &Tiles, view: &CameraUniform) -> Result<Self, GpuError> {
+    fn new(
+        context: &Context,
+        length: usize,
+        most: usize,
+        tiles: &Tiles,
+        view: &CameraUniform,
+    ) -> Result<Self, GpuError> {
         // A first segment of each tile, and those that begin at multiples.
-        let count = view.tile_count() + tiles.count_max.div_ceil(BATCH);
+        let count = view.tile_count() + tiles.count_max.div_ceil(length);
         let at_once = most.max(1).min((context.gpu.binding_max() / 4) as usize / STATE_WORDS).min(count);
         Ok(Self {
+            length,
             count,
             at_once,
             segments: context.allocate("segments of tiles", SEGMENT_WORDS * at_once)?,
@@ -311,7 +324,7 @@ impl Replay<'_> {
 
     /// Finds a range of segments, and the states in front of them.
     fn run_states(&self, context: &mut Context, segments: &Segments, kept: [u32; 2]) -> Result<(), GpuError> {
-        let channels = self.colors.channels;
+        let (length, channels) = (segments.length, self.colors.channels);
         context.clear(&segments.segments, 0);
         let bindings = [
             Uniform(self.view.bytes()),
@@ -325,9 +338,9 @@ impl Replay<'_> {
             Buffer(&segments.segments),
             Buffer(&segments.states),
         ];
-        let key = format!("{channels} channels");
+        let key = format!("{channels} channels, {length} splats");
         let size = Dispatch::Grid(self.view.tiles());
-        context.dispatch(&key, "replay_states", &|| state_source(channels), &bindings, size)
+        context.dispatch(&key, "replay_states", &|| state_source(length, channels), &bindings, size)
     }
 
     /// Converts the moments to gradients, once all sums are complete.

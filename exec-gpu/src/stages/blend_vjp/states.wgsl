@@ -1,7 +1,7 @@
 // States of the pixels in front of the segments of each tile: replays its splats, front to back.
 //
 // Threads: one workgroup a tile, one invocation a pixel.
-// Memory: as the tile rasteriser of splats in batches; a batch is a segment.
+// Memory: as the tile rasteriser of splats in batches, which divide segments.
 // Outputs: segments, first that of each tile with its first splat, then those that begin at
 // multiples of SEGMENT; states in front of them.
 // Variants: number of channels.
@@ -78,11 +78,13 @@ fn replay_states(@builtin(workgroup_id) at: vec3u, @builtin(local_invocation_ind
     var is_active = true;
     var first = range.x;
     while first < range.y {
-        let end = segment_end(first, range);
-        if local == 0u {
-            keep_segment(first, range, tile, 0u);
+        let end = min(first / BATCH * BATCH + BATCH, range.y);
+        if first == range.x || first % SEGMENT == 0u {
+            if local == 0u {
+                keep_segment(first, range, tile, 0u);
+            }
+            keep_state(first, range, tile, local);
         }
-        keep_state(first, range, tile, local);
         stage_splats(first, end - first, local);
         workgroupBarrier();
         if is_active {
@@ -100,7 +102,7 @@ fn replay_states(@builtin(workgroup_id) at: vec3u, @builtin(local_invocation_ind
             break;
         }
     }
-    for (var splat = first + local * SEGMENT; splat < range.y; splat += BLOCKS * SEGMENT) {
+    for (var splat = (first + SEGMENT - 1u) / SEGMENT * SEGMENT + local * SEGMENT; splat < range.y; splat += BLOCKS * SEGMENT) {
         keep_segment(splat, range, tile, 1u);
     }
 }
