@@ -8,7 +8,7 @@ use core::{mem, num::NonZero, ops::Range};
 use wgpu::{
     BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
     BindingResource, BindingType, Buffer, BufferBinding, BufferBindingType, BufferDescriptor, BufferUsages,
-    CommandEncoder, ComputePassDescriptor, ComputePipelineDescriptor, PipelineCompilationOptions,
+    CommandEncoder, ComputePass, ComputePassDescriptor, ComputePipelineDescriptor, PipelineCompilationOptions,
     PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
 };
 
@@ -33,10 +33,10 @@ pub(crate) enum Dispatch {
     Grid([u32; 2]),
 }
 
-/// Passes of a submission: the device computes one submission while the next is recorded.
-const PASSES_PER_SUBMISSION: usize = 32;
+/// Kernels of a submission: the device computes one submission while the next is recorded.
+const DISPATCHES_PER_SUBMISSION: usize = 32;
 
-/// Bytes of the uniforms of a submission: enough for its passes.
+/// Bytes of the uniforms of a submission: enough for its kernels.
 const UNIFORM_BYTES: usize = 32 << 10;
 
 /// Uniforms of a submission, which share a buffer: a buffer for each would take longer to create
@@ -93,16 +93,19 @@ const UNIFORM_STEP: usize = 16;
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
     encoder: Option<CommandEncoder>,
+    /// Pass of the last kernels in the encoder, which further ones join.
+    pass: Option<ComputePass<'static>>,
     uniforms: Uniforms,
-    /// Compute passes in the encoder.
-    passes: usize,
-    /// Timer of the kernels, while they are timed.
+    /// Kernels in the encoder.
+    dispatches: usize,
+    /// Timer of the kernels, while they are timed; each has a pass of its own then.
     pub(crate) timer: Option<KernelTimer>,
 }
 
 impl Recorder {
-    /// Encoder of the commands since the last submission.
+    /// Encoder of the commands since the last submission, for commands outside of passes.
     pub(crate) fn encoder(&mut self, gpu: &Gpu) -> &mut CommandEncoder {
+        self.pass = None;
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
     }
 
@@ -112,7 +115,7 @@ impl Recorder {
     ///
     /// Errors that the device reported since the last call.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
-        self.passes = 0;
+        (self.dispatches, self.pass) = (0, None);
         if let Some(mut encoder) = mem::take(&mut self.encoder) {
             self.uniforms.write(gpu);
             let timestamps = self.timer.as_ref().map(|timer| timer.resolve(gpu, &mut encoder));
@@ -148,9 +151,9 @@ impl Recorder {
             Binding::Uniform(bytes) => Some(bytes.len()),
             Binding::Buffer(_) => None,
         });
-        // Each timed submission blocks until it is done, so passes are submitted only when the
+        // Each timed submission blocks until it is done, so kernels are submitted only when the
         // timer is full.
-        let is_full = self.timer.as_ref().map_or(self.passes >= PASSES_PER_SUBMISSION, KernelTimer::is_full);
+        let is_full = self.timer.as_ref().map_or(self.dispatches >= DISPATCHES_PER_SUBMISSION, KernelTimer::is_full);
         if is_full || !self.uniforms.have_room(gpu, sizes) {
             self.submit(gpu)?;
         }
@@ -184,13 +187,25 @@ impl Recorder {
             .collect();
         let group =
             gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
-        self.passes += 1;
-        let encoder = self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
-        let timestamp_writes = self.timer.as_mut().map(|timer| timer.next_pass(entry));
-        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(entry), timestamp_writes });
+        self.dispatches += 1;
+        // A pass that is not timed must end before one that is.
+        if self.timer.is_some() {
+            self.pass = None;
+        }
+        let mut pass = match self.pass.take() {
+            Some(pass) => pass,
+            None => {
+                let timestamp_writes = self.timer.as_mut().map(|timer| timer.next_pass(entry));
+                let descriptor = ComputePassDescriptor { label: Some(entry), timestamp_writes };
+                let encoder =
+                    self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
+                encoder.begin_compute_pass(&descriptor).forget_lifetime()
+            }
+        };
         pass.set_pipeline(&kernel.pipeline);
         pass.set_bind_group(0, &group, &[]);
         pass.dispatch_workgroups(x, y, 1);
+        self.pass = self.timer.is_none().then_some(pass);
         Ok(())
     }
 }
