@@ -1,7 +1,6 @@
 //! A generated scene for the benches: Gaussians on a torus, the same on every machine; what there
 //! is to do in it, and what measures it on any executor.
 
-pub mod costs;
 pub mod groups;
 pub mod scene;
 pub mod stages;

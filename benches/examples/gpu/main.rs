@@ -49,7 +49,6 @@ fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match *arguments {
-        ["divisions"] => travel::run_divisions(),
         ["travel"] => travel::run(false),
         ["travel", "--quick"] => travel::run(true),
         ["step", profile, size, count, ref kernels @ ..] => print_step(profile, size.parse()?, count.parse()?, kernels),

@@ -21,7 +21,7 @@ use specula_train::evaluate::render_view;
 use std::time::Instant;
 
 /// Time budget of a measurement; it is repeated until the budget is used up.
-pub(crate) const PATIENCE: Duration = Duration::from_millis(600);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 const REPETITIONS_MAX: usize = 100;
 /// A stage is run so often; the fastest counts, and the first also compiles kernels.
 const STAGE_RUNS: usize = 3;

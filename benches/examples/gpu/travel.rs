@@ -92,17 +92,6 @@ pub(crate) fn run(is_quick: bool) -> Result<(), Box<dyn Error>> {
     Ok(fs::remove_dir_all(&travel.scratch)?)
 }
 
-/// TEMPORARY
-pub(crate) fn run_divisions() -> Result<(), Box<dyn Error>> {
-    let travel = Travel::new(FULL)?;
-    let ceilings = GpuExecutor::new(travel.gpu.clone()).ceilings()?.ok_or("no")?;
-    for case in [Case("3dgs", 800, 100_000), Case("specula", 400, 30_000), Case("specula", 800, 1_000_000)] {
-        let like = Reference::new(&case);
-        travel.divisions(&case, &like, &ceilings)?;
-    }
-    Ok(())
-}
-
 type Part = fn(&Travel) -> Result<(), Box<dyn Error>>;
 
 fn row(part: impl Display, what: impl Display, measured: impl Display, beside: impl Display) {
@@ -229,13 +218,10 @@ impl Travel {
             |width, height, count, segment| ReplayBy::Splats { block: block(width, height), count, segment };
         let divisions = [
             ReplayBy::Pixels(block(2, 2)),
-            by_splats(4, 1, 32, 64), by_splats(2, 1, 32, 64),
+            by_splats(2, 1, 32, 64),
             by_splats(4, 1, 32, 128),
-            by_splats(4, 1, 32, 256),
             by_splats(4, 1, 64, 128),
-            by_splats(4, 1, 64, 256),
             by_splats(8, 1, 32, 64),
-            by_splats(8, 1, 32, 128),
         ];
         let exec = &mut GpuExecutor::new(self.gpu.clone());
         for by in divisions {

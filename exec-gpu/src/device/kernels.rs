@@ -34,7 +34,7 @@ pub(crate) enum Dispatch {
 }
 
 /// Kernels of a submission: the device computes one submission while the next is recorded.
-const DISPATCHES_PER_SUBMISSION: usize = 32;
+const DISPATCHES_PER_SUBMISSION: usize = 16;
 
 /// Bytes of the uniforms of a submission: enough for its kernels.
 const UNIFORM_BYTES: usize = 32 << 10;

@@ -267,8 +267,8 @@ fn pictures_do_not_depend_on_the_variants_of_the_kernels() {
             gpu.set_kernels(kernels);
             scene.picture(&mut gpu)
         });
-        // Compilers may join a product and a sum in one kernel and not in another, which on hardware
-        // can move a splat over the cut.
+        // Compilers may join a product and a sum in one kernel and not in another, which on
+        // hardware can move a splat over the cut.
         let apart = one.iter().zip(&other).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
         if gpu.gpu().is_software() {
             assert!(apart <= SAME_PIXEL, "{count} splats with {channels:?}: {apart:e} apart");

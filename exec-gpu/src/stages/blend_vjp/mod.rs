@@ -4,8 +4,8 @@
 //! that the slots of a Gaussian are adjacent. Pairs beyond the largest array are processed in
 //! batches of emissions; every Gaussian adds its slots in the same order for any number of batches.
 //!
-//! Where invocations own splats, a tile is divided into segments of splats, which are replayed side by side: the states of the pixels in front of them come from a first pass, which
-//! needs no sums.
+//! Where invocations own splats, a tile is divided into segments of splats, which are replayed side
+//! by side: the states of the pixels in front of them come from a first pass, which needs no sums.
 
 use crate::{
     codegen::source::Source,
