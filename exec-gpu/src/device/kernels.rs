@@ -6,7 +6,7 @@ use crate::{
 };
 use core::{mem, num::NonZero, ops::Range};
 use wgpu::{
-    BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
+    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
     BindingResource, BindingType, Buffer, BufferBinding, BufferBindingType, BufferDescriptor, BufferUsages,
     CommandEncoder, ComputePass, ComputePassDescriptor, ComputePipelineDescriptor, PipelineCompilationOptions,
     PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
@@ -39,6 +39,9 @@ const DISPATCHES_PER_SUBMISSION: usize = 16;
 /// Bytes of the uniforms of a submission: enough for its kernels.
 const UNIFORM_BYTES: usize = 32 << 10;
 
+/// Sizes of uniforms are multiples of the largest alignment in them.
+const UNIFORM_STEP: usize = 16;
+
 /// Uniforms of a submission, which share a buffer: a buffer for each would take longer to create
 /// than most kernels to run.
 #[derive(Debug, Default)]
@@ -65,15 +68,16 @@ impl Uniforms {
     }
 
     /// Buffer of the uniforms.
-    fn buffer(&mut self, gpu: &Gpu) -> &Buffer {
-        self.buffer.get_or_insert_with(|| {
+    fn buffer(&mut self, gpu: &Gpu) -> Buffer {
+        let buffer = self.buffer.get_or_insert_with(|| {
             gpu.device.create_buffer(&BufferDescriptor {
                 label: Some("uniforms"),
                 size: UNIFORM_BYTES as u64,
                 usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             })
-        })
+        });
+        buffer.clone()
     }
 
     /// Writes the uniforms in front of the next submission; the buffer then takes those of another,
@@ -85,9 +89,6 @@ impl Uniforms {
         self.bytes.clear();
     }
 }
-
-/// Sizes of uniforms are multiples of the largest alignment in them.
-const UNIFORM_STEP: usize = 16;
 
 /// Commands that are recorded but not submitted.
 #[derive(Debug, Default)]
@@ -147,66 +148,70 @@ impl Recorder {
             return Ok(());
         }
         let kernel = gpu.kernel_cache.get(key, entry, || compile(gpu, entry, &source()))?;
-        let sizes = bindings.iter().filter_map(|binding| match binding {
+        self.make_room(gpu, bindings)?;
+        let group = self.bind(gpu, entry, &kernel.layout, bindings);
+        self.dispatches += 1;
+        let mut pass = self.open_pass(gpu, entry);
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(x, y, 1);
+        self.pass = self.timer.is_none().then_some(pass);
+        Ok(())
+    }
+
+    /// Submits what is recorded if a kernel with these bindings does not fit behind it.
+    fn make_room(&mut self, gpu: &Gpu, bindings: &[Binding<'_>]) -> Result<(), GpuError> {
+        let uniforms = bindings.iter().filter_map(|binding| match binding {
             Binding::Uniform(bytes) => Some(bytes.len()),
             Binding::Buffer(_) => None,
         });
         // Each timed submission blocks until it is done, so kernels are submitted only when the
         // timer is full.
         let is_full = self.timer.as_ref().map_or(self.dispatches >= DISPATCHES_PER_SUBMISSION, KernelTimer::is_full);
-        if is_full || !self.uniforms.have_room(gpu, sizes) {
-            self.submit(gpu)?;
-        }
-        let places: Vec<Option<Range<u64>>> = bindings
-            .iter()
-            .map(|binding| match binding {
-                Binding::Uniform(bytes) => Some(self.uniforms.push(gpu, bytes)),
-                Binding::Buffer(_) => None,
-            })
-            .collect();
-        let uniforms = self.uniforms.buffer(gpu);
-        let layout = &kernel.layout;
-        let entries: Vec<BindGroupEntry<'_>> = bindings
-            .iter()
-            .zip(places)
-            .enumerate()
-            .map(|(number, (binding, place))| BindGroupEntry {
-                binding: number as u32,
-                resource: match (binding, place) {
-                    (Binding::Buffer(array), _) => array.buffer().as_entire_binding(),
-                    (Binding::Uniform(_), place) => {
-                        let Range { start, end } = place.unwrap_or_default();
-                        BindingResource::Buffer(BufferBinding {
-                            buffer: uniforms,
-                            offset: start,
-                            size: NonZero::new(end - start),
-                        })
-                    }
-                },
-            })
-            .collect();
-        let group =
-            gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries });
-        self.dispatches += 1;
-        // A pass that is not timed must end before one that is.
-        if self.timer.is_some() {
-            self.pass = None;
-        }
-        let mut pass = match self.pass.take() {
-            Some(pass) => pass,
-            None => {
-                let timestamp_writes = self.timer.as_mut().map(|timer| timer.next_pass(entry));
+        if is_full || !self.uniforms.have_room(gpu, uniforms) { self.submit(gpu) } else { Ok(()) }
+    }
+
+    /// Bind group of some bindings; their uniforms join those of the submission.
+    fn bind(
+        &mut self,
+        gpu: &Gpu,
+        entry: &'static str,
+        layout: &BindGroupLayout,
+        bindings: &[Binding<'_>],
+    ) -> BindGroup {
+        let Self { uniforms, .. } = self;
+        let buffer = uniforms.buffer(gpu);
+        let resources = bindings.iter().map(|binding| match binding {
+            Binding::Buffer(array) => array.buffer().as_entire_binding(),
+            Binding::Uniform(bytes) => {
+                let Range { start, end } = uniforms.push(gpu, bytes);
+                BindingResource::Buffer(BufferBinding {
+                    buffer: &buffer,
+                    offset: start,
+                    size: NonZero::new(end - start),
+                })
+            }
+        });
+        let entries: Vec<BindGroupEntry<'_>> =
+            (0..).zip(resources).map(|(binding, resource)| BindGroupEntry { binding, resource }).collect();
+        gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
+    }
+
+    /// Pass for a kernel: that of the one before, unless kernels are timed.
+    fn open_pass(&mut self, gpu: &Gpu, entry: &'static str) -> ComputePass<'static> {
+        let pass = self.pass.take();
+        match (pass, &mut self.timer) {
+            (Some(pass), None) => pass,
+            (pass, timer) => {
+                // A pass that is not timed ends before one that is.
+                drop(pass);
+                let timestamp_writes = timer.as_mut().map(|timer| timer.next_pass(entry));
                 let descriptor = ComputePassDescriptor { label: Some(entry), timestamp_writes };
                 let encoder =
                     self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
                 encoder.begin_compute_pass(&descriptor).forget_lifetime()
             }
-        };
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(x, y, 1);
-        self.pass = self.timer.is_none().then_some(pass);
-        Ok(())
+        }
     }
 }
 

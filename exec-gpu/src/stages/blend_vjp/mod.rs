@@ -52,7 +52,7 @@ pub enum ReplayBy {
         /// Invocations of a workgroup, at most as many as a tile has blocks. More of them are idle
         /// in tiles of few splats.
         count: usize,
-        /// Splats of a segment, a multiple of [`BATCH`]. Segments are replayed side by side; longer
+        /// Splats of a segment, a multiple of 64. Segments are replayed side by side; longer
         /// ones have fewer idle invocations, and fewer states in front of them.
         segment: usize,
     },
@@ -100,7 +100,7 @@ fn keeps_grads(block: PixelBlock, channels: usize) -> bool {
     (channels.next_multiple_of(4) + 2) * block.count() * block_count(block) <= WORKGROUP_NUMBERS
 }
 
-/// Gradients of splats and their channels, in the block layout of Gaussians: [`GEOMETRY`] planes,
+/// Gradients of splats and their channels, in the block layout of Gaussians: `GEOMETRY` planes,
 /// then the channels.
 #[derive(Debug)]
 pub struct SplatGrads {
