@@ -187,8 +187,21 @@ impl Gpu {
     }
 
     /// Returns the error that was reported since the last call, if any. The loss of a device is
-    /// permanent.
+    /// permanent. A device that is lost may refuse calls before it tells of its loss, so a refusal
+    /// waits for that.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
+        let refused = match self.noted() {
+            Err(refused @ GpuError::Refused { .. }) => refused,
+            noted => return noted,
+        };
+        match self.wait() {
+            Err(lost @ GpuError::Lost { .. }) => Err(lost),
+            _ => Err(refused),
+        }
+    }
+
+    /// Error that is noted, if any; all but the loss of the device are forgotten.
+    fn noted(&self) -> Result<(), GpuError> {
         let mut fault = self.fault.lock().expect("nobody panics while noting a fault");
         match &*fault {
             Some(lost @ GpuError::Lost { .. }) => Err(lost.clone()),
@@ -213,7 +226,7 @@ impl Gpu {
         // released its locks and called back, and no operation of the executor is incomplete.
         let poll = || self.device.poll(PollType::wait_indefinitely());
         let waited = panic::catch_unwind(AssertUnwindSafe(poll));
-        self.check()?;
+        self.noted()?;
         match waited {
             Ok(waited) => waited.map(drop).map_err(|error| GpuError::Lost { reason: error.to_string() }),
             Err(_) => Err(GpuError::Lost { reason: "the driver gave it up".to_owned() }),

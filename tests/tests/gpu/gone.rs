@@ -78,7 +78,8 @@ fn a_device_may_go_at_any_moment() {
                 trainer.step()?;
             }
         });
-        assert!(is_lost(ended), "it went away in the middle of a step");
+        let said = format!("{ended:?}");
+        assert!(is_lost(ended), "it went away in the middle of a step: {said}");
         burning.join().expect("it only waits");
     }
 }
