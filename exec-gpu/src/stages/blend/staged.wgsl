@@ -29,9 +29,7 @@ fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lo
     corner = corner_of(tile.xy, local);
     let range = ranges[tile.y * camera.tiles.x + tile.x];
     blend_start();
-    if local == 0u {
-        atomicStore(&active_count, BLOCKS);
-    }
+    start_tile(local);
     var is_active = true;
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(BATCH, range.y - first);
@@ -43,11 +41,7 @@ fn blend(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lo
                 atomicSub(&active_count, 1u);
             }
         }
-        workgroupBarrier();
-        if local == 0u {
-            is_over = select(0u, 1u, atomicLoad(&active_count) == 0u);
-        }
-        if workgroupUniformLoad(&is_over) != 0u {
+        if is_tile_over(local) {
             break;
         }
     }

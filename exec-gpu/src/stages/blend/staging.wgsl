@@ -35,3 +35,18 @@ fn stage_splats(first: u32, count: u32, local: u32) {
         staged_colors[k] = vector;
     }
 }
+
+fn start_tile(local: u32) {
+    if local == 0u {
+        atomicStore(&active_count, BLOCKS);
+    }
+}
+
+// Whether no pixel of the tile takes further splats; all invocations are done with the batch then.
+fn is_tile_over(local: u32) -> bool {
+    workgroupBarrier();
+    if local == 0u {
+        is_over = select(0u, 1u, atomicLoad(&active_count) == 0u);
+    }
+    return workgroupUniformLoad(&is_over) != 0u;
+}

@@ -6,14 +6,6 @@
 // Variants: size of the block, number of channels.
 // Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
 
-@group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> batch: Batch;
-@group(0) @binding(2) var<storage, read> splats: array<Splat>;
-@group(0) @binding(3) var<storage, read> colors: array<vec4f>;
-@group(0) @binding(4) var<storage, read> gaussians_of: array<u32>;
-@group(0) @binding(5) var<storage, read> emissions_of: array<u32>;
-@group(0) @binding(6) var<storage, read> frame_grad: array<f32>;
-@group(0) @binding(7) var<storage, read_write> slots: array<f32>;
 @group(0) @binding(8) var<storage, read> ranges: array<vec2u>;
 @group(0) @binding(9) var<storage, read> frame: array<f32>;
 

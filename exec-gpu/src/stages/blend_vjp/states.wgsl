@@ -72,9 +72,7 @@ fn replay_states(@builtin(workgroup_id) at: vec3u, @builtin(local_invocation_ind
     let tile = at.y * camera.tiles.x + at.x;
     let range = ranges[tile];
     replay_start();
-    if local == 0u {
-        atomicStore(&active_count, BLOCKS);
-    }
+    start_tile(local);
     var is_active = true;
     var first = range.x;
     while first < range.y {
@@ -94,11 +92,7 @@ fn replay_states(@builtin(workgroup_id) at: vec3u, @builtin(local_invocation_ind
             }
         }
         first = end;
-        workgroupBarrier();
-        if local == 0u {
-            is_over = select(0u, 1u, atomicLoad(&active_count) == 0u);
-        }
-        if workgroupUniformLoad(&is_over) != 0u {
+        if is_tile_over(local) {
             break;
         }
     }
