@@ -30,6 +30,15 @@ impl<S: Simd> Lanes<S> {
     pub fn load(simd: S, values: &[f32]) -> Self {
         Self(f32x16::from_slice(simd, &values[..BLOCK]))
     }
+    /// Each of the first `N` arrays. A loop: in closures the machine's vectors would be lost.
+    #[inline(always)]
+    pub(crate) fn load_each<const N: usize>(simd: S, arrays: &[[f32; BLOCK]]) -> [Self; N] {
+        let mut all = [Self::splat(simd, 0.0); N];
+        for (lanes, array) in all.iter_mut().zip(&arrays[..N]) {
+            *lanes = Self::load(simd, array);
+        }
+        all
+    }
     /// Lane by lane.
     #[inline(always)]
     pub fn from_array(simd: S, values: [f32; BLOCK]) -> Self {

@@ -4,7 +4,7 @@ use crate::{
     SetupEnvironment, ViewerError,
     http::HttpError,
     lights::Lights,
-    new_light::{LIGHT_MAX, UploadParameters, refuse_large},
+    new_light::{LIGHT_MAX, UploadParameters, refuse_large, too_large},
     request::{Content, FrameRequest, LightSetting, query},
     setup::LightSetup,
     viewed::{PreparedScene, ViewedScene, described},
@@ -145,7 +145,7 @@ impl EmbeddedViewer {
         let parameters: UploadParameters = query(&uri_of(text)?).map_err(refused)?;
         parameters.extension().map_err(refused)?;
         if bytes.len() > LIGHT_MAX {
-            return Err(refused(HttpError::too_large()));
+            return Err(refused(too_large()));
         }
         let UploadParameters { name, up } = &parameters;
         let input = Input::memory(name, bytes);

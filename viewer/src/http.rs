@@ -1,6 +1,6 @@
 //! Error responses and JSON responses.
 
-use crate::{ViewerError, new_light::LIGHT_MAX};
+use crate::ViewerError;
 use axum::{
     extract::rejection::QueryRejection,
     http::{HeaderValue, StatusCode, header},
@@ -34,12 +34,6 @@ impl HttpError {
     /// 500 Internal Server Error.
     pub(crate) fn internal(error: impl Display) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
-    }
-
-    /// 413 Content Too Large, of a light.
-    pub(crate) fn too_large() -> Self {
-        let message = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
-        Self::new(StatusCode::PAYLOAD_TOO_LARGE, message)
     }
 
     /// 503 Service Unavailable, with the delay after which clients try again.

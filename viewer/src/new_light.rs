@@ -1,6 +1,7 @@
 //! Lights that are opened or dropped: their parameters and bounds.
 
 use crate::{ViewerError, http::HttpError};
+use axum::http::StatusCode;
 use serde::Deserialize;
 use specula_io::{Input, latlong};
 use specula_scene::light_file::MapUp;
@@ -33,6 +34,12 @@ impl UploadParameters {
         let name = &self.name;
         Err(HttpError::bad_request(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")))
     }
+}
+
+/// 413 Content Too Large: a light of more than [`LIGHT_MAX`] bytes.
+pub(crate) fn too_large() -> HttpError {
+    let message = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
+    HttpError::new(StatusCode::PAYLOAD_TOO_LARGE, message)
 }
 
 /// Refuses a light, called `name`, with more pixels than are read.

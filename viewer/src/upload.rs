@@ -3,7 +3,7 @@
 use crate::{
     ViewerError,
     http::{HttpError, json_response},
-    new_light::{LIGHT_MAX, UploadParameters, refuse_large},
+    new_light::{LIGHT_MAX, UploadParameters, refuse_large, too_large},
     request::query,
     state::ServerState,
 };
@@ -42,7 +42,7 @@ pub(crate) async fn add_light(
     let parameters: UploadParameters = query(&uri)?;
     let extension = parameters.extension()?;
     if content_length(request.headers()).is_some_and(|length| length > LIGHT_MAX) {
-        return Err(HttpError::too_large());
+        return Err(too_large());
     }
     let permit = state.uploads.clone().try_acquire_owned();
     let permit = permit.map_err(|_| HttpError::busy("another light is being read; send this one in a moment"))?;
@@ -78,7 +78,7 @@ async fn received(mut body: Body, extension: &str, folder: &Path) -> Result<Name
         let Ok(bytes) = frame.into_data() else { continue };
         length += bytes.len();
         if length > LIGHT_MAX {
-            return Err(HttpError::too_large());
+            return Err(too_large());
         }
         file.write_all(&bytes).map_err(no_room)?;
     }

@@ -203,12 +203,7 @@ pub(crate) fn direct_of_tile(direct: &[Quad], slot: usize) -> &[Quad] {
 /// Direct light of a quad of a tile.
 #[inline(always)]
 pub(crate) fn direct_of_quad<S: Simd>(simd: S, direct: &[Quad], quad: usize) -> DirectLight<Lanes<S>> {
-    let numbers = &direct[quad * LEN..(quad + 1) * LEN];
-    let mut lanes = [Lanes::splat(simd, 0.0); LEN];
-    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
-        *lanes = Lanes::load(simd, numbers);
-    }
-    DirectLight::from_array(lanes)
+    DirectLight::from_array(Lanes::load_each(simd, &direct[quad * LEN..]))
 }
 
 /// Numbers in every lane.

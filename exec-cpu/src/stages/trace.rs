@@ -93,26 +93,12 @@ fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lane
         }
     }
     let [a, b, c] = &numbers;
-    surface_within(&[vertex_of(simd, a), vertex_of(simd, b), vertex_of(simd, c)], hits.weights)
-}
-
-/// Surface at a vertex, of each lane.
-#[inline(always)]
-fn vertex_of<S: Simd>(simd: S, numbers: &[[f32; BLOCK]; VERTEX_LEN]) -> NearSurface<Lanes<S>> {
-    let mut lanes = [Lanes::splat(simd, 0.0); VERTEX_LEN];
-    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
-        *lanes = Lanes::load(simd, numbers);
-    }
-    vertex_surface(lanes)
+    let [a, b, c] = [Lanes::load_each(simd, a), Lanes::load_each(simd, b), Lanes::load_each(simd, c)];
+    surface_within(&[vertex_surface(a), vertex_surface(b), vertex_surface(c)], hits.weights)
 }
 
 /// Reflection of a quad of a tile.
 #[inline(always)]
 pub(crate) fn reflection_of_quad<S: Simd>(simd: S, reflections: &[Quad], quad: usize) -> Reflection<Lanes<S>> {
-    let numbers = &reflections[quad * LEN..(quad + 1) * LEN];
-    let mut lanes = [Lanes::splat(simd, 0.0); LEN];
-    for (lanes, numbers) in lanes.iter_mut().zip(numbers) {
-        *lanes = Lanes::load(simd, numbers);
-    }
-    Reflection::from_array(lanes)
+    Reflection::from_array(Lanes::load_each(simd, &reflections[quad * LEN..]))
 }

@@ -2,7 +2,10 @@
 
 use crate::{
     error::Result,
-    tradeoff::findings::{Findings, MeasuredSetting},
+    tradeoff::{
+        findings::{Findings, MeasuredSetting},
+        progress::StartProgress,
+    },
 };
 use core::sync::atomic::{AtomicU64, Ordering};
 use specula_accuracy::{
@@ -32,10 +35,6 @@ pub struct Options {
     /// Whether invariants are measured in scenes at the edges of valid input.
     pub with_stability: bool,
 }
-
-/// Begins a phase with a title and a number of steps; returns its observer, which takes the number
-/// of steps done and is dropped at the end of the phase.
-pub type StartProgress<'a> = dyn Fn(&str, u64) -> Box<dyn Fn(u64) + Sync> + 'a;
 
 /// Measures a scene.
 ///

@@ -2,7 +2,7 @@
 
 use crate::{
     error::{Error, Result},
-    tradeoff::bench::StartProgress,
+    tradeoff::progress::StartProgress,
 };
 use core::time::Duration;
 use glam::Vec3;

@@ -5,12 +5,14 @@ mod findings;
 mod lamps;
 mod page;
 mod plot;
+mod progress;
 mod records;
 mod table;
 
-pub use bench::{Options, StartProgress, measure, spread_cameras};
+pub use bench::{Options, measure, spread_cameras};
 pub use findings::{Findings, MeasuredSetting};
 pub use lamps::{LampSetting, LampSubject, lamp_settings};
 pub use page::page;
+pub use progress::StartProgress;
 pub use records::records;
 pub use table::markdown;
