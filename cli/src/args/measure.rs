@@ -85,8 +85,9 @@ pub(crate) struct Eval {
 ///
 /// Runs of one scene that are not comparable (different iterations, data sets, resolutions or
 /// numbers of training views; different test views, backgrounds or LPIPS networks) cause a warning,
-/// columns for the training settings that differ, and no bold. Size is that of the Gaussians and
-/// the light. Models of INRIA's and the GaussianShader authors' tools are supported as far as they
+/// columns for the training settings that differ, and no bold; so do runs that were trained without
+/// --eval, on the views that they were measured on. Size is that of the Gaussians and the light.
+/// Models of INRIA's and the GaussianShader authors' tools are supported as far as they
 /// contain the same files.
 #[derive(Args, Debug)]
 #[command(after_help = "\

@@ -36,13 +36,20 @@ fn advice(missing: &Missing) -> String {
     format!("{folder} has no {}; run specula eval {folder}{option}", missing.measure)
 }
 
-/// Sentences about runs that are not comparable.
+/// Sentences about runs whose figures are of another model or of no new views, or that are not
+/// comparable.
 fn warnings(comparison: &Comparison) -> Vec<String> {
     let unmeasured = comparison.unmeasured().map(|(folder, iteration)| {
         let folder = folder.display();
         format!("{folder} holds iteration {iteration}, which was not measured; specula eval {folder} does")
     });
-    unmeasured.chain(comparison.differences()).collect()
+    let seen = comparison.without_held_out_views().map(|folder| {
+        format!(
+            "{} was trained without --eval, so on all views of its data set; its figures are of no new views",
+            folder.display()
+        )
+    });
+    unmeasured.chain(seen).chain(comparison.differences()).collect()
 }
 
 /// Format that was requested, or that of the file's extension.

@@ -21,6 +21,8 @@ struct Said {
     iterations: u32,
     /// The folder of the data set's folder.
     data: &'static str,
+    /// Views that the training held out.
+    test_views: u32,
 }
 
 const SAID: Said = Said {
@@ -33,6 +35,7 @@ const SAID: Said = Said {
     config: "",
     iterations: 7000,
     data: "/data",
+    test_views: 2,
 };
 
 impl Runs {
@@ -53,7 +56,7 @@ impl Runs {
             json!({
                 "profile": said.profile, "shading": if said.profile == "3dgs" { "radiance" } else { "deferred" }, "iterations": said.iterations,
                 "source_path": format!("{}/{}", said.data, said.scene), "train_views": 1,
-                "seconds": 100.0 + said.name.len() as f64, "test_views": 2, "background": said.background,
+                "seconds": 100.0 + said.name.len() as f64, "test_views": said.test_views, "background": said.background,
             }),
         );
         let camera = |name: &str| {
@@ -291,4 +294,24 @@ fn unequal_trainings_say_so_and_none_is_bold() {
     let (table, _) = compared(&[one, other], &[]);
     assert!(table.contains("trained on /data/chair, and ") && table.contains("on /old/chair"), "{table}");
     assert!(!table.contains("**") && !table.contains("iterations"), "{table}");
+}
+
+#[test]
+fn figures_of_views_that_were_trained_on_say_so_and_none_is_bold() {
+    let runs = Runs::new();
+    let run = |name, profile, psnr: f64, test_views| {
+        runs.add(&Said { name, profile, measures: json!({"PSNR": psnr}), test_views, ..SAID })
+    };
+    let seen = [run("one", "specula", 30.0, 0), run("two", "3dgs", 31.0, 0)];
+    let (table, said) = compared(&seen, &[]);
+    for folder in &seen {
+        let words = format!("{} was trained without --eval", folder.display());
+        assert!(table.contains(&words) && said.contains(&words), "{table}{said}");
+    }
+    assert!(!table.contains("**") && !table.contains("not comparable"), "{table}");
+
+    let held_out = run("three", "3dgs", 29.0, 2);
+    let (table, said) = compared(&[seen[0].clone(), held_out], &[]);
+    assert_eq!(said.matches("without --eval").count(), 1, "{said}");
+    assert!(!table.contains("**"), "{table}");
 }

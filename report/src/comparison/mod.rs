@@ -65,6 +65,11 @@ impl Comparison {
         self.runs.iter().filter_map(|run| Some((run.folder.as_path(), run.unmeasured?)))
     }
 
+    /// Measured runs whose training held no views out.
+    pub fn without_held_out_views(&self) -> impl Iterator<Item = &Path> {
+        self.runs.iter().filter(|run| run.held_nothing_out).map(|run| run.folder.as_path())
+    }
+
     /// Sentences about why runs of one scene are not comparable.
     pub fn differences(&self) -> Vec<String> {
         let scenes = table::scenes(&self.runs).into_iter();

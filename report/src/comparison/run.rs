@@ -77,6 +77,8 @@ pub(super) struct Run {
     pub(super) lpips_network: Option<String>,
     /// Views of the measurement; none if unknown.
     pub(super) views: Vec<NamedCamera>,
+    /// Whether it was measured although the training held no views out.
+    pub(super) held_nothing_out: bool,
     pub(super) background: Option<[f64; 3]>,
 }
 
@@ -110,6 +112,9 @@ impl Run {
         let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
         let settings = settings_of(folder);
         let number = |name: &str| results.numbers.get(name)?.0;
+        let held_nothing_out = measured_at.is_some() && facts.test_views.0 == Some(0.0);
+        // Test views come first among the cameras of a model, if it has any.
+        let known_views = if held_nothing_out { 0 } else { view_count.unwrap_or(0) };
         Ok(Self {
             folder: folder.to_owned(),
             scene: last_component(Path::new(&source)).unwrap_or_else(|| "scene".into()),
@@ -130,7 +135,8 @@ impl Run {
             unmeasured: latest.filter(|latest| measured_at.is_some_and(|measured| measured < *latest)),
             settings,
             lpips_network: results.lpips_network.0,
-            views: views_of(folder, view_count.unwrap_or(0))?,
+            views: first_views(folder, known_views)?,
+            held_nothing_out,
             background: facts.background.0,
         })
     }
@@ -178,6 +184,7 @@ struct TimelineEntry {
 #[serde(default)]
 struct Facts {
     train_views: Lenient<f64>,
+    test_views: Lenient<f64>,
     gaussians: Lenient<f64>,
     seconds: Lenient<f64>,
     background: Lenient<[f64; 3]>,
@@ -192,8 +199,8 @@ fn read_json<T: DeserializeOwned + Default>(path: &Path) -> Result<T> {
     serde_json::from_slice(&bytes).map_err(|error| Error::Input(format!("cannot understand {path:?}: {error}")))
 }
 
-/// Test views, which come first among the cameras of a model.
-fn views_of(folder: &Path, count: usize) -> Result<Vec<NamedCamera>> {
+/// The first cameras of a model.
+fn first_views(folder: &Path, count: usize) -> Result<Vec<NamedCamera>> {
     let path = folder.join("cameras.json");
     let mut views = if path.is_file() { cameras::read(&path)? } else { Vec::new() };
     views.truncate(count);

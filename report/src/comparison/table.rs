@@ -70,7 +70,8 @@ fn table_of_scene(scene: &str, quantities: &[Quantity], runs: &[Run], labels: &[
     let cell = |quantity: &Quantity, run: &Run| quantity.value(run).map(|value| Cell::new(*quantity, value));
     let row = |run: &Run| quantities.iter().map(|quantity| cell(quantity, run)).collect();
     let mut rows: Vec<Row> = labels.iter().cloned().zip(runs.iter().map(row)).collect();
-    if is_comparable(scene, runs) && runs.iter().all(|run| run.unmeasured.is_none()) {
+    let is_of_new_views = |run: &Run| run.unmeasured.is_none() && !run.held_nothing_out;
+    if is_comparable(scene, runs) && runs.iter().all(is_of_new_views) {
         quantities.iter().enumerate().for_each(|(column, quantity)| mark_best(&mut rows, column, *quantity));
     }
     let heads = core::iter::once(Head::plain(scene)).chain(quantities.iter().copied().map(Head::of)).collect();
