@@ -27,7 +27,7 @@ pub type Times = [f64; STAGES.len()];
 pub struct Work {
     /// Splats in tiles.
     pub intersections: usize,
-    /// Pixels of 2 × 2 quads covered by a splat, over all splats.
+    /// Pixels of the 4 × 4 quads in which a splat is visible, summed over all splats.
     pub pairs: usize,
     /// Approximate number of pairs with perspective within the splat.
     pub pairs_in_perspective: usize,

@@ -78,8 +78,8 @@ impl<R: Real> Outline<R> {
 }
 
 /// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`;
-/// the second is smaller than the first where the outline misses the band. What is no ellipse is
-/// everywhere.
+/// the second is smaller than the first where the outline misses the band. An outline that is no
+/// ellipse covers every x.
 #[inline(always)]
 pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] {
     let [x, y] = outline.center;

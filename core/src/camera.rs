@@ -34,7 +34,7 @@ pub struct Camera {
     pub height: u32,
 }
 
-/// [`Camera::near`] of a scene whose cameras spread so far: [`NEAR`], or less in a scene that is
+/// [`Camera::near`] of a scene with this camera extent: [`NEAR`], or less in a scene that is
 /// smaller than one unit.
 pub fn near_of(extent: f32) -> f32 {
     NEAR * extent.min(1.0)

@@ -84,8 +84,8 @@ pub fn from_byte<R: Real>(byte: R) -> R {
 }
 
 /// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At
-/// an alpha of zero no colour is seen, so this one can be set aside; that of other transparent
-/// pixels is another.
+/// an alpha of zero no colour is seen, so this one is reserved; other transparent pixels get
+/// another.
 pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
 
 /// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].

@@ -98,7 +98,7 @@ impl CullReason {
         }
     }
 
-    /// That of a Gaussian in a picture that reads all its attributes; without a camera, as far as
+    /// Reason for a Gaussian in pictures that read all its attributes; without a camera, as far as
     /// its own numbers tell.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: Option<&Camera>) -> Self {
         nonfinite(gaussians, gaussian)

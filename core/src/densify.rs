@@ -103,7 +103,7 @@ pub fn split_mean<R: Real>(mean: Vec3<R>, log_scales: Vec3<R>, quat: Quat<R>, no
     mean + rotation(quat).transform(noise.times(scales(log_scales)))
 }
 
-/// Logarithms of a split child's scales: those of the parent, divided by [`SPLIT_SHRINK`].
+/// Logarithms of a split child's scales: those of the parent less ln [`SPLIT_SHRINK`].
 #[inline(always)]
 pub fn split_log_scales<R: Real>(log_scales: Vec3<R>) -> Vec3<R> {
     let log_shrink = crate::math::ln(SPLIT_SHRINK);

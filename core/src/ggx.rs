@@ -43,8 +43,8 @@ pub fn cosine<R: Real>(a: Vec3<R>, b: Vec3<R>) -> R {
     (((a + b).length_squared() - (a - b).length_squared()) * 0.25).max(a.x.zero())
 }
 
-/// The angle from the lobe's axis, in radians, inside which the share `energy` of a lobe's half
-/// vectors leads.
+/// Angle from the lobe's axis, in radians, within which the share `energy` of the lobe's half
+/// vectors reflects light.
 ///
 /// ∫ D cos θ_h up to θ_h is tan²θ_h / (α² + tan²θ_h); the light's angle is twice the half vector's,
 /// at most 90°.

@@ -23,7 +23,7 @@
 //! pixel by numbers that derive from its place. Each ray weighs as much as its light on the
 //! surface.
 //!
-//! Lamps' light that surfaces reflect once from their diffuse layers onto others is known at the
+//! Light of lamps that diffuse layers reflect once or twice onto other surfaces is stored at the
 //! vertices of the triangles; a pixel takes it from the triangle below it
 //! ([`crate::near_field::NearField::surface_below`]).
 

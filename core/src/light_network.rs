@@ -262,7 +262,7 @@ pub fn initial_weight(index: usize, number: f32, seed: u64) -> f32 {
     (2.0 * random::uniform(seed, WEIGHT_STREAM, index as u64) - 1.0) * bound
 }
 
-/// Why a light's network cannot be evaluated.
+/// Fault of a light's network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightNetworkError {
     /// The scheme is a cube map's.

@@ -365,7 +365,7 @@ impl LossWeights {
         saturates: false,
     };
 
-    /// Without the losses that nothing is there for: of coverage, unless the true picture has an
+    /// Removes losses without input: that of coverage, unless the true picture has an
     /// alpha channel; those of the geometry, unless it was blended.
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
@@ -381,7 +381,7 @@ impl LossWeights {
 /// Values of the losses, as unweighted means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossReport {
-    /// The weighted sum of what follows.
+    /// Weighted sum of the losses below, SSIM as 1 − SSIM.
     pub total: f64,
     /// Mean |C − C_gt|.
     pub absolute: f64,
@@ -397,7 +397,7 @@ pub struct LossReport {
 }
 
 impl LossReport {
-    /// With the weighted sum of what it holds.
+    /// Sets the total to the weighted sum of the losses.
     pub fn with_total(self, weights: &LossWeights) -> Self {
         let total = f64::from(weights.absolute) * self.absolute
             + f64::from(weights.squared) * self.squared

@@ -65,7 +65,7 @@ pub const BACK_DEPTH: f32 = 2.0;
 /// offset was added, and a pixel's depth and the triangles differ by as much.
 pub const BELOW: f32 = 4.0;
 
-/// Depth that says that no ray meets the back of a triangle.
+/// Back depth of rays that hit only the fronts of triangles.
 pub const FRONTS_ALONE: f32 = -1.0;
 
 /// Share of a triangle by which it is larger for rays, so that none passes between neighbours.

@@ -1,4 +1,4 @@
-//! One step of Adam (Kingma & Ba 2015), and how a learning rate falls.
+//! One step of Adam (Kingma and Ba 2015), and the decay of learning rates.
 
 use crate::{math, real::Real};
 

@@ -66,7 +66,7 @@ impl<R: Real> ResponseDepth<R> {
         let depth = self.along(ray_scale(dx.constant(1.0), self.slope, [dx, dy]), u.mul_add(u, w * w));
         depth.min(dx.constant(f32::MAX))
     }
-    /// t* where 1 + l·δ and κ |W δ|² are these.
+    /// t* from 1 + l·δ and κ |W δ|².
     #[inline(always)]
     fn along(&self, ray_scale: R, squared: R) -> R {
         let scale = ray_scale.max(ray_scale.zero());

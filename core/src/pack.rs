@@ -40,7 +40,7 @@ impl Storage {
         }
     }
 
-    /// Makes every number of Gaussians what comes back from where it is stored.
+    /// Rounds every number of Gaussians to the storage format.
     pub fn round<A: AsMut<[f32]>>(self, gaussians: &mut Gaussians<A>) {
         if self == Self::F16 {
             let block_len = gaussians.block_len();
@@ -50,8 +50,8 @@ impl Storage {
     }
 }
 
-/// The nearest half, ties to the even one. Finite numbers beyond ±65504 become that; infinity and
-/// what is no number stay so.
+/// Nearest half, ties to even. Finite numbers are clamped to ±65504; infinities and NaN are
+/// kept.
 fn half(number: f32) -> f16 {
     let limit = f32::from(f16::MAX);
     f16::from_f32(if number.is_finite() { number.clamp(-limit, limit) } else { number })

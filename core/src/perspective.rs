@@ -222,7 +222,7 @@ pub fn ray_scale<R: Real>(of_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
     slope[0].mul_add(x, slope[1].mul_add(y, of_origin))
 }
 
-/// log₂ of a splat's strength where |W δ|², scaled, and 1 + l·δ are these.
+/// log₂ of a splat's strength from the scaled |W δ|² and 1 + l·δ.
 #[inline(always)]
 pub fn log2_strength<R: Real>(log2_opacity: R, squared: R, ray_scale: R, scaled_curvature: R) -> R {
     let scale = ray_scale.max(ray_scale.zero());

@@ -43,7 +43,7 @@ const FAINT: f32 = 0.5 * ALPHA_MIN;
 /// Diffuse colours below this count as black: their products with blending weights, at least 4e-7,
 /// stay normal numbers.
 const DIFFUSE_MIN: f32 = 1e-30;
-/// Numbers below this have an e-function of exactly zero in `f32`, wherever it comes from: e^−104
+/// Exponents below this give exp(x) = 0 in `f32`, in any math library: e^−104
 /// is half of the smallest number.
 const EXPONENT_OF_ZERO: f32 = -110.0;
 
@@ -144,7 +144,7 @@ fn largest(numbers: &[f32]) -> f32 {
     numbers.iter().fold(0.0, |max, x| larger(max, *x))
 }
 
-/// Why a run does without light.
+/// Reason for which a picture needs no light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Unlit {
     /// No shaded Gaussian is drawn.

@@ -35,7 +35,7 @@ pub trait Real:
     fn sqrt(self) -> Self;
     /// 2 to the power `self`; below −126 the result is that of −126, above 127 that of 127.
     fn exp2(self) -> Self;
-    /// 2^x of an x between −[`EXP2_SMALL`] and [`EXP2_SMALL`]; something, for others.
+    /// 2^x for |x| ≤ [`EXP2_SMALL`]; unspecified for larger arguments.
     #[inline(always)]
     fn exp2_of_small(self) -> Self {
         self.exp2()

@@ -48,7 +48,7 @@ pub enum LightLayer {
 }
 
 impl LightLayer {
-    /// All but the first, of which a picture is rendered where it is asked for.
+    /// Light layers beside the reflected one; each is rendered on request, as a picture of its own.
     pub const OTHERS: [Self; 3] = [Self::Indirect, Self::Visibility, Self::Irradiance];
 }
 

@@ -17,7 +17,7 @@ use crate::{
     vector::{Vec3, normalize_or, normalize_or_vjp},
 };
 
-/// Coverage below which a pixel counts as this well covered; a splat that is drawn covers more.
+/// Lower bound of the coverage that sums are divided by; a splat that is drawn covers more.
 pub const COVERAGE_MIN: f32 = 1e-3;
 
 /// Surface attributes blended into a pixel, premultiplied.

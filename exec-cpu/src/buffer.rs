@@ -34,7 +34,7 @@ impl<T> Pool<T> {
 }
 
 impl<T: Default> Pool<T> {
-    /// Takes `len` values, which are those of their last user.
+    /// Takes `len` values with arbitrary contents.
     pub(crate) fn take(&self, len: usize) -> Buffer<T> {
         let mut values = self.nearest(len).unwrap_or_default();
         if values.len() < len {

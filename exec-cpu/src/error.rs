@@ -5,7 +5,7 @@ use specula_core::{
     prefilter::RESOLUTION_MAX,
 };
 
-/// Why a stage could not run.
+/// Error of a stage.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum CpuError {
     /// A picture's bytes do not fit its size.

@@ -223,8 +223,7 @@ impl<P> GpuExecutor<P> {
         self.context.kernels
     }
 
-    /// Sets the variants of the kernels. Pictures do not depend on them; gradients differ by
-    /// rounding.
+    /// Sets the variants of the kernels. Pictures and gradients differ by rounding.
     pub fn set_kernels(&mut self, kernels: KernelSet) {
         self.context.kernels = kernels;
         self.replay = ReplayDivision::new(kernels);

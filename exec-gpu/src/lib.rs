@@ -4,7 +4,7 @@
 //! * `codegen`: WGSL functions from core's formulas, which are traced with a number that records
 //!   its operations;
 //! * `stages`: for each stage of the pipeline its dispatches, formulas and kernels. Kernels only
-//!   kernels formulas: they assign work to invocations, load and store;
+//!   schedule formulas: they assign work to invocations, load and store;
 //! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's
 //!   render pass.
 //!

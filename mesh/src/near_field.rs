@@ -24,7 +24,7 @@ const OFFSET_VOXELS: f32 = 1.5;
 const VISIBLE_VOXELS: f32 = 2.0;
 /// Share of reflections below which a scene does not reflect itself: contacts of its parts alone.
 const SHARE_MIN: f64 = 0.01;
-/// Step between the vertices that are tested for it.
+/// Step between the vertices that are tested for self-reflection.
 const TESTED_EVERY: usize = 7;
 /// Normal, base, tint and roughness.
 const ATTRIBUTES: usize = 10;

@@ -242,9 +242,9 @@ pub fn render_within<R: Number>(
 /// Inputs of a training step beside the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, R> {
-    /// From where.
+    /// Camera of the picture.
     pub camera: &'a Camera,
-    /// The picture that was taken there.
+    /// True picture of that camera.
     pub target: &'a Target<R>,
     /// Rendering rules.
     pub rules: &'a RenderRules,

@@ -270,7 +270,7 @@ fn window(
     })
 }
 
-/// AdamMoments of every window of every plane.
+/// Moments of every SSIM window of every plane.
 fn ssim_moments<R: Number>(width: usize, height: usize, x: &[R], y: &[R]) -> Vec<SsimMoments<R>> {
     let size = width * height;
     let weights = loss::ssim_window().map(f64::from);

@@ -36,7 +36,7 @@ fn offset<R: Number>(splat: &Splat<R>, column: usize, row: usize) -> [R; 2] {
     [x - splat.mean2d[0], y - splat.mean2d[1]]
 }
 
-/// log₂ of how strong a splat is at an offset from its mean; `None` where it has no perspective.
+/// log₂ of a splat's strength at an offset from its mean; affine without a `perspective`.
 fn log2_strength<R: Number>(splat: &Splat2d<R>, perspective: Option<&Perspective<R>>, [dx, dy]: [R; 2]) -> R {
     let falloff = blend::falloff(splat, dx, dy);
     let Some(perspective) = perspective else { return falloff.log2_strength };

@@ -1,5 +1,5 @@
-//! Scenes at the edges of what is valid, by name: whatever renders and trains must stay in its
-//! senses there.
+//! Scenes at the limits of valid input, by name, for which every executor must give finite
+//! results.
 
 use crate::scenes::{camera, random_cloud, random_environment};
 use glam::{Mat3, Vec3};

@@ -24,7 +24,7 @@ const DIRECTIONS: usize = 768;
 const POINTS: usize = 128;
 /// Edge of the square, in widths of the scene. Shadows of the sky fade towards it.
 const WIDTHS: f32 = 4.0;
-/// Share of the square's half edge within which they do not.
+/// Share of the square's half edge within which shadows of the sky do not fade.
 const FADE: f32 = 0.7;
 
 /// Plane below a scene, and the light on it.

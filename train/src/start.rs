@@ -30,7 +30,7 @@ pub struct Point {
     pub color: [f32; 3],
 }
 
-/// Edge of the cube of random points around the origin, which encloses the scenes of NeRF
+/// Half the edge of the cube of random points around the origin, which encloses scenes of NeRF
 /// Synthetic.
 const CUBE_HALF: f32 = 1.3;
 /// Independent streams of random numbers.

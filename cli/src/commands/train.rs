@@ -381,7 +381,7 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
     })
 }
 
-/// Arguments of the program, what is no Unicode replaced.
+/// Arguments of the program, with invalid Unicode replaced.
 fn command_line() -> String {
     let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     words.join(" ")

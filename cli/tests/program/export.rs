@@ -278,7 +278,6 @@ fn a_baked_scene_looks_as_the_scene_does_and_its_error_is_said() {
     assert!(said.contains("the light and its reflections are omitted"), "{said}");
 }
 
-/// The model's test views as a file of cameras.
 /// A physical material is baked in the light that is asked for: its pixels are those of `render`.
 #[test]
 fn a_physical_ball_is_baked_under_another_light() {
@@ -296,6 +295,7 @@ fn a_physical_ball_is_baked_under_another_light() {
     assert!(red(&rows) != red(&ply_rows(&other)), "the light is another");
 }
 
+/// The model's test views as a file of cameras.
 fn test_cameras(ball: &Ball) -> PathBuf {
     let path = ball.tiny.path("test_cameras.json");
     let all = cameras::read(&ball.model().join("cameras.json")).unwrap();

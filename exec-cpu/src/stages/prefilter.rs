@@ -111,7 +111,7 @@ impl Light {
     pub fn weight_count(&self) -> usize {
         self.operator.rows().map_or(0, |rows| rows.forward.weights.len())
     }
-    /// Makes every texel what comes back from where it is stored so: what other executors look up.
+    /// Rounds every texel to a storage format, as other executors look it up.
     pub fn round(&mut self, storage: Storage) {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }

@@ -53,14 +53,18 @@ struct Uniforms {
 impl Uniforms {
     /// Whether uniforms of these sizes fit behind those of the submission.
     fn have_room(&self, gpu: &Gpu, sizes: impl Iterator<Item = usize>) -> bool {
-        let alignment = gpu.uniform_alignment();
-        let all: usize = sizes.map(|size| size.next_multiple_of(alignment)).sum();
-        self.bytes.len().next_multiple_of(alignment) + all <= UNIFORM_BYTES
+        let all: usize = sizes.map(|size| size.next_multiple_of(gpu.uniform_alignment())).sum();
+        self.next_start(gpu) + all <= UNIFORM_BYTES
+    }
+
+    /// Place of the next uniform.
+    fn next_start(&self, gpu: &Gpu) -> usize {
+        self.bytes.len().next_multiple_of(gpu.uniform_alignment())
     }
 
     /// Appends a uniform; returns its place in the buffer.
     fn push(&mut self, gpu: &Gpu, uniform: &[u8]) -> Range<u64> {
-        let start = self.bytes.len().next_multiple_of(gpu.uniform_alignment());
+        let start = self.next_start(gpu);
         self.bytes.resize(start, 0);
         self.bytes.extend_from_slice(uniform);
         self.bytes.resize(start + uniform.len().next_multiple_of(UNIFORM_STEP), 0);
@@ -125,7 +129,8 @@ impl Recorder {
                 timer.collect(gpu, timestamps)?;
             }
         }
-        gpu.check()
+        // The error may be that the device had no memory for the uniforms' buffer.
+        gpu.check().inspect_err(|_| self.uniforms.buffer = None)
     }
 
     /// Records a kernel. `source` is evaluated only if the kernel is not compiled yet; `key`

@@ -25,6 +25,7 @@ use crate::{
             sums::{LightSums, light_sums},
         },
         prefilter::Light,
+        project::Splats,
         step_counters::Capacity,
     },
 };
@@ -204,6 +205,19 @@ impl<P> GpuExecutor<P> {
     pub fn set_pair_capacity(&mut self, pairs: usize) {
         let depth_bits = self.capacity.map_or(1, |capacity| capacity.depth_bits);
         self.capacity = Some(Capacity { pairs, depth_bits });
+    }
+
+    /// Changes the number of tiles that splats are counted for before they are sorted into them.
+    ///
+    /// # Errors
+    ///
+    /// Errors of allocation and of the device.
+    pub fn recount_tiles(&mut self, splats: &mut Splats, recount: impl Fn(u32) -> u32) -> Result<(), GpuError> {
+        let mut counts = vec![0; splats.tile_counts.len()];
+        self.context.download(&splats.tile_counts, 0, &mut counts)?;
+        counts.iter_mut().for_each(|count: &mut u32| *count = recount(*count));
+        splats.tile_counts = self.context.upload("numbers of tiles", &counts)?;
+        Ok(())
     }
 
     /// Division of the replay of splats in the gradient of compositing.

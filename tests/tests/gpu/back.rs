@@ -225,6 +225,33 @@ impl Scene {
     }
 }
 
+/// Kernels may round the edge of an outline otherwise, and count a tile that another does not find.
+#[test]
+fn tiles_that_only_one_kernel_finds_change_nothing() {
+    let Some(mut gpu) = executor() else { return };
+    let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training);
+    for (count, seed) in [(3000, 5), (40, 6)] {
+        let scene = Scene::new(count, Layout::shaded(None), rules, [70, 45], seed);
+        let mut grads = |recount: fn(u32) -> u32| {
+            let cloud = uploaded(&mut gpu, &scene.cloud);
+            let light = scene.light(&mut gpu);
+            let mut splats = gpu.project(&cloud, &scene.camera).unwrap();
+            let colors = gpu.shade(&cloud, &scene.camera, &mut splats, light.as_ref(), &scene.rules).unwrap();
+            gpu.recount_tiles(&mut splats, recount).unwrap();
+            let tiles = gpu.bin(&splats, &scene.camera).unwrap();
+            let frame = gpu.blend(&splats, &colors, &tiles, &scene.camera).unwrap();
+            let grad = Back::frame_grad(&mut gpu, &frame, &scene);
+            let grads = gpu.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &scene.camera).unwrap();
+            gpu.numbers_of(&grads)
+        };
+        let counted = grads(|count| count);
+        assert!(counted.iter().any(|number| *number != 0.0), "something is drawn");
+        assert_eq!(grads(|count| if count == 1 { 2 } else { count }), counted);
+        let fewer = grads(|count| if count > 1 { count - 1 } else { count });
+        assert!(fewer.iter().all(|number| number.is_finite()) && fewer != counted);
+    }
+}
+
 fn uploaded<E: Renderer<Error: core::fmt::Debug>>(
     exec: &mut E,
     Gaussians { count, layout, values }: &Gaussians<Vec<f32>>,

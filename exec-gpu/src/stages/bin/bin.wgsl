@@ -44,20 +44,42 @@ fn emit(
         return;
     }
     var next = offsets[rank];
-    if next == offsets[rank + 1u] {
+    let end = offsets[rank + 1u];
+    if next == end {
         return;
     }
     let gaussian = order[rank];
     let splat = splats[gaussian];
     let shape = outline_of(splat.mean2d, splat.root, splat.reach);
     let rows = rows_of(splat);
+    var before = camera.tiles.x * camera.tiles.y;
+    var after = 0u;
     for (var row = rows.x; row < rows.y; row++) {
         let columns = columns_in_row(shape, row);
-        for (var column = columns.x; column < columns.y; column++) {
-            tiles_of[next] = row * camera.tiles.x + column;
-            emissions[next] = next;
-            emitted[next] = gaussian;
+        for (var column = columns.x; column < columns.y && next < end; column++) {
+            let tile = row * camera.tiles.x + column;
+            emit_pair(next, tile, gaussian);
+            before = min(before, tile);
+            after = tile + 1u;
             next++;
         }
     }
+    // Tiles were counted by another kernel, which may round the edge of an outline otherwise. Of
+    // tiles that it counted and this one does not find, others take the place, which no pixel of
+    // the splat reaches: those behind the last one, or in front of the first.
+    for (; next < end; next++) {
+        if after < camera.tiles.x * camera.tiles.y {
+            emit_pair(next, after, gaussian);
+            after++;
+        } else {
+            before = max(before, 1u) - 1u;
+            emit_pair(next, before, gaussian);
+        }
+    }
+}
+
+fn emit_pair(emission: u32, tile: u32, gaussian: u32) {
+    tiles_of[emission] = tile;
+    emissions[emission] = emission;
+    emitted[emission] = gaussian;
 }

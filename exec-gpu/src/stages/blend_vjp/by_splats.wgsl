@@ -178,5 +178,7 @@ fn blend_vjp(
             break;
         }
     }
+    // Splats that ended after the last one that anything reaches have written their slots.
+    storageBarrier();
     clear_slots(workgroupUniformLoad(&over_at), end, local, SPLATS);
 }

@@ -243,7 +243,7 @@ impl Segments {
     ) -> Result<Self, GpuError> {
         // A first segment of each tile, and those that begin at multiples.
         let count = view.tile_count() + tiles.count_max.div_ceil(length);
-        let at_once = most.max(1).min((context.gpu.binding_max() / 4) as usize / STATE_WORDS).min(count);
+        let at_once = most.max(1).min((context.gpu.binding_max() / 4) as usize / STATE_WORDS).min(count).max(1);
         Ok(Self {
             length,
             count,
