@@ -33,7 +33,7 @@ mod comparison;
 pub use comparison::{PictureError, ReferencePictures};
 
 use crate::{
-    Scene,
+    Scene, Shading as Shown,
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
     number::group_digits,
@@ -298,7 +298,9 @@ impl PlainGaussians {
     fn shading(&self, scene: &Scene) -> Option<Shading> {
         let Scene { gaussians, light, shading_model, .. } = scene;
         let normals = self.normals.as_ref()?;
-        let all = || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, shading_model.shading));
+        // Materials stand beside the view-dependent attributes, whichever of both the scene shows.
+        let view_dependent = shading_model.shaded(Shown::View).shading;
+        let all = || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, view_dependent));
         let mut attributes = vec![
             Attribute::of("NORMAL".into(), normals.iter().copied()),
             Attribute::of("DIFFUSE".into(), all().map(|activated| activated.diffuse)),
@@ -318,7 +320,8 @@ impl PlainGaussians {
             Attribute::of(glb::harmonic("RESIDUAL", k), residual)
         }));
         let [form, axis, filter, _] = shading_model.names();
-        let properties = json!({"form": form, "axis": axis, "prefilter": filter});
+        let shown = shading_model.shading().name();
+        let properties = json!({"form": form, "shown": shown, "axis": axis, "prefilter": filter});
         let properties = properties.as_object().cloned().unwrap_or_default();
         let light = light.as_ref().map(|light| (radiance(light), light.resolution));
         Some(Shading { properties, attributes, light })

@@ -3,7 +3,7 @@
 //! A file with `SPECULA_shading` becomes a shaded scene whose normals are those of the file,
 //! whatever the axes of its Gaussians; others become plain Gaussian splatting.
 
-use crate::{Scene, SceneError, ShadingModel, orientation};
+use crate::{Scene, SceneError, Shading as Shown, ShadingModel, orientation};
 use specula_core::{
     activation::logit,
     normal::AxisRule,
@@ -99,6 +99,9 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
         }
         None => return Err("its shading has no light".to_owned()),
     };
+    if is_physical && word("shown") == Some(Shown::Physical.name()) {
+        shading_model = shading_model.shaded(Shown::Physical);
+    }
     Ok(Scene { gaussians, light: Some(light), shading_model, ..plain })
 }
 

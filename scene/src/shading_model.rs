@@ -82,9 +82,14 @@ impl ShadingModel {
         Self { shading: ShadingRules { form, ..self.shading }, ..self }
     }
 
+    /// Colours that the model shows.
+    pub fn shading(self) -> Shading {
+        if self.shading.form == ShadingForm::Physical { Shading::Physical } else { Shading::View }
+    }
+
     /// Whether mirrored rays meet the surface of a scene that has one.
     pub fn traces_near(self) -> bool {
-        self.shading.form == ShadingForm::Physical || self.reflections == Reflections::Near
+        self.shading() == Shading::Physical || self.reflections == Reflections::Near
     }
 
     /// Shading model that a profile trains.

@@ -278,15 +278,21 @@ fn a_baked_scene_looks_as_the_scene_does_and_its_error_is_said() {
     assert!(said.contains("the light and its reflections are omitted"), "{said}");
 }
 
+/// A light that is orange on one side and blue on the other.
+fn two_colours(ball: &Ball) -> PathBuf {
+    let rgb = (0..16 * 8).flat_map(|k| if k % 16 < 8 { [0.9, 0.5, 0.2] } else { [0.1, 0.2, 0.6] }).collect();
+    let path = ball.tiny.path("two.hdr");
+    latlong::write(&path, &LatLong { width: 16, height: 8, rgb }).unwrap();
+    path
+}
+
 /// A physical material is baked in the light that is asked for: its pixels are those of `render`.
 #[test]
 fn a_physical_ball_is_baked_under_another_light() {
     /// Gaussians are baked with the colours of whole pixels.
     const ENOUGH: f64 = 30.0;
     let ball = Ball::under(soft);
-    let rgb = (0..16 * 8).flat_map(|k| if k % 16 < 8 { [0.9, 0.5, 0.2] } else { [0.1, 0.2, 0.6] }).collect();
-    let sky = ball.tiny.path("two.hdr");
-    latlong::write(&sky, &LatLong { width: 16, height: 8, rgb }).unwrap();
+    let sky = two_colours(&ball);
     let (path, said) = ball.export("relit.ply", &["--env", sky.to_str().unwrap()]);
     assert!(decibels(&said) > ENOUGH, "{said}");
     let rows = ply_rows(&path);
@@ -772,6 +778,12 @@ fn a_glb_is_rendered_and_relit_like_a_model() {
     let sunny = picture("relight", &glb, &["--env", "none", "--sun", "0,60,3"], "sun");
     let apart = psnr(&of_file, &sunny);
     assert!(apart < SAME, "a sun is another light: {apart} dB");
+
+    let sky = two_colours(&ball);
+    let (relit, _) = ball.export("relit.glb", &["--no-error", "--env", sky.to_str().unwrap()]);
+    let of_model = picture("relight", &ball.model(), &["--env", sky.to_str().unwrap()], "relit model");
+    let of_file = picture("render", &relit, &["--layers", "rgb"], "relit file");
+    assert!(psnr(&of_model, &of_file) > SAME, "relit: {} dB", psnr(&of_model, &of_file));
 
     let refused = specula().arg("render").arg(&glb).args(["--profile", "paper"]).output().unwrap();
     let said = String::from_utf8(refused.stderr).unwrap();
