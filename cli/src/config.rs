@@ -183,7 +183,8 @@ pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
     if let Some(source) = args.source() {
         table.insert("source-path".into(), output::absolute(source).into());
     }
-    table.extend(Table::try_from(&args).map_err(|error| unfit(&error))?);
+    let settings = Table::try_from(&args).map_err(|error| unfit(&error))?;
+    table.extend(settings.into_iter().map(|(key, value)| (key, short(&value))));
     toml::to_string(&table).map_err(|error| unfit(&error))
 }
 
@@ -218,17 +219,28 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
     first_difference(&table_of(now), &table_of(then))
 }
 
+/// Value whose numbers have no more digits than an `f32` tells apart, as those of options do.
+fn short(value: &Value) -> Value {
+    match value {
+        Value::Float(number) if f64::from(*number as f32) == *number => {
+            Value::Float((*number as f32).to_string().parse().unwrap_or(*number))
+        }
+        Value::Array(values) => Value::Array(values.iter().map(short).collect()),
+        other => other.clone(),
+    }
+}
+
 fn table_of(text: &str) -> Table {
     text.parse().unwrap_or_default()
 }
 
 fn first_difference(now: &Table, then: &Table) -> Option<String> {
     let said = |table: &Table, key: &str| match table.get(key) {
-        Some(value) => format!("--{key} {}", plain(value).unwrap_or_else(|| value.to_string())),
+        Some(value) => format!("--{key} {}", plain(&short(value)).unwrap_or_else(|| value.to_string())),
         None => format!("no --{key}"),
     };
     let mut keys = now.keys().chain(then.keys()).filter(|key| !CHANGEABLE.contains(&key.as_str()));
-    let key = keys.find(|key| now.get(*key) != then.get(*key))?;
+    let key = keys.find(|key| now.get(*key).map(short) != then.get(*key).map(short))?;
     Some(format!("{}, not {}", said(then, key), said(now, key)))
 }
 
@@ -349,5 +361,8 @@ mod tests {
         assert_eq!(other.as_deref(), Some("--profile specula, not --profile paper"));
         let added = contradiction("lambda-normal = 0.5", "");
         assert_eq!(added.as_deref(), Some("no --lambda-normal, not --lambda-normal 0.5"));
+        assert_eq!(contradiction("normal-from = 0.1", "normal-from = 0.10000000149011612"), None, "one f32");
+        let long = contradiction("normal-from = 0.2", "normal-from = 0.10000000149011612");
+        assert_eq!(long.as_deref(), Some("--normal-from 0.1, not --normal-from 0.2"));
     }
 }

@@ -71,7 +71,7 @@ pub(crate) fn note_guessed_up(found: &Orientation) {
 
 fn correction(Orientation { up_source, error_degrees, .. }: &Orientation) -> &'static str {
     match (up_source, error_degrees) {
-        (UpSource::Hand, _) | (UpSource::Upright | UpSource::Height, Some(_)) => "",
+        (UpSource::Hand | UpSource::File, _) | (UpSource::Upright | UpSource::Height, Some(_)) => "",
         (UpSource::Level, Some(_)) => "; if it is the opposite, set --scene-up X,Y,Z",
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => "; if it is wrong, set --scene-up X,Y,Z",
     }

@@ -138,6 +138,9 @@ impl LightPlan {
         }
         let options = LightOptions { up, exposure: options.exposure + exposure };
         let turn = args.turn + turn;
+        if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
+            tracing::warn!("a sun stands below the horizon; the ground catches shadows, but casts none onto the scene");
+        }
         Ok(Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground })
     }
 

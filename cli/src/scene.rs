@@ -248,20 +248,28 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     Ok(map)
 }
 /// Requested layers that the scene has.
-pub(crate) fn layers_of(requested: &[Layer], scene: &Scene) -> Vec<Layer> {
+///
+/// # Errors
+///
+/// A sentence on the others, if it has none of them.
+pub(crate) fn layers_of(requested: &[Layer], scene: &Scene) -> Result<Vec<Layer>, Failure> {
     let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
     let (layers, missing): (Vec<Layer>, Vec<Layer>) =
         Layer::expanded(requested).into_iter().partition(|layer| layer.exists(layout, form));
-    let is_named = |layer: &&Layer| requested.contains(layer) || !layer.is_of_materials();
+    let is_named = |layer: &&Layer| requested.contains(layer) || !layer.is_of_materials() || layout.is_physical;
     let names: Vec<&str> = missing.iter().filter(is_named).map(|layer| layer.name()).collect();
     if !names.is_empty() {
         let names = names.join(", ");
-        match (layout.is_shaded(), layout.is_physical, form) {
-            (false, _, _) => tracing::warn!("the scene is plain Gaussian splatting, which has no {names}"),
-            (true, true, ShadingForm::Physical) => tracing::warn!("physical materials have no {names}"),
-            (true, true, _) => tracing::warn!("{names}: use --shading physical"),
-            (true, false, _) => tracing::warn!("the scene was trained without --relightable and has no {names}"),
+        let reason = match (layout.is_shaded(), layout.is_physical, form) {
+            (false, _, _) => format!("the scene is plain Gaussian splatting, which has no {names}"),
+            (true, true, ShadingForm::Physical) => format!("physical materials have no {names}"),
+            (true, true, _) => format!("{names}: use --shading physical"),
+            (true, false, _) => format!("the scene was trained without --relightable and has no {names}"),
+        };
+        if layers.is_empty() {
+            return Err(Failure::Input(reason));
         }
+        tracing::warn!("{reason}");
     }
-    layers
+    Ok(layers)
 }

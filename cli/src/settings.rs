@@ -143,6 +143,7 @@ fn set_losses(profile: &mut Profile, args: &Losses) {
     set(&mut weights.absolute, args.lambda_absolute);
     set(&mut weights.squared, args.lambda_squared);
     set(&mut weights.normal, args.lambda_normal);
+    set(&mut weights.smoothness, args.lambda_smooth);
     set(&mut weights.coverage, args.lambda_coverage);
     set(&mut weights.metalness, args.lambda_metal);
     set(&mut weights.saturates, args.white_pixels.map(|white| white == WhitePixels::Overexposed));

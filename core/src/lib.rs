@@ -124,6 +124,7 @@ pub mod sh_fit;
 pub mod sh_turn;
 pub mod shade;
 pub mod shade_pixels;
+pub mod smoothness;
 pub mod sphere;
 pub mod splat;
 pub mod split_sum;

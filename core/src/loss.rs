@@ -310,6 +310,8 @@ pub struct LossWeights {
     pub normal: f32,
     /// Form of the normal loss.
     pub normal_form: NormalForm,
+    /// Of the smoothness of normals ([`mod@crate::smoothness`]).
+    pub smoothness: f32,
     /// Of the sparse loss on the rendered coverage.
     pub sparse_coverage: f32,
     /// Of the blended |Δn|², weighted by coverage.
@@ -328,8 +330,8 @@ pub struct LossWeights {
     pub saturates: bool,
 }
 
-/// Names the loss of metalness only where it has a weight, and saturation only where it counts:
-/// checkpoints hold the text of their settings.
+/// Names the losses of metalness and of smoothness only where they have a weight, and saturation
+/// only where it counts: checkpoints hold the text of their settings.
 impl core::fmt::Debug for LossWeights {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut text = out.debug_struct("LossWeights");
@@ -337,6 +339,9 @@ impl core::fmt::Debug for LossWeights {
         text.field("normal", &self.normal).field("normal_form", &self.normal_form);
         text.field("sparse_coverage", &self.sparse_coverage).field("residual_image", &self.residual_image);
         text.field("coverage", &self.coverage).field("sparse", &self.sparse).field("residual", &self.residual);
+        if self.smoothness != 0.0 {
+            text.field("smoothness", &self.smoothness);
+        }
         if self.metalness != 0.0 {
             text.field("metalness", &self.metalness).field("mean_light", &self.mean_light);
         }
@@ -355,6 +360,7 @@ impl LossWeights {
         dssim: 0.0,
         normal: 0.0,
         normal_form: NormalForm::Distance,
+        smoothness: 0.0,
         sparse_coverage: 0.0,
         residual_image: 0.0,
         coverage: 0.0,
@@ -371,6 +377,7 @@ impl LossWeights {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
             normal: keep(self.normal, has_geometry),
+            smoothness: keep(self.smoothness, has_geometry),
             residual_image: keep(self.residual_image, has_geometry),
             coverage: keep(self.coverage, has_alpha),
             ..self
@@ -392,6 +399,8 @@ pub struct LossReport {
     pub ssim: f64,
     /// Mean normal loss.
     pub normal: f64,
+    /// Mean smoothness loss.
+    pub smoothness: f64,
     /// Mean |A − A_gt|.
     pub coverage: f64,
 }
@@ -403,6 +412,7 @@ impl LossReport {
             + f64::from(weights.squared) * self.squared
             + f64::from(weights.dssim) * (1.0 - self.ssim)
             + f64::from(weights.normal) * self.normal
+            + f64::from(weights.smoothness) * self.smoothness
             + f64::from(weights.coverage) * self.coverage;
         Self { total, ..self }
     }

@@ -185,6 +185,11 @@ pub enum Error {
         /// Message of the decoder.
         cause: String,
     },
+    /// Masks hide every training picture.
+    #[error(
+        "no pixel of any training picture counts: masks are white where pixels count, and these are black throughout"
+    )]
+    AllMasked,
     /// An image has no pixels.
     #[error("image {path:?} has no pixels; save it again, or leave it out")]
     EmptyImage {

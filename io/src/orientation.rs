@@ -42,6 +42,8 @@ pub enum UpSource {
     Nothing,
     /// The user.
     Hand,
+    /// A file of Gaussians.
+    File,
 }
 
 impl Orientation {

@@ -93,6 +93,13 @@ pub struct Changes {
     pub pixels: u64,
 }
 
+impl Changes {
+    /// Whether nothing is known of the picture.
+    pub const fn is_all_unknown(&self) -> bool {
+        self.unknown == self.pixels
+    }
+}
+
 impl Shot {
     /// Decodes the photograph: rotated to fit its camera, masked, downscaled and undistorted.
     pub(crate) fn open(&self) -> Result<(View, Changes)> {

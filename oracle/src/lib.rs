@@ -16,6 +16,7 @@ pub mod number;
 mod picture;
 pub mod scenes;
 mod shade_pixels;
+mod smoothness;
 mod split_sum;
 pub mod stress;
 
@@ -263,7 +264,7 @@ pub fn loss<R: Number>(
     frozen: Option<&FrozenWeights>,
 ) -> R {
     let frame = render(gaussians, light, view.camera, view.rules);
-    let weights = freeze_weights(&frame);
+    let weights = freeze_weights(&frame, view.camera);
     let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, frozen.unwrap_or(&weights));
     of_frame + attribute_loss(gaussians, view.weights)
 }
@@ -293,7 +294,7 @@ pub fn loss_and_gradient<R: Number>(
     let is_deferred = view.rules.is_deferred(gaussians.layout);
     let picture =
         if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, view.rules) } else { frame.clone() };
-    let frozen = freeze_weights(&picture);
+    let frozen = freeze_weights(&picture, view.camera);
     let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
 

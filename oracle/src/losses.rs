@@ -4,6 +4,7 @@ use crate::{
     cloud::{AddedGrads, gaussian},
     number::{Number, take3},
     picture::{Frame, composite, vector_at},
+    smoothness::{evenness_of, smoothness_loss, smoothness_loss_vjp},
 };
 use specula_core::{
     attributes::AttributeLosses,
@@ -26,13 +27,15 @@ pub struct Target<R> {
     pub background: [f32; 3],
 }
 
-/// Coverage that the losses weigh with but do not change.
+/// Numbers of a picture that the losses weigh with but do not change.
 #[derive(Clone, Debug)]
 pub struct FrozenWeights {
     /// Coverage of every pixel.
     coverage: Vec<f64>,
     /// The same where a pixel and its four neighbours show a surface, else zero.
     surface: Vec<f64>,
+    /// Evenness of the surface around every pixel.
+    evenness: Vec<f64>,
 }
 
 impl FrozenWeights {
@@ -46,7 +49,7 @@ impl FrozenWeights {
 const SURFACE_COVERAGE: f64 = 0.5;
 
 /// The weights of a picture.
-pub fn freeze_weights<R: Number>(frame: &Frame<R>) -> FrozenWeights {
+pub fn freeze_weights<R: Number>(frame: &Frame<R>, camera: &Camera) -> FrozenWeights {
     let (width, height) = (frame.width, frame.height);
     let size = frame.pixel_count();
     let coverage: Vec<f64> = frame.values[(frame.channels - 1) * size..].iter().map(|t| 1.0 - t.value()).collect();
@@ -59,7 +62,9 @@ pub fn freeze_weights<R: Number>(frame: &Frame<R>) -> FrozenWeights {
         if five.iter().all(|p| coverage[*p] > SURFACE_COVERAGE) { coverage[pixel] } else { 0.0 }
     };
     let surface = (0..size).map(weigh).collect();
-    FrozenWeights { coverage, surface }
+    let has_geometry = frame.channels > channel::RESIDUAL_SIZE;
+    let evenness = if has_geometry { evenness_of(frame, camera) } else { Vec::new() };
+    FrozenWeights { coverage, surface, evenness }
 }
 
 /// Rendered colour that the losses compare with the true one.
@@ -110,6 +115,9 @@ pub fn frame_loss<R: Number>(
                 total = total + value * R::of(frozen.surface[pixel]) * share(weights.normal);
             }
         }
+    }
+    if frame.channels > channel::RESIDUAL_SIZE && weights.smoothness != 0.0 {
+        total = total + smoothness_loss(frame, camera, &frozen.evenness, weights.smoothness);
     }
     total
 }
@@ -166,6 +174,9 @@ pub fn frame_loss_vjp<R: Number>(
             }
         }
         grad.values[last + pixel] = grad.values[last + pixel] - grad_coverage;
+    }
+    if frame.channels > channel::RESIDUAL_SIZE && weights.smoothness != 0.0 {
+        smoothness_loss_vjp(frame, camera, &frozen.evenness, weights.smoothness, &mut grad);
     }
     grad
 }

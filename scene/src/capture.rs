@@ -108,6 +108,9 @@ impl Capture {
         };
         let mut capture = Self::of(album, all, points, budget);
         capture.decoded = decoded;
+        if capture.train.iter().all(|photograph| photograph.changes.is_all_unknown()) && !capture.train.is_empty() {
+            return Err(SceneError::File(Error::AllMasked));
+        }
         Ok(capture)
     }
 

@@ -252,7 +252,7 @@ impl PlainGaussians {
             (true, BakeMethod::Harmonics) => "a shading function, baked into spherical harmonics",
             (true, BakeMethod::Diffuse) => "the diffuse colour of a shading function",
         };
-        let upright = if is_upright { ", upright: y is down" } else { "" };
+        let upright = if is_upright { UPRIGHT_COMMENT } else { "" };
         format!("exported by specula {}: {content}{upright}", env!("CARGO_PKG_VERSION"))
     }
 
@@ -327,6 +327,9 @@ impl PlainGaussians {
         Some(Shading { properties, attributes, light })
     }
 }
+
+/// End of the comment of files whose scenes stand upright.
+pub(crate) const UPRIGHT_COMMENT: &str = ", upright: y is down";
 
 /// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.
 pub fn visible(gaussians: &Gaussians<Vec<f32>>, min_opacity: f32) -> Vec<usize> {

@@ -15,7 +15,7 @@ use specula_core::{
 use specula_io::{
     Error, Input,
     glb::{self, GlbScene, Shading},
-    orientation::Orientation,
+    orientation::{Orientation, UpSource},
 };
 
 /// Reads a scene, and its orientation, from a `.glb` with Gaussians.
@@ -29,7 +29,7 @@ pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation), SceneError
     if gaussians.count == 0 || !gaussians.values.iter().all(|number| number.is_finite()) {
         return Err(refuse("it has no Gaussians, or some that are not finite".to_owned()).into());
     }
-    let orientation = Orientation { up, ..orientation::of_gaussians(&gaussians) };
+    let orientation = Orientation { up, up_source: UpSource::File, ..orientation::of_gaussians(&gaussians) };
     let plain = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::DEFERRED };
     let scene = match shading {
         None => plain,

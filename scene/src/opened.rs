@@ -2,6 +2,7 @@
 
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
+    export::UPRIGHT_COMMENT,
     import::scene_of_glb,
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
@@ -14,7 +15,7 @@ use specula_io::{
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
     model_folder::{self, Model, ModelInfo},
-    orientation::Orientation,
+    orientation::{Orientation, UpSource},
 };
 use specula_train::view::extent_of_cameras;
 use std::path::{Path, PathBuf};
@@ -35,7 +36,7 @@ pub struct OpenedModel {
     pub is_relit: bool,
     /// Whether the shading model is the one that the files name.
     pub is_read_as_saved: bool,
-    /// Orientation that a glTF file names.
+    /// Orientation that a file names.
     up_of_file: Option<Orientation>,
 }
 
@@ -62,6 +63,13 @@ impl OpenedModel {
         let mut gaussians = model.gaussians;
         shading_model.decode(&mut gaussians);
         sort_in_space(&mut gaussians);
+        // Files that were exported upright stand on their heads, as viewers of splats have it.
+        let is_y_down = model.comments.iter().any(|comment| comment.ends_with(UPRIGHT_COMMENT));
+        let up_of_file = is_y_down.then(|| Orientation {
+            up: [0.0, -1.0, 0.0],
+            up_source: UpSource::File,
+            ..of_gaussians(&gaussians)
+        });
         Self {
             scene: Scene {
                 gaussians,
@@ -75,7 +83,7 @@ impl OpenedModel {
             info: model.info,
             is_relit: model.is_relit,
             is_read_as_saved,
-            up_of_file: None,
+            up_of_file,
         }
     }
 

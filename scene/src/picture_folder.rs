@@ -147,8 +147,10 @@ impl PictureFolder {
         let now = fs::read(&path).ok();
         if before.is_some() && (may_be_relit || before != now) {
             let every: Vec<&str> = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS).collect();
-            self.remove(&every, "png");
-            self.remove(&every, "exr");
+            let removed = self.remove(&every, "png") + self.remove(&every, "exr");
+            if removed > 0 && before != now {
+                tracing::info!("removed {removed} pictures of other views from {:?}", self.path);
+            }
             let _ = fs::remove_file(self.animation());
         } else if before.is_some() {
             self.remove(&layers.iter().map(|layer| self.folder_of(*layer)).collect::<Vec<_>>(), "exr");
@@ -161,13 +163,13 @@ impl PictureFolder {
         if layer == Layer::Rgb { self.rgb } else { layer.name() }
     }
 
-    /// Removes numbered files with this extension from folders of these names. Failures show when
-    /// files are written.
-    fn remove(&self, names: &[&str], extension: &str) {
-        for folder in names.iter().map(|name| self.path.join(name)) {
-            let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-            entries.filter(|path| is_numbered(path, extension)).for_each(|path| drop(fs::remove_file(path)));
-        }
+    /// Removes numbered files with this extension from folders of these names; returns their
+    /// number. Failures show when files are written.
+    fn remove(&self, names: &[&str], extension: &str) -> usize {
+        let folders = names.iter().map(|name| self.path.join(name));
+        let files = folders.flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());
+        let numbered = files.map(|entry| entry.path()).filter(|path| is_numbered(path, extension));
+        numbered.filter(|path| fs::remove_file(path).is_ok()).count()
     }
 }
 

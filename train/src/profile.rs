@@ -468,11 +468,13 @@ const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 
 impl Profile {
     /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
-    /// normals more and splits Gaussians that are smaller: surfaces seen from all around gain in
-    /// normals and in sharpness, photographs would lose (docs/trials.md).
+    /// normals more, draws them to be smooth between creases, and splits Gaussians that are
+    /// smaller: surfaces seen from all around gain in normals and in sharpness, photographs would
+    /// lose (docs/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
+            self.weights.smoothness = 40.0;
             self.weights.saturates = true;
             self.densification.split_share = 0.004;
         }
@@ -573,13 +575,14 @@ impl Profile {
         if done <= self.cool_from { 1.0 } else { ((1.0 - done) / (1.0 - self.cool_from)).max(0.0) }
     }
 
-    /// Loss weights at a progress in \[0, 1\]. The normal loss begins after surfaces have formed,
-    /// and falls at the end, when colours locate them to the pixel. Metalness is a matter of the
-    /// materials' own steps.
+    /// Loss weights at a progress in \[0, 1\]. The losses of normals begin after surfaces have
+    /// formed; that of the depth falls at the end, when colours locate surfaces to the pixel.
+    /// Metalness is a matter of the materials' own steps.
     pub fn weights_at(&self, done: f32) -> LossWeights {
         let fallen = (2.0 * done - 1.0).clamp(0.0, 1.0);
         let share = if done < self.normal_from { 0.0 } else { 1.0 - fallen * (1.0 - self.normal_last) };
-        LossWeights { normal: share * self.weights.normal, metalness: 0.0, ..self.weights }
+        let smoothness = if share > 0.0 { self.weights.smoothness } else { 0.0 };
+        LossWeights { normal: share * self.weights.normal, smoothness, metalness: 0.0, ..self.weights }
     }
 
     /// Weight of the sparsity loss, in the form that this profile uses: of rendered coverage
@@ -602,6 +605,7 @@ impl Profile {
         }
         if ablation.no_normal {
             self.weights.normal = 0.0;
+            self.weights.smoothness = 0.0;
         }
         if ablation.no_residual && self.layout.is_shaded() {
             self.layout.sh_degree = None;

@@ -80,8 +80,8 @@ pub(crate) struct Ranks {
     traffic: Traffic,
 }
 
-/// Numbers of a report as a message: six losses, whether there is an exposure, its twelve numbers.
-const REPORT_LEN: usize = 19;
+/// Numbers of a report as a message: seven losses, whether there is an exposure, its twelve numbers.
+const REPORT_LEN: usize = 20;
 
 impl Ranks {
     pub(crate) fn new(exchange: Box<dyn Exchange>) -> Self {
@@ -454,21 +454,21 @@ impl HostGradient {
 }
 
 fn numbers_of(report: &StepReport) -> [f64; REPORT_LEN] {
-    let LossReport { total, absolute, squared, ssim, normal, coverage } = report.loss;
+    let LossReport { total, absolute, squared, ssim, normal, smoothness, coverage } = report.loss;
     let mut numbers = [0.0; REPORT_LEN];
-    numbers[..6].copy_from_slice(&[total, absolute, squared, ssim, normal, coverage]);
+    numbers[..7].copy_from_slice(&[total, absolute, squared, ssim, normal, smoothness, coverage]);
     if let Some(exposure) = &report.exposure {
-        numbers[6] = 1.0;
-        numbers[7..].copy_from_slice(exposure.as_flattened());
+        numbers[7] = 1.0;
+        numbers[8..].copy_from_slice(exposure.as_flattened());
     }
     numbers
 }
 
 fn report_of(numbers: &[f64]) -> StepReport {
-    let &[total, absolute, squared, ssim, normal, coverage, is_exposed, ref exposure @ ..] = numbers else {
+    let &[total, absolute, squared, ssim, normal, smoothness, coverage, is_exposed, ref exposure @ ..] = numbers else {
         return StepReport::default();
     };
-    let loss = LossReport { total, absolute, squared, ssim, normal, coverage };
+    let loss = LossReport { total, absolute, squared, ssim, normal, smoothness, coverage };
     let number = |row: usize, column: usize| exposure[4 * row + column];
     let exposure: Exposure<f64> = [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| number(row, column)));
     StepReport { loss, nonfinite: 0, exposure: (is_exposed == 1.0).then_some(exposure) }
@@ -499,7 +499,15 @@ mod tests {
 
     #[test]
     fn reports_arrive_as_they_were() {
-        let loss = LossReport { total: 1.0, absolute: 2.0, squared: 3.0, ssim: 4.0, normal: 5.0, coverage: 6.0 };
+        let loss = LossReport {
+            total: 1.0,
+            absolute: 2.0,
+            squared: 3.0,
+            ssim: 4.0,
+            normal: 5.0,
+            smoothness: 7.0,
+            coverage: 6.0,
+        };
         let exposure = Some([[1.5, 2.5, 3.5, 4.5]; 3]);
         for report in [StepReport { loss, nonfinite: 0, exposure }, StepReport { loss, nonfinite: 0, exposure: None }] {
             assert_eq!(report_of(&numbers_of(&report)), report);

@@ -13,17 +13,16 @@ use std::path::PathBuf;
 /// The extension of each FILE selects its format. Gaussians: .ply in INRIA's layout, which viewers
 /// of Gaussians open; .splat with 32 bytes per Gaussian and a view-independent colour; .spz,
 /// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes.
-/// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter. Mesh: .obj, or .ply
-/// with --mesh, fused from rendered depth maps. Page: .html, one file with the scene and a renderer
-/// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
-/// name ends in a slash.
+/// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
+/// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps. Page:
+/// .html, one file with the scene and a renderer that any browser with WebGPU runs, where it can be
+/// relit; or a folder for a web server, whose name ends in a slash.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
 /// training cameras see each Gaussian. They match except for sharp reflections, but cannot be
-/// relit.
-/// --bake diffuse exports the diffuse colour alone, without any reflections. The error of the
-/// exported files is measured against pictures by specula and printed in dB.
+/// relit. --bake diffuse exports the diffuse colour alone, without any reflections. The error of
+/// the exported files is measured against pictures by specula and printed in dB.
 ///
 /// Positions and directions are those of the data set's world, unless --upright is given.
 #[derive(Args, Debug)]

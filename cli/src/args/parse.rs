@@ -114,6 +114,13 @@ pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {
 }
 
 /// Whole number as 30000, 30_000, 30k, 1.5M or 3e4.
+pub(super) fn whole_above_zero(text: &str) -> Result<usize, String> {
+    match count(text)? {
+        0 => Err("use a number above 0".into()),
+        number => Ok(number),
+    }
+}
+
 pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     const WRONG: &str = "use a whole number, such as 30000, 30_000, 30k or 3e4";
     let digits = text.replace('_', "");

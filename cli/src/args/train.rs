@@ -3,7 +3,7 @@
 
 use super::{
     light_reference::LightReference,
-    parse::{address, count, downscale, error_bound, executor, positive, share, token, weight},
+    parse::{address, count, downscale, error_bound, executor, positive, share, token, weight, whole_above_zero},
     preset::Preset,
     scene::ProfileName,
     view,
@@ -389,7 +389,7 @@ pub(crate) enum LightPer {
 #[command(next_help_heading = "Losses")]
 pub(crate) struct Losses {
     /// Weight of 1 − SSIM; the weight of |C − C_gt| becomes one minus it.
-    #[arg(long, value_name = "X", value_parser = weight)]
+    #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) lambda_dssim: Option<f32>,
     /// Weight of |C − C_gt|.
     #[arg(long, value_name = "X", value_parser = weight)]
@@ -401,6 +401,10 @@ pub(crate) struct Losses {
     /// objects cut out by alpha 0.2.
     #[arg(long, alias = "lambda-predicted-normal", value_name = "X", value_parser = weight)]
     pub(crate) lambda_normal: Option<f32>,
+    /// Weight of the smoothness of normals between creases; specula: 0, of objects cut out by alpha
+    /// 40.
+    #[arg(long, value_name = "X", value_parser = weight)]
+    pub(crate) lambda_smooth: Option<f32>,
     /// Weight of the sparsity loss, which drives opacities to 0 or 1.
     #[arg(long, alias = "lambda-zero-one", value_name = "X", value_parser = weight)]
     pub(crate) lambda_sparse: Option<f32>,
@@ -475,7 +479,7 @@ pub(crate) struct Densify {
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) percent_dense: Option<f32>,
     /// Maximum number of Gaussians [default: 1000000].
-    #[arg(long, alias = "max-splats", value_name = "N", value_parser = count::<usize>)]
+    #[arg(long, alias = "max-splats", value_name = "N", value_parser = whole_above_zero)]
     pub(crate) max_gaussians: Option<usize>,
 }
 

@@ -104,18 +104,26 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     for (view, evaluated) in views.iter().zip(&mut evaluation.views) {
         evaluated.measures = evaluated.measures.clone().of_known(view);
     }
-    if let (Some((folder, method)), Split::Test) = (results, split) {
-        let quality = measure::quality(&evaluation.measures());
-        model_folder::add_quality(&folder, &method, &quality, evaluation.facts())?;
-    }
+    // Measures that took long are shown even where the model's folder cannot be written to.
+    let kept = match (results, split) {
+        (Some((folder, method)), Split::Test) => {
+            let quality = measure::quality(&evaluation.measures());
+            model_folder::add_quality(&folder, &method, &quality, evaluation.facts())
+        }
+        _ => Ok(()),
+    };
     if let Some(folder) = &folder {
         write_page(folder, &evaluation)?;
     }
     if args.json {
-        return output::say_json(&evaluation.to_json());
+        output::say_json(&evaluation.to_json())?;
+    } else {
+        output::say(&evaluation.summary())?;
+        if let Some(folder) = &folder {
+            output::say(&format!("Page: {}", page_in(folder).display()))?;
+        }
     }
-    output::say(&evaluation.summary())?;
-    folder.map_or(Ok(()), |folder| output::say(&format!("Page: {}", page_in(&folder).display())))
+    Ok(kept?)
 }
 
 fn page_in(folder: &Path) -> PathBuf {

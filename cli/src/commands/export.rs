@@ -44,6 +44,9 @@ const DEGREE: u8 = 3;
 /// Writes the requested files.
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| format_of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
+    if args.mesh && !formats.contains(&ExportFormat::Mesh) {
+        return Err(Failure::Input("--mesh writes .ply files as meshes; name one with -o, or a .obj".to_owned()));
+    }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     if formats.iter().any(is_page) {
         page::renderer()?;

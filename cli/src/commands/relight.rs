@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
     let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
-    let layers = layers_of(&args.layers, &opened.scene);
+    let layers = layers_of(&args.layers, &opened.scene)?;
     let job = PictureJob {
         cameras: &set,
         layers: &layers,

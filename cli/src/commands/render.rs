@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     }
     shade(&mut opened.scene, args.views.shading.shading())?;
     note_guessed_up(&orientation);
-    let layers = layers_of(&args.layers, &opened.scene);
+    let layers = layers_of(&args.layers, &opened.scene)?;
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &parts)?;

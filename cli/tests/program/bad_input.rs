@@ -123,6 +123,8 @@ fn impossible_settings() {
         (&["--background", "pink"], "black, white"),
         (&["--lambda-normal", "NaN"], "finite"),
         (&["--lambda-metal", "0.1"], "--relightable"),
+        (&["--lambda-dssim", "7"], "from 0 to 1"),
+        (&["--max-gaussians", "0"], "above 0"),
         (&["--profile", "other"], "3dgs"),
     ] {
         let mut command = specula();

@@ -92,6 +92,22 @@ fn write_masked(tiny: &Tiny) -> PathBuf {
 }
 
 #[test]
+fn masks_that_hide_everything_are_refused() {
+    let tiny = Tiny::new();
+    write_masked(&tiny);
+    let path = tiny.file("transforms.json");
+    let mut transforms = json(&path);
+    for frame in transforms["frames"].as_array_mut().unwrap() {
+        frame["mask_path"] = "mask.png".into();
+    }
+    fs::write(&path, transforms.to_string()).unwrap();
+    let refused = train(&tiny, "model").args(["--eval", "--quiet"]).assert().code(2).get_output().clone();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("no pixel of any training picture counts"), "{said}");
+    assert!(!tiny.path("model/point_cloud").exists());
+}
+
+#[test]
 fn views_without_a_known_pixel_have_no_measures() {
     let tiny = Tiny::new();
     let model = trained(&tiny);

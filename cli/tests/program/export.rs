@@ -23,6 +23,7 @@ use specula_io::{
     latlong::{self, LatLong},
     model_folder::{self, ModelInfo, Snapshot},
 };
+use specula_scene::OpenedModel;
 use std::{
     collections::BTreeMap,
     fs,
@@ -679,6 +680,12 @@ fn an_upright_ply_has_y_down_and_towards_turned_directions_the_colours_that_it_h
     }
     // Upright pictures are the same up to rounding, so a printed digit may be another.
     assert!((decibels(&said) - decibels(&said_upright)).abs() < 0.02, "{said} {said_upright}");
+    let opened = OpenedModel::open(&ball.tiny.path("upright.ply")).unwrap();
+    assert_eq!(opened.orientation(None).unwrap().up, [0.0, -1.0, 0.0], "it opens upright again");
+    let mut meshes = specula();
+    meshes.arg("export").arg(ball.model()).args(["--mesh", "-o"]).arg(ball.tiny.path("mesh.glb"));
+    let refused = meshes.assert().code(2).get_output().clone();
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("--mesh writes .ply files"));
 }
 
 #[test]

@@ -221,6 +221,10 @@ fn numbers_of_layers_lie_beside_their_pictures_and_do_not_outlive_them() {
     assert!(!covered.is_empty() && covered.iter().all(|depth| (2.0..6.0).contains(depth)), "{covered:?}");
     assert!(colors[1..].iter().all(|(_, plane)| plane.iter().zip(alpha).all(|(color, alpha)| *color <= alpha + 1e-3)));
 
+    for words in [["render", "--layers", "albedo"], ["render", "--layers", "metallic,irradiance"]] {
+        let said = refusal(&words, &model);
+        assert!(said.contains("trained without --relightable"), "{words:?}: {said}");
+    }
     render(&["--layers", "depth"]);
     assert!(out.join("depth/00000.png").is_file() && !out.join("depth/00000.exr").exists(), "numbers of before");
     assert!(out.join("normal/00000.exr").is_file(), "numbers beside their pictures");

@@ -1,9 +1,10 @@
-//! Losses of a picture against its target, and their gradients: colour, structure, normals,
-//! coverage.
+//! Losses of a picture against its target, and their gradients: colour, structure, normals
+//! and their smoothness, coverage.
 
 mod comparison;
 mod normals;
 mod pixels;
+mod smoothness;
 mod structure;
 
 use crate::{
@@ -13,6 +14,7 @@ use crate::{
 pub use comparison::Target;
 use comparison::{Comparison, distances};
 use normals::normal_loss;
+use smoothness::smoothness_loss;
 use specula_core::{
     camera::Camera,
     loss::{LossReport, LossWeights},
@@ -40,6 +42,9 @@ pub(crate) fn loss_all(
     comparison.background_vjp(&mut grad);
     if weights.normal != 0.0 {
         report.normal = normal_loss(&comparison, &planes, &mut grad);
+    }
+    if weights.smoothness != 0.0 {
+        report.smoothness = smoothness_loss(&comparison, &planes, &mut grad);
     }
     (report.with_total(&weights), FrameGrad { channels: frame.channels, values: grad })
 }

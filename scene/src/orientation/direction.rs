@@ -61,6 +61,7 @@ pub fn description(orientation: &Orientation) -> String {
     let rolled = if *rolled > 0 { format!(", {rolled} of them on their side or upside down") } else { String::new() };
     match (up_source, error_degrees) {
         (UpSource::Hand, _) => format!("up is {up}, as given"),
+        (UpSource::File, _) => format!("up is {up}, as its file has it"),
         (UpSource::Nothing, _) if *cameras == 0 => format!("up is taken to be {up}, as no camera tells it"),
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => {
             format!("up is taken to be {up}: {cameras} cameras are too alike to determine it")

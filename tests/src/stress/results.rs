@@ -19,6 +19,7 @@ const WEIGHTS: LossWeights = LossWeights {
     dssim: 0.2,
     normal: 0.1,
     normal_form: NormalForm::Distance,
+    smoothness: 0.2,
     sparse_coverage: 0.05,
     residual_image: 0.05,
     coverage: 0.1,
@@ -48,8 +49,8 @@ impl Results {
         let mut scene = Scene::new(exec, case);
         let picture = scene.picture(exec, case, &rules);
         let StepReport { loss, nonfinite, .. } = scene.step(exec, case, &rules);
-        let LossReport { total, absolute, squared, ssim, normal, coverage } = loss;
-        let losses = vec![total, absolute, squared, ssim, normal, coverage];
+        let LossReport { total, absolute, squared, ssim, normal, smoothness, coverage } = loss;
+        let losses = vec![total, absolute, squared, ssim, normal, smoothness, coverage];
         Self { picture, gradient: scene.gradient(exec), losses, nonfinite }
     }
 }

@@ -188,6 +188,7 @@ fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
         dssim: 0.2,
         normal: 0.1,
         normal_form: NormalForm::Cosine,
+        smoothness: 0.6,
         sparse_coverage: 0.4,
         residual_image: 0.5,
         coverage: 0.1,

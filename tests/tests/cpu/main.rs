@@ -22,4 +22,5 @@ mod pipeline_gradients;
 mod plan;
 mod poison;
 mod prefilter;
+mod smoothness;
 mod stress;

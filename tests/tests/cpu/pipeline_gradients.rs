@@ -46,6 +46,7 @@ const WEIGHTS: LossWeights = LossWeights {
     dssim: 0.2,
     normal: 0.2,
     normal_form: NormalForm::Distance,
+    smoothness: 0.3,
     sparse_coverage: 0.01,
     residual_image: 0.1,
     coverage: 0.1,

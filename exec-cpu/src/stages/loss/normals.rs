@@ -116,7 +116,7 @@ fn compare_tile<S: Simd>(
 
 /// Centres of sixteen pixels of a row of a tile.
 #[inline(always)]
-fn centres<S: Simd>(simd: S, position: [usize; 2], row: usize) -> [Lanes<S>; 2] {
+pub(super) fn centres<S: Simd>(simd: S, position: [usize; 2], row: usize) -> [Lanes<S>; 2] {
     const LANES: [f32; BLOCK] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5];
     let x = Lanes::from_array(simd, LANES) + (position[0] * SIZE) as f32;
     [x, Lanes::splat(simd, (position[1] * SIZE + row) as f32 + 0.5)]

@@ -23,7 +23,7 @@ impl Comparison<'_> {
     /// what windows will look at as well.
     pub(super) fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
         let cover = &self.frame.cover;
-        let count = if self.weights.normal != 0.0 {
+        let count = if self.weights.normal != 0.0 || self.weights.smoothness != 0.0 {
             plane::DEPTH + 1
         } else if self.weights.dssim != 0.0 {
             plane::COVERAGE

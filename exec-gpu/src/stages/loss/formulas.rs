@@ -12,6 +12,7 @@ use specula_core::{
         sparse_coverage_vjp, squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
     },
     real::Real,
+    smoothness::{Line, bending, bending_vjp, blurred_normal, evenness, unit_normal, unit_normal_vjp},
 };
 
 /// Weight of a loss over the number of values that it is a mean of.
@@ -215,4 +216,70 @@ formula!(DepthGrad, |_, inputs| depth_grad(blended_depth: 1, transmittance: 1, g
     let coverage = -transmittance + 1.0;
     let (of_blended, of_coverage) = expected_depth_vjp(expected_depth(blended, coverage), coverage, grad);
     [of_blended.keep(is_surface(coverage)), (-of_coverage).keep(is_surface(coverage))]
+});
+
+/// Unit normal of a pixel with a surface ([`specula_core::smoothness::unit_normal`]).
+#[derive(Clone, Copy, Debug)]
+pub struct UnitNormal;
+
+formula!(UnitNormal, |_, inputs| unit_normal(blended: 3, transmittance: 1) -> (normal: 3) {
+    let (blended, transmittance) = (inputs.vec3(), inputs.number());
+    unit_normal(blended, is_surface(-transmittance + 1.0))
+});
+
+/// Gradient of [`UnitNormal`] with respect to the blended normal.
+#[derive(Clone, Copy, Debug)]
+pub struct UnitNormalVjp;
+
+formula!(UnitNormalVjp, |_, inputs| unit_normal_vjp(blended: 3, transmittance: 1, grad: 3) -> (grad: 3) {
+    let (blended, transmittance, grad) = (inputs.vec3(), inputs.number(), inputs.vec3());
+    unit_normal_vjp(blended, is_surface(-transmittance + 1.0), grad)
+});
+
+/// Blurred normal from the sum of normals ([`specula_core::smoothness::blurred_normal`]).
+#[derive(Clone, Copy, Debug)]
+pub struct BlurredNormal;
+
+formula!(BlurredNormal, |_, inputs| blurred_normal(sum: 3) -> (normal: 3) { blurred_normal(inputs.vec3()) });
+
+/// Reads the normals of a line: before, at and after its middle.
+fn take_line<R: Real>(inputs: &mut Inputs<'_, R>) -> Line<R> {
+    Line { before: inputs.vec3(), at: inputs.vec3(), after: inputs.vec3() }
+}
+
+/// Weight of a pixel from the blurred normals around it ([`specula_core::smoothness::evenness`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Evenness;
+
+formula!(Evenness, |_, inputs| evenness(
+    left: 3, right: 3, above: 3, below: 3, at: 3, point: 2, ..camera_fields()
+) -> (weight: 1) {
+    let [left, right, above, below, at] = [inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.vec3()];
+    let [x, y] = inputs.array();
+    let view_dir = take_camera(inputs).view_dir(x, y);
+    let (row, column) = (Line { before: left, at, after: right }, Line { before: above, at, after: below });
+    [evenness(&row, &column, view_dir)]
+});
+
+/// Loss of a line ([`specula_core::smoothness::bending`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Bending;
+
+formula!(Bending, |_, inputs| bending(
+    before: 3, at: 3, after: 3, point: 2, weight: 1, ..camera_fields()
+) -> (value: 1) {
+    let (line, [x, y], weight) = (take_line(inputs), inputs.array(), inputs.number());
+    [bending(&line, take_camera(inputs).view_dir(x, y), weight)]
+});
+
+/// Gradient of [`Bending`] with respect to the normal of an end.
+#[derive(Clone, Copy, Debug)]
+pub struct BendingVjp;
+
+formula!(BendingVjp, |_, inputs| bending_vjp(
+    before: 3, at: 3, after: 3, point: 2, weight: 1, ..share("smoothness"), ..camera_fields()
+) -> (slope: 3) {
+    let (line, [x, y], weight) = (take_line(inputs), inputs.array(), inputs.number());
+    let share = inputs.number();
+    bending_vjp(&line, take_camera(inputs).view_dir(x, y), weight, share)
 });

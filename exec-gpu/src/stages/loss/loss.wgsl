@@ -12,7 +12,8 @@ struct LossSettings {
     normal: f32,
     size: vec2u,
     tiles: vec2u,
-    padding: vec2u,
+    smoothness: f32,
+    padding: u32,
 }
 
 // Marks of a tile: the rendered image, or the target, shows more than the background.

@@ -1,4 +1,5 @@
-//! Losses of an image: colour, structure, coverage, normals; and their gradients.
+//! Losses of an image: colour, structure, coverage, normals and their smoothness; and their
+//! gradients.
 
 use crate::{
     codegen::source::Source,
@@ -19,8 +20,8 @@ use crate::{
 use bytemuck::{Pod, Zeroable};
 use core::ops::Range;
 use formulas::{
-    ColorLoss, ComparedColors, CoverageLoss, DepthGrad, MomentsDown, NormalLoss, NormalWeight, Structure,
-    StructureGrad, Windows, WithBackground,
+    Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, MomentsDown,
+    NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows, WithBackground,
 };
 use specula_core::{
     bin::{TILE_SIZE, tile_count},
@@ -28,6 +29,7 @@ use specula_core::{
     color::{UNKNOWN, has_alpha},
     loss::{LossReport, LossWeights, NormalForm, SSIM_WINDOW},
     rules::{Channels, channel},
+    smoothness::{BLUR_REACH, CREASE_REACH, REACHES},
 };
 
 pub mod formulas;
@@ -65,12 +67,18 @@ pub(crate) struct LossVariant {
     pub(crate) has_structure: bool,
     pub(crate) has_residual: bool,
     pub(crate) normals: Option<NormalForm>,
+    pub(crate) has_smoothness: bool,
     /// Whether true pictures saturate at white.
     pub(crate) saturates: bool,
 }
 
-/// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss.
-const PIXEL_SUMS: usize = 4;
+/// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss,
+/// smoothness.
+const PIXEL_SUMS: usize = 5;
+/// Place of the smoothness among them.
+const SMOOTHNESS_SUM: usize = 4;
+/// Planes of numbers of the smoothness: unit normals, blurred normals, weights.
+const SMOOTHNESS_PLANES: usize = 7;
 /// Sums over the pixels of a tile, with SSIM of each colour.
 const LOSS_SUMS: usize = PIXEL_SUMS + 3;
 /// Invocations of a tile that process four pixels each.
@@ -146,6 +154,26 @@ pub(crate) fn normal_source(variant: &LossVariant, form: NormalForm) -> String {
         .text()
 }
 
+pub(crate) fn smoothness_source(variant: &LossVariant) -> String {
+    let [near, far] = REACHES;
+    variant
+        .source((TILE_SIZE * TILE_SIZE) as usize, "f32")
+        .part(camera)
+        .count("NEAR_REACH", near)
+        .count("FAR_REACH", far)
+        .count("CREASE_REACH", CREASE_REACH)
+        .count("BLUR_REACH", BLUR_REACH)
+        .count("SMOOTHNESS_SUM", SMOOTHNESS_SUM)
+        .formula(&UnitNormal)
+        .formula(&UnitNormalVjp)
+        .formula(&BlurredNormal)
+        .formula(&Evenness)
+        .formula(&Bending)
+        .formula(&BendingVjp)
+        .with(include_str!("smoothness.wgsl"))
+        .text()
+}
+
 /// `LossSettings` of `loss.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -160,7 +188,8 @@ struct LossSettings {
     normal: f32,
     size: [u32; 2],
     tiles: [u32; 2],
-    padding: [u32; 2],
+    smoothness: f32,
+    padding: u32,
 }
 
 impl LossSettings {
@@ -178,7 +207,8 @@ impl LossSettings {
             normal: share(weights.normal, 1),
             size,
             tiles: size.map(tile_count),
-            padding: [0; 2],
+            smoothness: share(weights.smoothness, REACHES.len()),
+            padding: 0,
         }
     }
     fn tile_count(&self) -> usize {
@@ -213,7 +243,8 @@ impl Losses {
             absolute: mean(0..1, true) / 3.0,
             squared: mean(1..2, true) / 3.0,
             coverage: mean(2..3, self.weights.coverage != 0.0),
-            normal: mean(3..PIXEL_SUMS, self.variant.normals.is_some()),
+            normal: mean(3..SMOOTHNESS_SUM, self.variant.normals.is_some()),
+            smoothness: mean(SMOOTHNESS_SUM..PIXEL_SUMS, self.variant.has_smoothness),
             ssim: mean(PIXEL_SUMS..LOSS_SUMS, self.variant.has_structure) / 3.0,
             ..LossReport::default()
         };
@@ -279,6 +310,7 @@ impl<'a> Comparison<'a> {
             has_structure: weights.dssim != 0.0,
             has_residual: weights.residual_image != 0.0,
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
+            has_smoothness: weights.smoothness != 0.0,
             saturates: weights.saturates,
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
@@ -319,6 +351,16 @@ impl<'a> Comparison<'a> {
             let source = || normal_source(variant, form);
             let bindings = [settings, blended, colors, texels, marks, grads, sums, Uniform(view.bytes())];
             context.dispatch(&key, "compare_normals", &source, &bindings, tiles)?;
+        }
+        if variant.has_smoothness {
+            let view = CameraUniform::new(self.camera, 0);
+            let source = || smoothness_source(variant);
+            let planes = context.allocate("normals of a picture", SMOOTHNESS_PLANES * self.frame.pixel_count())?;
+            let bindings =
+                [settings, blended, colors, texels, marks, Buffer(&planes), grads, sums, Uniform(view.bytes())];
+            for entry in ["blur_normals", "weigh_normals", "smooth_normals"] {
+                context.dispatch(&key, entry, &source, &bindings, tiles)?;
+            }
         }
         Ok(())
     }
