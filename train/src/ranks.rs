@@ -80,7 +80,8 @@ pub(crate) struct Ranks {
     traffic: Traffic,
 }
 
-/// Numbers of a report as a message: seven losses, whether there is an exposure, its twelve numbers.
+/// Numbers of a report as a message: seven losses, whether there is an exposure, its twelve
+/// numbers.
 const REPORT_LEN: usize = 20;
 
 impl Ranks {

@@ -388,7 +388,7 @@ pub(crate) enum LightPer {
 #[serde(rename_all = "kebab-case")]
 #[command(next_help_heading = "Losses")]
 pub(crate) struct Losses {
-    /// Weight of 1 − SSIM; the weight of |C − C_gt| becomes one minus it.
+    /// Weight of 1 − SSIM; that of |C − C_gt| becomes one minus it.
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) lambda_dssim: Option<f32>,
     /// Weight of |C − C_gt|.
@@ -401,8 +401,7 @@ pub(crate) struct Losses {
     /// objects cut out by alpha 0.2.
     #[arg(long, alias = "lambda-predicted-normal", value_name = "X", value_parser = weight)]
     pub(crate) lambda_normal: Option<f32>,
-    /// Weight of the smoothness of normals between creases; specula: 0, of objects cut out by alpha
-    /// 40.
+    /// Weight of the smoothness of normals; specula: 0, objects 40.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_smooth: Option<f32>,
     /// Weight of the sparsity loss, which drives opacities to 0 or 1.

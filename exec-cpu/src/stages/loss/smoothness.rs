@@ -35,7 +35,8 @@ const GRAD_ROWS: usize = SIZE + 4 * REACH;
 /// Rows that blurred normals are centred at.
 const BLURRED_ROWS: usize = WEIGHT_ROWS - 2 * BLUR_REACH;
 
-const _: () = assert!(2 * REACH <= CENTER && WEIGHT_REACH <= CENTER && REACHES[0] < REACH && REACH <= WEIGHT_REACH);
+const _: () = assert!(2 * REACH <= CENTER && WEIGHT_REACH <= CENTER, "windows reach half a tile");
+const _: () = assert!(REACHES[0] < REACH && REACH <= WEIGHT_REACH, "the far reach is the largest");
 
 /// Windows of the three components of vectors.
 type Windows<const ROWS: usize> = [[WideRow; ROWS]; 3];
