@@ -33,6 +33,7 @@ use specula_core::{
     sh,
     shade::{self, Material, ShadingForm, ShadingRules, SurfaceGrad, Terms},
     shade_pixels::{self, Pixel, PixelSurface},
+    smoothness::{self, Line},
     splat::{Splat2d, SplatGrad},
     vector::{self, Mat3, Vec3},
 };
@@ -789,6 +790,35 @@ proptest! {
     }
 
     #[test]
+    fn the_bending_of_lines_is_derived_right(
+        normals in vec(unit_vector(), 3),
+        eye in unit_vector(),
+        weight in 0.1..1.0_f64,
+    ) {
+        assert_vjp(
+            &normals.concat(),
+            |x| vec![smoothness::bending(&line_of(x), vector(eye), Number::of(weight))],
+            |x, g| {
+                let slope = smoothness::bending_vjp(&line_of(x), vector(eye), Double(weight), g[0]);
+                [slope, -(slope + slope), slope].iter().flat_map(|slope| slope.to_array()).collect()
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    #[test]
+    fn unit_normals_are_derived_right(blended in unit_vector(), coverage in 0.1..1.0_f64) {
+        for is_surface in [true, false] {
+            assert_vjp(
+                &blended.map(|x| x * coverage),
+                |x| smoothness::unit_normal(take3(x), is_surface).to_array().to_vec(),
+                |x, g| smoothness::unit_normal_vjp(take3(x), is_surface, take3(g)).to_array().to_vec(),
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    #[test]
     fn colours_over_a_background_are_derived_right(color in 0.0..1.0_f64, passed in 0.0..1.0_f64, behind in 0.0..1.0_f64) {
         assert_vjp(
             &[color, passed],
@@ -986,6 +1016,10 @@ fn every_vjp_of_core_is_held_against_dual_numbers() {
         }
     }
     assert!(found > 25, "only {found} were found: has core moved?");
+}
+
+fn line_of<R: Number>(x: &[R]) -> Line<R> {
+    Line { before: take3(x), at: take3(&x[3..]), after: take3(&x[6..]) }
 }
 
 fn join_f64(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -1,28 +1,16 @@
-//! Smoothness of normals: derivatives, surfaces that it leaves as they are, creases that it spares.
+//! Smoothness of normals: surfaces that it leaves as they are, creases that it spares.
 
-use proptest::{collection::vec, prelude::*};
 use specula_core::{
     double::Double,
-    smoothness::{
-        CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, unit_normal, unit_normal_vjp,
-    },
+    smoothness::{CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness},
     vector::Vec3,
 };
-use specula_tests::{
-    compare::SAME_DERIVATIVE,
-    derivative::assert_vjp,
-    number::{Number, take3, vector},
-    strategies::{same_every_time, unit_vector},
-};
+use specula_tests::number::vector;
 
 /// Pixels from the optical axis to the edge of the picture, and to a length of one at a depth of
 /// one.
 const HALF: i32 = 60;
 const FOCAL: f64 = 150.0;
-
-fn line<R: Number>(x: &[R]) -> Line<R> {
-    Line { before: take3(x), at: take3(&x[3..]), after: take3(&x[6..]) }
-}
 
 /// Unit direction to the eye through a place of the picture.
 fn view_dir(x: f64, y: f64) -> [f64; 3] {
@@ -115,40 +103,5 @@ fn lines_that_leave_the_surface_have_no_loss() {
         assert_eq!(bending(&line, eye, Double(1.0)).0, 0.0);
         assert_eq!(bending_vjp(&line, eye, Double(1.0), Double(1.0)).to_array().map(|x| x.0), [0.0; 3]);
         assert_eq!(evenness(&line, &whole, eye).0, 0.0);
-    }
-}
-
-proptest! {
-    #![proptest_config(same_every_time())]
-
-    #[test]
-    fn the_bending_of_lines_is_derived_right(
-        normals in vec(unit_vector(), 3),
-        eye in unit_vector(),
-        weight in 0.1..1.0_f64,
-    ) {
-        let inputs = normals.concat();
-        assert_vjp(
-            &inputs,
-            |x| vec![bending(&line(x), vector(eye), Number::of(weight))],
-            |x, g| {
-                let slope = bending_vjp(&line(x), vector(eye), Double(weight), g[0]);
-                [slope, -(slope + slope), slope].iter().flat_map(|slope| slope.to_array()).collect()
-            },
-            SAME_DERIVATIVE,
-        );
-    }
-
-    #[test]
-    fn unit_normals_are_derived_right(blended in unit_vector(), coverage in 0.1..1.0_f64) {
-        let blended = blended.map(|x| x * coverage);
-        for is_surface in [true, false] {
-            assert_vjp(
-                &blended,
-                |x| unit_normal(take3(x), is_surface).to_array().to_vec(),
-                |x, g| unit_normal_vjp(take3(x), is_surface, take3(g)).to_array().to_vec(),
-                SAME_DERIVATIVE,
-            );
-        }
     }
 }
