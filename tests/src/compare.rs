@@ -2,6 +2,9 @@
 
 use specula_core::metrics;
 
+/// Smoothness of normals that bend by 1e-3: second differences of smoother ones are a few thousand
+/// units in the last place, and pictures differ by some of these.
+pub const LEAST_SMOOTHNESS: f64 = 1e-6;
 /// Derivatives by dual numbers and by hand are the same arithmetic in another order.
 pub const SAME_DERIVATIVE: f64 = 1e-10;
 /// A few roundings of `f64`.

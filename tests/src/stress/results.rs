@@ -1,6 +1,7 @@
 //! Results of an executor for a case: a picture, and the gradients of a training step.
 
 use super::Case;
+use crate::compare::LEAST_SMOOTHNESS;
 use specula_core::{
     executor::{Executor, StepReport, TrainingStep},
     loss::{LossReport, LossWeights, NormalForm},
@@ -50,7 +51,7 @@ impl Results {
         let picture = scene.picture(exec, case, &rules);
         let StepReport { loss, nonfinite, .. } = scene.step(exec, case, &rules);
         let LossReport { total, absolute, squared, ssim, normal, smoothness, coverage } = loss;
-        let losses = vec![total, absolute, squared, ssim, normal, smoothness, coverage];
+        let losses = vec![total, absolute, squared, ssim, normal, smoothness + LEAST_SMOOTHNESS, coverage];
         Self { picture, gradient: scene.gradient(exec), losses, nonfinite }
     }
 }

@@ -30,7 +30,7 @@ use specula_gpu::{
     },
 };
 use specula_tests::{
-    compare::relative_difference,
+    compare::{LEAST_SMOOTHNESS, relative_difference},
     device::executor,
     formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
     plain::{self, FrozenWeights, frame_loss, frame_loss_vjp, freeze_weights, lift},
@@ -362,10 +362,6 @@ fn assert_grad(what: &str, scene: &Scene, ours: &[f32], theirs: &[f64], toleranc
         assert!(difference <= tolerance, "{what}: {name} is {difference:e} apart, allowed are {tolerance:e}");
     }
 }
-
-/// Smoothness of normals that bend by 1e-3: second differences of smoother ones are a few thousand
-/// units in the last place, and pictures differ by some of these.
-const LEAST_SMOOTHNESS: f64 = 1e-6;
 
 /// The largest difference of two reports, each number as a share of what is expected; infinite for
 /// NaN.
