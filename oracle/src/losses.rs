@@ -4,7 +4,7 @@ use crate::{
     cloud::{AddedGrads, gaussian},
     number::{Number, take3},
     picture::{Frame, composite, vector_at},
-    smoothness::{evenness_of, smoothness_loss, smoothness_loss_vjp},
+    smoothness::{SURFACE_COVERAGE, evenness_of, smoothness_loss, smoothness_loss_vjp},
 };
 use specula_core::{
     attributes::AttributeLosses,
@@ -44,9 +44,6 @@ impl FrozenWeights {
         self.surface.iter().filter(|weight| **weight > 0.0).count()
     }
 }
-
-/// Coverage below which a pixel has no surface.
-const SURFACE_COVERAGE: f64 = 0.5;
 
 /// The weights of a picture.
 pub fn freeze_weights<R: Number>(frame: &Frame<R>, camera: &Camera) -> FrozenWeights {

@@ -15,7 +15,7 @@ use specula_core::{
 };
 
 /// Coverage below which a pixel has no surface.
-const SURFACE_COVERAGE: f64 = 0.5;
+pub(crate) const SURFACE_COVERAGE: f64 = 0.5;
 
 /// Unit normals of a picture, and its camera.
 struct Normals<R> {

@@ -113,7 +113,7 @@ pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(is_fine).ok_or_else(|| format!("use a power of two from 16 to {LARGEST}"))
 }
 
-/// Whole number as 30000, 30_000, 30k, 1.5M or 3e4.
+/// [`count`] above 0.
 pub(super) fn whole_above_zero(text: &str) -> Result<usize, String> {
     match count(text)? {
         0 => Err("use a number above 0".into()),
@@ -121,6 +121,7 @@ pub(super) fn whole_above_zero(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Whole number as 30000, 30_000, 30k, 1.5M or 3e4.
 pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     const WRONG: &str = "use a whole number, such as 30000, 30_000, 30k or 3e4";
     let digits = text.replace('_', "");
