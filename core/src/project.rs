@@ -15,6 +15,9 @@ use crate::{
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
 /// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
+/// Means at greater depths are scaled down before they are divided by it, since a GPU may divide to
+/// zero beyond 2¹²⁶; a power of two.
+const DEPTH_LARGE: f32 = (1_u64 << 63) as f32;
 
 /// Attributes of a Gaussian that determine its splat.
 #[derive(Clone, Copy, Debug)]
@@ -82,6 +85,9 @@ impl<R: Real> Shape<R> {
 struct EwaProjection<R> {
     mean_in_camera: Vec3<R>,
     inverse_depth: R,
+    /// The mean, divided by its depth.
+    free_slope: [R; 2],
+    /// The same within the limits of the camera.
     slope: [R; 2],
     /// −1 < unclamped slope / limit < 1, as 1 or 0.
     slope_is_free: [R; 2],
@@ -153,8 +159,7 @@ impl<R: Real> Compensation<R> {
 pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let p = projection(shape, camera);
     let (xx, yx, yy) = root_of_conic(p.variance_x, p.covariance_xy, p.determinant);
-    let x = p.mean_in_camera.x * p.inverse_depth;
-    let y = p.mean_in_camera.y * p.inverse_depth;
+    let [x, y] = p.free_slope;
     let is_drawn = shape.is_finite() & camera.near.less(p.mean_in_camera.z);
     Splat {
         mean2d: [
@@ -197,11 +202,11 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
     // mean2d and both slopes are functions of x/z and y/z.
     let along_x = camera.focal_px[0] * grad.mean2d[0] + grad_slope[0] * p.slope_is_free[0];
     let along_y = camera.focal_px[1] * grad.mean2d[1] + grad_slope[1] * p.slope_is_free[1];
-    let m = p.mean_in_camera * p.inverse_depth;
+    let [x, y] = p.free_slope;
     let grad_mean_in_camera = vec3(
         along_x * p.inverse_depth,
         along_y * p.inverse_depth,
-        grad.depth - (along_x * m.x + along_y * m.y + grad_half_times_half) * p.inverse_depth,
+        grad.depth - (along_x * x + along_y * y + grad_half_times_half) * p.inverse_depth,
     );
 
     let [x, y, z] = grad_columns;
@@ -228,9 +233,11 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let mean_in_camera = camera.to_camera(shape.mean);
     let one = mean_in_camera.z.constant(1.0);
     let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
-    let inverse_depth = depth.recip();
+    let scale = R::select(one.constant(DEPTH_LARGE).less(depth), one.constant(DEPTH_LARGE.recip()), one);
+    let inverse = (depth * scale).recip();
+    let inverse_depth = inverse * scale;
 
-    let free_slope = [mean_in_camera.x * inverse_depth, mean_in_camera.y * inverse_depth];
+    let free_slope = [mean_in_camera.x * scale * inverse, mean_in_camera.y * scale * inverse];
     let limit = camera.slope_limit;
     let (mut slope, mut slope_is_free) = (free_slope, [one; 2]);
     for i in 0..2 {
@@ -265,6 +272,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     EwaProjection {
         mean_in_camera,
         inverse_depth,
+        free_slope,
         slope,
         slope_is_free,
         camera_from_local,

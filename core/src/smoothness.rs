@@ -5,14 +5,16 @@
 //! evenly along rows and columns of the picture:
 //!
 //! ```text
-//! b = (n₋ − 2 n₀ + n₊)⊥                    n at REACHES pixels to either side of a pixel
-//! L = Σ (1 + c² / g²)⁻² |b|² / (1 + |b|² / ε²)   over rows, columns and reaches, by their number
+//! b = (n₋ − 2 n₀ + n₊)⊥                      n at REACHES pixels to either side of a pixel
+//! L = Σ w (1 + c² / g²)⁻² |b|² / (1 + |b|² / ε²)   over rows, columns and reaches, by their number
+//! w = s / (s + s₀) (1 − r)²                  s of the pixel's colour reflected, at roughness r
 //! ```
 //!
 //! ⊥ keeps the part across the line of sight. There the unit normal of a plane, a sphere or a
 //! cylinder is linear in the place on the picture, up to the outline, so that none of them is drawn
 //! to another shape. What bends by more than ε is no noise, and is let go (Geman and McClure 1987);
-//! c, the largest |b| of blurred normals, spares creases that noise hides. It is held fixed.
+//! c, the largest |b| of blurred normals, spares creases that noise hides. Where a surface mirrors
+//! nothing, its texture tells its shape, and w leaves it alone. Both are held fixed.
 
 use crate::{
     real::Real,
@@ -29,6 +31,9 @@ pub const BLUR_REACH: usize = 2;
 pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
 pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
+/// s₀: a pixel with this much of its colour reflected, in sRGB, counts half of one that reflects
+/// all.
+pub const REFLECTED_HALF: f32 = 0.1;
 /// Length below which a blended normal has no direction that could be smooth.
 pub const LENGTH_MIN: f32 = 0.25;
 /// Squared length between that of a unit normal and of none.
@@ -95,6 +100,19 @@ pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> 
     let largest = row.bend(view_dir).length_squared().max(column.bend(view_dir).length_squared());
     let falloff = (largest * INVERSE_SQUARED_CREASE + 1.0).recip();
     (falloff * falloff).keep(row.is_whole() & column.is_whole())
+}
+
+/// Weight s / (s + s₀) (1 − r)² of a mirror: 0 of a matte pixel to 1, from its colour under the
+/// light and without any, both sRGB-encoded, and its roughness, all premultiplied by its coverage.
+/// s is the mean difference of the colours, and zero where light takes colour away.
+#[inline(always)]
+pub fn gloss<R: Real>(lit: Vec3<R>, unlit: Vec3<R>, roughness: R, coverage: R) -> R {
+    let more = lit - unlit;
+    let reflected = ((more.x + more.y + more.z) * (1.0 / 3.0)).max(coverage.zero());
+    let smooth = (coverage - roughness).max(coverage.zero());
+    // Divided first, since the colour under a light of any brightness is to stay finite.
+    let share = -((reflected * REFLECTED_HALF.recip() + 1.0).recip()) + 1.0;
+    share * (smooth * smooth)
 }
 
 /// |b|² / (1 + |b|² / ε²) of a line, times the weight of its middle; zero where it is not whole.

@@ -264,8 +264,12 @@ pub fn loss<R: Number>(
     frozen: Option<&FrozenWeights>,
 ) -> R {
     let frame = render(gaussians, light, view.camera, view.rules);
-    let weights = freeze_weights(&frame, view.camera);
-    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, frozen.unwrap_or(&weights));
+    let of_this = || {
+        let unlit = view.rules.is_deferred(gaussians.layout).then(|| render(gaussians, None, view.camera, view.rules));
+        freeze_weights(&frame, unlit.as_ref(), view.camera)
+    };
+    let frozen = frozen.cloned().unwrap_or_else(of_this);
+    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, &frozen);
     of_frame + attribute_loss(gaussians, view.weights)
 }
 
@@ -294,7 +298,8 @@ pub fn loss_and_gradient<R: Number>(
     let is_deferred = view.rules.is_deferred(gaussians.layout);
     let picture =
         if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, view.rules) } else { frame.clone() };
-    let frozen = freeze_weights(&picture, view.camera);
+    let unlit = is_deferred.then(|| shade_pixels(&frame, None, view.camera, view.rules));
+    let frozen = freeze_weights(&picture, unlit.as_ref(), view.camera);
     let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
 

@@ -4,7 +4,7 @@ use crate::{
     cloud::{AddedGrads, gaussian},
     number::{Number, take3},
     picture::{Frame, composite, vector_at},
-    smoothness::{SURFACE_COVERAGE, evenness_of, smoothness_loss, smoothness_loss_vjp},
+    smoothness::{SURFACE_COVERAGE, smoothness_loss, smoothness_loss_vjp, weights_of},
 };
 use specula_core::{
     attributes::AttributeLosses,
@@ -34,8 +34,8 @@ pub struct FrozenWeights {
     coverage: Vec<f64>,
     /// The same where a pixel and its four neighbours show a surface, else zero.
     surface: Vec<f64>,
-    /// Evenness of the surface around every pixel.
-    evenness: Vec<f64>,
+    /// Evenness of the surface around every pixel, times its gloss.
+    smoothness: Vec<f64>,
 }
 
 impl FrozenWeights {
@@ -45,8 +45,9 @@ impl FrozenWeights {
     }
 }
 
-/// The weights of a picture.
-pub fn freeze_weights<R: Number>(frame: &Frame<R>, camera: &Camera) -> FrozenWeights {
+/// The weights of a picture; `unlit` is the same without light, where light was added pixel by
+/// pixel.
+pub fn freeze_weights<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, camera: &Camera) -> FrozenWeights {
     let (width, height) = (frame.width, frame.height);
     let size = frame.pixel_count();
     let coverage: Vec<f64> = frame.values[(frame.channels - 1) * size..].iter().map(|t| 1.0 - t.value()).collect();
@@ -60,8 +61,8 @@ pub fn freeze_weights<R: Number>(frame: &Frame<R>, camera: &Camera) -> FrozenWei
     };
     let surface = (0..size).map(weigh).collect();
     let has_geometry = frame.channels > channel::RESIDUAL_SIZE;
-    let evenness = if has_geometry { evenness_of(frame, camera) } else { Vec::new() };
-    FrozenWeights { coverage, surface, evenness }
+    let smoothness = if has_geometry { weights_of(frame, unlit, camera) } else { Vec::new() };
+    FrozenWeights { coverage, surface, smoothness }
 }
 
 /// Rendered colour that the losses compare with the true one.
@@ -114,7 +115,7 @@ pub fn frame_loss<R: Number>(
         }
     }
     if frame.channels > channel::RESIDUAL_SIZE && weights.smoothness != 0.0 {
-        total = total + smoothness_loss(frame, camera, &frozen.evenness, weights.smoothness);
+        total = total + smoothness_loss(frame, camera, &frozen.smoothness, weights.smoothness);
     }
     total
 }
@@ -173,7 +174,7 @@ pub fn frame_loss_vjp<R: Number>(
         grad.values[last + pixel] = grad.values[last + pixel] - grad_coverage;
     }
     if frame.channels > channel::RESIDUAL_SIZE && weights.smoothness != 0.0 {
-        smoothness_loss_vjp(frame, camera, &frozen.evenness, weights.smoothness, &mut grad);
+        smoothness_loss_vjp(frame, camera, &frozen.smoothness, weights.smoothness, &mut grad);
     }
     grad
 }

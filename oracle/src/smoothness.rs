@@ -8,7 +8,7 @@ use specula_core::{
     camera::{Camera, CameraOf},
     rules::channel,
     smoothness::{
-        BLUR_REACH, CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, unit_normal,
+        BLUR_REACH, CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, gloss, unit_normal,
         unit_normal_vjp,
     },
     vector::Vec3,
@@ -85,24 +85,32 @@ impl<R: Number> Normals<R> {
     }
 }
 
-/// Weight of each pixel, which the loss holds fixed.
-pub(crate) fn evenness_of<R: Number>(frame: &Frame<R>, camera: &Camera) -> Vec<f64> {
+/// Weight of each pixel, which the loss holds fixed. `unlit` is the picture without light, where
+/// light was added pixel by pixel.
+pub(crate) fn weights_of<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, camera: &Camera) -> Vec<f64> {
     let normals = Normals::new(frame, camera);
     let blurred = normals.blurred();
     let weigh = |pixel: usize| {
         let [row, column] = [0, 1].map(|axis| normals.line(&blurred, pixel, axis, CREASE_REACH));
         let (Some(row), Some(column)) = (row, column) else { return 0.0 };
-        evenness(&row, &column, normals.view_dir(pixel)).value()
+        let gloss = unlit.map_or(1.0, |unlit| gloss_of(frame, unlit, pixel));
+        gloss * evenness(&row, &column, normals.view_dir(pixel)).value()
     };
     (0..frame.pixel_count()).map(weigh).collect()
 }
 
-/// Mean loss of a picture, times a weight.
-pub(crate) fn smoothness_loss<R: Number>(frame: &Frame<R>, camera: &Camera, evenness: &[f64], weight: f32) -> R {
+fn gloss_of<R: Number>(frame: &Frame<R>, unlit: &Frame<R>, pixel: usize) -> f64 {
+    let plane = |channel: usize| frame.values[channel * frame.pixel_count() + pixel];
+    let [lit, unlit] = [frame, unlit].map(|frame| vector_at(frame, channel::COLOR, pixel));
+    gloss(lit, unlit, plane(channel::ROUGHNESS), -plane(frame.channels - 1) + 1.0).value()
+}
+
+/// Mean loss of a picture with [`weights_of`] its pixels, times a weight.
+pub(crate) fn smoothness_loss<R: Number>(frame: &Frame<R>, camera: &Camera, weights: &[f64], weight: f32) -> R {
     let normals = Normals::new(frame, camera);
     let share = share_of(frame, weight);
     normals.lines().fold(R::of(0.0), |sum, (pixel, _, line)| {
-        sum + bending(&line, normals.view_dir(pixel), R::of(evenness[pixel])) * share
+        sum + bending(&line, normals.view_dir(pixel), R::of(weights[pixel])) * share
     })
 }
 
@@ -110,7 +118,7 @@ pub(crate) fn smoothness_loss<R: Number>(frame: &Frame<R>, camera: &Camera, even
 pub(crate) fn smoothness_loss_vjp<R: Number>(
     frame: &Frame<R>,
     camera: &Camera,
-    evenness: &[f64],
+    weights: &[f64],
     weight: f32,
     out: &mut Frame<R>,
 ) {
@@ -118,7 +126,7 @@ pub(crate) fn smoothness_loss_vjp<R: Number>(
     let share = share_of(frame, weight);
     let mut grads = vec![Vec3::zero(R::of(0.0)); normals.units.len()];
     for (pixel, [before, after], line) in normals.lines() {
-        let slope = bending_vjp(&line, normals.view_dir(pixel), R::of(evenness[pixel]), share);
+        let slope = bending_vjp(&line, normals.view_dir(pixel), R::of(weights[pixel]), share);
         grads[before] = grads[before] + slope;
         grads[pixel] = grads[pixel] - (slope + slope);
         grads[after] = grads[after] + slope;

@@ -473,6 +473,7 @@ impl Profile {
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
+            self.weights.smoothness = 80.0;
             self.weights.saturates = true;
             self.densification.split_share = 0.004;
         }

@@ -2,7 +2,7 @@
 
 use specula_core::{
     double::Double,
-    smoothness::{CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness},
+    smoothness::{CREASE_REACH, Line, REACHES, REFLECTED_HALF, bending, bending_vjp, blurred_normal, evenness, gloss},
     vector::Vec3,
 };
 use specula_tests::number::vector;
@@ -104,4 +104,27 @@ fn lines_that_leave_the_surface_have_no_loss() {
         assert_eq!(bending_vjp(&line, eye, Double(1.0), Double(1.0)).to_array().map(|x| x.0), [0.0; 3]);
         assert_eq!(evenness(&line, &whole, eye).0, 0.0);
     }
+}
+
+/// Gloss of a pixel of this share of the picture, with grey colours.
+fn gloss_of(lit: f64, unlit: f64, roughness: f64, coverage: f64) -> f64 {
+    let grey = |value: f64| vector([value * coverage; 3]);
+    gloss(grey(lit), grey(unlit), Double(roughness * coverage), Double(coverage)).0
+}
+
+#[test]
+fn mirrors_count_and_matte_pixels_do_not() {
+    assert_eq!(gloss_of(0.4, 0.4, 0.1, 1.0), 0.0, "what reflects nothing");
+    assert_eq!(gloss_of(0.3, 0.4, 0.1, 1.0), 0.0, "what is darker under the light");
+    assert_eq!(gloss_of(0.9, 0.0, 1.0, 1.0), 0.0, "what is as rough as can be");
+    let half = f64::from(REFLECTED_HALF);
+    assert!((gloss_of(0.3 + half, 0.3, 0.0, 1.0) - 0.5).abs() < 1e-7);
+    assert!(gloss_of(0.008, 0.0, 0.6, 1.0) < 0.02, "a matte surface with a trace of tint");
+    assert!(gloss_of(0.6, 0.0, 0.1, 1.0) > 0.6, "a mirror");
+    for bright in [1e4, 1e30, 3e38] {
+        let share = gloss_of(bright, 0.0, 0.0, 1.0);
+        assert!((0.999..=1.0).contains(&share), "{share} under a light of {bright}");
+    }
+    assert!(gloss_of(0.6, 0.0, 0.1, 0.5) < gloss_of(0.6, 0.0, 0.1, 1.0), "what is transparent counts less");
+    assert_eq!(gloss_of(0.6, 0.0, 0.1, 0.0), 0.0);
 }

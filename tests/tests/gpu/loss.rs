@@ -23,7 +23,7 @@ use specula_gpu::{
         expose::formulas::Expose,
         expose_vjp::formulas::ExposeVjp,
         loss::formulas::{
-            Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness,
+            Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, Gloss,
             MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows,
             WithBackground,
         },
@@ -71,6 +71,7 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     let place = [[0.0, 70.0], [0.0, 45.0]];
     let seen = |rows: Vec<f32>| side_by_side(&rows, &numbers_of(&camera(70, 45)).repeat(ROWS));
     assert_same(gpu, &Evenness, &seen(uniform_rows(21, &[&[signed; 15][..], &place].concat())));
+    assert_same(gpu, &Gloss, &uniform_rows(24, &[&[unit; 6][..], &[[0.0, 0.6], [0.0, 0.4]]].concat()));
     assert_same(gpu, &Bending, &seen(uniform_rows(22, &[&[signed; 9][..], &place, &[unit]].concat())));
     assert_same(gpu, &BendingVjp, &seen(uniform_rows(23, &[&[signed; 9][..], &place, &[unit, share]].concat())));
     assert_same(gpu, &DepthGrad, &uniform_rows(12, &[[1.0, 4.0], [0.1, 0.9], [-1.0, 1.0]]));
@@ -97,7 +98,7 @@ fn no_formula_of_the_losses_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/expose_vjp/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/loss/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("loss.rs"), 19);
+    assert_every_formula_has_a_case(&formulas, include_str!("loss.rs"), 20);
 }
 
 /// Numbers of a picture in `f32` on a device against the same in `f64`: roundings of a few hundred
@@ -202,12 +203,19 @@ impl Scene {
     where
         E::Error: core::fmt::Debug,
     {
+        self.frame_under(exec, self.cloud.layout.is_shaded())
+    }
+    /// The picture, with or without its light.
+    fn frame_under<E: Renderer>(&self, exec: &mut E, is_lit: bool) -> E::Frame
+    where
+        E::Error: core::fmt::Debug,
+    {
         let Gaussians { count, layout, values } = &self.cloud;
         let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
         let Environment { resolution, activation, values } = &self.environment;
         let values = exec.upload(values).expect("texels fit");
         let environment = Environment { resolution: *resolution, activation: *activation, values };
-        let light = layout.is_shaded().then(|| {
+        let light = is_lit.then(|| {
             exec.prefilter(&environment, self.rules.scheme, LevelRange::ALL).expect("the resolution is allowed")
         });
         render(exec, &cloud, light.as_ref(), &self.camera, &self.rules).expect("the executor renders")
@@ -228,6 +236,10 @@ impl Scene {
         let (report, grad) = self.compare(gpu, &frame);
         let mut compared = Compared::new(self, report);
         gpu.read_frame(&frame, &mut compared.frame).expect("the frame has that size");
+        if let Some(values) = &mut compared.unlit {
+            let unlit = self.frame_under(gpu, false);
+            gpu.read_frame(&unlit, values).expect("the frame has that size");
+        }
         gpu.read_frame_grad(&grad, &mut compared.grad).expect("the gradient has that size");
         compared
     }
@@ -236,15 +248,21 @@ impl Scene {
         let (report, grad) = self.compare(cpu, &frame);
         let mut compared = Compared::new(self, report);
         frame.read(&mut compared.frame);
+        if let Some(values) = &mut compared.unlit {
+            self.frame_under(cpu, false).read(values);
+        }
         grad.read(&frame, &mut compared.grad);
         compared
     }
     /// The plain pipeline's losses and gradient of a picture, in `f64`.
-    fn exactly(&self, frame: &[f32]) -> Exact {
+    fn exactly(&self, compared: &Compared) -> Exact {
         let [width, height] = self.size();
-        let frame = Image { width, height, channels: self.channels() + 1, values: lift(frame) };
+        let channels = self.channels() + 1;
+        let [frame, unlit] = [Some(&compared.frame), compared.unlit.as_ref()]
+            .map(|values| values.map(|values| Image { width, height, channels, values: lift(values) }));
+        let frame = frame.expect("every scene has a picture");
         let target = self.plain_target();
-        let frozen = freeze_weights(&frame, &self.camera);
+        let frozen = freeze_weights(&frame, unlit.as_ref(), &self.camera);
         let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.weights, &frozen);
         let report = self.exact_report(&frame, &target, &frozen);
         Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
@@ -299,6 +317,8 @@ impl Scene {
 #[derive(Clone, Debug, PartialEq)]
 struct Compared {
     frame: Vec<f32>,
+    /// The same without light, where light was added pixel by pixel.
+    unlit: Option<Vec<f32>>,
     grad: Vec<f32>,
     report: LossReport,
 }
@@ -312,7 +332,8 @@ struct Exact {
 impl Compared {
     fn new(scene: &Scene, report: LossReport) -> Self {
         let zeros = vec![0.0; (scene.channels() + 1) * scene.pixel_count()];
-        Self { frame: zeros.clone(), grad: zeros, report }
+        let unlit = scene.rules.is_deferred(scene.cloud.layout).then(|| zeros.clone());
+        Self { frame: zeros.clone(), unlit, grad: zeros, report }
     }
 }
 
@@ -450,7 +471,7 @@ fn losses_and_gradients_are_those_of_the_plain_pipeline() {
     let Some(mut gpu) = executor() else { return };
     for (what, scene) in scenes() {
         let ours = scene.on_gpu(&mut gpu);
-        let exact = scene.exactly(&ours.frame);
+        let exact = scene.exactly(&ours);
         assert_grad(&what, &scene, &ours.grad, &where_rendered(&scene, &ours.frame, &exact.grad), SAME_GRADIENT);
         assert_report(&what, &ours.report, &exact.report, SAME_REPORT);
     }
@@ -563,7 +584,7 @@ fn each_loss_alone_and_none_at_all_are_those_of_the_plain_pipeline() {
         let rules = training(ShadingRules::DEFERRED);
         let scene = Scene { weights, ..Scene::new(60, shaded(), rules, [53, 38], Truth::Ellipse, 3) };
         let ours = scene.on_gpu(&mut gpu);
-        let exact = scene.exactly(&ours.frame);
+        let exact = scene.exactly(&ours);
         let what = format!("loss {k}");
         assert_grad(&what, &scene, &ours.grad, &where_rendered(&scene, &ours.frame, &exact.grad), SAME_GRADIENT);
         assert_report(&what, &ours.report, &exact.report, SAME_REPORT);

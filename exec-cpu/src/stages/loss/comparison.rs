@@ -183,9 +183,15 @@ pub(super) fn read_target<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S
 /// A row of a tile's channel, from its four quads.
 #[inline(always)]
 pub(super) fn row_of_tile(tile: &[Quad], channels: usize, channel: usize, y: usize) -> [f32; SIZE] {
+    row_of_quads(|quad| &tile[at(channels, quad, channel)], y)
+}
+
+/// A row of a tile's numbers, from those of its quads.
+#[inline(always)]
+pub(super) fn row_of_quads<'a>(quad_at: impl Fn(usize) -> &'a Quad, y: usize) -> [f32; SIZE] {
     let mut row = [0.0; SIZE];
     for (k, to) in row.chunks_exact_mut(QUAD).enumerate() {
-        let quad = &tile[at(channels, y / QUAD * QUAD + k, channel)];
+        let quad = quad_at(y / QUAD * QUAD + k);
         to.copy_from_slice(&quad[y % QUAD * QUAD..][..QUAD]);
     }
     row

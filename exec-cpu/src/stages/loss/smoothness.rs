@@ -1,7 +1,7 @@
 //! Smoothness of rendered normals between creases.
 
 use super::{
-    comparison::{Comparison, add_to_row, plane, row_of_tile},
+    comparison::{Comparison, add_to_row, plane, row_of_quads, row_of_tile},
     normals::centres,
 };
 use crate::{
@@ -17,8 +17,9 @@ use specula_core::{
     depth_normal::is_surface,
     real::Real,
     rules::channel,
+    shade_pixels::unlit_pixel_color,
     smoothness::{
-        BLUR_REACH, CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, unit_normal,
+        BLUR_REACH, CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, gloss, unit_normal,
         unit_normal_vjp,
     },
     vector::{Vec3, vec3},
@@ -119,7 +120,8 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
             after: blurred_at(simd, &sums, row + 2 * CREASE_REACH, CENTER),
         };
         // Blurred normals reach beyond the picture, where none are compared.
-        let weight = evenness(&across, &down, view_dir).keep(are_ends_inside(simd, comparison, position, row));
+        let evenness = evenness(&across, &down, view_dir).keep(are_ends_inside(simd, comparison, position, row));
+        let weight = evenness * gloss_of_row(simd, frame, slot, row);
         weight.store(&mut out[plane_start(frame.cover.columns, 0, position[0]) + row]);
         for reach in REACHES {
             for axis in 0..2 {
@@ -129,6 +131,20 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
         }
     }
     f64::from(sum.sum())
+}
+
+/// Gloss of a row of a tile; one where light was not added pixel by pixel.
+#[inline(always)]
+fn gloss_of_row<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Lanes<S> {
+    if frame.shaded.is_none() {
+        return Lanes::splat(simd, 1.0);
+    }
+    let blended = |channel: usize| Lanes::load(simd, &row_of_tile(frame.tile(slot), frame.channels, channel, row));
+    let shaded = |c: usize| Lanes::load(simd, &row_of_quads(|quad| frame.color_before_exposure(slot, quad, c), row));
+    let coverage = -blended(frame.channels) + 1.0;
+    let base = vec3(blended(channel::COLOR), blended(channel::COLOR + 1), blended(channel::COLOR + 2));
+    let lit = vec3(shaded(0), shaded(1), shaded(2));
+    gloss(lit, unlit_pixel_color(base, coverage), blended(channel::ROUGHNESS), coverage)
 }
 
 /// Mask of the pixels of a row of a tile whose neighbours at [`CREASE_REACH`] lie in the picture.

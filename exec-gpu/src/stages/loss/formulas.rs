@@ -12,7 +12,8 @@ use specula_core::{
         sparse_coverage_vjp, squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
     },
     real::Real,
-    smoothness::{Line, bending, bending_vjp, blurred_normal, evenness, unit_normal, unit_normal_vjp},
+    shade_pixels::unlit_pixel_color,
+    smoothness::{Line, bending, bending_vjp, blurred_normal, evenness, gloss, unit_normal, unit_normal_vjp},
 };
 
 /// Weight of a loss over the number of values that it is a mean of.
@@ -259,6 +260,16 @@ formula!(Evenness, |_, inputs| evenness(
     let view_dir = take_camera(inputs).view_dir(x, y);
     let (row, column) = (Line { before: left, at, after: right }, Line { before: above, at, after: below });
     [evenness(&row, &column, view_dir)]
+});
+
+/// Weight of a pixel by how much it mirrors ([`specula_core::smoothness::gloss`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Gloss;
+
+formula!(Gloss, |_, inputs| gloss(lit: 3, base: 3, roughness: 1, transmittance: 1) -> (weight: 1) {
+    let (lit, base, [roughness, transmittance]) = (inputs.vec3(), inputs.vec3(), inputs.array());
+    let coverage = -transmittance + 1.0;
+    [gloss(lit, unlit_pixel_color(base, coverage), roughness, coverage)]
 });
 
 /// Loss of a line ([`specula_core::smoothness::bending`]).

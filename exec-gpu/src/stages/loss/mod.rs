@@ -20,8 +20,9 @@ use crate::{
 use bytemuck::{Pod, Zeroable};
 use core::ops::Range;
 use formulas::{
-    Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, MomentsDown,
-    NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows, WithBackground,
+    Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, Gloss,
+    MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows,
+    WithBackground,
 };
 use specula_core::{
     bin::{TILE_SIZE, tile_count},
@@ -68,6 +69,8 @@ pub(crate) struct LossVariant {
     pub(crate) has_residual: bool,
     pub(crate) normals: Option<NormalForm>,
     pub(crate) has_smoothness: bool,
+    /// Whether light was added pixel by pixel.
+    pub(crate) is_deferred: bool,
     /// Whether true pictures saturate at white.
     pub(crate) saturates: bool,
 }
@@ -97,6 +100,7 @@ impl LossVariant {
             .count("NORMAL_CHANNEL", index(channel::NORMAL))
             .count("DEPTH_CHANNEL", index(channel::DEPTH))
             .count("RESIDUAL_CHANNEL", index(channel::RESIDUAL_SIZE))
+            .count("ROUGHNESS_CHANNEL", index(channel::ROUGHNESS))
             .with(&format!("alias LossSum = {sum};"))
             .with(include_str!("loss.wgsl"))
     }
@@ -164,6 +168,8 @@ pub(crate) fn smoothness_source(variant: &LossVariant) -> String {
         .count("CREASE_REACH", CREASE_REACH)
         .count("BLUR_REACH", BLUR_REACH)
         .count("SMOOTHNESS_SUM", SMOOTHNESS_SUM)
+        .flag("IS_DEFERRED", variant.is_deferred)
+        .formula(&Gloss)
         .formula(&UnitNormal)
         .formula(&UnitNormalVjp)
         .formula(&BlurredNormal)
@@ -311,6 +317,7 @@ impl<'a> Comparison<'a> {
             has_residual: weights.residual_image != 0.0,
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
             has_smoothness: weights.smoothness != 0.0,
+            is_deferred: frame.shaded.is_some(),
             saturates: weights.saturates,
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
@@ -356,8 +363,9 @@ impl<'a> Comparison<'a> {
             let view = CameraUniform::new(self.camera, 0);
             let source = || smoothness_source(variant);
             let planes = context.allocate("normals of a picture", SMOOTHNESS_PLANES * self.frame.pixel_count())?;
+            let shaded = Buffer(self.frame.color_before_exposure());
             let bindings =
-                [settings, blended, colors, texels, marks, Buffer(&planes), grads, sums, Uniform(view.bytes())];
+                [settings, blended, shaded, texels, marks, Buffer(&planes), grads, sums, Uniform(view.bytes())];
             for entry in ["blur_normals", "weigh_normals", "smooth_normals"] {
                 context.dispatch(&key, entry, &source, &bindings, tiles)?;
             }

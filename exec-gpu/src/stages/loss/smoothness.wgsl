@@ -2,9 +2,10 @@
 //
 // Threads: one workgroup a tile, one invocation a pixel.
 // Memory: unit normals of the tile and its border, in workgroup memory, where they are blurred.
-// Inputs: blended normals and transmittance; marks of the tiles; camera.
+// Inputs: blended surfaces and their colours, before exposure; marks of the tiles; camera.
 // Outputs: unit normals, blurred normals and weights; gradients of normals; sum of the loss over
 // each tile.
+// Variants: with or without light that was added pixel by pixel.
 // Early exit: tiles without a visible splat have no loss, but blurred normals beside others.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
@@ -27,6 +28,16 @@ var<workgroup> units: array<vec3f, WIDE * WIDE>;
 fn blended_normal(index: u32) -> vec3f {
     let first = NORMAL_CHANNEL * pixel_count() + index;
     return vec3f(blended[first], blended[first + pixel_count()], blended[first + 2u * pixel_count()]);
+}
+
+fn gloss_at(pixel: vec2u) -> f32 {
+    if !IS_DEFERRED {
+        return 1.0;
+    }
+    let index = index_of(pixel);
+    let lit = vec3f(colors[index], colors[index + pixel_count()], colors[index + 2u * pixel_count()]);
+    let base = vec3f(blended[index], blended[index + pixel_count()], blended[index + 2u * pixel_count()]);
+    return gloss(lit, base, blended[ROUGHNESS_CHANNEL * pixel_count() + index], transmittance_at(index));
 }
 
 fn unit_at(pixel: vec2u) -> vec3f {
@@ -89,7 +100,7 @@ fn bending_at(pixel: vec2u, step: vec2u, weight: f32) -> f32 {
 fn weigh(pixel: vec2u) -> f32 {
     let across = vec2u(CREASE_REACH, 0u);
     let down = vec2u(0u, CREASE_REACH);
-    let weight = evenness(
+    let even = evenness(
         normal_at(BLURRED, pixel - across),
         normal_at(BLURRED, pixel + across),
         normal_at(BLURRED, pixel - down),
@@ -97,6 +108,7 @@ fn weigh(pixel: vec2u) -> f32 {
         normal_at(BLURRED, pixel),
         vec2f(pixel) + 0.5,
     );
+    let weight = even * gloss_at(pixel);
     normals[WEIGHTS * pixel_count() + index_of(pixel)] = weight;
     let near = bending_at(pixel, vec2u(NEAR_REACH, 0u), weight) + bending_at(pixel, vec2u(0u, NEAR_REACH), weight);
     let far = bending_at(pixel, vec2u(FAR_REACH, 0u), weight) + bending_at(pixel, vec2u(0u, FAR_REACH), weight);
