@@ -468,8 +468,9 @@ const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 
 impl Profile {
     /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
-    /// normals more and splits Gaussians that are smaller: surfaces seen from all around gain in
-    /// normals and in sharpness, photographs would lose (docs/trials.md).
+    /// normals more, draws those of mirrors to be smooth, and splits Gaussians that are smaller:
+    /// surfaces seen from all around gain in normals and in sharpness, photographs would lose
+    /// (docs/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
