@@ -35,6 +35,7 @@ pub(crate) fn open(
     if output::ending(path).as_deref() == Some("glb") && path.is_file() {
         return open_glb(path, profile, low_pass);
     }
+    refuse_pictures(path)?;
     let mut model = open_model(path)?;
     if let Some(low_pass) = low_pass {
         if model.gaussians.layout.is_smoothed {
@@ -46,6 +47,18 @@ pub(crate) fn open(
     }
     let shading_model = shading_model_of(&model, profile)?;
     Ok(OpenedModel::under(path, model, shading_model))
+}
+
+/// Refuses a file that holds a light or a picture, by the ending of its name.
+fn refuse_pictures(path: &Path) -> Result<(), Failure> {
+    let ending = output::ending(path).unwrap_or_default();
+    if path.is_file() && ["hdr", "exr", "png", "jpg", "jpeg", "webp"].contains(&&*ending) {
+        return Err(Failure::Input(format!(
+            "{path:?} is a light or a picture and no scene; name a model folder, a PLY or a .glb file of Gaussians, and \
+             lights with --env"
+        )));
+    }
+    Ok(())
 }
 
 /// Opens a glTF file, which names its shading.

@@ -68,6 +68,10 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
             LightPer::Gaussian => ShadingForm::Paper,
             LightPer::Pixel => ShadingForm::Deferred,
         };
+        if !profile.is_lit_per_pixel() {
+            // No pixel tells how much of it is a mirror.
+            profile.weights.smoothness = 0.0;
+        }
     }
     if let Some(resolution) = args.light_resolution {
         if !profile.scheme.takes(resolution) {

@@ -6,6 +6,7 @@ use crate::{
     depth_normal::{Cross, normal, normal_vjp},
     normal::RESIDUAL_MAX,
     real::Real,
+    shade::ShadingForm,
     vector::{Mat3, Vec3},
 };
 
@@ -310,7 +311,8 @@ pub struct LossWeights {
     pub normal: f32,
     /// Form of the normal loss.
     pub normal_form: NormalForm,
-    /// Of the smoothness of normals ([`mod@crate::smoothness`]).
+    /// Of the smoothness of normals ([`mod@crate::smoothness`]); none of physical materials
+    /// ([`LossWeights::of_form`]).
     pub smoothness: f32,
     /// Of the sparse loss on the rendered coverage.
     pub sparse_coverage: f32,
@@ -370,6 +372,12 @@ impl LossWeights {
         mean_light: 0.0,
         saturates: false,
     };
+
+    /// Removes the loss that pictures of this form do not have: the smoothness of normals, which is
+    /// told from view-dependent colours, of physical materials.
+    pub fn of_form(self, form: ShadingForm) -> Self {
+        Self { smoothness: if form == ShadingForm::Physical { 0.0 } else { self.smoothness }, ..self }
+    }
 
     /// Removes losses without input: that of coverage, unless the true picture has an
     /// alpha channel; those of the geometry, unless it was blended.

@@ -231,7 +231,8 @@ fn backward<E: Executor>(
     if let Some(exposure) = step.exposure {
         frame = exec.expose(frame, exposure)?;
     }
-    let mut frame_grad = exec.loss(&frame, step.target, step.camera, step.weights, step.background)?;
+    let weights = step.weights.of_form(step.rules.shading.form);
+    let mut frame_grad = exec.loss(&frame, step.target, step.camera, &weights, step.background)?;
     if let Some(exposure) = step.exposure {
         frame_grad = exec.expose_vjp(&frame, exposure, frame_grad)?;
     }

@@ -15,8 +15,9 @@ use crate::{
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
 /// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
-/// Means at greater depths are scaled down before they are divided by it, since a GPU may divide to
-/// zero beyond 2¹²⁶; a power of two.
+/// Means at greater depths are scaled down before they are divided by their depth, since a GPU may
+/// divide to zero beyond 2¹²⁶; a power of two. Gaussians are small there, however large they are:
+/// scales end at e⁴⁰.
 const DEPTH_LARGE: f32 = (1_u64 << 63) as f32;
 
 /// Attributes of a Gaussian that determine its splat.

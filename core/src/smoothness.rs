@@ -14,7 +14,8 @@
 //! cylinder is linear in the place on the picture, up to the outline, so that none of them is drawn
 //! to another shape. What bends by more than ε is no noise, and is let go (Geman and McClure 1987);
 //! c, the largest |b| of blurred normals, spares creases that noise hides. Where a surface mirrors
-//! nothing, its texture tells its shape, and w leaves it alone. Both are held fixed.
+//! nothing, its texture tells its shape, and w spares it; where light was not added pixel by pixel
+//! w = 1. c and w are held fixed.
 
 use crate::{
     real::Real,
@@ -31,8 +32,7 @@ pub const BLUR_REACH: usize = 2;
 pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
 pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
-/// s₀: a pixel with this much of its colour reflected, in sRGB, counts half of one that reflects
-/// all.
+/// s₀: a pixel that reflection makes brighter by this much, in sRGB, has half of the largest weight.
 pub const REFLECTED_HALF: f32 = 0.1;
 /// Length below which a blended normal has no direction that could be smooth.
 pub const LENGTH_MIN: f32 = 0.25;
@@ -102,15 +102,16 @@ pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> 
     (falloff * falloff).keep(row.is_whole() & column.is_whole())
 }
 
-/// Weight s / (s + s₀) (1 − r)² of a mirror: 0 of a matte pixel to 1, from its colour under the
-/// light and without any, both sRGB-encoded, and its roughness, all premultiplied by its coverage.
-/// s is the mean difference of the colours, and zero where light takes colour away.
+/// Weight s / (s + s₀) (1 − r)² of a pixel, from 0 where it is matte to nearly 1 where it is a
+/// mirror: from its colour under the light and without any, both sRGB-encoded, and its roughness, all
+/// premultiplied by its coverage, by which s and 1 − r are smaller as well. s is the mean difference
+/// of the colours, and zero where light takes colour away.
 #[inline(always)]
 pub fn gloss<R: Real>(lit: Vec3<R>, unlit: Vec3<R>, roughness: R, coverage: R) -> R {
     let more = lit - unlit;
     let reflected = ((more.x + more.y + more.z) * (1.0 / 3.0)).max(coverage.zero());
     let smooth = (coverage - roughness).max(coverage.zero());
-    // Divided first, since the colour under a light of any brightness is to stay finite.
+    // 1 − 1 / (s / s₀ + 1), which is 1 even where s is infinite.
     let share = -((reflected * REFLECTED_HALF.recip() + 1.0).recip()) + 1.0;
     share * (smooth * smooth)
 }

@@ -264,12 +264,17 @@ pub fn loss<R: Number>(
     frozen: Option<&FrozenWeights>,
 ) -> R {
     let frame = render(gaussians, light, view.camera, view.rules);
-    let of_this = || {
-        let unlit = view.rules.is_deferred(gaussians.layout).then(|| render(gaussians, None, view.camera, view.rules));
-        freeze_weights(&frame, unlit.as_ref(), view.camera)
+    let weights = view.weights.of_form(view.rules.shading.form);
+    let of_this;
+    let frozen = if let Some(frozen) = frozen {
+        frozen
+    } else {
+        let is_deferred = view.rules.is_deferred(gaussians.layout) && weights.smoothness != 0.0;
+        let unlit = is_deferred.then(|| render(gaussians, None, view.camera, view.rules));
+        of_this = freeze_weights(&frame, unlit.as_ref(), view.camera);
+        &of_this
     };
-    let frozen = frozen.cloned().unwrap_or_else(of_this);
-    let of_frame = frame_loss(&frame, view.target, view.camera, view.weights, &frozen);
+    let of_frame = frame_loss(&frame, view.target, view.camera, &weights, frozen);
     of_frame + attribute_loss(gaussians, view.weights)
 }
 
@@ -298,9 +303,11 @@ pub fn loss_and_gradient<R: Number>(
     let is_deferred = view.rules.is_deferred(gaussians.layout);
     let picture =
         if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, view.rules) } else { frame.clone() };
-    let unlit = is_deferred.then(|| shade_pixels(&frame, None, view.camera, view.rules));
+    let weights = view.weights.of_form(view.rules.shading.form);
+    let is_unlit_needed = is_deferred && weights.smoothness != 0.0;
+    let unlit = is_unlit_needed.then(|| shade_pixels(&frame, None, view.camera, view.rules));
     let frozen = freeze_weights(&picture, unlit.as_ref(), view.camera);
-    let of_frame = frame_loss(&picture, view.target, view.camera, view.weights, &frozen);
+    let of_frame = frame_loss(&picture, view.target, view.camera, &weights, &frozen);
     let value = of_frame + attribute_loss(gaussians, view.weights);
 
     let mut light_grad = light.as_ref().map(LightGrad::zero);

@@ -352,6 +352,7 @@ fn places() -> Vec<Case> {
         });
         Case::new(name, camera, cloud)
     };
+    // A GPU may divide by the last as by infinity.
     let depths = [-1e30, -1.0, -0.0, 0.0, 1e-45, 1e-30, 0.1, 0.999 * NEAR, 1.001 * NEAR, 1.0, 1e10, 1e30, 3e38];
     vec![
         Case::new("the eye inside of Gaussians", view(), around_the_eye(60, 0.5)),

@@ -141,7 +141,7 @@ impl Contents {
             add("filter", plane, 1, |deviation| deviation);
         }
         if gaussians.layout.is_shaded() {
-            add("diffuse, raw", DIFFUSE, 3, |raw| raw);
+            add("raw diffuse", DIFFUSE, 3, |raw| raw);
             add("tint", TINT, 3, sigmoid);
             add("roughness", ROUGHNESS, 1, sigmoid);
             add("normal residual", NORMAL_RESIDUAL_1, 6, f32::abs);

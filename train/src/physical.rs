@@ -58,6 +58,7 @@ mod tests {
             absolute: 0.8,
             dssim: 0.2,
             normal: 0.1,
+            smoothness: 80.0,
             coverage: 0.3,
             sparse: 0.01,
             residual: 0.01,

@@ -469,8 +469,8 @@ const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 impl Profile {
     /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
     /// normals more, draws those of mirrors to be smooth, and splits Gaussians that are smaller:
-    /// surfaces seen from all around gain in normals and in sharpness, photographs would lose
-    /// (docs/trials.md).
+    /// surfaces seen from all around gain in normals and in sharpness, photographs would lose, or
+    /// have not been tried (docs/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
@@ -678,6 +678,7 @@ mod tests {
             assert_eq!(objects != profile, profile.name == "specula", "{}", profile.name);
             assert!(objects.densification.split_share <= profile.densification.split_share);
             assert!(objects.weights.normal >= profile.weights.normal);
+            assert_eq!(objects.weights.smoothness > 0.0, profile.name == "specula");
             assert_eq!(objects.weights.saturates, profile.name == "specula");
         }
     }

@@ -401,7 +401,7 @@ pub(crate) struct Losses {
     /// objects cut out by alpha 0.2.
     #[arg(long, alias = "lambda-predicted-normal", value_name = "X", value_parser = weight)]
     pub(crate) lambda_normal: Option<f32>,
-    /// Weight of the smoothness of mirrors' normals; specula: 0, objects 80.
+    /// Weight of smooth normals of mirrors; specula: 0, of objects 80.
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) lambda_smooth: Option<f32>,
     /// Weight of the sparsity loss, which drives opacities to 0 or 1.

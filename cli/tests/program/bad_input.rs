@@ -62,6 +62,18 @@ fn broken_json() {
 }
 
 #[test]
+fn a_light_or_a_picture_in_place_of_a_scene() {
+    let tiny = Tiny::new();
+    let light = tiny.path("light.hdr");
+    fs::write(&light, "#?RADIANCE").unwrap();
+    for path in [light, tiny.file("train/r_2.png")] {
+        let mut command = specula();
+        command.arg("info").arg(&path);
+        refuses(command, &["no scene", "--env"]);
+    }
+}
+
+#[test]
 fn an_image_that_is_none() {
     let tiny = Tiny::new();
     fs::write(tiny.file("train/r_2.png"), "this is no picture").unwrap();

@@ -81,6 +81,7 @@ fn weights() -> LossWeights {
         dssim: 0.2,
         normal: 0.1,
         normal_form: NormalForm::Cosine,
+        smoothness: 0.2,
         coverage: 0.1,
         sparse: 1e-3,
         residual: 1e-2,

@@ -701,6 +701,48 @@ fn photographs_are_exposed_as_core_says_and_so_are_their_gradients() {
     }
 }
 
+/// Normals are smoothed by the gloss of the scene, not by that of the photograph.
+#[test]
+fn an_exposure_changes_nothing_of_smooth_normals() {
+    fn assert_same_smoothness<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, what: &str, scene: &Scene) -> f64 {
+        let frame = scene.frame(exec);
+        let (report, _) = scene.compare(exec, &frame);
+        let exposed = exec.expose(frame, &EXPOSURE).expect("the executor exposes");
+        assert_eq!(scene.compare(exec, &exposed).0.smoothness, report.smoothness, "{what}");
+        report.smoothness
+    }
+    let (mut cpu, mut gpu) = (CpuExecutor::new(), executor());
+    let mut largest = 0.0_f64;
+    for (what, scene) in scenes() {
+        let loss = assert_same_smoothness(&mut cpu, &what, &scene);
+        if scene.rules.is_deferred(scene.cloud.layout) {
+            largest = largest.max(loss);
+        }
+        if let Some(gpu) = &mut gpu {
+            assert_same_smoothness(gpu, &what, &scene);
+        }
+    }
+    assert!(largest > 10.0 * LEAST_SMOOTHNESS, "{largest}: pixels with gloss are smoothed");
+}
+
+#[test]
+fn losses_alone_are_the_same_on_both_executors() {
+    let Some(mut gpu) = executor() else { return };
+    let mut cpu = CpuExecutor::new();
+    for weights in
+        [LossWeights { smoothness: 1.0, ..LossWeights::NONE }, LossWeights { normal: 1.0, ..LossWeights::NONE }]
+    {
+        let rules = training(ShadingRules::DEFERRED);
+        let scene = Scene { weights, ..Scene::new(60, shaded(), rules, [53, 38], Truth::Ellipse, 3) };
+        let (ours, theirs) = (scene.on_gpu(&mut gpu), scene.on_cpu(&mut cpu));
+        let wide: Vec<f64> = theirs.grad.iter().map(|x| f64::from(*x)).collect();
+        assert!(wide.iter().any(|x| *x != 0.0), "there is something to compare of {weights:?}");
+        let wide = where_rendered(&scene, &ours.frame, &wide);
+        assert_grad(&format!("{weights:?}"), &scene, &ours.grad, &wide, AS_THE_CPU_COMPARES);
+        assert_report(&format!("{weights:?}"), &ours.report, &theirs.report, AS_THE_CPU_REPORTS);
+    }
+}
+
 #[test]
 fn colours_as_they_are_change_no_bit() {
     let mut cpu = CpuExecutor::new();

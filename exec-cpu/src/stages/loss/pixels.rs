@@ -128,7 +128,7 @@ impl Comparison<'_> {
                 let of_residual = coverage * share(weights.residual_image, 1);
                 of_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
             }
-            if weights.normal != 0.0 {
+            if weights.normal != 0.0 || weights.smoothness != 0.0 {
                 let depth = expected_depth(of_channel(slot, channel::DEPTH), coverage);
                 (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface(coverage)));
             }

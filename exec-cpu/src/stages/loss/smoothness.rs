@@ -16,7 +16,7 @@ use specula_core::{
     camera::CameraOf,
     depth_normal::is_surface,
     real::Real,
-    rules::channel,
+    rules::{Channels, channel},
     shade_pixels::unlit_pixel_color,
     smoothness::{
         BLUR_REACH, CREASE_REACH, Line, REACHES, bending, bending_vjp, blurred_normal, evenness, gloss, unit_normal,
@@ -121,7 +121,7 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
         };
         // Blurred normals reach beyond the picture, where none are compared.
         let evenness = evenness(&across, &down, view_dir).keep(are_ends_inside(simd, comparison, position, row));
-        let weight = evenness * gloss_of_row(simd, frame, slot, row);
+        let weight = if evenness.any_positive() { evenness * gloss_of_row(simd, frame, slot, row) } else { evenness };
         weight.store(&mut out[plane_start(frame.cover.columns, 0, position[0]) + row]);
         for reach in REACHES {
             for axis in 0..2 {
@@ -133,10 +133,11 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
     f64::from(sum.sum())
 }
 
-/// Gloss of a row of a tile; one where light was not added pixel by pixel.
+/// Gloss of a row of a tile; one where no light was added pixel by pixel.
 #[inline(always)]
 fn gloss_of_row<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Lanes<S> {
-    if frame.shaded.is_none() {
+    let has_roughness = Channels::of_count(frame.channels).index_of(channel::ROUGHNESS).is_some();
+    if frame.shaded.is_none() || !has_roughness {
         return Lanes::splat(simd, 1.0);
     }
     let blended = |channel: usize| Lanes::load(simd, &row_of_tile(frame.tile(slot), frame.channels, channel, row));

@@ -69,8 +69,6 @@ pub(crate) struct LossVariant {
     pub(crate) has_residual: bool,
     pub(crate) normals: Option<NormalForm>,
     pub(crate) has_smoothness: bool,
-    /// Whether light was added pixel by pixel.
-    pub(crate) is_deferred: bool,
     /// Whether true pictures saturate at white.
     pub(crate) saturates: bool,
 }
@@ -158,7 +156,8 @@ pub(crate) fn normal_source(variant: &LossVariant, form: NormalForm) -> String {
         .text()
 }
 
-pub(crate) fn smoothness_source(variant: &LossVariant) -> String {
+/// Kernels of the smoothness of normals; pixels have gloss where light was added pixel by pixel.
+pub(crate) fn smoothness_source(variant: &LossVariant, has_gloss: bool) -> String {
     let [near, far] = REACHES;
     variant
         .source((TILE_SIZE * TILE_SIZE) as usize, "f32")
@@ -168,7 +167,7 @@ pub(crate) fn smoothness_source(variant: &LossVariant) -> String {
         .count("CREASE_REACH", CREASE_REACH)
         .count("BLUR_REACH", BLUR_REACH)
         .count("SMOOTHNESS_SUM", SMOOTHNESS_SUM)
-        .flag("IS_DEFERRED", variant.is_deferred)
+        .flag("HAS_GLOSS", has_gloss)
         .formula(&Gloss)
         .formula(&UnitNormal)
         .formula(&UnitNormalVjp)
@@ -317,7 +316,6 @@ impl<'a> Comparison<'a> {
             has_residual: weights.residual_image != 0.0,
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
             has_smoothness: weights.smoothness != 0.0,
-            is_deferred: frame.shaded.is_some(),
             saturates: weights.saturates,
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
@@ -361,7 +359,10 @@ impl<'a> Comparison<'a> {
         }
         if variant.has_smoothness {
             let view = CameraUniform::new(self.camera, 0);
-            let source = || smoothness_source(variant);
+            let has_roughness = Channels::of_count(self.frame.channels).index_of(channel::ROUGHNESS).is_some();
+            let has_gloss = self.frame.shaded.is_some() && has_roughness;
+            let key = format!("{key}, {has_gloss}");
+            let source = || smoothness_source(variant, has_gloss);
             let planes = context.allocate("normals of a picture", SMOOTHNESS_PLANES * self.frame.pixel_count())?;
             let shaded = Buffer(self.frame.color_before_exposure());
             let bindings =
