@@ -32,7 +32,8 @@ pub const BLUR_REACH: usize = 2;
 pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
 pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
-/// s₀: a pixel that reflection makes brighter by this much, in sRGB, has half of the largest weight.
+/// s₀: a pixel that reflection makes brighter by this much, in sRGB, has half of the largest
+/// weight.
 pub const REFLECTED_HALF: f32 = 0.1;
 /// Length below which a blended normal has no direction that could be smooth.
 pub const LENGTH_MIN: f32 = 0.25;
@@ -103,9 +104,9 @@ pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> 
 }
 
 /// Weight s / (s + s₀) (1 − r)² of a pixel, from 0 where it is matte to nearly 1 where it is a
-/// mirror: from its colour under the light and without any, both sRGB-encoded, and its roughness, all
-/// premultiplied by its coverage, by which s and 1 − r are smaller as well. s is the mean difference
-/// of the colours, and zero where light takes colour away.
+/// mirror: from its colour under the light and without any, both sRGB-encoded, and its roughness,
+/// all premultiplied by its coverage, by which s and 1 − r are smaller as well. s is the mean
+/// difference of the colours, and zero where light takes colour away.
 #[inline(always)]
 pub fn gloss<R: Real>(lit: Vec3<R>, unlit: Vec3<R>, roughness: R, coverage: R) -> R {
     let more = lit - unlit;
