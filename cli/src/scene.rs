@@ -8,8 +8,8 @@ use crate::{
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
-    Error, Input,
-    latlong::{LatLong, MapOrientation},
+    Error, IMAGE_ENDINGS, Input,
+    latlong::{LatLong, MapOrientation, RADIANCE_ENDINGS},
     model_folder::{self, Model},
 };
 use specula_report::measure::{self, ViewMeasures};
@@ -51,8 +51,8 @@ pub(crate) fn open(
 
 /// Refuses a file that holds a light or a picture, by the ending of its name.
 fn refuse_pictures(path: &Path) -> Result<(), Failure> {
-    let ending = output::ending(path).unwrap_or_default();
-    if path.is_file() && ["hdr", "exr", "png", "jpg", "jpeg", "webp"].contains(&&*ending) {
+    let is_picture = |ending: String| RADIANCE_ENDINGS.iter().chain(&IMAGE_ENDINGS).any(|known| ending == *known);
+    if path.is_file() && output::ending(path).is_some_and(is_picture) {
         return Err(Failure::Input(format!(
             "{path:?} is a light or a picture and no scene; name a model folder, a PLY or a .glb file of Gaussians, and \
              lights with --env"

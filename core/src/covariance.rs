@@ -3,7 +3,7 @@
 
 use crate::{
     each,
-    real::Real,
+    real::{Real, divisor_scale},
     vector::{Mat3, Vec3, vec3},
 };
 
@@ -12,9 +12,6 @@ pub type Quat<R> = [R; 4];
 
 /// Quats whose components are all smaller than this count as the identity.
 pub const QUAT_MIN: f32 = 1e-12;
-/// Quats with larger components are scaled down by as much before they are normalised; a power of
-/// two.
-const QUAT_LARGE: f32 = (1_u64 << 63) as f32;
 /// Logarithms of scales are kept in [−LOG_SCALE_LIMIT, LOG_SCALE_LIMIT]: e^40 squared is still an
 /// `f32`.
 pub const LOG_SCALE_LIMIT: f32 = 40.0;
@@ -73,10 +70,10 @@ pub fn covariance<R: Real>(quat: Quat<R>, log_scales: Vec3<R>) -> [R; 6] {
 #[inline(always)]
 fn normalize_quat<R: Real>([w, x, y, z]: Quat<R>) -> (Quat<R>, R) {
     // The largest component is divided out first, so that neither 1e-30 nor 1e30 leaves the range
-    // of f32; beyond 2¹²⁶ a GPU may divide to zero.
+    // of f32.
     let largest = w.abs().max(x.abs()).max(y.abs().max(z.abs()));
     let is_rotation = w.constant(QUAT_MIN).less(largest);
-    let scale = R::select(w.constant(QUAT_LARGE).less(largest), w.constant(1.0 / QUAT_LARGE), w.constant(1.0));
+    let scale = divisor_scale(largest);
     let [w, x, y, z, largest] = [w, x, y, z, largest].map(|number| number * scale);
     let largest = R::select(is_rotation, largest, w.constant(1.0));
     let (w, x, y, z) = (w / largest, x / largest, y / largest, z / largest);

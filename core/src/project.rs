@@ -7,7 +7,7 @@ use crate::{
     camera::CameraOf,
     covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
     each,
-    real::Real,
+    real::{Real, divisor_scale},
     splat::{Splat, SplatGrad},
     vector::{Mat3, Vec3, vec3},
 };
@@ -15,10 +15,6 @@ use crate::{
 /// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
 /// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
-/// Means at greater depths are scaled down before they are divided by their depth, since a GPU may
-/// divide to zero beyond 2¹²⁶; a power of two. Gaussians are small there, however large they are:
-/// scales end at e⁴⁰.
-const DEPTH_LARGE: f32 = (1_u64 << 63) as f32;
 
 /// Attributes of a Gaussian that determine its splat.
 #[derive(Clone, Copy, Debug)]
@@ -234,7 +230,8 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let mean_in_camera = camera.to_camera(shape.mean);
     let one = mean_in_camera.z.constant(1.0);
     let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
-    let scale = R::select(one.constant(DEPTH_LARGE).less(depth), one.constant(DEPTH_LARGE.recip()), one);
+    // What is too far to be divided by is small, however large its Gaussian: scales end at e⁴⁰.
+    let scale = divisor_scale(depth);
     let inverse = (depth * scale).recip();
     let inverse_depth = inverse * scale;
 

@@ -105,6 +105,17 @@ pub trait Real:
     }
 }
 
+/// Larger divisors, and what they divide, are scaled down first; a power of two.
+const DIVISOR_LARGE: f32 = (1_u64 << 63) as f32;
+
+/// Power of two by which to multiply a positive divisor and its dividend before a division: 1 but
+/// for divisors above 2⁶³, since a GPU may divide to zero beyond 2¹²⁶.
+#[inline(always)]
+pub(crate) fn divisor_scale<R: Real>(divisor: R) -> R {
+    let is_large = divisor.constant(DIVISOR_LARGE).less(divisor);
+    R::select(is_large, divisor.constant(DIVISOR_LARGE.recip()), divisor.constant(1.0))
+}
+
 /// Mask on which a branch may depend: not that of formulas that are traced to become kernels.
 pub trait AnyLane {
     /// Whether any lane is set.

@@ -158,6 +158,12 @@ impl Channels {
         Self::Layers
     }
 
+    /// Whether a channel of all layers, as [`mod@channel`] numbers them, is among these.
+    #[inline(always)]
+    pub const fn contain(self, of_layers: usize) -> bool {
+        self.index_of(of_layers).is_some()
+    }
+
     /// Index among these channels of a channel of all layers, as [`mod@channel`] numbers them; none
     /// if it is left out.
     #[inline(always)]

@@ -174,6 +174,9 @@ impl LatLong {
     }
 }
 
+/// Extensions of files of linear radiance.
+pub const RADIANCE_ENDINGS: [&str; 2] = ["hdr", "exr"];
+
 /// Reads a map of any format: `.hdr` and `.exr` as linear values, `.png`, `.jpg` and `.webp`
 /// decoded from sRGB.
 ///

@@ -74,3 +74,4 @@ pub mod whole_file;
 
 pub use error::{Error, Result};
 pub use input::Input;
+pub use shot::IMAGE_ENDINGS;

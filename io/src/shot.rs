@@ -12,9 +12,9 @@ use glam::{DMat3, DVec3};
 use specula_core::camera::{Camera, NEAR};
 use std::path::{Path, PathBuf};
 
-/// Extensions that are tried where an image is named without one, or has another one than its list
-/// says.
-pub(crate) const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+/// Extensions of images, which are tried where one is named without any, or has another one than
+/// its list says.
+pub const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
 /// Relative difference allowed between the aspect ratios of a picture and its camera: downscaled
 /// sizes are rounded.
 const SHAPE_TOLERANCE: f64 = 0.02;

@@ -28,7 +28,7 @@ impl UploadParameters {
     pub(crate) fn extension(&self) -> Result<String, HttpError> {
         let extension = Path::new(&self.name).extension().and_then(|extension| extension.to_str());
         let extension = extension.map(str::to_ascii_lowercase).unwrap_or_default();
-        if ["hdr", "exr"].contains(&extension.as_str()) {
+        if latlong::RADIANCE_ENDINGS.contains(&extension.as_str()) {
             return Ok(extension);
         }
         let name = &self.name;

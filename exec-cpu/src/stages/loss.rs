@@ -30,7 +30,7 @@ pub(crate) fn loss_all(
     weights: &LossWeights,
     background: [f32; 3],
 ) -> (LossReport, FrameGrad) {
-    let has_geometry = Channels::of_count(frame.channels).index_of(channel::DEPTH).is_some();
+    let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
     let weights = weights.where_possible(target.has_alpha, has_geometry);
     let distance = distances(context, frame, target);
     let comparison = Comparison { context, frame, target, camera, weights, background, distance };

@@ -31,7 +31,7 @@ pub(crate) fn trace(
     near_field: Option<&NearField<Vec<f32>>>,
     camera: &Camera,
 ) -> Frame {
-    let has_depth = Channels::of_count(surface.channels).index_of(channel::DEPTH).is_some();
+    let has_depth = Channels::of_count(surface.channels).contain(channel::DEPTH);
     let Some(near_field) = near_field.filter(|_| has_depth) else { return surface };
     let (channels, cover) = (surface.channels, &surface.cover);
     let mut reflections = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);

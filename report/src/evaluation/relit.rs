@@ -5,7 +5,7 @@ use crate::{
     relighting::{GroundTruth, RelightingQuality, mean_psnr},
 };
 use serde_json::{Map, Value};
-use specula_io::cameras::NamedCamera;
+use specula_io::{cameras::NamedCamera, latlong::RADIANCE_ENDINGS};
 use specula_scene::SceneRenderer;
 use std::{
     fs,
@@ -130,7 +130,9 @@ pub(super) fn means(relit: &[RelitScene]) -> Map<String, Value> {
 pub fn lights(dataset: &Path) -> Vec<(PathBuf, PathBuf)> {
     let lights_in = |[lights, pictures]: [&str; 2]| {
         let entries = fs::read_dir(dataset.join(lights)).into_iter().flatten().flatten();
-        let is_light = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "hdr" || ending == "exr");
+        let is_light = |path: &PathBuf| {
+            path.extension().is_some_and(|ending| RADIANCE_ENDINGS.iter().any(|known| ending == *known))
+        };
         let with_truth = move |path: PathBuf| {
             let folder = dataset.join(pictures).join(path.file_stem()?);
             folder.is_dir().then_some((path, folder))

@@ -277,9 +277,8 @@ impl Scene {
     fn exactly(&self, compared: &Compared) -> Exact {
         let [width, height] = self.size();
         let channels = self.channels() + 1;
-        let [frame, unlit] = [Some(&compared.frame), compared.unlit.as_ref()]
-            .map(|values| values.map(|values| Image { width, height, channels, values: lift(values) }));
-        let frame = frame.expect("every scene has a picture");
+        let image = |values: &Vec<f32>| Image { width, height, channels, values: lift(values) };
+        let (frame, unlit) = (image(&compared.frame), compared.unlit.as_ref().map(image));
         let target = self.plain_target();
         let frozen = freeze_weights(&frame, unlit.as_ref(), &self.camera);
         let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.weights, &frozen);

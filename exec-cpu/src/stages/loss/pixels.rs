@@ -19,11 +19,16 @@ use specula_core::{
 };
 
 impl Comparison<'_> {
+    /// Whether windows look at coverage and depth.
+    fn looks_at_surfaces(&self) -> bool {
+        self.weights.normal != 0.0 || self.weights.smoothness != 0.0
+    }
+
     /// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes
     /// what windows will look at as well.
     pub(super) fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
         let cover = &self.frame.cover;
-        let count = if self.weights.normal != 0.0 || self.weights.smoothness != 0.0 {
+        let count = if self.looks_at_surfaces() {
             plane::DEPTH + 1
         } else if self.weights.dssim != 0.0 {
             plane::COVERAGE
@@ -128,7 +133,7 @@ impl Comparison<'_> {
                 let of_residual = coverage * share(weights.residual_image, 1);
                 of_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
             }
-            if weights.normal != 0.0 || weights.smoothness != 0.0 {
+            if self.looks_at_surfaces() {
                 let depth = expected_depth(of_channel(slot, channel::DEPTH), coverage);
                 (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface(coverage)));
             }

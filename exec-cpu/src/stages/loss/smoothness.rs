@@ -87,9 +87,15 @@ fn write_normals<S: Simd>(simd: S, frame: &Frame, planes: &Planes, slot: usize, 
 
 #[inline(always)]
 fn blended_normal<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Vec3<Lanes<S>> {
+    blended_vector(simd, frame, channel::NORMAL, slot, row)
+}
+
+/// Vectors of a row of a tile, from three channels.
+#[inline(always)]
+fn blended_vector<S: Simd>(simd: S, frame: &Frame, first: usize, slot: usize, row: usize) -> Vec3<Lanes<S>> {
     let mut rows = [[0.0; SIZE]; 3];
     for (component, numbers) in rows.iter_mut().enumerate() {
-        *numbers = row_of_tile(frame.tile(slot), frame.channels, channel::NORMAL + component, row);
+        *numbers = row_of_tile(frame.tile(slot), frame.channels, first + component, row);
     }
     let [x, y, z] = Lanes::load_each(simd, &rows);
     vec3(x, y, z)
@@ -105,6 +111,7 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
     read_windows(normals, frame, position, &mut windows);
     let sums = sums_down(simd, &windows);
     let share = Lanes::splat(simd, (REACHES.len() as f32).recip());
+    let has_gloss = frame.shaded.is_some() && Channels::of_count(frame.channels).contain(channel::ROUGHNESS);
     let mut sum = share.zero();
     for row in 0..SIZE {
         let view_dir = view_dir(simd, &camera, position, row, [0, 0]);
@@ -121,7 +128,10 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
         };
         // Blurred normals reach beyond the picture, where none are compared.
         let evenness = evenness(&across, &down, view_dir).keep(are_ends_inside(simd, comparison, position, row));
-        let weight = if evenness.any_positive() { evenness * gloss_of_row(simd, frame, slot, row) } else { evenness };
+        let weight = match has_gloss && evenness.any_positive() {
+            true => evenness * gloss_of_row(simd, frame, slot, row),
+            false => evenness,
+        };
         weight.store(&mut out[plane_start(frame.cover.columns, 0, position[0]) + row]);
         for reach in REACHES {
             for axis in 0..2 {
@@ -133,17 +143,13 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
     f64::from(sum.sum())
 }
 
-/// Gloss of a row of a tile; one where no light was added pixel by pixel.
+/// Gloss of a row of a tile to whose pixels light was added.
 #[inline(always)]
 fn gloss_of_row<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Lanes<S> {
-    let has_roughness = Channels::of_count(frame.channels).index_of(channel::ROUGHNESS).is_some();
-    if frame.shaded.is_none() || !has_roughness {
-        return Lanes::splat(simd, 1.0);
-    }
     let blended = |channel: usize| Lanes::load(simd, &row_of_tile(frame.tile(slot), frame.channels, channel, row));
     let shaded = |c: usize| Lanes::load(simd, &row_of_quads(|quad| frame.color_before_exposure(slot, quad, c), row));
     let coverage = -blended(frame.channels) + 1.0;
-    let base = vec3(blended(channel::COLOR), blended(channel::COLOR + 1), blended(channel::COLOR + 2));
+    let base = blended_vector(simd, frame, channel::COLOR, slot, row);
     let lit = vec3(shaded(0), shaded(1), shaded(2));
     gloss(lit, unlit_pixel_color(base, coverage), blended(channel::ROUGHNESS), coverage)
 }

@@ -95,6 +95,7 @@ impl LossVariant {
             .count("CHANNELS", self.channels)
             .count("LOSS_GROUP", group)
             .count("UNKNOWN", u32::from_le_bytes(UNKNOWN) as usize)
+            .count("COLOR_CHANNEL", channel::COLOR)
             .count("NORMAL_CHANNEL", index(channel::NORMAL))
             .count("DEPTH_CHANNEL", index(channel::DEPTH))
             .count("RESIDUAL_CHANNEL", index(channel::RESIDUAL_SIZE))
@@ -291,7 +292,7 @@ pub(crate) fn loss(
     if target.size != frame.size {
         return Err(GpuError::FrameSize { expected: target.size, found: frame.size });
     }
-    let has_geometry = Channels::of_count(frame.channels).index_of(channel::DEPTH).is_some();
+    let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
     let weights = weights.where_possible(target.has_alpha, has_geometry);
     let comparison = Comparison::new(context, frame, target, camera, &weights, background)?;
     comparison.dispatch(context)?;
@@ -359,7 +360,7 @@ impl<'a> Comparison<'a> {
         }
         if variant.has_smoothness {
             let view = CameraUniform::new(self.camera, 0);
-            let has_roughness = Channels::of_count(self.frame.channels).index_of(channel::ROUGHNESS).is_some();
+            let has_roughness = Channels::of_count(self.frame.channels).contain(channel::ROUGHNESS);
             let has_gloss = self.frame.shaded.is_some() && has_roughness;
             let key = format!("{key}, {has_gloss}");
             let source = || smoothness_source(variant, has_gloss);

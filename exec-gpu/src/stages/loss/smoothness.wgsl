@@ -25,8 +25,8 @@ const WIDE: u32 = TILE_EDGE + 2u * BLUR_REACH;
 
 var<workgroup> units: array<vec3f, WIDE * WIDE>;
 
-fn blended_normal(index: u32) -> vec3f {
-    let first = NORMAL_CHANNEL * pixel_count() + index;
+fn blended_vector(channel: u32, index: u32) -> vec3f {
+    let first = channel * pixel_count() + index;
     return vec3f(blended[first], blended[first + pixel_count()], blended[first + 2u * pixel_count()]);
 }
 
@@ -37,15 +37,14 @@ fn gloss_at(pixel: vec2u) -> f32 {
     }
     let index = index_of(pixel);
     let lit = vec3f(colors[index], colors[index + pixel_count()], colors[index + 2u * pixel_count()]);
-    let base = vec3f(blended[index], blended[index + pixel_count()], blended[index + 2u * pixel_count()]);
-    return gloss(lit, base, blended[ROUGHNESS_CHANNEL * pixel_count() + index], transmittance_at(index));
+    return gloss(lit, blended_vector(COLOR_CHANNEL, index), blended[ROUGHNESS_CHANNEL * pixel_count() + index], transmittance_at(index));
 }
 
 fn unit_at(pixel: vec2u) -> vec3f {
     if !is_inside(pixel) {
         return vec3f(0.0);
     }
-    return unit_normal(blended_normal(index_of(pixel)), known_transmittance(pixel));
+    return unit_normal(blended_vector(NORMAL_CHANNEL, index_of(pixel)), known_transmittance(pixel));
 }
 
 fn store_normal(plane: u32, index: u32, normal: vec3f) {
@@ -164,7 +163,7 @@ fn smooth_normals(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
     let near = grad_along(pixel, vec2u(NEAR_REACH, 0u)) + grad_along(pixel, vec2u(0u, NEAR_REACH));
     let far = grad_along(pixel, vec2u(FAR_REACH, 0u)) + grad_along(pixel, vec2u(0u, FAR_REACH));
     let index = index_of(pixel);
-    let grad = unit_normal_vjp(blended_normal(index), known_transmittance(pixel), near + far);
+    let grad = unit_normal_vjp(blended_vector(NORMAL_CHANNEL, index), known_transmittance(pixel), near + far);
     let first = NORMAL_CHANNEL * pixel_count() + index;
     grads[first] += grad.x;
     grads[first + pixel_count()] += grad.y;
