@@ -3,7 +3,6 @@
 
 use core::f64::consts::PI;
 use glam::{DVec3, Quat, Vec3};
-use rayon::prelude::*;
 use specula_core::{
     activation::logit,
     camera::Camera,
@@ -164,8 +163,7 @@ fn squares(picture: &[f64]) -> Vec<f64> {
 
 /// Path-traced pictures, in sRGB over white.
 fn traced(world: &World<'_>, bounces: u32) -> Vec<Vec<f64>> {
-    let picture = |camera: &Camera| shown(&world.picture(&View::of(camera), bounces, PATHS, 1));
-    cameras(SIZE).par_iter().map(picture).collect()
+    cameras(SIZE).iter().map(|camera| shown(&world.picture(&View::of(camera), bounces, PATHS, 1))).collect()
 }
 
 fn shown(traced: &[Traced]) -> Vec<f64> {
