@@ -117,6 +117,12 @@ impl<A> NearField<A> {
     }
 }
 
+/// Rays whose cost is counted.
+const COST_RAYS: usize = 64;
+/// Most boxes and triangles that a ray is tested against in the mean. A scene of 400 000 triangles
+/// takes some hundreds.
+const COST_MAX: usize = 4096;
+
 /// Fault of a near field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearFieldError {
@@ -141,6 +147,11 @@ pub enum NearFieldError {
         /// Index of the triangle.
         index: usize,
     },
+    /// Boxes overlap so much that rays would take too long.
+    Overlap {
+        /// Mean number of boxes and triangles that a ray is tested against.
+        cost: usize,
+    },
 }
 
 impl core::fmt::Display for NearFieldError {
@@ -151,6 +162,9 @@ impl core::fmt::Display for NearFieldError {
             Self::NotFinite => write!(out, "a number is not finite, or rays would start below the surface"),
             Self::Node { index } => write!(out, "node {index} does not belong to a hierarchy in depth-first order"),
             Self::Triangle { index } => write!(out, "triangle {index} has a vertex that is not there"),
+            Self::Overlap { cost } => {
+                write!(out, "its boxes overlap: a ray would be tested against {cost} of them, {COST_MAX} at most")
+            }
         }
     }
 }
@@ -216,7 +230,8 @@ impl<A: AsMut<[f32]>> NearField<A> {
 }
 
 impl<A: AsRef<[f32]>> NearField<A> {
-    /// Checks that a traversal ends and reads no number that is not there.
+    /// Checks that a traversal ends, in a time that its boxes bound, and reads no number that is not
+    /// there.
     ///
     /// # Errors
     ///
@@ -233,15 +248,18 @@ impl<A: AsRef<[f32]>> NearField<A> {
         if !(offset >= 0.0 && offset.is_finite() && self.values.as_ref().iter().all(|number| number.is_finite())) {
             return Err(NearFieldError::NotFinite);
         }
+        let mut next = 0;
         for index in 0..node_count {
             let [first, count] = self.range(index).ok_or(NearFieldError::Node { index })?;
+            // Leaves have the triangles in their order, so that none is tested twice.
             let is_whole = match count {
                 0 => index < first && first <= node_count,
-                _ => first + count <= triangle_count,
+                _ => first == next && first + count <= triangle_count,
             };
             if !is_whole {
                 return Err(NearFieldError::Node { index });
             }
+            next += count;
         }
         for index in 0..triangle_count {
             let corners = self.numbers::<3>(self.triangles_start() + TRIANGLE_LEN * index);
@@ -250,7 +268,39 @@ impl<A: AsRef<[f32]>> NearField<A> {
                 return Err(NearFieldError::Triangle { index });
             }
         }
-        Ok(())
+        let cost = self.cost();
+        if cost <= COST_MAX { Ok(()) } else { Err(NearFieldError::Overlap { cost }) }
+    }
+
+    /// Mean number of boxes and triangles that rays between the middles of triangles are tested
+    /// against.
+    fn cost(&self) -> usize {
+        let middle = |triangle: usize| {
+            let [a, b, c] = self.corners(triangle).map(|vertex| self.position(vertex, 0.0_f32));
+            (a + b + c) * 3.0_f32.recip()
+        };
+        let cost_of = |ray: usize| {
+            let from = ray * self.triangle_count / COST_RAYS;
+            let to = (from + self.triangle_count / 2 + ray) % self.triangle_count;
+            self.tests(middle(from), middle(to) - middle(from))
+        };
+        (0..COST_RAYS).map(cost_of).sum::<usize>() / COST_RAYS
+    }
+
+    /// Number of boxes and triangles that a ray is tested against, however near it ends.
+    fn tests(&self, origin: Vec3<f32>, direction: Vec3<f32>) -> usize {
+        let inverse = inverse_direction(direction);
+        let (mut index, mut tests) = (0, 0);
+        while index < self.node_count {
+            let node = self.numbers::<NODE_LEN>(NODE_LEN * index);
+            let [min, max] = [[node[0], node[1], node[2]], [node[4], node[5], node[6]]].map(|at| constant(at, 0.0));
+            let [enter, leave] = box_span(min, max, origin, inverse);
+            let (first, count) = (node[3] as usize, node[7] as usize);
+            let is_open = enter <= leave;
+            tests += 1 + if is_open { count } else { 0 };
+            index = if is_open || count > 0 { index + 1 } else { first };
+        }
+        tests
     }
 
     /// Index and count of a node; none where they are not whole numbers.

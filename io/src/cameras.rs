@@ -4,11 +4,11 @@
 use crate::{
     budget::{LIST, view_size},
     error::{Error, Result},
-    json,
+    json, origin,
     transforms::{Frame, Transforms},
 };
-use glam::{Mat3, Vec3};
-use serde::{Deserialize, Serialize};
+use glam::{DVec3, Mat3};
+use serde::{Deserialize, Serialize, Serializer};
 use specula_core::camera::{Camera, NEAR};
 use std::path::Path;
 
@@ -22,7 +22,11 @@ struct Entry {
     img_name: String,
     width: u32,
     height: u32,
-    position: [f32; 3],
+    #[serde(serialize_with = "as_f32")]
+    position: [f64; 3],
+    /// Origin to which the position is relative, in the world of the data set; omitted at zero.
+    #[serde(default, skip_serializing_if = "origin::is_zero")]
+    origin: [f64; 3],
     /// Rows of the world-from-camera rotation.
     rotation: [[f32; 3]; 3],
     fy: f32,
@@ -37,30 +41,32 @@ struct Entry {
 /// Reads either format: a JSON list is `cameras.json`, an object is `transforms.json`.
 ///
 /// `default_size` (width, height) applies to transforms without a stated size and without images.
+/// Positions become relative to an `origin` in the world of the data set ([`crate::origin`]).
 ///
 /// # Errors
 ///
 /// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
-pub fn read_cameras(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
+pub fn read_cameras(path: &Path, default_size: [u32; 2], origin: [f64; 3]) -> Result<Vec<NamedCamera>> {
     let bytes = LIST.read(path)?;
     let first = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start().first();
-    if first == Some(&b'[') { read(path) } else { load_transforms(path, default_size) }
+    if first == Some(&b'[') { read_relative(path, origin) } else { load_transforms(path, default_size, origin) }
 }
 
 /// Reads the cameras of a `transforms.json`, whose images need not exist.
 ///
 /// The size of a view is the stated one (`w`, `h`), or that of its image, or else `default_size`.
+/// Positions become relative to an `origin` in the world of the data set.
 ///
 /// # Errors
 ///
 /// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
-pub fn load_transforms(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedCamera>> {
+pub fn load_transforms(path: &Path, default_size: [u32; 2], origin: [f64; 3]) -> Result<Vec<NamedCamera>> {
     let transforms = Transforms::read(path)?;
     let named = |frame: &Frame| {
         let size = size_of(&transforms, frame)?.unwrap_or(default_size);
         let size = view_size(size.map(u64::from));
         let [width, height] = size.map_err(|what| transforms.refuse(frame, format!("has {what}; correct w and h")))?;
-        Ok((frame.name(), transforms.camera(frame, width, height)?))
+        Ok((frame.name(), transforms.camera(frame, [width, height], origin)?))
     };
     transforms.frames.iter().filter(|frame| !frame.is_macos_shadow()).map(named).collect()
 }
@@ -73,38 +79,45 @@ fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
     Ok(transforms.stated_size(frame)?.or_else(of_image))
 }
 
-/// Reads `cameras.json`.
+/// Reads `cameras.json`. Positions are relative to the origin that the file names.
 ///
 /// # Errors
 ///
 /// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
-    let entries: Vec<Entry> = json::read(path, &LIST)?;
-    if entries.is_empty() {
-        return Err(Error::NoFrames { path: path.to_owned() });
-    }
-    entries.into_iter().map(|entry| entry.check(path)).collect()
+    let entries = entries(path)?.into_iter();
+    entries.map(|entry| Entry { origin: [0.0; 3], ..entry }.check(path, [0.0; 3])).collect()
 }
 
-/// Writes `cameras.json`, numbered in order.
+fn read_relative(path: &Path, origin: [f64; 3]) -> Result<Vec<NamedCamera>> {
+    entries(path)?.into_iter().map(|entry| entry.check(path, origin)).collect()
+}
+
+fn entries(path: &Path) -> Result<Vec<Entry>> {
+    let entries: Vec<Entry> = json::read(path, &LIST)?;
+    if entries.is_empty() { Err(Error::NoFrames { path: path.to_owned() }) } else { Ok(entries) }
+}
+
+/// Writes `cameras.json`, numbered in order, with the origin to which positions are relative.
 ///
 /// # Errors
 ///
 /// [`Error::Write`], where the file cannot be written.
-pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
-    let entries: Vec<Entry> = cameras.iter().enumerate().map(|(id, camera)| Entry::new(id, camera)).collect();
+pub fn write(path: &Path, cameras: &[NamedCamera], origin: [f64; 3]) -> Result<()> {
+    let entries: Vec<Entry> = cameras.iter().enumerate().map(|(id, camera)| Entry::new(id, camera, origin)).collect();
     json::write(path, &entries)
 }
 
 impl Entry {
-    fn new(id: usize, (name, camera): &NamedCamera) -> Self {
+    fn new(id: usize, (name, camera): &NamedCamera, origin: [f64; 3]) -> Self {
         let off_centre = camera.principal_px != centre(camera.width, camera.height);
         Self {
             id,
             img_name: name.clone(),
             width: camera.width,
             height: camera.height,
-            position: camera.position.to_array(),
+            position: camera.position.as_dvec3().to_array(),
+            origin,
             // The rows of world-from-camera are the columns of camera-from-world.
             rotation: camera.camera_from_world.to_cols_array_2d(),
             fy: camera.focal_px[1],
@@ -114,7 +127,7 @@ impl Entry {
         }
     }
 
-    fn check(self, path: &Path) -> Result<NamedCamera> {
+    fn check(self, path: &Path, origin: [f64; 3]) -> Result<NamedCamera> {
         let size = view_size([self.width, self.height].map(u64::from));
         let of_size = size.err().map(|what| format!("has {what}; correct width and height"));
         if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
@@ -123,7 +136,7 @@ impl Entry {
         let [centre_x, centre_y] = centre(self.width, self.height);
         let camera = Camera {
             camera_from_world: Mat3::from_cols_array_2d(&self.rotation),
-            position: Vec3::from(self.position),
+            position: (DVec3::from(self.position) - (DVec3::from(origin) - DVec3::from(self.origin))).as_vec3(),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
             near: NEAR,
@@ -140,7 +153,7 @@ impl Entry {
             excess.to_cols_array().iter().all(|number| number.abs() <= 1e-3) && rotation.determinant() > 0.0;
         if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
             Some("has an impossible focal length; fx and fy must be above 0")
-        } else if !self.position.iter().all(|number| number.is_finite()) {
+        } else if !self.position.iter().chain(&self.origin).all(|number| (*number as f32).is_finite()) {
             Some("has a position that is not finite")
         } else if !is_rotation {
             Some("has a rotation that stretches, skews or mirrors")
@@ -148,6 +161,11 @@ impl Entry {
             None
         }
     }
+}
+
+/// Writes the digits of an `f32` only.
+fn as_f32<S: Serializer>(position: &[f64; 3], serializer: S) -> core::result::Result<S::Ok, S::Error> {
+    position.map(|coordinate| coordinate as f32).serialize(serializer)
 }
 
 fn centre(width: u32, height: u32) -> [f32; 2] {

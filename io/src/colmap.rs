@@ -166,9 +166,8 @@ pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<Poin
     let points = if model.is_text { text::points(&path)? } else { binary::points(&path)? };
     let mut cloud = PointCloud::default();
     for Point { position, color } in &points {
-        let position = DVec3::from(*position).as_vec3();
-        if position.is_finite() {
-            cloud.positions.push(position.to_array());
+        if DVec3::from(*position).as_vec3().is_finite() {
+            cloud.positions.push(*position);
             cloud.colors.push(color.map(|channel| f32::from(channel) / 255.0));
         }
     }

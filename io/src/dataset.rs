@@ -12,11 +12,12 @@ use crate::{
     error::{Error, Result},
     listing::Listing,
     materials::MaterialFiles,
-    nerfstudio,
+    nerfstudio, origin,
     points_ply::{self, PointCloud},
     shot::Shot,
 };
 use core::sync::atomic::{AtomicUsize, Ordering};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -34,6 +35,8 @@ pub struct Dataset {
     pub test: Vec<View>,
     /// Initial points.
     pub points: Option<PointCloud>,
+    /// Origin of cameras and points in the data set's world ([`crate::origin`]).
+    pub origin: [f64; 3],
     /// Short description of the source of the cameras.
     pub source: String,
     /// Notes on skipped, changed or assumed data, one sentence each.
@@ -48,6 +51,8 @@ pub struct Album {
     train: usize,
     /// Initial points.
     pub points: Option<PointCloud>,
+    /// Origin of cameras and points in the data set's world ([`crate::origin`]).
+    pub origin: [f64; 3],
     /// Short description of the source of the cameras.
     pub source: String,
     /// Notes on skipped or assumed data, one sentence each.
@@ -61,11 +66,11 @@ impl Album {
     ///
     /// An error of the listing or of the points.
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
-        let Listing { train: mut shots, test, points, source, notes } = list(folder, options)?;
-        let points = read_points(folder, options, points)?;
+        let Listing { train: mut shots, test, points, origin, source, notes } = list(folder, options)?;
+        let points = read_points(folder, options, points)?.map(|points| points.relative_to(origin));
         let held_out = if options.with_test { test.len() } else { 0 };
         shots.extend(test);
-        Ok(Self { train: shots.len() - held_out, shots, points, source, notes })
+        Ok(Self { train: shots.len() - held_out, shots, points, origin, source, notes })
     }
 
     /// Number of pictures: those to train on, then those held out.
@@ -125,12 +130,12 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
     let album = Album::list(folder, options)?;
     let opened = open_all(&album, progress)?;
     let train_count = album.train;
-    let Album { points, source, mut notes, .. } = album;
+    let Album { points, origin, source, mut notes, .. } = album;
     let (mut train, changes): (Vec<View>, Vec<Changes>) = opened.into_iter().unzip();
     note_changes(&changes, &mut notes);
     let test = train.split_off(train_count);
     note_missing_normals(test.iter().map(|view| view.normal.is_some()), &mut notes);
-    Ok(Dataset { train, test, points, source, notes })
+    Ok(Dataset { train, test, points, origin, source, notes })
 }
 
 /// Reads one view by its index among the training or test views of [`load`] with the same options.
@@ -148,7 +153,21 @@ pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: 
     shot.map(|shot| shot.open().map(|(view, _)| view)).transpose()
 }
 
+/// Lists a data set, its cameras relative to an origin near them.
 fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
+    let mut listing = list_in_world(folder, options)?;
+    let Listing { train, test, .. } = &listing;
+    let positions = train.iter().chain(test).map(|shot| shot.pose.position);
+    let origin = options.origin.unwrap_or_else(|| origin::of_cameras(positions));
+    listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.pose.position -= DVec3::from(origin));
+    if let Some(comment) = origin::comment(origin) {
+        listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
+    }
+    listing.origin = origin;
+    Ok(listing)
+}
+
+fn list_in_world(folder: &Path, options: &LoadOptions) -> Result<Listing> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });
     }

@@ -6,6 +6,7 @@
 //! temporary name and renamed, so that a file is complete or unchanged.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
+//! * [`origin`]: origin of a scene in the world of its data set
 //! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
@@ -60,6 +61,7 @@ mod near_field;
 mod nerfstudio;
 mod network;
 pub mod orientation;
+pub mod origin;
 mod photographs;
 pub mod picture;
 pub mod pixels;

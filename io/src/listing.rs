@@ -4,7 +4,7 @@ use crate::{points_ply::PointCloud, shot::Shot};
 use std::path::PathBuf;
 
 /// Options for reading a data set.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Factor by which images are made smaller: 1, 2, 4 or 8. Sizes are rounded.
     pub downscale: u32,
@@ -18,11 +18,21 @@ pub struct LoadOptions {
     /// Every Nth photograph by name, from the first, is held out where the data set names no test
     /// views; none for 0.
     pub test_every: u32,
+    /// Origin to which positions are relative, in the world of the data set, such as that of a model
+    /// ([`crate::origin`]); by default it follows from the cameras.
+    pub origin: Option<[f64; 3]>,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { downscale: 1, with_test: true, points: None, images: IMAGES.into(), test_every: TEST_EVERY }
+        Self {
+            downscale: 1,
+            with_test: true,
+            points: None,
+            images: IMAGES.into(),
+            test_every: TEST_EVERY,
+            origin: None,
+        }
     }
 }
 
@@ -37,6 +47,8 @@ pub(crate) struct Listing {
     pub(crate) train: Vec<Shot>,
     pub(crate) test: Vec<Shot>,
     pub(crate) points: Option<PointCloud>,
+    /// Origin to which positions are relative.
+    pub(crate) origin: [f64; 3],
     pub(crate) source: String,
     pub(crate) notes: Vec<String>,
 }

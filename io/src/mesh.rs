@@ -23,22 +23,24 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Writes `.obj`, with vertex colours behind positions as most programs read them, or `.ply`.
+/// Writes `.obj`, with vertex colours behind positions as most programs read them, or `.ply`, with
+/// `comments` of a line each.
 ///
 /// # Errors
 ///
 /// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
-pub fn write(path: &Path, mesh: &Mesh) -> Result<()> {
+pub fn write(path: &Path, mesh: &Mesh, comments: &[String]) -> Result<()> {
     let count = mesh.positions.len();
     assert!(mesh.normals.len() == count && mesh.colors.len() == count, "each vertex has a normal and a colour");
     match ending(path).as_deref() {
-        Some("obj") => whole_file::write(path, |out| write_obj(out, mesh)),
-        Some("ply") => whole_file::write(path, |out| write_ply(out, mesh)),
+        Some("obj") => whole_file::write(path, |out| write_obj(out, mesh, comments)),
+        Some("ply") => whole_file::write(path, |out| write_ply(out, mesh, comments)),
         _ => Err(Error::Ending { path: path.to_owned(), expected: ".obj or .ply" }),
     }
 }
 
-fn write_obj(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
+fn write_obj(out: &mut impl Write, mesh: &Mesh, comments: &[String]) -> io::Result<()> {
+    comments.iter().try_for_each(|comment| writeln!(out, "# {comment}"))?;
     for ([x, y, z], [r, g, b]) in mesh.positions.iter().zip(&mesh.colors) {
         writeln!(out, "v {x} {y} {z} {r:.4} {g:.4} {b:.4}")?;
     }
@@ -51,8 +53,10 @@ fn write_obj(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
     Ok(())
 }
 
-fn write_ply(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
-    writeln!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}", mesh.positions.len())?;
+fn write_ply(out: &mut impl Write, mesh: &Mesh, comments: &[String]) -> io::Result<()> {
+    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+    comments.iter().try_for_each(|comment| writeln!(out, "comment {comment}"))?;
+    writeln!(out, "element vertex {}", mesh.positions.len())?;
     ["x", "y", "z", "nx", "ny", "nz"].iter().try_for_each(|name| writeln!(out, "property float {name}"))?;
     ["red", "green", "blue"].iter().try_for_each(|name| writeln!(out, "property uchar {name}"))?;
     writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", mesh.triangles.len())?;

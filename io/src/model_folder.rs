@@ -27,6 +27,7 @@ use crate::{
     latlong::{self, LatLong, UpAxis},
     near_field, network,
     orientation::Orientation,
+    origin,
     points_ply::{self, PointCloud},
     whole_file,
 };
@@ -86,6 +87,9 @@ pub struct ModelInfo {
     /// without cameras.
     #[serde(alias = "bearings", skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
+    /// Origin of the Gaussians and cameras in the data set's world; omitted at zero.
+    #[serde(skip_serializing_if = "origin::is_zero")]
+    pub origin: [f64; 3],
     /// Saved iterations of this training, the newest last; empty in models of earlier versions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub saved: Vec<u32>,
@@ -130,7 +134,7 @@ pub struct Model {
     pub iteration: Option<u32>,
 }
 
-/// Writes the inputs of a training: cameras, initial points and `cfg_args`.
+/// Writes the inputs of a training: cameras and initial points relative to an origin, and `cfg_args`.
 ///
 /// # Errors
 ///
@@ -140,9 +144,10 @@ pub fn save_inputs(
     train: &[NamedCamera],
     test: &[NamedCamera],
     points: &PointCloud,
+    origin: [f64; 3],
     cfg_args: &[(&str, Value)],
 ) -> Result<()> {
-    cameras::write(&folder.join("cameras.json"), &[test, train].concat())?;
+    cameras::write(&folder.join("cameras.json"), &[test, train].concat(), origin)?;
     points_ply::write(&folder.join("input.ply"), points)?;
     whole_file::write_bytes(&folder.join("cfg_args"), namespace(cfg_args).as_bytes())
 }

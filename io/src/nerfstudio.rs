@@ -119,6 +119,6 @@ fn apply(rows: &[[f64; 4]], points: &mut PointCloud) {
     let column = |k: usize| DVec3::new(a[k], b[k], c[k]);
     let (turn, shift) = (DMat3::from_cols(column(0), column(1), column(2)), column(3));
     for position in &mut points.positions {
-        *position = (turn * glam::Vec3::from(*position).as_dvec3() + shift).as_vec3().to_array();
+        *position = (turn * DVec3::from(*position) + shift).to_array();
     }
 }

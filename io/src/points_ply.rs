@@ -10,10 +10,19 @@ const GRAY: [f32; 3] = [0.5; 3];
 /// Points with colours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
-    /// Positions in world space.
-    pub positions: Vec<[f32; 3]>,
+    /// Positions in the world of the data set, or relative to an origin ([`crate::origin`]).
+    pub positions: Vec<[f64; 3]>,
     /// Colours from 0 to 1, sRGB as in photographs.
     pub colors: Vec<[f32; 3]>,
+}
+
+impl PointCloud {
+    /// Points relative to an origin.
+    #[must_use]
+    pub(crate) fn relative_to(mut self, [x, y, z]: [f64; 3]) -> Self {
+        self.positions.iter_mut().for_each(|position| *position = [position[0] - x, position[1] - y, position[2] - z]);
+        self
+    }
 }
 
 /// Reads points by the names of their properties. Colours in bytes are divided by 255, missing ones
@@ -35,7 +44,7 @@ pub fn read(path: &Path) -> Result<PointCloud> {
     let columns = table.read(&names, LAYOUT)?;
     let color = |row| if names.len() > 3 { columns.get(row, 3).map(|channel: f32| channel / full_scale) } else { GRAY };
     Ok(PointCloud {
-        positions: (0..count).map(|row| columns.get(row, 0)).collect(),
+        positions: (0..count).map(|row| columns.get(row, 0).map(f64::from)).collect(),
         colors: (0..count).map(color).collect(),
     })
 }
@@ -58,7 +67,7 @@ pub fn write(path: &Path, points: &PointCloud) -> Result<()> {
         }
         writeln!(out, "end_header")?;
         for (position, color) in points.positions.iter().zip(&points.colors) {
-            let [x, y, z] = *position;
+            let [x, y, z] = position.map(|coordinate| coordinate as f32);
             out.write_all(bytemuck::bytes_of(&[x, y, z, 0.0, 0.0, 0.0].map(|number: f32| number.to_le_bytes())))?;
             out.write_all(&color.map(crate::picture::byte))?;
         }

@@ -38,6 +38,9 @@ pub(crate) struct Rest {
     pub(crate) ply_file_path: Option<String>,
     /// Transform from COLMAP's world to that of the frames: three rows of four numbers.
     pub(crate) applied_transform: Option<Vec<[f64; 4]>>,
+    /// Origin to which positions are relative, in files that were written for a scene.
+    #[serde(default)]
+    pub(crate) origin: [f64; 3],
     /// Training frames, by their `file_path`.
     pub(crate) train_filenames: Option<Vec<String>>,
     /// Validation frames.
@@ -194,14 +197,18 @@ impl Transforms {
         Ok(Self { path: path.to_owned(), intrinsics, frames, rest })
     }
 
-    /// Pinhole camera of a frame whose image has this size.
-    pub(crate) fn camera(&self, frame: &Frame, width: u32, height: u32) -> Result<Camera> {
-        Ok(camera_of(&self.pose(frame)?, &self.lens(frame)([width, height])?))
+    /// Pinhole camera of a frame whose image has this size, relative to an origin.
+    pub(crate) fn camera(&self, frame: &Frame, size: [u32; 2], origin: [f64; 3]) -> Result<Camera> {
+        let mut pose = self.pose(frame)?;
+        pose.position -= DVec3::from(origin);
+        Ok(camera_of(&pose, &self.lens(frame)(size)?))
     }
 
-    /// Pose of a frame.
+    /// Pose of a frame in the world of the data set.
     pub(crate) fn pose(&self, frame: &Frame) -> Result<Pose> {
-        frame.pose().map_err(|what| self.refuse(frame, what))
+        let mut pose = frame.pose().map_err(|what| self.refuse(frame, what))?;
+        pose.position -= DVec3::ZERO - DVec3::from(self.rest.origin);
+        Ok(pose)
     }
 
     /// Lens of a frame, as a function of the image's size.

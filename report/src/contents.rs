@@ -13,7 +13,7 @@ use specula_core::{
     scene::{DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
     vector::Vec3,
 };
-use specula_io::{model_folder::ModelInfo, points_ply::PointCloud};
+use specula_io::{model_folder::ModelInfo, origin, points_ply::PointCloud};
 use specula_scene::{OpenedModel, Scene, dataset::Dataset, environment::radiance, number::group_digits};
 use specula_train::view::View;
 use std::path::Path;
@@ -50,6 +50,7 @@ impl Contents {
             contents.add("training", training(info), json!(info));
         }
         contents.add_exposures(opened)?;
+        contents.add_origin(opened.origin);
         contents.add("Gaussians", group_digits(scene.gaussians.count), scene.gaussians.count.into());
         let degree = layout.sh_degree;
         contents.add("harmonics", degree.map_or("none".into(), |degree| format!("of degree {degree}")), json!(degree));
@@ -71,7 +72,7 @@ impl Contents {
     /// Contents of a PLY file with points that have no attributes of Gaussians.
     pub fn of_points(path: &Path, points: &PointCloud) -> Self {
         let mut contents = Self::new("points without Gaussians' attributes", path);
-        contents.add_points(&points.positions);
+        contents.add_points(&points.positions.iter().map(|place| place.map(|x| x as f32)).collect::<Vec<_>>());
         contents
     }
 
@@ -79,6 +80,7 @@ impl Contents {
     pub fn of_dataset(path: &Path, data: &Dataset) -> Self {
         let mut contents = Self::new("data set", path);
         contents.add_views(data);
+        contents.add_origin(data.origin);
         match &data.points {
             Some(points) => contents.add_points(&points.iter().map(|point| point.position).collect::<Vec<_>>()),
             None => contents.add("points", "none; training starts from random points".into(), Value::Null),
@@ -110,6 +112,14 @@ impl Contents {
     fn add_as(&mut self, name: &'static str, key: &str, text: String, value: Value) {
         self.lines.push((name, text));
         self.json.insert(key.to_owned(), value);
+    }
+
+    /// Adds the origin, if it is not that of the data set's world.
+    fn add_origin(&mut self, origin: [f64; 3]) {
+        if !origin::is_zero(&origin) {
+            let [x, y, z] = origin;
+            self.add("origin", format!("{x} {y} {z}, in the world of the data set"), json!(origin));
+        }
     }
 
     /// Adds the learned exposures, as the brightness in which each photograph shows a grey of 0.5.

@@ -62,6 +62,8 @@ pub struct CameraSet {
     pub name: &'static str,
     /// Cameras, whose near planes are in proportion to how far the cameras of the model spread.
     pub cameras: Vec<NamedCamera>,
+    /// Origin of their positions in the world of the model's data set.
+    pub origin: [f64; 3],
     /// Split of the data set; none for other cameras.
     pub split: Option<Split>,
     /// Whether the pictures are frames of an animation.
@@ -93,8 +95,8 @@ impl CameraSet {
 
     fn unsized_set(choice: &CameraChoice, opened: &OpenedModel, known: &[NamedCamera]) -> Result<Self, SceneError> {
         if let Some(file) = &choice.file {
-            let cameras = cameras::read_cameras(file, choice.size.unwrap_or(DEFAULT_SIZE))?;
-            return Ok(Self { name: "cameras", cameras, split: None, is_turntable: false, other_size: None });
+            let cameras = cameras::read_cameras(file, choice.size.unwrap_or(DEFAULT_SIZE), opened.origin)?;
+            return Ok(Self::other("cameras", cameras, opened));
         }
         match choice.turntable {
             None if !known.is_empty() => Self::of_split(choice.split, known.to_vec(), opened),
@@ -102,9 +104,14 @@ impl CameraSet {
             count => {
                 let orientation = opened.orientation(choice.up)?;
                 let cameras = turntable(&orientation, known, count.unwrap_or(DEFAULT_COUNT), choice.size);
-                Ok(Self { name: "turntable", cameras, split: None, is_turntable: true, other_size: None })
+                Ok(Self { is_turntable: true, ..Self::other("turntable", cameras, opened) })
             }
         }
+    }
+
+    /// Cameras other than the model's.
+    fn other(name: &'static str, cameras: Vec<NamedCamera>, opened: &OpenedModel) -> Self {
+        Self { name, cameras, origin: opened.origin, split: None, is_turntable: false, other_size: None }
     }
 
     /// Split of the model's cameras, which are listed test views first.
@@ -125,6 +132,6 @@ impl CameraSet {
         if cameras.is_empty() {
             return Err(SceneError::NoViews(split.name()));
         }
-        Ok(Self { name: split.name(), cameras, split: Some(split), is_turntable: false, other_size: None })
+        Ok(Self { split: Some(split), ..Self::other(split.name(), cameras, opened) })
     }
 }

@@ -12,7 +12,7 @@ pub use facts::Photograph;
 use crate::{
     SceneError,
     dataset::{InitialPoints, RANDOM_POINTS, points_of, summary, view_of},
-    orientation::estimate,
+    orientation::{centre, estimate},
     training::{PictureSum, describe_pictures},
 };
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -42,6 +42,8 @@ pub struct Capture {
     pub train: Vec<Photograph>,
     /// Pictures held out.
     pub test: Vec<Photograph>,
+    /// Origin of cameras and points in the data set's world.
+    pub origin: [f64; 3],
     /// Orientation estimated from the cameras; none without cameras.
     pub orientation: Option<Orientation>,
     /// Notes on skipped, changed or assumed data, one sentence each.
@@ -128,8 +130,8 @@ impl Capture {
         let test = photographs.split_off(album.train_count());
         extracts.truncate(album.train_count());
         note_missing_normals(test.iter().map(|photograph| photograph.has_normals), &mut notes);
-        let (album, decoded) = (Arc::new(album), Vec::new());
-        Self { train: photographs, test, orientation, notes, points, album, extracts, decoded, budget }
+        let (origin, album, decoded) = (album.origin, Arc::new(album), Vec::new());
+        Self { train: photographs, test, origin, orientation, notes, points, album, extracts, decoded, budget }
     }
 
     /// Returns whether alpha cuts objects out of all training pictures.
@@ -156,7 +158,8 @@ impl Capture {
             .into_iter()
             .map(|extracts| (extracts.silhouette, extracts.sample))
             .unzip();
-        let random = |count: u32| points_within(count as usize, &cameras, &silhouettes, seed);
+        let centre = self.orientation.as_ref().map_or([0.0; 3], |found| centre(found).to_array());
+        let random = |count: u32| points_within(count as usize, centre, &cameras, &silhouettes, seed);
         let with_background = |mut known: Vec<Point>| {
             known.extend(points_behind(&known, points.background as usize, &cameras, &samples, seed));
             known

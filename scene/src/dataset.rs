@@ -42,6 +42,8 @@ pub struct Dataset {
     pub test_materials: Vec<Materials>,
     /// Initial points.
     pub points: Option<Vec<Point>>,
+    /// Origin of cameras and points in the data set's world.
+    pub origin: [f64; 3],
     /// Orientation estimated from the cameras; none without cameras.
     pub orientation: Option<Orientation>,
     /// Short description of the source of the cameras.
@@ -58,16 +60,17 @@ impl Dataset {
     ///
     /// Those of [`specula_io::dataset::load`].
     pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Self> {
-        let dataset::Dataset { train, mut test, points, source, notes } = dataset::load(folder, options, progress)?;
+        let dataset::Dataset { train, mut test, points, origin, source, notes } =
+            dataset::load(folder, options, progress)?;
         let test_materials = test.iter_mut().map(|view| core::mem::take(&mut view.materials)).collect();
-        let positions = points.as_ref().map_or(&[][..], |cloud| &cloud.positions);
-        let orientation = estimate(train.iter().chain(&test).map(|view| &view.camera), positions);
+        let points = points.map(|cloud| points_of(&cloud));
+        let positions: Vec<[f32; 3]> = points.iter().flatten().map(|point| point.position).collect();
+        let orientation = estimate(train.iter().chain(&test).map(|view| &view.camera), &positions);
         let mut train: Vec<View> = train.into_iter().map(view_of).collect();
         let mut test: Vec<View> = test.into_iter().map(view_of).collect();
         let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
         train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
-        let points = points.map(|cloud| points_of(&cloud));
-        Ok(Self { train, test, test_materials, points, orientation, source, notes })
+        Ok(Self { train, test, test_materials, points, origin, orientation, source, notes })
     }
 
     /// Source, number of views, their sizes, and number of points on one line.
@@ -116,13 +119,14 @@ pub fn named_cameras<'a>(views: impl IntoIterator<Item = &'a View>) -> Vec<Named
 /// Points of a point cloud.
 pub fn points_of(cloud: &PointCloud) -> Vec<Point> {
     let pairs = cloud.positions.iter().zip(&cloud.colors);
-    pairs.map(|(position, color)| Point { position: *position, color: *color }).collect()
+    let place = |position: &[f64; 3]| position.map(|coordinate| coordinate as f32);
+    pairs.map(|(position, color)| Point { position: place(position), color: *color }).collect()
 }
 
 /// Point cloud of points.
 pub fn cloud_of(points: &[Point]) -> PointCloud {
     PointCloud {
-        positions: points.iter().map(|point| point.position).collect(),
+        positions: points.iter().map(|point| point.position.map(f64::from)).collect(),
         colors: points.iter().map(|point| point.color).collect(),
     }
 }
@@ -137,6 +141,7 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
         points: None,
         images,
         test_every: every.unwrap_or(TEST_EVERY),
+        origin: Some(info.origin),
     }
 }
 

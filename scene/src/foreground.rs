@@ -21,19 +21,27 @@ pub enum Foreground {
     Auto,
     /// Ball around the scene's centre, with this share of the cameras' distance as its radius.
     Share(f32),
-    /// Ball in world space.
-    Ball(Ball),
+    /// Ball in the world of the data set.
+    Ball {
+        /// Its centre.
+        centre: [f64; 3],
+        /// Its radius.
+        radius: f32,
+    },
 }
 
 impl Foreground {
-    /// Ball in a scene with this orientation; none for all Gaussians.
-    pub fn ball(self, orientation: Option<&Orientation>) -> Option<Ball> {
+    /// Ball in a scene with this orientation, whose origin is at a place of the data set's world; none
+    /// for all Gaussians.
+    pub fn ball(self, orientation: Option<&Orientation>, origin: [f64; 3]) -> Option<Ball> {
         match self {
             Self::All => None,
-            Self::Auto => Self::Share(SHARE).ball(orientation),
+            Self::Auto => Self::Share(SHARE).ball(orientation, origin),
             Self::Share(share) => orientation
                 .map(|found| Ball { center: centre(found).to_array(), radius: share * found.distance as f32 }),
-            Self::Ball(ball) => Some(ball),
+            Self::Ball { centre, radius } => {
+                Some(Ball { center: [0, 1, 2].map(|axis| (centre[axis] - origin[axis]) as f32), radius })
+            }
         }
     }
 }
@@ -52,10 +60,12 @@ impl FromStr for Foreground {
             "auto" => return Ok(Self::Auto),
             _ => {}
         }
-        let finite = numbers(text).filter(|numbers| numbers.iter().all(|number: &f32| number.is_finite()));
+        let finite = numbers(text).filter(|numbers| numbers.iter().all(|number: &f64| (*number as f32).is_finite()));
         match finite.as_deref() {
-            Some([share]) if *share > 0.0 => Ok(Self::Share(*share)),
-            Some([x, y, z, radius]) if *radius > 0.0 => Ok(Self::Ball(Ball { center: [*x, *y, *z], radius: *radius })),
+            Some([share]) if *share as f32 > 0.0 => Ok(Self::Share(*share as f32)),
+            Some([x, y, z, radius]) if *radius as f32 > 0.0 => {
+                Ok(Self::Ball { centre: [*x, *y, *z], radius: *radius as f32 })
+            }
             _ => Err(InvalidForeground),
         }
     }
@@ -67,7 +77,7 @@ impl fmt::Display for Foreground {
             Self::All => out.write_str("all"),
             Self::Auto => out.write_str("auto"),
             Self::Share(share) => write!(out, "{share}"),
-            Self::Ball(Ball { center: [x, y, z], radius }) => write!(out, "{x},{y},{z},{radius}"),
+            Self::Ball { centre: [x, y, z], radius } => write!(out, "{x},{y},{z},{radius}"),
         }
     }
 }
@@ -89,7 +99,7 @@ mod tests {
 
     #[test]
     fn words_shares_and_balls_are_foregrounds_and_nothing_else_is() {
-        let ball = Foreground::Ball(Ball { center: [1.0, -2.0, 0.5], radius: 3.0 });
+        let ball = Foreground::Ball { centre: [1.0, -2.0, 0.5], radius: 3.0 };
         for (text, expected) in [
             ("all", Foreground::All),
             ("auto", Foreground::Auto),
@@ -99,6 +109,8 @@ mod tests {
             assert_eq!(text.parse(), Ok(expected), "{text:?}");
             assert_eq!(expected.to_string().parse(), Ok(expected), "{text:?} as it is written");
         }
+        let moved = ball.ball(None, [0.5, -4.0, 0.0]).expect("it is a ball");
+        assert_eq!((moved.center, moved.radius), ([0.5, 2.0, 0.5], 3.0));
         for wrong in ["", "some", "0", "-1", "1,2,3", "0,0,0,0", "0,0,0,-1", "NaN", "inf", "0,0,NaN,1", "1,2,3,4,5"] {
             assert!(wrong.parse::<Foreground>().is_err(), "{wrong:?} passed for a foreground");
         }

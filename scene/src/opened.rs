@@ -16,6 +16,7 @@ use specula_io::{
     exposure::{self, Exposures},
     model_folder::{self, Model, ModelInfo},
     orientation::{Orientation, UpSource},
+    origin,
 };
 use specula_train::view::extent_of_cameras;
 use std::path::{Path, PathBuf};
@@ -31,6 +32,8 @@ pub struct OpenedModel {
     pub iteration: Option<u32>,
     /// Settings of the training; none where another program trained it.
     pub info: Option<ModelInfo>,
+    /// Origin of Gaussians and cameras in the world of the data set ([`specula_io::origin`]).
+    pub origin: [f64; 3],
     /// Whether a `brdf_mlp.hdr` took the place of the light that was saved, as users of the
     /// authors' code relight.
     pub is_relit: bool,
@@ -80,6 +83,7 @@ impl OpenedModel {
             },
             folder,
             iteration: model.iteration,
+            origin: model.info.as_ref().map_or_else(|| origin::of_comments(&model.comments), |info| info.origin),
             info: model.info,
             is_relit: model.is_relit,
             is_read_as_saved,
@@ -100,6 +104,7 @@ impl OpenedModel {
             folder: None,
             iteration: None,
             info: None,
+            origin: [0.0; 3],
             is_relit: false,
             is_read_as_saved: true,
             up_of_file: Some(orientation),

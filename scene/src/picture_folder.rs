@@ -143,7 +143,7 @@ impl PictureFolder {
     pub fn claim(&self, set: &CameraSet, layers: &[Layer], may_be_relit: bool) -> Result<()> {
         let path = self.path.join(CAMERAS);
         let before = fs::read(&path).ok();
-        cameras::write(&path, &set.cameras)?;
+        cameras::write(&path, &set.cameras, set.origin)?;
         let now = fs::read(&path).ok();
         if before.is_some() && (may_be_relit || before != now) {
             let every: Vec<&str> = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS).collect();

@@ -20,6 +20,7 @@ use specula_io::{
     Result,
     latlong::{self, LatLong, MapOrientation, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
+    origin,
 };
 use specula_mesh::{ambient::Ambient, near_field, sky::Sky, surface::Surface};
 use specula_train::{near_field::set_ambient, trainer::HostScene};
@@ -197,7 +198,8 @@ impl Scene {
     pub fn save(&self, folder: &Path, iteration: u32, info: &ModelInfo) -> Result<()> {
         let mut gaussians = self.gaussians.clone();
         self.shading_model.encode(&mut gaussians);
-        let comments = if gaussians.layout.is_shaded() { vec![self.shading_model.comment()] } else { Vec::new() };
+        let shading = gaussians.layout.is_shaded().then(|| self.shading_model.comment());
+        let comments: Vec<String> = shading.into_iter().chain(origin::comment(info.origin)).collect();
         let snapshot = Snapshot {
             gaussians: &gaussians,
             comments: &comments,

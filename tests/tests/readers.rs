@@ -384,8 +384,8 @@ fn jpeg(image: &image::RgbImage) -> Vec<u8> {
 
 fn make_cameras(folder: &Path) {
     make_transforms(folder);
-    let cameras = cameras::load_transforms(&folder.join("transforms_train.json"), [8, 8]).unwrap();
-    cameras::write(&folder.join("cameras.json"), &cameras).unwrap();
+    let cameras = cameras::load_transforms(&folder.join("transforms_train.json"), [8, 8], [0.0; 3]).unwrap();
+    cameras::write(&folder.join("cameras.json"), &cameras, [0.0; 3]).unwrap();
 }
 
 fn make_model(folder: &Path) {

@@ -4,7 +4,7 @@ use crate::{
     profile::{GaussianStart, Profile},
     view::{View, extent_of_cameras},
 };
-use core::num::NonZero;
+use core::{iter, num::NonZero};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     activation::logit,
@@ -20,6 +20,7 @@ use specula_core::{
     sh::Y0,
     shade::ShadingForm,
 };
+use std::collections::HashMap;
 
 /// A coloured point, from which a Gaussian starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +38,9 @@ const CUBE_HALF: f32 = 1.3;
 const POINT_STREAM: u64 = 0x706f_696e;
 const NORMAL_STREAM: u64 = 0x6e6f_726d;
 
+/// Distance along an axis between the origin and what cameras look at, relative to half the edge of
+/// the cube, from which the cube is moved there. Objects of NeRF Synthetic are nearer.
+const OFF_CENTRE: f32 = 0.5;
 /// Camera extent of NeRF Synthetic ([`extent_of_cameras`]).
 const CUBE_EXTENT: f32 = 4.4;
 /// Camera extents that count as those of NeRF Synthetic.
@@ -86,25 +90,38 @@ fn half_cube(extent: f32) -> f32 {
     if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
 }
 
-/// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much.
-/// Points that a picture with an alpha channel shows as empty are redrawn a bounded number of
+/// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much and
+/// centred at the origin. Points that a picture with an alpha channel shows as empty are redrawn a bounded number of
 /// times.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     let silhouettes: Vec<_> = views.iter().map(|view| Silhouette::of(&view.rgba)).collect();
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
-    points_within(count, &cameras, &silhouettes, seed)
+    points_within(count, [0.0; 3], &cameras, &silhouettes, seed)
 }
 
-/// [`random_points`] for cameras and the silhouettes of their pictures.
-pub fn points_within(count: usize, cameras: &[Camera], silhouettes: &[Option<Silhouette>], seed: u64) -> Vec<Point> {
+/// [`random_points`] for cameras that look at a `centre`, and the silhouettes of their pictures. The
+/// cube is around the centre if that is [outside of the middle](OFF_CENTRE) of one around the
+/// origin.
+pub fn points_within(
+    count: usize,
+    centre: [f32; 3],
+    cameras: &[Camera],
+    silhouettes: &[Option<Silhouette>],
+    seed: u64,
+) -> Vec<Point> {
     const DRAWS_MAX: u64 = 400;
     let half = half_cube(extent_of_cameras(cameras.iter()));
+    let is_off = centre.iter().any(|coordinate| coordinate.abs() > OFF_CENTRE * half);
+    let centre = if is_off { centre } else { [0.0; 3] };
     let checks: Vec<_> =
         cameras.iter().zip(silhouettes).filter_map(|(camera, seen)| Some((camera, seen.as_ref()?))).collect();
     let mut points = Vec::with_capacity(count);
     let mut draw = 0;
     while points.len() < count && draw < DRAWS_MAX * count as u64 {
-        let coordinate = |axis: u64| (random::uniform(seed, POINT_STREAM, 3 * draw + axis) * 2.0 - 1.0) * half;
+        let coordinate = |axis: usize| {
+            let share = random::uniform(seed, POINT_STREAM, 3 * draw + axis as u64) * 2.0 - 1.0;
+            centre[axis] + share * half
+        };
         let position = [0, 1, 2].map(coordinate);
         if checks.iter().all(|(camera, seen)| seen.may_be_solid(camera, position)) {
             points.push(Point { position, color: [0.5; 3] });
@@ -252,22 +269,48 @@ fn start_shading(gaussians: &mut Gaussians<Vec<f32>>, index: usize, point: &Poin
     }
 }
 
-/// Logarithm of the root mean squared distance to the three nearest neighbours. Coincident points
-/// count as 3e-4 apart, or as that share of a cloud smaller than one unit.
+/// Logarithm of the root mean squared distance to the three nearest neighbours. Coincident points,
+/// or a single one, count as 3e-4 apart, or as that share of a cloud smaller than one unit.
 fn log_scales(points: &[Point]) -> Vec<f32> {
     const NEIGHBOURS: usize = 3;
     const SQUARE_MIN: f32 = 1e-7;
-    let square_min = SQUARE_MIN * size_of(points).min(1.0).powi(2);
-    let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
+    let size = size_of(points);
+    let square_min = SQUARE_MIN * if size > 0.0 { size.min(1.0).powi(2) } else { 1.0 };
+    let square_min = square_min.max(f32::MIN_POSITIVE);
+    // A search among equal points would visit all of them, so that the tree has each place once.
+    let (places, place_of) = distinct(points);
+    let mut counts = vec![0_usize; places.len()];
+    place_of.iter().for_each(|place| counts[*place] += 1);
     let tree: ImmutableKdTree<f32, 3> =
-        ImmutableKdTree::new_from_slice(&positions).expect("fewer than 2^32 finite points");
+        ImmutableKdTree::new_from_slice(&places).expect("fewer than 2^32 finite points");
     let wanted = NonZero::new(NEIGHBOURS + 1).expect("four is not zero");
-    let mean_square = |position: &[f32; 3]| {
-        let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(wanted).execute();
-        let others = &found[1.min(found.len())..];
-        others.iter().map(|neighbour| neighbour.distance).sum::<f32>() / others.len().max(1) as f32
+    let log_scale = |place: usize| {
+        let found = tree.query(&places[place]).nearest_n::<SquaredEuclidean<f32>>(wanted).execute();
+        let equal = iter::repeat_n(0.0, counts[place] - 1);
+        let others = found.iter().filter(|neighbour| neighbour.item as usize != place);
+        let others = others.flat_map(|neighbour| iter::repeat_n(neighbour.distance, counts[neighbour.item as usize]));
+        let nearest: Vec<f32> = equal.chain(others).take(NEIGHBOURS).collect();
+        let mean_square = nearest.iter().sum::<f32>() / nearest.len().max(1) as f32;
+        0.5 * mean_square.clamp(square_min, f32::MAX).ln()
     };
-    positions.iter().map(|position| 0.5 * mean_square(position).max(square_min).ln()).collect()
+    let log_scales: Vec<f32> = (0..places.len()).map(log_scale).collect();
+    place_of.into_iter().map(|place| log_scales[place]).collect()
+}
+
+/// Places of points, each once, and the index of the place of every point.
+fn distinct(points: &[Point]) -> (Vec<[f32; 3]>, Vec<usize>) {
+    let mut places = Vec::new();
+    let mut known = HashMap::new();
+    let place_of = points.iter().map(|point| {
+        // A sum with zero has one sign of zero.
+        let bits = point.position.map(|coordinate| (coordinate + 0.0).to_bits());
+        *known.entry(bits).or_insert_with(|| {
+            places.push(point.position);
+            places.len() - 1
+        })
+    });
+    let place_of = place_of.collect();
+    (places, place_of)
 }
 
 /// Longest edge of the points' bounding box.
@@ -320,6 +363,45 @@ mod tests {
         let mut one = [CLEAR; 64];
         one[9] = SOLID;
         assert_eq!(Silhouette::of(one.as_flattened()).expect("a silhouette").bytes(), [0, 2, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn scales_of_few_or_equal_points_are_finite() {
+        let at = |x: f32| Point { position: [x, 0.0, 0.0], color: [0.5; 3] };
+        let apart = |scale: f32| move |log_scale: &f32| (log_scale.exp() / scale - 1.0).abs() < 1e-5;
+        assert!(log_scales(&[at(7.0)]).iter().all(apart(1e-7_f32.sqrt())), "one point");
+        assert!(log_scales(&[at(7.0); 9]).iter().all(apart(1e-7_f32.sqrt())), "equal points");
+        assert!(
+            log_scales(&[at(0.0), at(-0.0), at(2.0)])[..2].iter().all(apart(2.0_f32.sqrt())),
+            "0 and 4 in the mean"
+        );
+        let equal = [at(0.0), at(0.0), at(0.0), at(3.0), at(5.0)];
+        assert!(log_scales(&equal)[..3].iter().all(apart(3.0_f32.sqrt())), "0, 0 and 9 in the mean");
+        assert!(log_scales(&equal)[3..4].iter().all(apart((22.0 / 3.0_f32).sqrt())), "4, 9 and 9 in the mean");
+        for size in [1e-30, 1e30] {
+            assert!(log_scales(&[at(0.0), at(size)]).iter().all(|scale| scale.is_finite()), "{size}");
+        }
+    }
+
+    #[test]
+    fn scales_of_very_many_equal_points_are_found_at_once() {
+        let points: Vec<Point> = (0..200_000).map(|_| Point { position: [0.1; 3], color: [0.5; 3] }).collect();
+        assert!(log_scales(&points).iter().all(|scale| scale.is_finite()));
+    }
+
+    #[test]
+    fn random_points_are_where_cameras_look() {
+        let mean_of = |centre: [f32; 3]| {
+            let eye = Vec3::from(centre) + Vec3::new(4.0, 0.0, 1.0);
+            let ring = [eye, eye - Vec3::X * 8.0];
+            let cameras = ring.map(|eye| Camera::look_at(eye, centre.into(), Vec3::Z, 0.7, 40, 30));
+            let points = points_within(500, centre, &cameras, &[None, None], 3);
+            points.iter().map(|point| Vec3::from(point.position)).sum::<Vec3>() / 500.0
+        };
+        for centre in [[0.0; 3], [3.0, 0.0, -3.0], [0.0, 40.0, 0.0]] {
+            assert!(mean_of(centre).distance(centre.into()) < 0.15, "{centre:?}: {}", mean_of(centre));
+        }
+        assert_eq!(mean_of([0.1, 0.0, 0.0]), mean_of([0.0; 3]), "near the origin the cube is around it");
     }
 
     #[test]

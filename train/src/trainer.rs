@@ -134,7 +134,7 @@ impl<E: Executor> Trainer<E> {
         }
         let random = if points.is_empty() {
             let silhouettes = silhouettes(pictures.as_mut(), cameras.len()).map_err(TrainError::Picture)?;
-            points_within(settings.random_points, &cameras, &silhouettes, settings.seed)
+            points_within(settings.random_points, [0.0; 3], &cameras, &silhouettes, settings.seed)
         } else {
             Vec::new()
         };

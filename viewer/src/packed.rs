@@ -102,6 +102,8 @@ struct Header {
     shading: String,
     background: [f32; 3],
     orientation: Orientation,
+    #[serde(default)]
+    origin: [f64; 3],
     held_out: usize,
     views: Vec<PackedView>,
     /// Streams of the planes of the Gaussians.
@@ -156,7 +158,7 @@ impl PackedScene {
     /// Bytes of the scene, not compressed.
     pub fn pack(&self, precision: PackPrecision) -> Vec<u8> {
         let mut writer = Writer::default();
-        let ViewedScene { name, scene, views, held_out, orientation, background, .. } = &self.viewed;
+        let ViewedScene { name, scene, views, held_out, origin, orientation, background, .. } = &self.viewed;
         let Scene { gaussians, light, near_field, shading_model, .. } = scene;
         let is_exact = precision == PackPrecision::Exact;
         let planes = pack_gaussians(gaussians, is_exact, &mut writer);
@@ -173,6 +175,7 @@ impl PackedScene {
             shading: shading_model.comment(),
             background: *background,
             orientation: *orientation,
+            origin: *origin,
             held_out: *held_out,
             views: views.iter().map(|(name, camera)| PackedView::of(name, camera)).collect(),
             planes,
@@ -203,6 +206,7 @@ impl PackedScene {
             scene,
             views: Vec::new(),
             held_out: 0,
+            origin: [0.0; 3],
             orientation,
             photographs: None,
             background: [0.0; 3],
@@ -238,6 +242,7 @@ impl PackedScene {
             scene: Scene { near_field: near_field.map(Surface::shared), ..scene },
             views,
             held_out: header.held_out,
+            origin: header.origin,
             orientation: header.orientation,
             photographs: None,
             background: header.background,
@@ -616,6 +621,7 @@ mod tests {
             scene,
             views: vec![("a view".to_owned(), camera)],
             held_out: 1,
+            origin: [1.0, 2.0, 3.0],
             orientation,
             photographs: None,
             background: [0.25, 0.5, 1.0],
@@ -630,7 +636,7 @@ mod tests {
         let read = PackedScene::unpack(&packed.pack(PackPrecision::Exact)).unwrap();
         let (a, b) = (&packed.viewed, &read.viewed);
         assert_eq!((&a.name, &a.views, a.held_out), (&b.name, &b.views, b.held_out));
-        assert_eq!((a.background, a.orientation), (b.background, b.orientation));
+        assert_eq!((a.background, a.orientation, a.origin), (b.background, b.orientation, b.origin));
         let (one, other) = (&a.scene, &b.scene);
         assert_eq!(one.gaussians.layout, other.gaussians.layout);
         let planes = 0..one.gaussians.layout.plane_count();

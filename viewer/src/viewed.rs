@@ -25,6 +25,8 @@ pub struct ViewedScene {
     pub views: Vec<NamedCamera>,
     /// Number of held-out views.
     pub held_out: usize,
+    /// Origin of scene and cameras in the world of the data set.
+    pub origin: [f64; 3],
     /// Up direction and centre, which the camera orbits.
     pub orientation: Orientation,
     /// Data set of the photographs, for error maps.
@@ -45,6 +47,7 @@ impl ViewedScene {
             name: name.into(),
             views: model.cameras()?,
             held_out: model.test_views().unwrap_or(0),
+            origin: model.origin,
             orientation: model.orientation(None)?,
             photographs: None,
             background: model.background(),
@@ -63,7 +66,7 @@ impl ViewedScene {
         storage: Storage,
         load: impl FnOnce(Scene) -> Result<SceneRenderer, SceneError>,
     ) -> Result<PreparedScene, ViewerError> {
-        let Self { name, scene, views, held_out, orientation, photographs, background } = self;
+        let Self { name, scene, views, held_out, origin, orientation, photographs, background } = self;
         let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
         let views = Views::new(views, held_out, photographs);
         let is_physical = scene.gaussians.layout.is_physical;
@@ -78,6 +81,7 @@ impl ViewedScene {
             "views": views.json(),
             "first": first,
             "start": camera_json(&start),
+            "origin": origin,
             "centre": centre.to_array(),
             "up": up.to_array(),
             "azimuth_zero": direction(0.0, 0.0, up).as_vec3().to_array(),

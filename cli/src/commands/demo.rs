@@ -115,7 +115,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
     let folder = args.output.join(name);
     model_folder::remove_training(&folder)?;
     let [train, test] = [&data.train, &data.test].map(named_cameras);
-    model_folder::save_inputs(&folder, &train, &test, &cloud_of(points), &[])?;
+    model_folder::save_inputs(&folder, &train, &test, &cloud_of(points), data.origin, &[])?;
     scene.save(&folder, args.iterations, &info)?;
 
     let options = RenderOptions::full_precision(ExecutorChoice::Cpu);

@@ -11,7 +11,7 @@ use crate::{
 };
 use specula_core::{camera::Camera, rules::Channels, scene::Environment};
 use specula_cpu::CpuExecutor;
-use specula_io::{Error, latlong, mesh, orientation::Orientation};
+use specula_io::{Error, latlong, mesh, orientation::Orientation, origin};
 use specula_scene::{
     OpenedModel, RenderOptions, Scene, SceneRenderer,
     backdrop::BackgroundColor,
@@ -182,7 +182,8 @@ impl Exporter<'_> {
         references: Option<&ReferencePictures>,
     ) -> Result<(), Failure> {
         let upright = self.upright(format.axes());
-        let comments = [PlainGaussians::provenance(self.scene(), self.method(), upright.is_some())];
+        let mut comments = vec![PlainGaussians::provenance(self.scene(), self.method(), upright.is_some())];
+        comments.extend(self.origin());
         let stored = plain.write(path, format, self.scene(), upright.as_ref(), &comments)?;
         let mut losses = plain.losses(self.scene(), format, self.method());
         if let Some(references) = references {
@@ -293,7 +294,7 @@ impl Exporter<'_> {
             Some(upright) => upright.mesh(mesh),
             None => mesh,
         };
-        mesh::write(path, &mesh)?;
+        mesh::write(path, &mesh, self.origin().as_slice())?;
         let count = format!(
             "{} triangles, {} vertices",
             group_digits(mesh.triangles.len()),
@@ -302,9 +303,16 @@ impl Exporter<'_> {
         self.say(path, &count, &format!("colours are the mean over {} views", cameras.len()))
     }
 
+    /// Comment that names the origin of positions; none in an upright world of its own.
+    fn origin(&self) -> Option<String> {
+        origin::comment(self.opened.origin).filter(|_| self.placement.is_none())
+    }
+
     /// Prints a file that is written: its content, its size, its losses.
     fn say(&self, path: &Path, count: &str, losses: &str) -> Result<(), Failure> {
         let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
-        output::say(&format!("{}: {count}, {} bytes; {losses}", path.display(), group_digits(bytes as usize)))
+        let origin = self.origin().map(|origin| format!("; positions are relative to the {origin}"));
+        let (bytes, origin) = (group_digits(bytes as usize), origin.unwrap_or_default());
+        output::say(&format!("{}: {count}, {bytes} bytes; {losses}{origin}", path.display()))
     }
 }

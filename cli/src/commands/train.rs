@@ -192,7 +192,7 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
         tracing::info!("every picture has alpha: settings for objects (docs/training.md)");
     }
     if profile.light.is_some() {
-        profile.foreground = args.start.foreground.ball(data.orientation.as_ref());
+        profile.foreground = args.start.foreground.ball(data.orientation.as_ref(), data.origin);
         profile.foreground.iter().for_each(|ball| tracing::info!("{}", foreground::description(ball)));
     }
     match &args.start.light_reference {
@@ -287,7 +287,7 @@ fn with_resolution(args: &Train) -> Result<Train, Failure> {
 fn options_of(args: &Train) -> LoadOptions {
     let Photographs { images, test_every, .. } = args.photographs.clone();
     let points = args.start.points.clone();
-    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every }
+    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every, origin: None }
 }
 
 fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {
@@ -375,6 +375,7 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
     info.rest.insert("command".into(), command_line().into());
     Ok(ModelInfo {
         eval: args.eval,
+        origin: data.origin,
         downscale: args.resolution,
         source_path: output::absolute(source_of(args)?),
         ..info
@@ -401,7 +402,7 @@ fn save_inputs(args: &Train, profile: &Profile, data: &Capture, points: &[Point]
         ("data_device", "cpu".into()),
         ("eval", args.eval.into()),
     ];
-    Ok(model_folder::save_inputs(&args.model_path, &train, &test, &cloud_of(points), &cfg_args)?)
+    Ok(model_folder::save_inputs(&args.model_path, &train, &test, &cloud_of(points), data.origin, &cfg_args)?)
 }
 
 /// Serves a page that shows the training.
@@ -413,7 +414,10 @@ fn watch(
     background: BackgroundColor,
 ) -> Result<Watching, Failure> {
     let live = Arc::new(LiveTraining::new(args.iterations, training.iteration()));
-    let photographs = PhotographSource { folder: source_of(args)?.to_owned(), options: options_of(args) };
+    let photographs = PhotographSource {
+        folder: source_of(args)?.to_owned(),
+        options: LoadOptions { origin: Some(data.origin), ..options_of(args) },
+    };
     let scene = training.scene()?;
     let viewed = ViewedScene {
         name: args.model_path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -421,6 +425,7 @@ fn watch(
         scene,
         views: data.test.iter().chain(&data.train).map(Photograph::named_camera).collect(),
         held_out: data.test.len(),
+        origin: data.origin,
         photographs: Some(photographs),
         background: background.0,
     };

@@ -100,7 +100,7 @@ impl Ball {
             (format!("{k}"), Camera::look_at(4.0 * towards, Vec3::ZERO, up, 0.7, 96, 96))
         };
         let all: Vec<_> = (0..CAMERAS).map(|k| camera(k * 7 % CAMERAS)).collect();
-        cameras::write(&self.model().join("cameras.json"), &all).unwrap();
+        cameras::write(&self.model().join("cameras.json"), &all, [0.0; 3]).unwrap();
     }
 
     fn model(&self) -> PathBuf {
@@ -306,7 +306,7 @@ fn a_physical_ball_is_baked_under_another_light() {
 fn test_cameras(ball: &Ball) -> PathBuf {
     let path = ball.tiny.path("test_cameras.json");
     let all = cameras::read(&ball.model().join("cameras.json")).unwrap();
-    cameras::write(&path, &all[..TEST_VIEWS]).unwrap();
+    cameras::write(&path, &all[..TEST_VIEWS], [0.0; 3]).unwrap();
     path
 }
 
@@ -636,7 +636,7 @@ fn lying_ball() -> (Ball, Mat3) {
     let path = ball.model().join("cameras.json");
     let mut all = cameras::read(&path).unwrap();
     all.iter_mut().for_each(|(_, camera)| camera.position *= 2.0);
-    cameras::write(&path, &all).unwrap();
+    cameras::write(&path, &all, [0.0; 3]).unwrap();
     let above = ABOVE.normalize();
     let front = all[0].1.position.reject_from_normalized(above).normalize();
     (ball, Mat3::from_cols(above.cross(front), above, front).transpose())

@@ -67,7 +67,7 @@ fn a_scene_of_glossy_synthetic_becomes_one_of_nerf_synthetic() {
 
     let seen: Vec<[f32; 2]> = serde_json::from_slice(&fs::read(scene.join("seen.json")).unwrap()).unwrap();
     for (list, count) in [("transforms_train.json", 10), ("transforms_test.json", 2)] {
-        let views = cameras::load_transforms(&out.join(list), [1, 1]).unwrap();
+        let views = cameras::load_transforms(&out.join(list), [1, 1], [0.0; 3]).unwrap();
         assert_eq!(views.len(), count);
         for (name, camera) in views {
             let index: usize = name.trim_start_matches("r_").parse().unwrap();

@@ -727,7 +727,7 @@ fn a_path_is_saved(page: &Page<'_>) {
     let (zipped, cameras) = (folder.path().join("frames.zip"), folder.path().join("path.json"));
     fs::write(&zipped, &zip).unwrap();
     fs::write(&cameras, bytes("path.json")).unwrap();
-    let known = specula_io::cameras::read_cameras(&cameras, [1, 1]).unwrap();
+    let known = specula_io::cameras::read_cameras(&cameras, [1, 1], [0.0; 3]).unwrap();
     assert_eq!((known.len(), known[0].1.width, known[0].1.height), (3, 24, 16), "as `render --cameras` reads them");
     if let Ok(status) = Command::new("python3").args(["-m", "zipfile", "-t"]).arg(&zipped).output() {
         assert!(status.status.success(), "the file is a whole ZIP: {status:?}");

@@ -370,15 +370,15 @@ fn cameras_json_survives_a_round_trip() {
     let path = folder.path().join("cameras.json");
     let off_centre = Camera { principal_px: [100.0, 90.0], ..some_camera() };
     let written = [("a".to_owned(), some_camera()), ("b".to_owned(), off_centre)];
-    cameras::write(&path, &written).unwrap();
-    assert_eq!(cameras::read_cameras(&path, [1, 1]).unwrap(), written);
+    cameras::write(&path, &written, [0.0; 3]).unwrap();
+    assert_eq!(cameras::read_cameras(&path, [1, 1], [0.0; 3]).unwrap(), written);
 }
 
 #[test]
 fn cameras_json_has_the_keys_of_other_tools() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cameras.json");
-    cameras::write(&path, &[("a".to_owned(), some_camera())]).unwrap();
+    cameras::write(&path, &[("a".to_owned(), some_camera())], [0.0; 3]).unwrap();
     let entry = serde_json::from_slice::<Value>(&fs::read(path).unwrap()).unwrap()[0].clone();
     let keys: Vec<&str> = entry.as_object().unwrap().keys().map(String::as_str).collect();
     assert_eq!(keys, ["fx", "fy", "height", "id", "img_name", "position", "rotation", "width"]);
@@ -393,16 +393,16 @@ fn transforms_to_render_along_need_no_images() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = list(&[frame("a"), frame("b")]);
     let path = write(&folder, "path.json", file.to_string());
-    let cameras = cameras::read_cameras(&path, [64, 48]).unwrap();
+    let cameras = cameras::read_cameras(&path, [64, 48], [0.0; 3]).unwrap();
     assert_eq!((cameras[1].0.as_str(), cameras[1].1.width, cameras[1].1.height), ("b", 64, 48));
 
     write_image(&folder, "a.png", 20, 10, [0; 4]);
-    assert_eq!(cameras::load_transforms(&path, [64, 48]).unwrap()[0].1.width, 20);
+    assert_eq!(cameras::load_transforms(&path, [64, 48], [0.0; 3]).unwrap()[0].1.width, 20);
 
     file["w"] = 32.into();
     file["h"] = 24.into();
     write(&folder, "path.json", file.to_string());
-    assert_eq!(cameras::load_transforms(&path, [64, 48]).unwrap()[0].1.width, 32);
+    assert_eq!(cameras::load_transforms(&path, [64, 48], [0.0; 3]).unwrap()[0].1.width, 32);
 }
 
 #[test]
@@ -410,15 +410,15 @@ fn impossible_cameras_json_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cameras.json");
     let refused = |camera| {
-        cameras::write(&path, &[("view_7".to_owned(), camera)]).unwrap();
-        cameras::read_cameras(&path, [1, 1]).unwrap_err().to_string()
+        cameras::write(&path, &[("view_7".to_owned(), camera)], [0.0; 3]).unwrap();
+        cameras::read_cameras(&path, [1, 1], [0.0; 3]).unwrap_err().to_string()
     };
     let camera = some_camera();
     assert_says(&refused(Camera { width: 0, ..camera }), &["cameras.json", "view_7", "0 by 200 pixels"]);
     assert_says(&refused(Camera { focal_px: [0.0, 1.0], ..camera }), &["view_7", "focal length"]);
     assert_says(&refused(Camera { camera_from_world: Mat3::IDENTITY * 2.0, ..camera }), &["view_7", "stretches"]);
     fs::write(&path, "[]").unwrap();
-    assert_says(&cameras::read_cameras(&path, [1, 1]).unwrap_err().to_string(), &["no frames"]);
+    assert_says(&cameras::read_cameras(&path, [1, 1], [0.0; 3]).unwrap_err().to_string(), &["no frames"]);
 }
 
 #[test]

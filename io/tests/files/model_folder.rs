@@ -267,7 +267,8 @@ fn inputs_are_saved_as_other_tools_save_them() {
     let points = PointCloud { positions: vec![[0.0; 3]], colors: vec![[0.0; 3]] };
     let settings =
         [("sh_degree", json!(-1)), ("source_path", json!("/it's/\\here")), ("eval", json!(true)), ("x", json!(null))];
-    model_folder::save_inputs(folder.path(), &[named("train_0")], &[named("test_0")], &points, &settings).unwrap();
+    model_folder::save_inputs(folder.path(), &[named("train_0")], &[named("test_0")], &points, [0.0; 3], &settings)
+        .unwrap();
 
     let cfg_args = fs::read_to_string(folder.path().join("cfg_args")).unwrap();
     assert_eq!(cfg_args, r"Namespace(sh_degree=-1, source_path='/it\'s/\\here', eval=True, x=None)");

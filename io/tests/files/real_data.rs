@@ -133,7 +133,7 @@ fn points_of_colmap_are_seen_where_it_says() -> Result<()> {
 #[test]
 fn cameras_of_a_scene_load_without_images() -> Result<()> {
     let Some(path) = data("scenes/spheres/transforms_test.json") else { return Ok(()) };
-    let cameras = cameras::read_cameras(&path, [1, 1])?;
+    let cameras = cameras::read_cameras(&path, [1, 1], [0.0; 3])?;
     assert_eq!((cameras.len(), cameras[0].1.width), (40, 400));
     Ok(())
 }

@@ -269,6 +269,11 @@ fn damaged_near_fields_are_refused() {
         Err(NearFieldError::Node { index: leaf }),
         "more triangles than there are"
     );
+    assert_eq!(
+        damaged(&|field| field.values[NODE_LEN * leaf + 3] += 1.0),
+        Err(NearFieldError::Node { index: leaf }),
+        "triangles of another leaf"
+    );
     let first = whole.triangles_start();
     for vertex in [whole.vertex_count as f32, -1.0, 0.25] {
         assert_eq!(damaged(&|field| field.values[first + 2] = vertex), Err(NearFieldError::Triangle { index: 0 }));
@@ -276,6 +281,20 @@ fn damaged_near_fields_are_refused() {
     let cut = NearField { triangle_count: whole.triangle_count + 1, ..whole.with_values(whole.values.as_slice()) };
     let refused = CpuExecutor::new().upload_near_field(&cut).expect_err("it is cut short");
     assert!(matches!(refused, CpuError::NearField(NearFieldError::Length { .. })), "{refused}");
+}
+
+/// Every ray would be tested against every box and triangle, in pictures of a million rays.
+#[test]
+fn near_fields_whose_boxes_overlap_are_refused() {
+    let mut field = random_near_field(4000, 3);
+    assert_eq!(field.check(), Ok(()));
+    let nodes = &mut field.values[..NODE_LEN * field.node_count];
+    for node in nodes.as_chunks_mut::<NODE_LEN>().0 {
+        [node[0], node[1], node[2]] = [-1e3; 3];
+        [node[4], node[5], node[6]] = [1e3; 3];
+    }
+    let refused = field.check().expect_err("all boxes are alike");
+    assert!(matches!(refused, NearFieldError::Overlap { cost } if cost > 5000), "{refused}");
 }
 
 /// Scene of random Gaussians under a random light.

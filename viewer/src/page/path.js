@@ -106,7 +106,8 @@ export class Path {
       return { file_path: name(index), camera_angle_x: horizontal, transform_matrix: [...rows, [0, 0, 0, 1]] };
     });
     const [w, h] = size;
-    save(new Blob([JSON.stringify({ w, h, frames }, null, 1)], { type: "application/json" }), "path.json");
+    const { origin } = this.server.scene;
+    save(new Blob([JSON.stringify({ w, h, origin, frames }, null, 1)], { type: "application/json" }), "path.json");
   }
 
   /** Renders all frames, lossless, and saves them as one ZIP file. */

@@ -74,6 +74,7 @@ impl Exporter<'_> {
             scene,
             views: self.opened.cameras()?,
             held_out: self.opened.test_views().unwrap_or(0),
+            origin: self.opened.origin,
             orientation: self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?,
             photographs: None,
             background: self.background.0,

@@ -78,6 +78,12 @@ pub(super) fn finish(
     let scene = training.scene()?;
     let count = scene.gaussians.count;
     info.rest.insert("gaussians".into(), count.into());
+    if count == 0 {
+        tracing::warn!(
+            "the training kept no Gaussian, so its pictures show the background only; check masks and the cameras' \
+             poses with specula info, or start from more points with --random-points"
+        );
+    }
     info.rest.insert("seconds".into(), ((seconds * 1000.0).round() / 1000.0).into());
     save(args, training, &scene, &info, views)?;
     let path = model_folder::gaussians_at(&args.model_path, iteration);

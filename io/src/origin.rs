@@ -1,0 +1,94 @@
+//! Origin of a scene in the world of its data set.
+//!
+//! Positions are `f32`, with 24 bits. In metres of a map projection (UTM) or around the Earth's
+//! centre (ECEF) the last of them are steps of half a metre, so that cameras far from the origin of
+//! their world are moved to it before their positions become `f32`. A model stores positions
+//! relative to its origin.
+
+use glam::DVec3;
+
+/// Distance of the cameras' mean from the origin, relative to their spread, from which positions
+/// are moved: rounding is 1e-6 of the spread there, and about as large as the last steps of a
+/// training.
+const FAR: f64 = 8.0;
+/// Start of the comment of a PLY file.
+const COMMENT: &str = "origin ";
+
+/// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten below
+/// their spread; zero where they are not far from the origin.
+pub(crate) fn of_cameras(positions: impl Iterator<Item = DVec3> + Clone) -> [f64; 3] {
+    let count = positions.clone().count().max(1) as f64;
+    let mean = positions.clone().fold(DVec3::ZERO, |sum, position| sum + position / count);
+    let spread = positions.map(|position| position.distance(mean)).fold(0.0, f64::max);
+    let spread = if spread > 0.0 { spread } else { 1.0 };
+    // The comparison is false for NaN.
+    if !(mean.length() > FAR * spread) {
+        return [0.0; 3];
+    }
+    let step = 10_f64.powf(spread.log10().floor());
+    let rounded = (mean / step).round() * step;
+    if rounded.is_finite() { rounded.to_array() } else { [0.0; 3] }
+}
+
+/// Returns whether positions are those of the data set's world.
+pub fn is_zero(origin: &[f64; 3]) -> bool {
+    *origin == [0.0; 3]
+}
+
+/// Comment of a PLY file; none where positions are those of the data set's world.
+pub fn comment(origin: [f64; 3]) -> Option<String> {
+    let [x, y, z] = origin;
+    (!is_zero(&origin)).then(|| format!("{COMMENT}{x} {y} {z}"))
+}
+
+/// Origin that the comments of a PLY file name, else zero.
+pub fn of_comments(comments: &[String]) -> [f64; 3] {
+    let numbers = |comment: &String| -> Option<[f64; 3]> {
+        let words = comment.strip_prefix(COMMENT)?.split_ascii_whitespace();
+        let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+        numbers.try_into().ok().filter(|numbers: &[f64; 3]| DVec3::from(*numbers).is_finite())
+    };
+    comments.iter().find_map(numbers).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ring(centre: DVec3, radius: f64) -> impl Iterator<Item = DVec3> + Clone {
+        (0..12).map(move |k| {
+            let (sin, cos) = f64::from(k).sin_cos();
+            centre + radius * DVec3::new(cos, sin, 0.3)
+        })
+    }
+
+    #[test]
+    fn cameras_near_the_origin_stay_where_they_are() {
+        for (distance, radius) in [(0.0, 4.0), (3.0, 4.0), (100.0, 40.0), (1e-6, 1e-6)] {
+            assert_eq!(of_cameras(ring(DVec3::splat(distance), radius)), [0.0; 3], "{distance}, {radius}");
+        }
+        assert_eq!(of_cameras([DVec3::splat(2.0)].into_iter()), [0.0; 3], "one camera");
+        assert_eq!(of_cameras(core::iter::empty()), [0.0; 3]);
+        assert_eq!(of_cameras([DVec3::NAN, DVec3::ONE].into_iter()), [0.0; 3]);
+    }
+
+    #[test]
+    fn cameras_far_from_the_origin_get_one_of_few_digits() {
+        let far = DVec3::new(448_123.4, 5_411_067.8, 120.0);
+        assert_eq!(of_cameras(ring(far, 4.0)), [448_123.0, 5_411_068.0, 121.0]);
+        assert_eq!(of_cameras(ring(far, 400.0)), [448_100.0, 5_411_100.0, 200.0]);
+        let small = of_cameras(ring(DVec3::X, 2e-3));
+        assert!((small[0] - 1.0).abs() < 1.1e-3, "{small:?}");
+    }
+
+    #[test]
+    fn comments_name_an_origin() {
+        let origin = [448_123.5, -5_411_068.0, 1e-3];
+        let comments = ["specula".to_owned(), comment(origin).expect("it is not zero")];
+        assert_eq!(of_comments(&comments), origin);
+        assert_eq!(comment([0.0; 3]), None);
+        for other in ["origin 1 2", "origin 1 2 x", "origin 1 2 NaN", "origins 1 2 3", "origin 1 2 3 4"] {
+            assert_eq!(of_comments(&[other.into()]), [0.0; 3], "{other}");
+        }
+    }
+}
