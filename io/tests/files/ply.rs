@@ -370,7 +370,7 @@ fn points_survive_a_round_trip() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("input.ply");
     let points = PointCloud {
-        positions: (0..35).map(|i| [i as f32, -0.5 * i as f32, 1e6]).collect(),
+        positions: (0..35).map(|i| [f64::from(i), -0.5 * f64::from(i), 1e6]).collect(),
         colors: (0..35).map(|i| [i as f32 / 255.0, 1.0, 0.2]).collect(),
     };
     points_ply::write(&path, &points).unwrap();
