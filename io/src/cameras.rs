@@ -67,7 +67,7 @@ pub fn load_transforms(path: &Path, default_size: [u32; 2]) -> Result<Vec<NamedC
 
 fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
     let of_image = || {
-        let image = transforms.image_of(frame).ok()?;
+        let image = transforms.image_of(frame)?;
         image::image_dimensions(image).ok().map(|(width, height)| [width, height])
     };
     Ok(transforms.stated_size(frame)?.or_else(of_image))

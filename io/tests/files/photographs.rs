@@ -171,8 +171,8 @@ fn text_and_binary_of_a_reconstruction_are_the_same() {
     [&text, &binary].into_iter().for_each(|folder| all_models.write_images(folder.path()));
     let [text, binary] = [load(text.path()).unwrap(), load(binary.path()).unwrap()];
     assert_eq!((&text.train, &text.test, &text.points), (&binary.train, &binary.test, &binary.points));
-    assert_says(&text.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
-    assert_says(&binary.source, &["binary"]);
+    assert_says(&text.report.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
+    assert_says(&binary.report.source, &["binary"]);
     assert_says(&text.notes.join("\n"), &["distortion out of 9 pictures"]);
 }
 
@@ -464,5 +464,5 @@ fn lenses_of_nerfstudio_are_undistorted_or_refused() {
 fn a_reconstruction_of_its_own_comes_before_a_list() {
     let folder = nerfstudio(json!({}));
     Scene::pinhole().write_text(folder.path());
-    assert_says(&load(folder.path()).unwrap().source, &["COLMAP"]);
+    assert_says(&load(folder.path()).unwrap().report.source, &["COLMAP"]);
 }
