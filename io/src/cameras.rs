@@ -5,7 +5,7 @@ use crate::{
     budget::{LIST, view_size},
     error::{Error, Result},
     json,
-    transforms::{Frame, Transforms},
+    transforms::{Frame, Transforms, orthogonal},
 };
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -120,9 +120,10 @@ impl Entry {
         if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
             return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what });
         }
+        let camera_from_world = self.camera_from_world().expect("it has no fault");
         let [centre_x, centre_y] = centre(self.width, self.height);
         let camera = Camera {
-            camera_from_world: Mat3::from_cols_array_2d(&self.rotation),
+            camera_from_world,
             position: Vec3::from(self.position),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
@@ -133,11 +134,12 @@ impl Entry {
         Ok((self.img_name, camera))
     }
 
+    fn camera_from_world(&self) -> Option<Mat3> {
+        orthogonal(Mat3::from_cols_array_2d(&self.rotation).as_dmat3()).map(|(rotation, _)| rotation.as_mat3())
+    }
+
     fn fault(&self) -> Option<&'static str> {
-        let rotation = Mat3::from_cols_array_2d(&self.rotation);
-        let excess = rotation * rotation.transpose() - Mat3::IDENTITY;
-        let is_rotation =
-            excess.to_cols_array().iter().all(|number| number.abs() <= 1e-3) && rotation.determinant() > 0.0;
+        let is_rotation = self.camera_from_world().is_some_and(|rotation| rotation.determinant() > 0.0);
         if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
             Some("has an impossible focal length; fx and fy must be above 0")
         } else if !self.position.iter().all(|number| number.is_finite()) {

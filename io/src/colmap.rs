@@ -112,7 +112,10 @@ pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Resul
         cameras.len(),
         kinds.into_iter().collect::<Vec<_>>().join(", ")
     );
-    listing.used.push(model.folder.clone());
+    match model.folder == files.root {
+        true => listing.used.extend(["cameras", "images", "points3D"].map(|name| model.file(name))),
+        false => listing.used.push(model.folder.clone()),
+    }
     if options.points.is_none() {
         let cloud = Some(model.file("points3D")).filter(|path| !path.is_file()).and_then(|_| points_ply::find(files));
         listing.points = Some(match cloud {

@@ -108,8 +108,10 @@ impl Files {
             stem_of(&key).strip_suffix(stem_of(&tail)).is_some_and(|rest| rest.ends_with('/'))
         };
         let pictures = || self.paths.iter().filter(|path| has_image_ending(path));
-        let of =
-            |tail: &Path| Some(pictures().find(|path| ends_with(path, tail))?.ancestors().nth(tail.iter().count())?);
+        let of = |tail: &Path| {
+            let found = pictures().find(|path| ends_with(path, tail))?;
+            found.ancestors().nth(tail.iter().count())
+        };
         of(named).or_else(|| of(Path::new(named.file_name()?))).map(Path::to_owned)
     }
 

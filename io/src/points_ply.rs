@@ -57,41 +57,27 @@ pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointC
         .collect();
     let declared = colors.map_or(1.0, |_| table.full_scale(&names[3]));
     let columns = table.read(&names, LAYOUT)?;
-    let stored = |row: usize| columns.get(row, 3);
-    let color: Box<dyn Fn(usize) -> [f32; 3]> = match colors {
+    let stored = |row: usize| columns.get::<3>(row, 3);
+    let colors = match colors {
         None => {
             notes.push(format!("{path:?} has no colours that are known (red, green, blue), so its points are grey"));
-            Box::new(|_| GRAY)
+            vec![GRAY; count]
         }
-        Some(HARMONICS) => Box::new(|row| stored(row).map(|dc| (0.5 + SH_0 * dc).clamp(0.0, 1.0))),
+        Some(HARMONICS) => (0..count).map(|row| stored(row).map(|dc| (0.5 + SH_0 * dc).clamp(0.0, 1.0))).collect(),
         Some(_) => {
-            let most = (0..count).flat_map(stored).fold(0.0, f32::max);
-            let full_scale = full_scale(declared, most);
-            Box::new(move |row| stored(row).map(|channel| channel / full_scale))
+            let full_scale = full_scale(declared, (0..count).flat_map(stored).fold(0.0, f32::max));
+            (0..count).map(|row| stored(row).map(|channel| channel / full_scale)).collect()
         }
     };
-    Ok(PointCloud {
-        positions: (0..count).map(|row| columns.get(row, 0)).collect(),
-        colors: (0..count).map(color).collect(),
-    })
+    Ok(PointCloud { positions: (0..count).map(|row| columns.get(row, 0)).collect(), colors })
 }
 
-/// Number that stands for 1, by that of the columns' type, 1 for fractions, and the largest of their
-/// numbers.
+/// Number that stands for 1, by that of the columns' type, 1 for fractions, and by the largest of
+/// all numbers. Fractions may be a little too bright.
 fn full_scale(declared: f32, most: f32) -> f32 {
-    const BYTE: f32 = 255.0;
-    match declared {
-        // Fractions may be a little too bright.
-        1.0 if most > 2.0 => {
-            if most > BYTE {
-                f32::from(u16::MAX)
-            } else {
-                BYTE
-            }
-        }
-        declared if declared > BYTE && most <= BYTE => BYTE,
-        declared => declared,
-    }
+    let is_fraction = declared == 1.0 && most <= 2.0;
+    let least = if most <= f32::from(u8::MAX) { u8::MAX.into() } else { u16::MAX };
+    if is_fraction { 1.0 } else { least.into() }
 }
 
 /// Writes points in the layout of 3D Gaussian splatting: floats for positions and (zero) normals,

@@ -279,7 +279,11 @@ impl Transforms {
 
     /// Name of the file and models of its lenses.
     pub(crate) fn description(&self) -> String {
-        let model = |frame: &Frame| frame.intrinsics.or(&self.intrinsics).model();
+        let model = |frame: &Frame| {
+            let intrinsics = frame.intrinsics.or(&self.intrinsics);
+            let is_pinhole = intrinsics.camera_model.is_none() && intrinsics.distortion() == Ok(Distortion::None);
+            if is_pinhole { "PINHOLE".to_owned() } else { intrinsics.model() }
+        };
         let mut models: Vec<String> = self.frames.iter().map(model).collect();
         models.sort();
         models.dedup();
@@ -410,22 +414,24 @@ impl Frame {
 fn rigid(matrix: DMat3) -> core::result::Result<(DMat3, bool), String> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let scale = (columns.iter().map(|column| column.length_squared()).sum::<f64>() / 3.0).sqrt();
-    let mut rotation = matrix * scale.recip();
-
-    let excess = rotation.transpose() * rotation - DMat3::IDENTITY;
-    let error = excess.to_cols_array().into_iter().fold(0.0, |most: f64, number| most.max(number.abs()));
-    if !(scale > 0.0 && error <= COARSE_TOLERANCE) {
+    let Some((rotation, is_coarse)) = orthogonal(matrix * scale.recip()).filter(|_| scale > 0.0) else {
         return Err("has a transform_matrix that stretches or skews; export a rotation, a translation and at most \
                     one uniform scale"
             .into());
-    }
+    };
     if rotation.determinant() < 0.0 {
         return Err("has a transform_matrix that mirrors; export a right-handed camera".into());
     }
-    let is_coarse = error > RIGID_TOLERANCE;
-    if is_coarse {
-        // The nearest rotation, to the square of the error.
-        rotation = (rotation + rotation.inverse().transpose()) * 0.5;
-    }
     Ok((DMat3::from_quat(DQuat::from_mat3(&rotation).normalize()), is_coarse))
+}
+
+/// Rotation, or its mirror image, and whether it had few decimals, of which it is relieved; none
+/// for other matrices.
+pub(crate) fn orthogonal(matrix: DMat3) -> Option<(DMat3, bool)> {
+    let excess = (matrix.transpose() * matrix - DMat3::IDENTITY).to_cols_array();
+    let is_within = |tolerance: f64| excess.iter().all(|number| number.abs() <= tolerance);
+    // The mean with the inverse is the nearest rotation, to the square of the error.
+    let nearest = || (matrix + matrix.inverse().transpose()) * 0.5;
+    let is_coarse = !is_within(RIGID_TOLERANCE);
+    is_within(COARSE_TOLERANCE).then(|| (if is_coarse { nearest() } else { matrix }, is_coarse))
 }
