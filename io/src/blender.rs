@@ -87,9 +87,8 @@ fn find_test(
     notes: &mut Vec<String>,
 ) -> Result<Vec<(PathBuf, Shot)>> {
     let mut shots = match find(test, folders, options, notes) {
-        Err(Error::NoImages { first, .. }) => {
-            let path = test.path();
-            notes.push(format!("no picture of {path:?} is there, not even {first:?}, so there are no test views"));
+        Err(error @ (Error::NoImages { .. } | Error::UnreadFormat { .. })) => {
+            notes.push(format!("there are no test views of {:?}: {error}", test.path()));
             Vec::new()
         }
         shots => shots?,

@@ -153,9 +153,12 @@ impl Files {
         self.file(&path)
     }
 
-    /// Picture that a list names.
-    pub(crate) fn named_picture(&self, written: &str) -> Result<PathBuf, Absent> {
-        let (path, _) = self.placed(Path::new(""), Path::new(""), written, |path| self.picture(path).is_ok());
+    /// Mask that a list names.
+    pub(crate) fn named_mask(&self, written: &str) -> Result<PathBuf, Absent> {
+        // Without its folder, the name may be that of the picture.
+        let has_folder = |path: &Path| path.parent().is_some_and(|folder| !folder.as_os_str().is_empty());
+        let is_there = |path: &Path| has_folder(path) && self.picture(path).is_ok();
+        let (path, _) = self.placed(Path::new(""), Path::new(""), written, is_there);
         self.picture(&path)
     }
 

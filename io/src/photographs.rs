@@ -148,7 +148,7 @@ pub(crate) fn list(
 pub(crate) fn note_idle_rule(options: &LoadOptions, notes: &mut Vec<String>) {
     if options.test_every != TEST_EVERY {
         let every = options.test_every;
-        notes.push(format!("lists decide which views are held out, so that {every} for every Nth has no effect"));
+        notes.push(format!("lists decide which views are held out, and not that every {every}th is"));
     }
 }
 
@@ -251,7 +251,7 @@ pub(crate) fn some_of(names: &[impl Debug]) -> String {
 
 fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, skipped: &mut Skipped) -> Shot {
     let Posed { image, mask: named_mask, pose, measured_size, lens } = camera;
-    let mask = named_mask.as_ref().and_then(|mask| folders.files.named_picture(mask).ok());
+    let mask = named_mask.as_ref().and_then(|mask| folders.files.named_mask(mask).ok());
     skipped.masks.extend(named_mask.filter(|_| mask.is_none()));
     Shot {
         name: name_of(&image),

@@ -153,7 +153,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
 /// quaternion.
 fn is_image(lines: &Lines<'_>) -> bool {
     image(lines).is_ok_and(|Image { quat, name, .. }| {
-        let is_unit = (quat.iter().map(|number| number * number).sum::<f64>() - 1.0).abs() < 1e-2;
+        let is_unit = (quat.iter().map(|number| number * number).sum::<f64>() - 1.0).abs() < 0.1;
         is_unit || name.split_ascii_whitespace().any(|word| word.parse::<f64>().is_err())
     })
 }
