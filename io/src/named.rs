@@ -101,18 +101,21 @@ impl Files {
         only(alike.filter(|path| key_of(path) == key)).map(|path| self.root.join(path))
     }
 
-    /// Folder below which a picture has this path, or else this name; the first by name.
+    /// Folder, none of masks, that has pictures by this path: below it, or in a copy such as
+    /// `images_4` of its own folder; the first by name.
     pub(crate) fn folder_with(&self, named: &Path) -> Option<PathBuf> {
-        let ends_with = |path: &Path, tail: &Path| {
-            let (key, tail) = (key_of(path), key_of(tail));
-            stem_of(&key).strip_suffix(stem_of(&tail)).is_some_and(|rest| rest.ends_with('/'))
+        let (key, own) = (key_of(named), key_of(named.parent()?));
+        let stem = |key: &str| stem_of(key).to_owned();
+        let (path, name) = (stem(&key), stem(key.rsplit('/').next()?));
+        let is_alike = |other: &&PathBuf| {
+            let other = stem(&key_of(other));
+            let is_copy =
+                !own.is_empty() && other.starts_with(&format!("{own}_")) && other.ends_with(&format!("/{name}"));
+            (is_copy || other.ends_with(&format!("/{path}"))) && !other.contains("mask")
         };
-        let pictures = || self.paths.iter().filter(|path| has_image_ending(path));
-        let of = |tail: &Path| {
-            let found = pictures().find(|path| ends_with(path, tail))?;
-            found.ancestors().nth(tail.iter().count())
-        };
-        of(named).or_else(|| of(Path::new(named.file_name()?))).map(Path::to_owned)
+        let found = self.paths.iter().filter(|path| has_image_ending(path)).find(is_alike)?;
+        let depth = if key_of(found).contains(&path) { named.iter().count() } else { 1 };
+        found.ancestors().nth(depth).map(Path::to_owned)
     }
 
     /// Key of a path below the root, or of an absolute one.

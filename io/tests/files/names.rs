@@ -313,11 +313,8 @@ fn cameras_without_pictures_may_be_of_any_model_and_sizes_have_decimals() {
     };
     for is_text in [true, false] {
         let folder = tempfile::tempdir().unwrap();
-        if is_text {
-            scene.write_text(folder.path())
-        } else {
-            scene.write_binary(folder.path())
-        }
+        let write = if is_text { Scene::write_text } else { Scene::write_binary };
+        write(&scene, folder.path());
         scene.write_images(folder.path());
         let path = folder.path().join("sparse/0/cameras.txt");
         if is_text {
@@ -382,11 +379,8 @@ fn every_reader_tells_what_it_does_not_use() {
     let scene = || Scene { images: vec![("a.png", 1), ("b.png", 1)], ..Scene::pinhole() };
     let colmap = |is_text: bool| {
         let folder = tempfile::tempdir().unwrap();
-        if is_text {
-            scene().write_text(folder.path())
-        } else {
-            scene().write_binary(folder.path())
-        }
+        let write = if is_text { Scene::write_text } else { Scene::write_binary };
+        write(&scene(), folder.path());
         scene().write_images(folder.path());
         folder
     };
